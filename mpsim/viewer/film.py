@@ -1,6 +1,6 @@
-"""A film of the latest pictures of a view, as GIF or MP4.
+"""Makes a film of the latest pictures of a view, as GIF or MP4.
 
-Two stages are side by side. Each picture has the walls of its time.
+Two stages are drawn side by side. Each picture shows the walls as they were at its time.
 """
 
 import io
@@ -21,34 +21,35 @@ from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.colours import ABSORBED, FASTEST
 
 SECONDS, PICTURES_A_SECOND = 6, 20
-"""Length of a film at most, and its pictures."""
+"""Longest duration of a film [s], and its pictures per second."""
 
 MOST_BYTES = 2**26
-"""Bytes of the pictures that are kept at most, of both stages."""
+"""Largest size of the kept pictures of both stages, in bytes."""
 
 MOST_DISCS = 150_000
-"""Discs in all pictures of a film together at most, some seconds of drawing; with more, it has fewer pictures."""
+"""Largest number of discs in all pictures of a film together: some seconds of drawing. With more discs, some pictures
+are left out."""
 
 PIXELS, FINER = 480, 2
-"""Longer side of the box, and how many times finer it is drawn than shown, so that edges are smooth."""
+"""Pixels of the longer side of the box, and the factor by which it is drawn finer, so that edges are smooth."""
 
 GAP = 8
 """Pixels between two stages."""
 
 SMALL = 1.5
-"""Radius in drawn pixels below which discs are squares of four of them."""
+"""Radius below which a disc is drawn as a square of 2 x 2 pixels, in pixels as drawn."""
 
 VIRIDIS = np.array(
     [[0x44, 0x01, 0x54], [0x47, 0x2D, 0x7B], [0x3B, 0x52, 0x8B], [0x2C, 0x72, 0x8E], [0x21, 0x91, 0x8C],
      [0x28, 0xAE, 0x80], [0x5E, 0xC9, 0x62], [0xAD, 0xDC, 0x30], [0xFD, 0xE7, 0x25]], float
 )  # fmt: skip
-"""Nine of its colours, as on the page, with straight lines between them."""
+"""Nine colours of the map viridis, as on the page; colours between them are interpolated linearly."""
 
 GROUND, CLOSED, SOLID = (255, 255, 255), (154, 163, 173), (58, 63, 69)
 
 
 class Film:
-    """The pictures of the last seconds in which there were any, since a second stage has begun or ended."""
+    """Keeps the pictures of the last seconds. It starts afresh when a second stage begins or ends."""
 
     def __init__(self) -> None:
         self._kept: deque[Shown] = deque()
@@ -56,11 +57,11 @@ class Film:
         self._next = 0.0
 
     def add(self, picture: Shown, now: float) -> None:
-        """Keep a picture, if it is time for one; now: of a clock [s]."""
+        """Keep a picture, if it is time for one; now: time of a clock [s]."""
         if now < self._next:
             return
         extent = wire.HEADER.unpack_from(picture.packed)[12:14]
-        if extent != self._extent:  # of another scene
+        if extent != self._extent:  # another scene
             self._kept.clear()
             self._extent = extent
         self._next = max(self._next + 1 / PICTURES_A_SECOND, now + 0.5 / PICTURES_A_SECOND)
@@ -71,12 +72,12 @@ class Film:
             self._kept.popleft()
 
     def _bytes(self) -> int:
-        """Bytes of all that the pictures hold; radii and walls are mostly those of the picture before."""
+        """Bytes of all kept arrays. Pictures mostly share radii and walls with the picture before; these count once."""
         held = {id(each): each for picture in self._kept for each in _buffers(picture)}
         return sum(each.nbytes if isinstance(each, np.ndarray) else len(each) for each in held.values())
 
     def pictures(self) -> list[Shown]:
-        """Those that are kept, the oldest first."""
+        """The kept pictures, the oldest first."""
         return list(self._kept)
 
 
@@ -87,10 +88,10 @@ def _buffers(picture: Shown) -> Iterator[bytes | bytearray | NDArray[np.float64]
 
 
 def gif(pictures: Sequence[Shown]) -> bytes:
-    """Pictures as a GIF that repeats itself.
+    """Encode pictures as a GIF that repeats forever.
 
     Raises:
-        InputError: if there are none.
+        InputError: if there are no pictures.
     """
     frames, step = _frames(pictures)
     palette = frames[-1].quantize(128)
@@ -103,15 +104,15 @@ def gif(pictures: Sequence[Shown]) -> bytes:
 
 
 def mp4(pictures: Sequence[Shown]) -> bytes:
-    """Pictures as an MP4 (H.264).
+    """Encode pictures as an MP4 (H.264).
 
     Raises:
-        InputError: if there are none.
-        OutputError: without ffmpeg, or if it fails.
+        InputError: if there are no pictures.
+        OutputError: if ffmpeg is missing or fails.
     """
     encoder = ffmpeg.executable("take the film as a GIF")
     frames, step = _frames(pictures)
-    width, height = (side - side % 2 for side in frames[0].size)  # H.264 has even sides
+    width, height = (side - side % 2 for side in frames[0].size)  # H.264 needs even sides
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         size = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
@@ -128,10 +129,10 @@ def mp4(pictures: Sequence[Shown]) -> bytes:
 
 
 def _frames(pictures: Sequence[Shown]) -> tuple[list[Image.Image], int]:
-    """Drawn pictures, of so many one, so that drawing takes seconds at most.
+    """Draw every n-th picture, with n such that drawing takes a few seconds at most; returns the drawings and n.
 
     Raises:
-        InputError: if there are none.
+        InputError: if there are no pictures.
     """
     if not pictures:
         raise InputError("a film needs pictures; got none yet. Show the simulation in the page first.")
@@ -142,7 +143,7 @@ def _frames(pictures: Sequence[Shown]) -> tuple[list[Image.Image], int]:
 
 
 def _drawn(shown: Shown) -> Image.Image:
-    """One picture: its stage, or both side by side."""
+    """Draw one picture: one stage, or both side by side."""
     first = _stage(shown.packed, shown.radii, shown.capsules)
     if shown.second is None:
         return first
@@ -153,7 +154,7 @@ def _drawn(shown: Shown) -> Image.Image:
 
 
 def _stage(packed: bytes | bytearray, packed_radii: bytes, capsules: NDArray[np.float64]) -> Image.Image:
-    """One stage: the box from edge to edge."""
+    """Draw one stage. The box fills the image."""
     header, position, colour = wire.unpack(packed)
     radii = np.broadcast_to(wire.unpack_radii(packed_radii).astype(np.float64), len(colour))
     width, height = header.extent
@@ -185,7 +186,7 @@ def _draw_discs(
 
 
 def _colours(bytes_: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Colours as the page has them, shape (N, 3)."""
+    """Colours of the discs as on the page, shape (N, 3)."""
     at = np.minimum(bytes_ / FASTEST, 1.0) * (len(VIRIDIS) - 1)
     steps = np.arange(len(VIRIDIS))
     return np.column_stack([np.interp(at, steps, channel) for channel in VIRIDIS.T]).round().astype(np.uint8)

@@ -1,6 +1,6 @@
-"""The numbers beside the picture: measures of the present state, and times of the run.
+"""The gauges beside the picture: measures of the present state, and rates of the run.
 
-What is not known yet, or means nothing for a scene, is NaN or None, and a page shows a dash.
+A number that is not known yet, or has no meaning for the scene, is NaN or None; the page shows a dash.
 """
 
 import math
@@ -20,14 +20,14 @@ from mpsim.measure.observables import has_periodic_field
 from mpsim.scene.scene import Scene
 
 BINS = 8, 40
-"""Of the histogram of speeds: fewest and most."""
+"""Fewest and most bins of the histogram of speeds."""
 
 FEWEST = 20
-"""Discs from which a distribution of speeds is compared with Maxwell's."""
+"""Least number of discs for which the speeds are compared with Maxwell's distribution."""
 
 
 class Meter:
-    """Frames, their time and collisions since the last reading.
+    """Counts frames, their computing time and collisions since the last reading.
 
     >>> Meter(0.0).read(count=10, now=1.0)
     Rates(frames_per_second=nan, collisions_per_second=nan, nanoseconds=nan)
@@ -37,12 +37,12 @@ class Meter:
         self.start(now)
 
     def start(self, now: float) -> None:
-        """Begin anew: the time before does not count, as nothing ran."""
+        """Start afresh: the time before now does not count, because nothing ran."""
         self._since, self._frames, self._seconds, self._collisions = now, 0, 0.0, 0
         self._phases: NDArray[np.float64] = np.zeros((len(PHASES), 0))
 
     def note(self, report: Report) -> None:
-        """Note a run."""
+        """Add the report of a run."""
         self._frames += report.frames
         self._seconds += float(report.frame_seconds.sum())
         self._collisions += report.collisions
@@ -50,7 +50,9 @@ class Meter:
         self._phases = self._phases + phases if self._phases.shape == phases.shape else phases
 
     def workers(self) -> dict[str, Any]:
-        """Each worker's part of its time in each phase since the last reading, the last one waiting; None: nothing ran.
+        """The fraction of its time that each worker spent in each phase since the last reading; None: nothing ran.
+
+        The last phase is waiting.
 
         >>> Meter(0.0).workers()
         {'phases': ('move', 'sort', 'even columns', 'odd columns', 'wait'), 'workers': None, 'waiting': nan}
@@ -62,7 +64,7 @@ class Meter:
         return {"phases": PHASES, "workers": of_each.T.copy(), "waiting": float(self._phases[-1].sum()) / total}
 
     def read(self, count: int, now: float) -> "Rates":
-        """The rates since the last reading; NaN where nothing has run."""
+        """The rates since the last reading; NaN if nothing has run."""
         passed, frames, seconds, collisions = now - self._since, self._frames, self._seconds, self._collisions
         self.start(now)
         if not frames or passed <= 0:
@@ -75,8 +77,8 @@ class Rates:
     """Rates of a run.
 
     Attributes:
-        frames_per_second, collisions_per_second: of real time, waiting for the next frame included [1/s].
-        nanoseconds: time of a frame over the number of discs, waiting not included [ns].
+        frames_per_second, collisions_per_second: rates in real time, which includes waiting for the next frame [1/s].
+        nanoseconds: computing time of a frame divided by the number of discs, without waiting [ns].
     """
 
     frames_per_second: float
@@ -85,11 +87,11 @@ class Rates:
 
 
 class Gauges:
-    """Numbers of the states of one run.
+    """Measures of the states of one run.
 
     Args:
-        scene: what runs.
-        start: its state when the view began, from which drifts are counted.
+        scene: the scene that runs.
+        start: state to which the energy drift is relative.
     """
 
     def __init__(self, scene: Scene, start: State):
@@ -98,7 +100,7 @@ class Gauges:
         self.energy_note: str | None = _why_energy_changes(scene)
 
     def of(self, state: State) -> dict[str, Any]:
-        """The numbers of a state, by name, as `wire.text_of` takes them."""
+        """The measures of a state by name, for `wire.text_of`."""
         kinetic, potential = _energies(state, self._scene)
         largest = max(kinetic, self._before[0])  # as in the measure energy_drift; NaN if either is
         change = kinetic - self._before[0] + potential - self._before[1]
@@ -112,10 +114,10 @@ class Gauges:
         }
 
     def _speeds(self, state: State) -> dict[str, Any] | None:
-        """Histogram of the speeds, with Maxwell's where it can be expected, or why there is none."""
+        """Histogram of the speeds, with Maxwell's distribution or a note why it is left out; None: no disc moves."""
         count = int(state.present.sum())
         try:
-            bins = int(np.clip(2 * math.sqrt(count), *BINS))  # or those of few discs are mostly empty
+            bins = int(np.clip(2 * math.sqrt(count), *BINS))  # with more bins, most are empty for few discs
             found = measure.speed_distribution(_present(state), bins)
         except InputError:  # nothing moves
             return None
@@ -130,7 +132,7 @@ class Gauges:
 
 
 def _present(state: State) -> State:
-    """The discs that are there."""
+    """The state without absent discs."""
     here = state.present
     return state if here.all() else State(state.position[here], state.velocity[here])
 
@@ -141,7 +143,7 @@ def _energies(state: State, scene: Scene) -> tuple[float, float]:
 
 
 def _or_nan(function: Any, state: State, scene: Scene) -> float:
-    """A measure of a state; NaN where the scene does not allow it, as without discs."""
+    """A measure of a state; NaN where it is undefined, as without discs."""
     try:
         return function(state, scene)
     except InputError:

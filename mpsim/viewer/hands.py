@@ -1,7 +1,7 @@
-"""Actions that change discs: drag, add and remove them, draw walls, change parameters.
+"""Changes that users make by hand: drag, add and remove discs, draw walls, change parameters.
 
-All of it goes through the doors of the simulation (`set`, `add`, `remove`, `add_wall`, `change`), so that the journal
-has it. What these refuse becomes a note for the page; the simulation is then as it was.
+All changes use public methods of the simulation (`set`, `add`, `remove`, `add_wall`, `change`), so that the journal
+records them. If a method refuses a change, the page shows a note and the simulation stays as it was.
 """
 
 import contextlib
@@ -24,31 +24,31 @@ from mpsim.viewer.undo import Undo
 from mpsim.viewer.wire import Action
 
 HOLD_SECONDS = 3.0
-"""A disc is let go when its page has said nothing for so long; it repeats itself every second."""
+"""A held disc is released when its page has sent nothing for so long. The page repeats `hold` every second."""
 
 MOST_HELD = 16
-"""Discs that pages may hold at a time: each is put in its place before all frames."""
+"""Discs that pages may hold at a time. Before frames are run, each is put back in its place."""
 
 MOST_ADDED = 10_000
 """Discs that pages may add to one simulation."""
 
 MOST_WALLS = 1000
-"""Walls that pages may draw in one simulation: the page is told all of them at each one."""
+"""Walls that pages may draw in one simulation: all of them are sent again with each new one."""
 
 THICKNESS = 0.5
-"""Thickness of a wall that is drawn, in radii of a disc of the middle size: enough to be seen on a projector."""
+"""Thickness of a drawn wall, in radii of the median disc: wide enough for a projector."""
 
 REFUSALS = (InputError, BusyError, OutputError)
-"""Errors that leave the simulation as it was: for the page, a note."""
+"""Errors that leave the simulation as it was; the page shows a note."""
 
 
 class _NoRoomError(InputError):
-    """A part of a stroke has room for no disc, which is not worth a note."""
+    """There is no free place along a part of a stroke; the page shows no note for this."""
 
 
 @dataclass
 class _Held:
-    """A disc that is held: its number, where it is to be [length], and until when without another word [s]."""
+    """A held disc: its number, its place [length], and the time at which it is released unless it is held again [s]."""
 
     disc: int
     place: tuple[float, float]
@@ -60,15 +60,16 @@ Key = tuple[str, Any]
 
 
 class Hands:
-    """Actions of pages on one simulation after the other.
+    """Applies changes by hand to the simulation of a view, which may be replaced by another one.
 
     Args:
-        owned: whether the simulations are the view's own. Others are changed, but not replaced: nothing is undone.
+        owned: whether the simulation belongs to the view. Only then can changes be undone, because undo replaces the
+            simulation by another one.
 
     Attributes:
-        undo: the moments before their gestures. A gesture is what a hand does from press to release, and one entry,
-            however many pages have their hands on the simulation at the same time.
-        note: why the last action was refused, or what was different from what was asked for; None: nothing.
+        undo: the moments before each gesture. A gesture lasts from press to release and is one step of undo, even if
+            several pages change the simulation at the same time.
+        note: why the last action was refused, or how it differed from the request; None: it was done as requested.
 
     >>> from mpsim import Scene
     >>> hands, sim = Hands(owned=True), Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1))
@@ -84,12 +85,12 @@ class Hands:
 
     def __init__(self, owned: bool):
         self.note: str | None = None
-        self._said: str | None = None  # the last note, which pages are told until there is another one
+        self._said: str | None = None  # the last note, sent to pages until there is another one
         self._notes = 0
         self._owned = owned
         self.undo: Undo = Undo()
         self._held: dict[int, _Held] = {}  # by their numbers
-        self._gestures: dict[Key, int] = {}  # that "same" can go on with: the moment before each
+        self._gestures: dict[Key, int] = {}  # that "same" can continue: number of the moment before each
         self._added = self._walls = 0
         self._sliders: Sliders | None = None
         self._acts: Mapping[str, Callable[..., None]] = {
@@ -112,8 +113,8 @@ class Hands:
         self.undo.close()
 
     def told(self, sim: Simulation) -> dict[str, Any]:
-        """What pages are told, as `wire.text_of` takes it."""
-        assert self._sliders is not None  # since the beginning
+        """The message for pages, for `wire.text_of`."""
+        assert self._sliders is not None  # `begin` was called
         return {
             "held": sorted(self._held),
             "undo": len(self.undo) if self._owned else None,
@@ -124,7 +125,7 @@ class Hands:
         }
 
     def do(self, sim: Simulation, action: Action, now: float) -> Simulation:
-        """Do an action; returns the simulation as it is then: after "undo" it is another one.
+        """Do an action. Returns the simulation; after "undo" it is another object.
 
         now: time of a clock [s].
         """
@@ -134,7 +135,7 @@ class Hands:
                 return self._back(sim)
             if action.name == "hold":
                 self._hold(sim, now, **action.values)
-            elif action.name == "release":  # which ends a gesture that has begun
+            elif action.name == "release":  # ends a gesture, so no moment is remembered
                 self._release(sim, **action.values)
             else:
                 self._with_mark(sim, action)
@@ -145,14 +146,14 @@ class Hands:
         return sim
 
     def hold_still(self, sim: Simulation, now: float) -> bool:
-        """Put held discs where they are held, before frames are run; returns whether something is different then."""
+        """Put held discs back in their places, before frames are run; returns whether anything changed."""
         different = False
         for held in list(self._held.values()):
             try:
                 if now <= held.until:
                     different |= _put(sim, held)
                     continue
-            except REFUSALS as error:  # it has left, or there is no room any more
+            except REFUSALS as error:  # the disc is absent, or its place is no longer free
                 self._say(str(error))
             del self._held[held.disc]
             different = True
@@ -162,10 +163,10 @@ class Hands:
         self.note = self._said = note
         self._notes += 1
 
-    # --- marks, and back to them
+    # --- moments before gestures, and undo
 
     def _with_mark(self, sim: Simulation, action: Action) -> None:
-        """Do an action that can be taken back, together with the gesture that it goes on with."""
+        """Do an action that can be undone. If it continues a gesture, it is undone together with that."""
         values = dict(action.values)
         key = ("add" if action.name == "stroke" else action.name, values.get("name"))
         with self._marked(sim, key, values.pop("same", False) and key in self._gestures):
@@ -173,7 +174,7 @@ class Hands:
 
     @contextlib.contextmanager
     def _marked(self, sim: Simulation, key: Key, goes_on: bool) -> Iterator[None]:
-        """Remember this moment as that before a gesture, unless it goes on, or what follows is refused."""
+        """Remember the moment before a gesture, unless the gesture was begun earlier or is refused."""
         if goes_on:
             yield
             return
@@ -196,7 +197,7 @@ class Hands:
                 "scene, or use sim.journal."
             )
         again = self.undo.back(sim)
-        kept = self.undo.numbers  # what has begun later is no longer there
+        kept = self.undo.numbers  # gestures that began later are gone
         self._gestures = {key: number for key, number in self._gestures.items() if number in kept}
         self._held = {disc: held for disc, held in self._held.items() if ("hold", disc) in self._gestures}
         return again
@@ -230,7 +231,7 @@ class Hands:
         self._added += 1
 
     def _stroke(self, sim: Simulation, places: list[list[float]]) -> None:
-        """Add discs at those of several places that are free."""
+        """Add discs at the free ones of several places."""
         self._demand_more()
         own = _own_of_new(sim)
         free = _free(sim, np.array(places), own.get("radius", sim.scene.largest_radius))[: MOST_ADDED - self._added]
@@ -238,7 +239,7 @@ class Hands:
         try:
             if len(free):
                 sim.add(free, np.zeros_like(free), **{name: np.full(len(free), value) for name, value in own.items()})
-        except InputError:  # an obstacle is at one of them
+        except InputError:  # an obstacle is in one of the places
             for place in free:
                 with contextlib.suppress(InputError):
                     sim.add(place, (0.0, 0.0), **own)
@@ -266,13 +267,13 @@ class Hands:
         self._walls += 1
 
     def _change(self, sim: Simulation, name: str, value: Any) -> None:
-        assert self._sliders is not None  # since the beginning
+        assert self._sliders is not None  # `begin` was called
         self._sliders.demand_offered(sim, name, value)
         sim.change(**{name: value})  # type: ignore[misc]  # one of Parameters, checked by wire
 
 
 def _put(sim: Simulation, held: _Held) -> bool:
-    """Put a disc where it is held, at rest; returns whether it was not."""
+    """Put a held disc in its place, at rest; returns whether it was not there or not at rest."""
     if held.disc >= sim.count:
         raise InputError(f"id must be the number of a disc, from 0 to {sim.count - 1}; got {held.disc}. Take another.")
     disc = sim.state_between(held.disc, held.disc + 1)
@@ -284,9 +285,10 @@ def _put(sim: Simulation, held: _Held) -> bool:
 
 
 def _fastest(sim: Simulation, disc: int) -> tuple[float, str]:
-    """Largest speed of a throw [length/time], and why.
+    """Largest speed of a throw [length/time], and the reason for this limit.
 
-    One radius in a step; where there are no steps, the shorter side of the box in a frame, whose events are then few.
+    The limit is one radius per step. A method without steps has another limit, which keeps the number of events in a
+    frame small: the shorter side of the box per frame.
     """
     scene, dt = sim.scene, sim.settings.dt
     if not capabilities_of(sim.settings).has_steps:
@@ -295,13 +297,13 @@ def _fastest(sim: Simulation, disc: int) -> tuple[float, str]:
 
 
 def _typical(values: NDArray[np.float64], absorbed: NDArray[np.bool_]) -> float:
-    """One that a disc has: of those that are there the middle one by size, or of all where none is there."""
+    """The median of the values of the present discs, or of all discs if none is present."""
     there = values[~absorbed] if not absorbed.all() else values
     return float(np.sort(there)[len(there) // 2]) if len(there) else 1.0
 
 
 def _own_of_new(sim: Simulation) -> dict[str, float]:
-    """What a new disc has of its own, where discs differ: that of a usual one."""
+    """Radius and mass of a new disc, where discs differ in them: the median values."""
     own = dict[str, float]()
     if has_radii(sim.scene):
         own["radius"] = _typical(sim.radii, sim.absorbed)
@@ -311,7 +313,7 @@ def _own_of_new(sim: Simulation) -> dict[str, float]:
 
 
 def _free(sim: Simulation, places: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """Those of several places, shape (K, 2), at which no disc stands, if discs of a radius are put at them in turn."""
+    """The free ones of several places, shape (K, 2), if discs of this radius are put at them one after the other."""
     state, lengths = sim.state, lengths_of(sim.scene)
     middle = places[len(places) // 2]
     reach = np.hypot(*to_nearest_image(places - middle, lengths).T).max() + radius + sim.radii.max(initial=0)
@@ -325,7 +327,7 @@ def _free(sim: Simulation, places: NDArray[np.float64], radius: float) -> NDArra
 
 
 def _demand_room(sim: Simulation, place: NDArray[np.float64], radius: float) -> None:
-    """Refuse a place on which a disc stands; walls and obstacles are those of `Simulation.add`."""
+    """Refuse a place at which a new disc would overlap another one; `Simulation.add` checks walls and obstacles."""
     state = sim.state
     apart = to_nearest_image(state.position.astype(np.float64) - place, lengths_of(sim.scene))
     gap = np.hypot(*apart.T) - sim.radii - radius

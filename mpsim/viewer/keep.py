@@ -1,6 +1,6 @@
-"""Downloads of a view: the session, the present scene, a program.
+"""Makes the files to download from a view: the session, the present scene, a program.
 
-All of it is made in memory, or in a folder of its own that is gone before the answer is sent; no name from a page ever
+They are made in memory, or in a temporary folder that is removed before the answer is sent. No name from a page ever
 becomes a path.
 """
 
@@ -30,37 +30,37 @@ from mpsim.scene import recommended, scenefile
 from mpsim.scene.scene import Scene
 
 MOST_WRITTEN_OUT = 2000
-"""Discs of a scene that a program holds as numbers; of more it would be longer than anybody reads."""
+"""Largest number of discs whose numbers are written into a program; with more it would be too long to read."""
 
 _PARTS = (FixedDisc, Polyline, Emitter, Piston, Thermostat, ThermalWalls)
-"""Parts of a scene that are written as calls."""
+"""Parts of a scene that are written as calls of their class."""
 
 
 class Kept(NamedTuple):
-    """A file to download: its content, and its type as HTTP says it."""
+    """A file to download: its content and its media type."""
 
     content: bytes
     kind: str
 
 
 def session(sim: Simulation, name: str) -> Kept:
-    """The journal: session.toml, with its scene beside it, in a zip archive. `Simulation.replay` runs it again."""
+    """A zip archive of the journal, session.toml, and its scene file. `Simulation.replay` runs it again."""
     journal = sim.journal
     return _zipped(lambda folder: journal.save(folder / "session.toml"))
 
 
 def scene_now(sim: Simulation, name: str) -> Kept:
-    """A scene file that begins where the simulation is, in a zip archive, with the settings in force."""
+    """A zip archive of a scene file that starts from the present state, with the present settings."""
     found, settings = _continuing(sim), dataclasses.replace(sim.settings, workers=None)
     title = f"{name or 'A simulation'} at time {sim.time:g}"
     return _zipped(lambda folder: scenefile.save(found, folder / "scene.toml", settings, title))
 
 
 def program(sim: Simulation, name: str) -> Kept:
-    """The same run as a Python program, which ends by comparing digests.
+    """The same run as a Python program, which compares digests at its end.
 
     Raises:
-        InputError: for a scene of very many discs that has no name.
+        InputError: if the scene does not come with mpsim and has more than MOST_WRITTEN_OUT discs.
     """
     return Kept(_program(sim.journal, name).encode(), "text/x-python; charset=utf-8")
 
@@ -70,11 +70,11 @@ KEEPING: Mapping[str, Callable[[Simulation, str], Kept]] = {
     "scene.zip": scene_now,
     "program.py": program,
 }
-"""What can be downloaded of a simulation, by the name that a browser asks for."""
+"""What can be downloaded, by the name that a browser requests."""
 
 
 def answer(sim: Simulation | None, name: str, what: str, answer: "Future[Kept]") -> None:
-    """Make a file for somebody who waits; an error of mpsim is an answer, too. sim: None if it has ended."""
+    """Make a file and set it, or an error of mpsim, as the result of `answer`; sim: None if it has ended."""
     if not answer.set_running_or_notify_cancel():
         return
     try:
@@ -100,7 +100,7 @@ def _zipped(write: Callable[[Path], object]) -> Kept:
 
 
 def _continuing(sim: Simulation) -> Scene:
-    """A scene that starts from the present state, discs that were added included and those that are absent left out."""
+    """A scene that starts from the present state: with the discs that were added, without absent ones."""
     scene, state = sim.scene, sim.state
     if sim.count == scene.count:
         return scene.starting_from(state)
@@ -123,7 +123,7 @@ def _continuing(sim: Simulation) -> Scene:
 
 
 def _arguments(scene: Scene) -> dict[str, Any]:
-    """The arguments from which an equal scene is made."""
+    """The arguments that make an equal scene."""
     return {name: getattr(scene, name) for name in inspect.signature(Scene).parameters if name not in recommended.NAMES}
 
 
@@ -176,7 +176,7 @@ def _named_or_written_out(scene: Scene, name: str) -> str:
 
 
 def _text(value: Any) -> str:
-    """A value as Python that gives the same bits."""
+    """A value as a Python expression that evaluates to the same bits."""
     if isinstance(value, _PARTS):
         return _call(value)
     if isinstance(value, np.ndarray | np.generic):
@@ -190,7 +190,7 @@ def _text(value: Any) -> str:
 
 
 def _call(part: Any, leave_defaults: bool = False) -> str:
-    """A dataclass of mpsim as the call that makes it."""
+    """A dataclass of mpsim as a call that makes it."""
     values = {each.name: getattr(part, each.name) for each in dataclasses.fields(part) if each.init}
     if leave_defaults:
         values = {name: value for name, value in values.items() if value != getattr(type(part)(), name)}

@@ -1,8 +1,8 @@
-"""What an address asks a view for: a scene that comes with mpsim, its settings and parameters, a second stage.
+"""Links: what an address requests of a view. That is a scene that comes with mpsim, its settings, and a second stage.
 
-It is the part of an address behind the question mark, `scene=gas&dt=0.005&seed=3&beside=event&wait`. It names scenes,
-and never files; each value goes through the gate of the library, with closer bounds where a hostile one could make a
-frame very long. What is only seen (`wait`, `speed`, `zoom`, `x`, `y`) is read by the page.
+A link is the part of an address after the question mark, such as `scene=gas&dt=0.005&seed=3&beside=event&wait`. It can
+name scenes, but no files. Each value passes the usual input checks of mpsim; values that could make a frame very long
+have narrower bounds. `wait`, `speed`, `zoom`, `x` and `y` change only the display, and the page reads them itself.
 """
 
 import dataclasses
@@ -25,32 +25,32 @@ from mpsim.viewer.pair import in_step
 from mpsim.viewer.sliders import TEMPERATURES, friction_of, longest_gravity, rate_of, temperature_of
 
 LONGEST = 1000
-"""Characters of a link at most."""
+"""Largest number of characters of a link."""
 
 MOST_DIVISIONS = 100
-"""Passes, sub-steps, and frames of a second stage in one frame of the first, at most."""
+"""Largest number of passes, of sub-steps, and of frames of a second stage in one frame of the first."""
 
 RANGE = 100.0
-"""How many times larger, or smaller, than those of its scene a link may ask times and speeds to be; and how many times
-larger gravity, than the longest arrow of a page."""
+"""Largest factor between a time or speed in a link and that of its scene, up or down. For gravity, the largest factor
+above the longest arrow of the page."""
 
 SLOWEST, QUICKEST = 0.01, 1000.0
-"""Bounds of the speed that a page may ask for, in units of Pace.UNIT frames a second."""
+"""Bounds of the playback speed, in units of Pace.UNIT frames a second."""
 
 MOST_SEED = 1_000_000
-"""Largest seed, that of the page."""
+"""Largest seed, as on the page."""
 
 SETTINGS: Mapping[str, type] = {
     "dt": float, "method": str, "contact": str, "law": str, "precision": str, "passes": int, "substeps": int,
     "on_fast": str, "contact_time": float,
 }  # fmt: skip
-"""Settings that a link can hold, and of which type they are. The others change no result, or belong to a machine."""
+"""Settings that a link can contain, and their types. The others do not change results, or depend on the machine."""
 
 BESIDE = tuple(name for name in SETTINGS if name not in ("on_fast", "contact_time"))
-"""Settings that a second stage can be given."""
+"""Settings that can differ in a second stage."""
 
 SEEN = ("wait", "speed", "zoom", "x", "y")
-"""What the page reads itself."""
+"""Names that concern only the display; the page reads them."""
 
 VALUES: Mapping[str, Callable[[Scene], Any]] = {
     "gravity": lambda scene: [0.0, 0.0] if scene.gravity is None else scene.gravity.tolist(),
@@ -62,21 +62,22 @@ VALUES: Mapping[str, Callable[[Scene], Any]] = {
     "every": lambda scene: rate_of(scene, "every"),
     **{name: functools.partial(temperature_of, name=name) for name in TEMPERATURES},
 }
-"""Parameters of the scene that a link can hold, those that a page can change, and their values; None: it has none."""
+"""Parameters of the scene that a link can contain: those that a page can change. Each has a function that gives its
+value; None: the scene has no such parameter."""
 
 NAMES = ("scene", "seed", *SETTINGS, *VALUES, "beside", *SEEN)
 
 
 class Link(NamedTuple):
-    """What is asked for, checked.
+    """The checked content of a link.
 
     Attributes:
         scene: name of a scene that comes with mpsim.
-        seed: of other random numbers than those of the scene; 0: its own.
-        settings: of the first stage.
-        changed: parameters that are different from those of the scene, as `Simulation.change` takes them.
+        seed: seed of other random positions and velocities; 0: those of the scene.
+        settings: settings of the first stage.
+        changed: parameters that differ from those of the scene, as `Simulation.change` takes them.
         beside: settings of the second stage; None: there is none.
-        seen: what the page reads itself, as it was given: names among SEEN, and their texts.
+        seen: values that concern only the display, as given: names among SEEN, and their texts.
     """
 
     scene: str
@@ -94,12 +95,12 @@ class Link(NamedTuple):
 
 @functools.cache
 def named(name: str) -> Scene:
-    """A scene that comes with mpsim; always the same one."""
+    """A scene that comes with mpsim; for one name always the same object."""
     return Scene.load(name)
 
 
 def is_link(text: str) -> bool:
-    """Whether a text is an address, or the part of one from the question mark on, and no name or path.
+    """Whether a text is an address, or the part of one from the question mark on, and not a name or a path.
 
     >>> is_link("?scene=gas"), is_link("http://127.0.0.1:8000/token/?scene=gas"), is_link("gas")
     (True, True, False)
@@ -108,7 +109,7 @@ def is_link(text: str) -> bool:
 
 
 def query_of(text: str) -> str:
-    """The part of an address behind its question mark, without what follows a `#`.
+    """The part of an address between its question mark and a `#`.
 
     >>> query_of("http://127.0.0.1:8000/token/?scene=gas&wait#top")
     'scene=gas&wait'
@@ -117,10 +118,10 @@ def query_of(text: str) -> str:
 
 
 def read(query: str) -> Link:
-    """What a link asks for.
+    """Read and check a link.
 
     Raises:
-        InputError: naming what cannot be had, its rule and the value received.
+        InputError: if something is not allowed; the message gives the name, the rule and the value received.
 
     >>> found = read("scene=gas&dt=0.005&seed=3&beside=event&wait")
     >>> found.scene, found.seed, found.settings.dt, found.beside.method
@@ -154,16 +155,16 @@ def read(query: str) -> Link:
 
 
 def _texts(query: str) -> dict[str, str]:
-    """The values of a link by their names, each once.
+    """The texts in a link by their names.
 
     Raises:
-        InputError: for what no link has.
+        InputError: if it is not of this form, has an unknown name, or has a name twice.
     """
     if len(query) > LONGEST:
         raise InputError(f"a link must have at most {LONGEST} characters; got {len(query):,}. Send a scene file.")
     try:
         pairs = parse_qsl(query, keep_blank_values=True, errors="strict", max_num_fields=len(NAMES))
-    except ValueError as error:  # bytes that are no UTF-8, or too many fields
+    except ValueError as error:  # bytes that are not UTF-8, or too many fields
         raise InputError(f"a link must be names and values, as in ?scene=gas&dt=0.005; got {error!s:.60}.") from None
     texts: dict[str, str] = {}
     for name, value in pairs:
@@ -175,7 +176,7 @@ def _texts(query: str) -> dict[str, str]:
 
 
 def _number(kind: type, text: str) -> Any:
-    """The value that a text stands for; what is no number stays a text, for the gate to refuse."""
+    """The value of a text. If it is not of this type it stays a text, which the input checks refuse later."""
     try:
         return kind(text)
     except ValueError:
@@ -183,14 +184,14 @@ def _number(kind: type, text: str) -> Any:
 
 
 def _parameter(name: str, text: str) -> Any:
-    """The value of a parameter: a number, or of gravity two of them."""
+    """The value of a parameter: a number, or two numbers for gravity."""
     if name == "gravity":
         return [_number(float, each) for each in text.split(",", 2)]
     return _number(int if name == "every" else float, text)
 
 
 def _demand_short_frames(settings: Settings, usual: float) -> None:
-    """Refuse settings that no view can run, or with which a frame would take very long; usual: dt."""
+    """Refuse settings that a view cannot run, or that make frames very long; usual: dt of the scene [time]."""
     if capabilities_of(settings).on_ranks:
         raise InputError(f"method of a link must run in one process; got {settings.method!r}. Use method=grid.")
     _demand_near("dt", settings.dt, usual)
@@ -199,7 +200,7 @@ def _demand_short_frames(settings: Settings, usual: float) -> None:
 
 
 def _demand_near(name: str, value: float, usual: float) -> None:
-    """Refuse a time or a speed that is far from what the scene has."""
+    """Refuse a time or a speed that is far from that of the scene."""
     checks.between(f"size of {name}", abs(value), abs(usual) / RANGE, abs(usual) * RANGE)
 
 
@@ -207,13 +208,13 @@ def _second(first: Settings, text: str) -> Settings:
     """Settings of a second stage whose frames fit those of the first."""
     wanted = beside_of(first, text)
     if not capabilities_of(wanted).has_steps:
-        wanted = dataclasses.replace(wanted, dt=first.dt)  # its frames mean nothing else
+        wanted = dataclasses.replace(wanted, dt=first.dt)  # the only dt that fits
     _demand_short_frames(wanted, first.dt)
     return in_step(wanted, first.dt)[0]
 
 
 def _seen(texts: Mapping[str, str]) -> dict[str, str]:
-    """What the page reads itself, which must not have to ignore it."""
+    """The values that concern only the display, checked here because the page ignores wrong ones silently."""
     for name in ("zoom", "x", "y"):
         if name in texts:
             checks.finite_array(name, _number(float, texts[name]), (), "()")
@@ -223,14 +224,14 @@ def _seen(texts: Mapping[str, str]) -> dict[str, str]:
 
 
 def beside_of(first: Settings, text: str) -> Settings:
-    """Settings of a second stage: those of the first, with what a text says in their place.
+    """Settings of a second stage: those of the first, with the changes in a text.
 
     Args:
         first: settings of the first stage.
-        text: a method, or settings, with commas between.
+        text: a method and settings, separated by commas.
 
     Raises:
-        InputError: for anything else.
+        InputError: if the text is not of this form.
 
     >>> beside_of(Settings(method="grid"), "dt=0.001,passes=2").passes, beside_of(Settings(), "event").method
     (2, 'event')
@@ -251,13 +252,13 @@ def beside_of(first: Settings, text: str) -> Settings:
     return dataclasses.replace(first, **values)
 
 
-# --- the other way round
+# --- from settings to a link
 
 
 def write(link: Link) -> str:
-    """The text of a link: what is different from what the scene recommends, without what is only seen.
+    """The text of a link: the values that differ from those the scene recommends, without `seen`.
 
-    Two links that ask for the same have one text.
+    Links with the same content have the same text.
 
     >>> write(read("beside=dt%3D0.001&seed=007&dt=5e-3&wait&scene=gas&law=elastic"))
     'scene=gas&seed=7&dt=0.005&beside=dt=0.001'
@@ -289,7 +290,7 @@ def _text(value: Any) -> str:
 
 
 def changed_of(now: Scene, given: Scene) -> dict[str, Any]:
-    """Parameters that are different now from those of a scene.
+    """Parameters whose present values differ from those of the given scene.
 
     >>> changed_of(named("gas").changed(gravity=(0, -1), restitution=0.9), named("gas"))
     {'gravity': [0.0, -1.0], 'restitution': 0.9}

@@ -21,7 +21,7 @@ from mpsim.viewer.server import Server, listening, websockets
 from mpsim.viewer.source import Source
 
 HOST = "127.0.0.1"
-"""Where a view listens: other machines cannot reach it."""
+"""Address at which a view listens; other machines cannot reach it."""
 
 
 def view(
@@ -39,37 +39,38 @@ def view(
 ) -> View:
     """Show a simulation as it runs, on a page in the browser.
 
-    It runs while a page shows it, and pauses while none does. The page never slows it down by more than a few per cent,
-    and the result has the same bits as without a page.
+    The simulation runs while a page shows it, and pauses while none does. The page slows it down by a few per cent at
+    most, and the results have the same bits as without a page.
 
     Args:
-        source: a scene, which the view simulates, again from the start at each reset; a simulation, which stays yours:
-            the page can play and pause it, and shows it while your program runs it; only you close it; or a trajectory,
-            whose file is played with a time line, and may still be written by a run.
-        settings: how a scene is simulated; None: as it recommends, or the defaults.
-        host: name or address of this machine at which the page is found. The default can be reached from this machine
-            alone; any other from where the network allows it, without encryption.
-        port: likewise, 0 to 65535; 0: one that is free.
+        source: what to show. A scene: the view simulates it, from the start again after each reset. A simulation: the
+            page can play and pause it, and shows it while your program runs it; you have to close it yourself. A
+            trajectory: its file is played with a time line, also while a run still writes it.
+        settings: settings for a scene; None: those it recommends, or the defaults.
+        host: name or address of this machine at which the page is served. The default can be reached only from this
+            machine. Others can be reached from the network, without encryption.
+        port: port at which the page is served, 0 to 65535; 0: any free one.
         browser: open the page in a browser, if there is one. The address is printed in any case.
-        playing: start with the first look; else wait for the page's button.
-        name: what the page calls it.
-        colour: a number for each disc, shape (N,), any unit, NaN for none, to colour them by; None: their speed. An
-            array of float64 is read anew at each picture, so that your program can change it.
-        beside: settings of a second stage, which runs the same scene beside the first one, such as
-            Settings(method="event"): the page shows how far both are apart. Its dt is that of `settings` or a whole
-            fraction of it; that of "event" follows. None: no second stage, until the page asks for one.
-        wait: return only after Ctrl-C, which closes the view; else at once, with the view open.
+        playing: start as soon as a page is visible; else wait for its Play button.
+        name: title on the page.
+        colour: a number for each disc, shape (N,), in any unit, to colour the discs by; NaN: no value; None: colour by
+            speed. A float64 array is read again for each picture, so your program can change it.
+        beside: settings of a second stage, such as Settings(method="event"). It runs the same scene beside the first
+            one, and the page shows the distance between both. Its dt must be that of `settings` or a whole fraction of
+            it; with "event", dt is ignored. None: no second stage, until the page asks for one.
+        wait: return only after Ctrl-C, which closes the view; else return at once, with the view open.
 
     The page shows lengths, times and speeds in the scene's own units: [length], [time], [length/time].
 
     Returns:
-        The view: its address, and `close`.
+        The view, with its `address` and `close`.
 
     Raises:
-        InputError: naming the argument, its rule and the value received; for a trajectory without a frame.
-        TrajectoryError: for a trajectory without velocities or radii.
+        InputError: if an argument breaks a rule; the message gives its name, the rule and the value received. Also if
+            a trajectory has no frame.
+        TrajectoryError: if a trajectory has no velocities or radii.
         ResourceError: if the port is taken.
-        OutputError: without the package websockets, which the extra `view` installs.
+        OutputError: if the package websockets is missing; the extra `view` installs it.
 
     >>> import mpsim
     >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
@@ -98,11 +99,11 @@ class View:
     """A page that shows a simulation. `mpsim.view` makes it; leaving a `with` block closes it.
 
     Args:
-        source, settings, host, port, playing, name, colour, beside: as in `mpsim.view`, with their bounds; lengths
-            and times on the page are those of the scene, [length] and [time].
+        source, settings, host, port, playing, name, colour, beside: as in `mpsim.view`, with the same bounds. The page
+            shows lengths and times in the units of the scene, [length] and [time].
 
     Attributes:
-        address: of the page. Its token keeps others out: do not pass it on to those who should not control the view.
+        address: address of the page. Anyone who has it can control the view, because it contains the secret token.
 
     >>> import mpsim
     >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
@@ -127,7 +128,7 @@ class View:
         if not isinstance(host, str):
             raise InputError(f"host must be a name or an address; got {checks.brief(host)}. Use {HOST!r}.")
         port = checks.whole("port", port, 0, 65535, "0 takes one that is free.")
-        websockets()  # or there is no need to begin
+        websockets()  # fail early if it is missing
         found = listening(host, port)
         try:
             admission = Admission(host, found.getsockname()[1])
@@ -139,11 +140,11 @@ class View:
             found.close()
             raise
         self.address: str = admission.address
-        if isinstance(source, Link):  # whose page reads the rest of it
+        if isinstance(source, Link):  # the page reads the rest of the link
             self.address += f"?{link.write(source)}&{urlencode(source.seen)}".rstrip("&")
 
     def start(self, browser: bool) -> None:
-        """Start it, and print its address; browser: open it there, too."""
+        """Start the view and print its address; browser: also open it in a browser."""
         self._server.start(self._session)
         self._session.start()
         print(f"The live view is at {self.address}")
@@ -152,10 +153,10 @@ class View:
             webbrowser.open(self.address)
 
     def wait(self, seconds: float | None = None) -> None:
-        """Wait until Ctrl-C, or at most so many seconds.
+        """Wait until Ctrl-C or until the simulation has ended, at most so many seconds; None: without a limit.
 
         Raises:
-            MpsimError: whatever has ended the simulation for good.
+            MpsimError: the error that ended the simulation.
         """
         ended = False
         try:
@@ -166,7 +167,7 @@ class View:
             raise self._session.error
 
     def close(self) -> None:
-        """Close the page's connections and the simulation, unless that is yours. May be called again."""
+        """Close the connections of the page, and the simulation unless it is yours. May be called again."""
         self._session.close()
         self._server.close()
 
@@ -181,7 +182,7 @@ class View:
 
 
 def _has_screen() -> bool:
-    """Whether a browser that is opened here can be seen: not one in the terminal, nor on a machine far away."""
+    """Whether a browser opened here would be visible: not a browser in a terminal, nor one on a remote machine."""
     if sys.platform in ("darwin", "win32"):
         return True
     return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))

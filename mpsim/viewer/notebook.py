@@ -20,16 +20,16 @@ from mpsim.viewer.pages import MOST_PAGES, Pages
 from mpsim.viewer.source import Source
 
 HEIGHT = 640
-"""Pixels of the page in a notebook, unless another number is asked for."""
+"""Default height of the page in a notebook, in pixels."""
 
 LONGEST_NAME = 64
-"""Characters of the name that a page gives itself."""
+"""Largest number of characters in the name that a page gives itself."""
 
 PING_SECONDS = 10.0
-"""Time between two signs of life: a page that has sent nothing for once to twice as long is silent."""
+"""Time between two pings. A page that has sent nothing for one to two times as long is silent."""
 
 POLICY, LATER = 1008, 1013
-"""Why a connection is ended, as in server.py."""
+"""Codes that say why a connection was closed, as in server.py."""
 
 
 def live(
@@ -44,27 +44,27 @@ def live(
 ) -> Live:
     """Show a simulation as it runs, in a notebook: the page of `mpsim.view` as the output of a cell.
 
-    For JupyterLab, where it is tested; docs/howto/notebook.md says what was tried in other notebooks. It runs while
-    the output can be seen in the browser's tab, and rests while it cannot. Nothing is fetched from elsewhere, and no
-    port is opened: all goes through the notebook's own connection.
+    It is tested in JupyterLab; docs/howto/notebook.md says what was tried in other notebooks. The simulation runs while
+    the output is visible in the browser, and pauses while it is not. The page loads nothing from other servers, and no
+    port is opened: all messages use the notebook's own connection.
 
     Args:
-        source: a scene, which is simulated, again from the start at each reset; a simulation, which stays yours; or a
-            trajectory, which is played with a time line.
-        settings: how a scene is simulated; None: as it recommends, or the defaults.
-        playing: start with the first look; else wait for the page's button.
-        height: of the output in pixels, 200 to 4000.
-        name: what the page calls it.
+        source: what to show. A scene: it is simulated, from the start again after each reset. A simulation: it stays
+            yours. A trajectory: it is played with a time line.
+        settings: settings for a scene; None: those it recommends, or the defaults.
+        playing: start as soon as the page is visible; else wait for its Play button.
+        height: height of the output in pixels, 200 to 4000.
+        name: title on the page.
         colour, beside: numbers to colour discs by, and settings of a second stage, as in `mpsim.view`.
 
     The page shows lengths, times and speeds in the scene's own units: [length], [time], [length/time].
 
     Returns:
-        What the notebook shows as the page, if it is the last line of a cell. Its `close` releases the simulation.
+        An object that the notebook shows as the page if it is the last line of a cell. Its `close` ends the simulation.
 
     Raises:
-        InputError: naming the argument, its rule and the value received.
-        OutputError: without the package anywidget, which the extra `notebook` installs.
+        InputError: if an argument breaks a rule; the message gives its name, the rule and the value received.
+        OutputError: if the package anywidget is missing; the extra `notebook` installs it.
 
     >>> import mpsim
     >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
@@ -79,11 +79,11 @@ class Live:
     """A page in a notebook that shows a simulation. `mpsim.live` makes it; leaving a `with` block closes it.
 
     Args:
-        source, settings, playing, height, name, colour, beside: as in `mpsim.live`, which also gives their bounds;
-            lengths and times on the page are those of the scene, [length] and [time].
+        source, settings, playing, height, name, colour, beside: as in `mpsim.live`, with the same bounds. The page
+            shows lengths and times in the units of the scene, [length] and [time].
 
     Attributes:
-        widget: what the notebook shows, an `anywidget.AnyWidget`.
+        widget: the widget that the notebook shows, an `anywidget.AnyWidget`.
 
     >>> import mpsim
     >>> shown = Live(mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1))
@@ -119,7 +119,7 @@ class Live:
         self._session.start()
 
     def close(self) -> None:
-        """Close the simulation, unless that is yours, and take the page out of the notebook. May be called again."""
+        """Close the simulation, unless it is yours, and remove the page from the notebook. May be called again."""
         self._session.close()
         self._pages.close()
         self.widget.close()
@@ -145,18 +145,18 @@ class Live:
 class NotebookPages(Pages):
     """Pages in the outputs of a notebook; the audience of their source.
 
-    A notebook shows one widget in as many places as it likes; each is a page, with a name of its own in all messages.
+    A notebook may show one widget in several places. Each is a page, with a name of its own in all messages.
 
-    Nobody says when a browser has died, so each page is asked now and then whether it is there. One that does not
-    answer is silent: nobody watches it, and it is sent nothing. It is not ended, because the kernel may be the one that
-    does not listen: it takes no message while it runs a cell. The answers wait there, and with the first one the page
-    is served again. Only where no place is left does a silent page lose its own.
+    A browser that crashed does not close its connection, so each page is pinged from time to time. A page that does not
+    answer is silent: it does not count as watching, and nothing is sent to it. Its connection is not closed, because
+    the cause may be the kernel, which reads no messages while it runs a cell. The answers wait there, and the first one
+    makes the page active again. A silent page is closed only if its place is needed for another page.
 
-    A notebook's server may drop messages where there are many. So each question says how many were sent, and a page
-    that has fewer is sent all anew.
+    The server of a notebook may drop messages when there are many. So each ping contains the number of messages sent. A
+    page that has received fewer is sent everything again.
 
     Args:
-        widget: which hands over their messages and sends ours.
+        widget: the widget that sends and receives the messages.
     """
 
     def __init__(self, widget: Any):
@@ -164,7 +164,7 @@ class NotebookPages(Pages):
         self._widget = widget
         self._named: dict[str, Client] = {}
         self._connections: dict[str, _Connection] = {}  # by the same names
-        self._asked: set[str] = set()  # pages that have sent nothing since they were asked whether they are there
+        self._asked: set[str] = set()  # pages that have sent nothing since their last ping
         widget.on_msg(lambda _, content, buffers: self.from_outside(self._take, content))
 
     async def _until_the_end(self) -> None:
@@ -177,7 +177,7 @@ class NotebookPages(Pages):
             await self._end_of(page, POLICY, "the view was closed")
 
     def _ask_for_life(self) -> None:
-        """Ask each page whether it is there; one that has not answered since the last time is silent."""
+        """Ping each page; one that has not answered the last ping is silent."""
         for page in self._named.keys() & self._asked:
             self._named[page].note(silent=True)
         for page in self._named.keys() - self._asked:
@@ -186,19 +186,19 @@ class NotebookPages(Pages):
         self._count()
 
     def _heard(self, page: str) -> None:
-        """Note a sign of life."""
+        """Note that the page has sent something."""
         self._asked.discard(page)
         if (client := self._named[page]).silent:
             client.note(silent=False)
             self._count()
 
     def _take(self, content: Any) -> None:
-        """Take what the widget's module has sent; anything else is no message of a page."""
+        """Take a message from the widget's JavaScript module; ignore anything else."""
         match content:
             case {"page": str(page), "open": True} if len(page) <= LONGEST_NAME:
                 self._open(page)
             case {"page": str(page), "close": True} if page in self._named:
-                asyncio.ensure_future(self._leave(self._forget(page)))  # noqa: RUF006 - nothing is left to do then
+                asyncio.ensure_future(self._leave(self._forget(page)))  # noqa: RUF006 - nothing waits for its end
             case {"page": str(page), "pong": True, **more} if page in self._named:
                 self._heard(page)
                 if more.get("lost") is True:
@@ -237,7 +237,7 @@ class NotebookPages(Pages):
         return self._named.pop(page)
 
     def _end_of(self, page: str, code: int, reason: str) -> asyncio.Task[None]:
-        """End the connection of a page; returns when that is done."""
+        """Close the connection of a page; the returned task ends when that is done."""
         return asyncio.ensure_future(self._leave_and_say(self._forget(page), page, code, reason))
 
     async def _leave_and_say(self, client: Client, page: str, code: int, reason: str) -> None:
@@ -252,7 +252,7 @@ class _Connection:
     """Sends to one page of a widget.
 
     Attributes:
-        sent: number of messages.
+        sent: number of messages sent.
     """
 
     def __init__(self, widget: Any, page: str):
@@ -274,7 +274,7 @@ def _widget_class() -> Any:
     """The class of the widget.
 
     Raises:
-        OutputError: without the package anywidget.
+        OutputError: if the package anywidget is missing.
     """
     instead = "watch it on a page of its own, by mpsim.view"
     anywidget = imported("anywidget", "a live view in a notebook", "notebook", instead)

@@ -1,4 +1,4 @@
-"""Finds the source of pictures for a scene, a run folder or a trajectory."""
+"""Makes the source of pictures for a scene, a simulation, a trajectory or a link."""
 
 from typing import Any
 
@@ -18,14 +18,14 @@ from mpsim.viewer.session import Session
 from mpsim.viewer.source import Source
 
 Viewed = Scene | Simulation | Trajectory | Recording | Link
-"""What a view shows; a recording is the file of a trajectory together with its scene, a link asks for a scene."""
+"""What a view can show. A recording is the file of a trajectory together with its scene; a link names a scene."""
 
 
 def demand_viewed(viewed: object, settings: object, beside: object = None) -> None:
-    """Refuse what no view can show, before anything is opened.
+    """Refuse what a view cannot show, before anything is opened.
 
     Raises:
-        InputError: for another kind of source, or of settings, its own or those of a second stage beside it.
+        InputError: if the source, its settings, or those of a second stage are of the wrong type.
     """
     if not isinstance(viewed, Viewed):
         raise InputError(
@@ -52,10 +52,10 @@ def source_of(
     colour: ArrayLike | None = None,
     beside: Settings | None = None,
 ) -> Source:
-    """The source for the pages of a view.
+    """Make the source for the pages of a view.
 
     Raises:
-        InputError, TrajectoryError: as `Session` and `Recording`; for colours beside a trajectory.
+        InputError, TrajectoryError: as `Session` and `Recording`; also if colours are given with a trajectory.
     """
     if isinstance(viewed, Trajectory):
         viewed = Recording(viewed.path)

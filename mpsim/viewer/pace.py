@@ -1,4 +1,4 @@
-"""Number of frames to run before the next picture, for a given speed and fast responses."""
+"""Decides how many frames to run before the next picture, for a given speed and quick responses."""
 
 import math
 
@@ -6,30 +6,30 @@ UNIT = 60.0
 """Frames a second at speed 1: one for each picture of a usual screen."""
 
 LOOK = 1 / 60
-"""Shortest time between two looks at a run [s]: each begins another slice of it, which costs 0.3 ms."""
+"""Shortest time between two observations of a run [s]. Each interrupts the run, which costs 0.3 ms."""
 
 TURN = 3 * LOOK
-"""Seconds that frames are run for at a time, if they are all due: so long an action waits. Beginning and ending a run
-takes 0.3 ms."""
+"""Longest time for which frames are run at once [s]; an action waits at most so long. To start and end a run takes
+0.3 ms."""
 
 MOST_BEHIND = 0.1
-"""Seconds by which a simulation may be late and still catch up: after a longer stop it goes on from where it is."""
+"""Largest delay that a simulation catches up [s]. After a longer stop, the missed frames are dropped."""
 
 MOST_FRAMES = 10_000
-"""Frames at a time, however short they are."""
+"""Largest number of frames to run at once, however short they are."""
 
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 """Speeds that the page offers, as in its link.js."""
 
 PICTURES = 25
-"""Recommended pictures of a scene that are shown in a second."""
+"""Recommended pictures of a scene that are shown per second."""
 
 
 def first_speed(every: int | None) -> float:
     """The speed at which a scene is first shown: one that the page offers, in units of UNIT frames a second.
 
     Args:
-        every: frames between two of its recommended pictures; None without them.
+        every: frames between two recommended pictures of the scene; None: it recommends none.
 
     >>> first_speed(None), first_speed(10)
     (1.0, 2.0)
@@ -39,11 +39,11 @@ def first_speed(every: int | None) -> float:
 
 
 class Pace:
-    """Frames that are due. Times are those of one clock [s].
+    """Decides which frames are due. All times are from one clock [s].
 
     Attributes:
-        speed: in units of UNIT frames a second; None: as fast as it goes.
-        look: time between two looks at a run, from LOOK to TURN [s].
+        speed: in units of UNIT frames a second; None: as fast as possible.
+        look: time between two observations of a run, from LOOK to TURN [s].
 
     >>> pace = Pace(speed=1.0)
     >>> pace.start(now=10.0)
@@ -58,11 +58,11 @@ class Pace:
         self._seconds_per_frame: float | None = None
 
     def start(self, now: float) -> None:
-        """Begin at this moment, with a frame that is due."""
+        """Start at this moment; the first frame is due at once."""
         self._next = now
 
     def due(self, now: float) -> int:
-        """Number of frames to run now, which are then no longer due; as many as fit TURN at most."""
+        """Number of frames to run now, at most as many as fit into TURN. They then no longer count as due."""
         if self.speed is None:
             looks = self.frames_between_looks
             return max(self._fitting(TURN) // looks, 1) * looks
@@ -75,30 +75,30 @@ class Pace:
         return frames
 
     def wait(self, now: float) -> float:
-        """Seconds until a frame is due."""
+        """Time until the next frame is due [s]."""
         return 0.0 if self.speed is None else max(self._next - now, 0.0)
 
     @property
     def frames_between_looks(self) -> int:
-        """Number of frames that take `look` at most, at least one.
+        """Number of frames that fit into `look`, at least one.
 
-        A power of two, so that it is the same from one turn to the next although frames never take quite as long.
+        It is a power of two, so that it stays the same although the time of a frame varies a little.
         """
         return 1 << (self._fitting(self.look).bit_length() - 1)
 
     def note(self, frames: int, seconds: float) -> None:
-        """Note how long some frames took."""
+        """Note how long some frames took [s]."""
         self._seconds_per_frame = max(seconds / frames, 1e-9)
 
     def _fitting(self, seconds: float) -> int:
-        """Number of frames that take so long; one where nothing is known yet."""
+        """Number of frames that take so long; one if the time of a frame is not known yet."""
         if self._seconds_per_frame is None:
             return 1
         return min(max(int(seconds / self._seconds_per_frame), 1), MOST_FRAMES)
 
 
 class Allowance:
-    """The part of a core that something may take: after each use, how long until the next. Times are of one clock [s].
+    """Limits the fraction of a core that repeated work takes, by a pause after each use. Times are from one clock [s].
 
     Args:
         at_least: shortest time between two uses [s].
@@ -116,15 +116,15 @@ class Allowance:
         self._cost = 0.0
 
     def use(self, now: float, cost: float) -> None:
-        """Note a use now that has taken so much processor time [s]."""
+        """Note a use at this moment; cost: processor time that it took [s]."""
         self._last, self._cost = now, cost
 
     def charge(self, cost: float) -> None:
-        """Note what else the last use has taken [s]."""
+        """Add processor time to the cost of the last use [s]."""
         self._cost += cost
 
     def wait(self, now: float, share: float, at_most: float) -> float:
-        """Seconds until the next use, so that all take this share of a core at most; 0: now.
+        """Time until the next use [s], so that the uses take at most this fraction of a core; 0: now.
 
         at_most: longest time between two uses [s], whatever they cost.
         """

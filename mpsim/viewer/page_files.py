@@ -1,4 +1,4 @@
-"""The files of the page, read once from the package; no name from outside becomes a path."""
+"""The files of the page. They are read once from the package; no name from a request becomes a path."""
 
 import base64
 import json
@@ -8,23 +8,23 @@ from functools import cache
 from importlib import resources
 
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-"""Types of the files, by their ending."""
+"""Media types of the files, by extension."""
 
 WIDGET = "widget.js"
-"""The one file that belongs to notebooks alone."""
+"""The only file that is used in notebooks alone."""
 
 _FOLDER = resources.files("mpsim.viewer").joinpath("page")
 
 _IMPORT, _BARE = re.compile(r'\b(import|from) "\./([\w-]+\.js)"'), r'\1 "mpsim/\2"'
-"""How a module names another one of the page, and by which name an import map knows that."""
+"""How a module imports another module of the page, and how it does so with an import map."""
 
 _INDENT = re.compile(r"^ +", re.MULTILINE)
-"""What a notebook need not keep with each view."""
+"""Indentation, which is removed to make notebooks smaller."""
 
 
 @dataclass(frozen=True)
 class PageFile:
-    """One file: its content, and its type as HTTP says it."""
+    """One file: its content and its media type."""
 
     content: bytes
     kind: str
@@ -32,7 +32,7 @@ class PageFile:
 
 @cache
 def page_files() -> dict[str, PageFile]:
-    """All files of the page, by the name that a browser asks for; the page itself has the empty name.
+    """All files of the page, by the name that a browser requests; the page itself has the empty name.
 
     >>> [name in page_files() for name in ("", "page.css", "page.js", "index.html", "widget.js")]
     [True, True, True, False, False]
@@ -48,7 +48,7 @@ def page_files() -> dict[str, PageFile]:
 
 @cache
 def page_in_one() -> str:
-    """The page as one text of HTML, for a notebook: its style is in it, and its modules, which an import map names.
+    """The page as a single HTML text for a notebook. It contains the style sheet, and the modules in an import map.
 
     >>> text = page_in_one()
     >>> 'data-place="notebook"' in text, 'src="page.js"' in text, "mpsim/stage.js" in text
@@ -74,7 +74,7 @@ def page_in_one() -> str:
 
 
 def widget_module() -> str:
-    """The module of the widget that shows the page in a notebook."""
+    """The JavaScript module of the widget that shows the page in a notebook."""
     return f"{_FOLDER.joinpath(WIDGET).read_text()}\nconst PAGE = {json.dumps(page_in_one())};\n"
 
 

@@ -1,7 +1,6 @@
 """All pages of a view, connected by a server or a notebook.
 
-They are served by an event loop in a thread of its own. A page that breaks a rule loses its connection; nothing else
-notices.
+An event loop in a thread of its own serves them. A page that breaks a rule is disconnected; nothing else is affected.
 """
 
 import asyncio
@@ -18,14 +17,14 @@ from mpsim.viewer.client import Client, Connection
 from mpsim.viewer.source import Source
 
 MOST_PAGES = 8
-"""Pages that are connected at a time."""
+"""Largest number of pages that are connected at a time."""
 
 
 class Pages(ABC):
     """The pages of one view; the audience of its source.
 
     Args:
-        name: of the thread.
+        name: name of the thread.
     """
 
     def __init__(self, name: str):
@@ -33,19 +32,19 @@ class Pages(ABC):
         self._clients: dict[Client, asyncio.Task[None]] = {}
         self._texts: dict[str, str] = {}
         self._picture: Shown | None = None
-        self._spent = 0.0  # processor time of the thread that has been charged [s]
-        self._loop: asyncio.AbstractEventLoop | None = None  # from the start
+        self._spent = 0.0  # processor time of the thread that was already charged [s]
+        self._loop: asyncio.AbstractEventLoop | None = None  # set by `start`
         self._end = asyncio.Event()
         self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
 
     def start(self, source: Source) -> None:
-        """Start the thread; pages see this source."""
+        """Start the thread; the pages show this source."""
         self._source = source
         self._loop = asyncio.new_event_loop()
         self._thread.start()
 
     def close(self) -> None:
-        """End all connections, and the thread. May be called again."""
+        """Close all connections and end the thread. May be called again."""
         if self._thread.ident is not None:
             self.from_outside(self._end.set)
             self._thread.join()
@@ -53,15 +52,15 @@ class Pages(ABC):
     # --- called by other threads
 
     def show(self, picture: Shown) -> None:
-        """Hand a picture to the pages."""
+        """Pass a picture to the pages."""
         self.from_outside(self._show, picture)
 
     def tell(self, kind: str, text: str) -> None:
-        """Hand a message to the pages."""
+        """Pass a message to the pages."""
         self.from_outside(self._tell, kind, text)
 
     def from_outside(self, act: Callable[..., None], *arguments: Any) -> None:
-        """Have the thread of the pages do something; nothing, if it has ended."""
+        """Call a function in the thread of the pages; do nothing if that has ended."""
         if self._loop is None:
             return
         with contextlib.suppress(RuntimeError):
@@ -90,7 +89,7 @@ class Pages(ABC):
             client.tell(kind, text)
 
     def _join(self, connection: Connection) -> Client:
-        """Serve one page more, which is sent what there is."""
+        """Serve another page, and send it the last messages and picture."""
         client = Client(connection)
         for kind, text in self._texts.items():
             client.tell(kind, text)
@@ -100,17 +99,17 @@ class Pages(ABC):
         return client
 
     async def _leave(self, client: Client) -> None:
-        """Serve a page no longer, whatever has happened to its connection."""
+        """Stop serving a page, whatever has happened to its connection."""
         sending = self._clients.pop(client)
         sending.cancel()
         self._count()
         await asyncio.gather(sending, return_exceptions=True)
 
     def _do(self, client: Client, action: wire.Action) -> None:
-        """Do what a page asks for.
+        """Do the action that a page has sent.
 
         Raises:
-            InputError: if it breaks a rule.
+            InputError: if the page breaks a rule.
         """
         assert self._source is not None  # since the start
         spent, self._spent = self._spent, time.thread_time()
@@ -127,6 +126,6 @@ class Pages(ABC):
             self._source.ask()
 
     def _count(self) -> None:
-        """Tell the source how many pages are seen."""
+        """Tell the source how many pages are watching."""
         assert self._source is not None
         self._source.watched_by(sum(client.watches for client in self._clients))
