@@ -63,6 +63,7 @@ class Collisions:
     (5.0, [6.0, 0.5], -1.9998)
     """
 
+    @checks.known_names()
     def __init__(
         self,
         *,
@@ -148,6 +149,7 @@ class Sensor(Collisions):
     ([21, 42], [156, 1])
     """
 
+    @checks.known_names()
     def __init__(
         self,
         *,

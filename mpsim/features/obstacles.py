@@ -53,6 +53,9 @@ class FixedDisc:
         return [(x, y, x, y, self.radius)]
 
 
+FixedDisc.__init__ = checks.known_names()(FixedDisc.__init__)
+
+
 @dataclass(frozen=True)
 class Polyline:
     """A chain of straight walls that discs cannot cross from either side, such as a funnel, a channel or a bin.
@@ -82,6 +85,9 @@ class Polyline:
         """A capsule for each straight wall: (ax, ay, bx, by, radius) [length]."""
         points: Any = self.points
         return [(ax, ay, bx, by, self.thickness / 2) for (ax, ay), (bx, by) in pairwise(points)]
+
+
+Polyline.__init__ = checks.known_names()(Polyline.__init__)
 
 
 Obstacle = FixedDisc | Polyline

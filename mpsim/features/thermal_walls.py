@@ -68,6 +68,9 @@ class ThermalWalls:
         return tuple(self.temperatures.get(edge, 0.0) for edge in EDGES)
 
 
+ThermalWalls.__init__ = checks.known_names()(ThermalWalls.__init__)
+
+
 def check_thermal_walls(thermal_walls: Any) -> dict[str, Any]:
     """What a scene keeps of the argument, by name: nothing without any, so that the digest is unchanged."""
     if thermal_walls is None:

@@ -51,6 +51,9 @@ class Thermostat:
         object.__setattr__(self, "seed", check_seed("seed of a Thermostat", self.seed))
 
 
+Thermostat.__init__ = checks.known_names()(Thermostat.__init__)
+
+
 def check_seed(name: str, seed: Any) -> int:
     """A seed of random numbers; None, as in a file without one, is 0."""
     return checks.whole(name, 0 if seed is None else seed, 0, MOST_SEED, "Any whole number will do.")

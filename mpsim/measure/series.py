@@ -38,6 +38,7 @@ class Series:
     (101, np.float64(20.0))
     """
 
+    @checks.known_names()
     def __init__(self, function: Callable[[State, Scene], float], every: int = 1):
         if not callable(function):
             raise InputError(

@@ -87,6 +87,7 @@ class Correlations:
     True
     """
 
+    @checks.known_names()
     def __init__(
         self,
         every: int = 1,

@@ -54,8 +54,8 @@ class Animation(PosixPath):
 @checks.known_names()
 def animate(
     scene: Scene,
-    settings: Settings | None,
-    path: str | os.PathLike[str],
+    settings: Settings | None = None,
+    path: str | os.PathLike[str] = "",
     frames: int | None = None,
     *,
     every: int | None = None,
@@ -75,7 +75,7 @@ def animate(
 
     Args:
         scene, settings: what is simulated and how; settings=None: those that the scene recommends, or the defaults.
-        path: ends in .gif, or .mp4 (needs ffmpeg, or the extra `film`). An existing file is replaced.
+        path: needed; ends in .gif, or .mp4 (needs ffmpeg, or the extra `film`). An existing file is replaced.
         frames: number of pictures, >= 1; the first shows the start. None: as many as the scene's duration needs, up to
             MOST_PICTURES; 200 without a duration.
         every: frames of the simulation from one picture to the next, >= 1; None: the scene's picture_interval, or 1.
@@ -108,6 +108,7 @@ def animate(
     ...     animate(scene, Settings(dt=0.02), f"{folder}/gas.gif", frames=3, every=5).stat().st_size > 1000
     True
     """
+    _demand_path(settings, path)
     settings = settings_for(scene, settings)
     rate = checks.whole("pictures_per_second", pictures_per_second, 1, 50, "25 looks smooth.")
     frames, every = pictures_of(scene, settings, frames, every, until, seconds, rate)
@@ -234,6 +235,16 @@ def _pictures_in(seconds: float, rate: int) -> int:
             f"{seconds:g}."
         )
     return max(round(seconds * rate), 1)
+
+
+def _demand_path(settings: object, path: object) -> None:
+    """Refuse an animation without a path, or with the path in the place of the settings."""
+    if isinstance(settings, str | os.PathLike):
+        raise InputError(
+            f"settings must be mpsim.Settings or None; got {os.fspath(settings)!r}. Write path={os.fspath(settings)!r}."
+        )
+    if not path or not isinstance(path, str | os.PathLike):
+        raise InputError(f"animate must be given a path; got {checks.brief(path)}. Write path='animation.gif'.")
 
 
 def checked_target(path: str | os.PathLike[str]) -> Path:

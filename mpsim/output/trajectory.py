@@ -51,7 +51,8 @@ class Trajectory:
     def __init__(self, path: str | os.PathLike[str]):
         self.path: Path = _path_of(path)
         if not self.path.is_file():
-            raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} is not.")
+            what = "is not a file" if self.path.exists() else "does not exist"
+            raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} {what}.")
         self._reader: Reader = ENDINGS[self.path.suffix.lower()].reader(self.path)
         self._range = range(len(self._reader))
         self._whole = True

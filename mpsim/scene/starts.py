@@ -315,9 +315,19 @@ def box_for(
         width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
         demand_room(largest, width, height, boundary)
         return width, height, area / (width * height)
-    packing = checks.positive("packing", packing, "(a fraction of the area)")
+    packing = _fraction_of_the_area(packing)
     side = side_for(packing, area, largest, boundary)
     return side, side, packing
+
+
+def _fraction_of_the_area(given: float | None) -> float:
+    """A packing, checked; 40, meant as per cent, is answered as such."""
+    packing = checks.positive("packing", given, "(a fraction of the area)")
+    if 1 < packing < 100:
+        raise InputError(
+            f"packing must be a fraction of the area; got {packing:g}. {packing:g} % is {packing / 100:g}."
+        )
+    return packing
 
 
 def demand_random_packing(packing: float) -> None:

@@ -24,6 +24,7 @@ HOST = "127.0.0.1"
 """Address at which a view listens; other machines cannot reach it."""
 
 
+@checks.known_names()
 def view(
     source: Viewed,
     settings: Settings | None = None,

@@ -32,6 +32,7 @@ POLICY, LATER = 1008, 1013
 """Codes that say why a connection was closed, as in server.py."""
 
 
+@checks.known_names()
 def live(
     source: Viewed,
     settings: Settings | None = None,

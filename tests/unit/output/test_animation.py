@@ -81,6 +81,20 @@ def test_an_unknown_colour_is_refused(tmp_path):
         mpsim.animate(gas(5, 0.1), None, tmp_path / "a.gif", 2, colour="sped")
 
 
+def test_an_animation_needs_a_path_and_finds_it_in_the_place_of_the_settings(tmp_path):
+    for given, text in (
+        (("a.gif",), r"settings must be mpsim.Settings or None; got 'a.gif'. Write path='a.gif'."),
+        ((tmp_path / "a.gif",), r"Write path='.*a.gif'."),
+        ((), r"animate must be given a path; got ''. Write path='animation.gif'."),
+        ((None, None), r"animate must be given a path; got None."),
+        ((None, 3), r"animate must be given a path; got 3."),
+    ):
+        with pytest.raises(mpsim.InputError, match=text):
+            mpsim.animate(gas(5, 0.1), *given)
+    written = mpsim.animate(gas(5, 0.1), path=tmp_path / "a.gif", frames=1, pixels=100, progress=False)
+    assert written == tmp_path / "a.gif"
+
+
 def test_progress_of_an_animation_can_be_watched(tmp_path):
     seen = []
     settings = mpsim.Settings(method="grid")

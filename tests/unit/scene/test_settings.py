@@ -61,6 +61,28 @@ UNKNOWN = {
     ),
     "Scene": (lambda: mpsim.Scene(postion=[[1, 1]]), "an argument of Scene", "'postion'", "'position'"),
     "Simulation": (lambda: mpsim.Simulation(seting=None), "an argument of Simulation", "'seting'", "'settings'"),
+    "Emitter": (lambda: mpsim.Emitter(positon=(1, 1)), "an argument of Emitter", "'positon'", "'position'"),
+    "FixedDisc": (lambda: mpsim.FixedDisc((1, 1), radus=1), "an argument of FixedDisc", "'radus'", "'radius'"),
+    "Polyline": (lambda: mpsim.Polyline([], thicknes=1), "an argument of Polyline", "'thicknes'", "'thickness'"),
+    "Piston": (lambda: mpsim.Piston(wal="left"), "an argument of Piston", "'wal'", "'wall'"),
+    "Thermostat": (
+        lambda: mpsim.Thermostat(temprature=1),
+        "an argument of Thermostat",
+        "'temprature'",
+        "'temperature'",
+    ),
+    "ThermalWalls": (lambda: mpsim.ThermalWalls(letf=1), "an argument of ThermalWalls", "'letf'", "'left'"),
+    "Sensor": (lambda: mpsim.Sensor(wal="left"), "an argument of Sensor", "'wal'", "'wall'"),
+    "Collisions": (lambda: mpsim.Collisions(evry=3), "an argument of Collisions", "'evry'", "'every'"),
+    "Correlations": (
+        lambda: mpsim.Correlations(wave_number=[1]),
+        "an argument of Correlations",
+        "'wave_number'",
+        "'wave_numbers'",
+    ),
+    "Series": (lambda: mpsim.measure.Series(len, evry=3), "an argument of Series", "'evry'", "'every'"),
+    "view": (lambda: mpsim.view(None, prt=8000), "an argument of view", "'prt'", "'port'"),
+    "live": (lambda: mpsim.live(None, heigt=300), "an argument of live", "'heigt'", "'height'"),
     "tune": (lambda: mpsim.tune(max_eror={}), "an argument of tune", "'max_eror'", "'max_error'"),
 }
 

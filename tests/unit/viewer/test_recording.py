@@ -79,5 +79,5 @@ def test_what_is_missing_is_named(tmp_path):
     bare.write_text('1\nLattice="10 0 0 0 6 0 0 0 1" Properties=pos:R:3:radius:R:1\n1 1 0 0.5\n')
     with pytest.raises(mpsim.TrajectoryError, match="velocity must be in a trajectory"):
         Recording(bare)
-    with pytest.raises(mpsim.TrajectoryError, match="must be a file that can be read"):
+    with pytest.raises(mpsim.TrajectoryError, match=r"must be a file that can be read; '.*none.xyz' does not exist\."):
         Recording(tmp_path / "none.xyz")
