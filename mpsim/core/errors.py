@@ -182,7 +182,10 @@ class FastWarning(UserWarning):
 
 
 class GuardWarning(UserWarning):
-    """In the exact solver some inelastic collisions lost no energy, which prevents an infinite number of collisions."""
+    """In the exact solver some inelastic collisions lost no energy, which prevents an infinite number of collisions.
+
+    A simulation warns once; `Report.guarded` has the number of each run.
+    """
 
 
 class OverlapWarning(UserWarning):

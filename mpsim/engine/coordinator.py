@@ -84,7 +84,7 @@ class Coordinator:
         solver = methods.METHODS[choice.method].solver
         self.step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
         self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
-        self._rest = Once()
+        self._rest, self._guard = Once(), Once()
         self._logged: list[Any] = []  # collisions of a frame in hand: an interrupted run leaves them to the next one
         self.solver: Solver = solver(scene, settings, choice)
         self._closing = Closing(simulation, self.solver, access)  # before there is anything to close
@@ -196,8 +196,9 @@ class Coordinator:
             self._access.notices.warn(
                 f"in {guarded} collisions the contact-time guard suppressed the loss of energy, because the previous "
                 "collision of a disc was less than the contact time ago, as in inelastic collapse or for a disc at "
-                "rest. Without the guard the run would never end.",
+                "rest. Without the guard the run would never end. This is said once; report.guarded counts.",
                 GuardWarning,
+                self._guard,
             )
         compiled, self._compiled_before = compile_seconds() - self._compiled_before, compile_seconds()
         counts = (*phase_seconds(record.times), record.collisions, *ran, *resources)

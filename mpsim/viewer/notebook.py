@@ -230,6 +230,7 @@ class NotebookPages(Pages):
             client.spend(asyncio.get_running_loop().time())
             self._do(client, wire.read_action(text))
         except InputError as error:
+            self._forget_actions(client)
             self._end_of(page, POLICY, str(error))
 
     def _forget(self, page: str) -> Client:

@@ -121,9 +121,14 @@ class Pages(ABC):
                 client.note(visible=action.values["value"])
                 self._count()
             case _:
-                self._source.submit(action)
+                self._source.submit(action, client)
         if client.needs_picture():
             self._source.ask()
+
+    def _forget_actions(self, client: Client) -> None:
+        """Do nothing more of what a page has asked for that has broken a rule."""
+        assert self._source is not None
+        self._source.forget(client)
 
     def _count(self) -> None:
         """Tell the source how many pages are watching."""

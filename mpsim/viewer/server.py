@@ -209,6 +209,7 @@ class Server(Pages):
                     return
                 self._do(client, wire.read_action(message))
         except InputError as error:
+            self._forget_actions(client)
             await connection.close(POLICY, _short(str(error)))
         except self._websockets.exceptions.ConnectionClosed:
             pass  # too long a message, or no sign of life

@@ -20,7 +20,7 @@ from mpsim.viewer import keep, wire
 from mpsim.viewer.broadcast import Audience, Broadcast
 
 MOST_WAITING = 1000
-"""Actions that wait for their turn at most."""
+"""Actions of one page, or of the program, that wait for their turn at most."""
 
 REPLACING = ("play", "pause", "speed", "reset", "hold", "searching")
 """Actions of which the last one counts, if several follow each other while frames are run; of "hold", for each disc."""
@@ -48,7 +48,7 @@ class Source(ABC):
         self.scene: Scene = scene
         self.error: BaseException | None = None
         self._wake = threading.Condition()
-        self._actions: deque[wire.Action] = deque()
+        self._actions: deque[tuple[object, wire.Action]] = deque()  # each with its sender
         self._asked = self._closing = False
         self._watching = 0
         self._charged = 0.0  # processor time of sending [s]
@@ -63,25 +63,30 @@ class Source(ABC):
         """Start the thread."""
         self._thread.start()
 
-    def submit(self, action: wire.Action) -> None:
-        """Have an action done, soon.
+    def submit(self, action: wire.Action, sender: object = None) -> None:
+        """Have an action done, soon; sender: the page that asks for it, None: the program.
 
         Raises:
-            InputError: if too many wait already.
+            InputError: if too many of the sender wait already.
         """
         with self._wake:
             if action.name in REPLACING:
-                self._forget_replaced(action)
-            if len(self._actions) >= MOST_WAITING:
+                self._forget_replaced(action, sender)
+            if sum(each is sender for each, _ in self._actions) >= MOST_WAITING:
                 raise InputError(f"at most {MOST_WAITING} actions may wait; got one more, {action.name}. Wait.")
-            self._actions.append(action)
+            self._actions.append((sender, action))
             self._wake.notify()
 
-    def _forget_replaced(self, action: wire.Action) -> None:
-        """Forget the action that this one replaces, if none of another kind has come between."""
+    def forget(self, sender: object) -> None:
+        """Do nothing of what a sender has asked for and still waits."""
+        with self._wake:
+            self._actions = deque(waiting for waiting in self._actions if waiting[0] is not sender)
+
+    def _forget_replaced(self, action: wire.Action, sender: object) -> None:
+        """Forget the sender's action that this one replaces, if none of another kind has come between."""
         for k in reversed(range(len(self._actions))):
-            waiting = self._actions[k]
-            if waiting.name != action.name:
+            who, waiting = self._actions[k]
+            if who is not sender or waiting.name != action.name:
                 return
             if waiting.values.get("id") == action.values.get("id"):
                 del self._actions[k]
@@ -155,7 +160,7 @@ class Source(ABC):
     def _turn(self) -> bool:
         """Do what is asked for, go on, then wait for more. Returns whether to go on."""
         with self._wake:
-            actions, closing, watching = list(self._actions), self._closing, self._watching
+            actions, closing, watching = [action for _, action in self._actions], self._closing, self._watching
             self._actions.clear()
         if closing:
             return False

@@ -84,9 +84,24 @@ def test_of_waiting_holds_the_last_one_of_each_disc_counts(source):
     for x in (1.0, 2.0, 3.0):
         for disc in (4, 5):
             source.submit(wire.Action("hold", {"id": disc, "x": x}))
-    assert [each.values for each in source._actions] == [
+    assert [each.values for _, each in source._actions] == [
         {"id": 4, "x": 0.0}, {}, {"id": 4, "x": 3.0}, {"id": 5, "x": 3.0},
     ]  # fmt: skip
+    source.free.set()
+
+
+def test_who_has_too_many_actions_waiting_is_refused_and_nobody_else(source):
+    source.free.clear()
+    source.submit(wire.Action("play", {}))
+    until(lambda: not source._actions)
+    greedy, other = object(), object()
+    for _ in range(MOST_WAITING):
+        source.submit(wire.Action("undo", {}), greedy)
+    with pytest.raises(InputError, match=f"at most {MOST_WAITING} actions may wait; got one more, undo"):
+        source.submit(wire.Action("undo", {}), greedy)
+    source.submit(wire.Action("reset", {}), other)
+    source.forget(greedy)
+    assert [(sender, action.name) for sender, action in source._actions] == [(other, "reset")]
     source.free.set()
 
 

@@ -205,6 +205,14 @@ def test_a_disc_at_rest_hovers_in_bounces_of_the_contact_time_that_is_given():
         assert report.guarded < usual.guarded / 100
 
 
+def test_the_guard_is_warned_of_once_in_a_simulation():
+    scene = Scene(width=4, height=6, position=[[2, 0.5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1.0))
+    with simulate(scene, method="event", dt=0.1, contact_time=0.01) as sim:
+        with pytest.warns(mpsim.GuardWarning, match="This is said once; report.guarded counts"):
+            first = sim.run(frames=1)
+        assert first.guarded > 1 < sim.run(frames=1).guarded, "and the second time there is no warning"
+
+
 def test_a_contact_time_of_its_usual_length_changes_no_bit():
     usual, height = dropped()
     again, same = dropped(contact_time=usual.contact_time)
