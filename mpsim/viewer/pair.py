@@ -1,4 +1,4 @@
-"""A second stage: the same start with other settings, kept at the same time as the first."""
+"""A second stage: it starts from the same scene with other settings, and is kept at the same time as the first."""
 
 import contextlib
 import copy
@@ -18,18 +18,18 @@ from mpsim.viewer.comparison import Comparison, measures_of
 from mpsim.viewer.undo import Moments
 
 SNAPSHOT = 0
-"""Number of the moment that a page has asked to remember; those before changes have numbers from 1."""
+"""Number of the moment that a user has marked. The moments before changes have numbers from 1."""
 
 WHOLE = 1e-9
-"""Deviation from a whole number, relative, that is rounding."""
+"""Relative deviation from a whole number that counts as rounding."""
 
 
 class Steps(NamedTuple):
-    """How frames of the second stage fit those of the first.
+    """How the frames of the second stage correspond to those of the first.
 
     Attributes:
-        first, second: frames of both at one moment; later ones are counted from there.
-        each: frames of the second stage in one of the first, >= 1.
+        first, second: frames of both stages at one moment, from which later frames are counted.
+        each: frames of the second stage in one frame of the first, >= 1.
     """
 
     first: int
@@ -44,18 +44,18 @@ class _Mark(NamedTuple):
 
 
 class Pair:
-    """The second of two stages. Both begin with the scene; the first one runs, this one follows.
+    """The second of two stages. Both start from the scene. The first one runs, and this one follows it.
 
     Args:
-        scene: of both.
-        settings: of the second stage. Its dt is that of the first one divided by a whole number; of the exact solver,
-            whose frames mean nothing else, it becomes that of the first one.
-        dt: of the first stage [time], > 0.
+        scene: scene of both stages.
+        settings: settings of the second stage. Its dt must be that of the first stage divided by a whole number. The
+            exact solver has no steps, so it gets the dt of the first stage.
+        dt: dt of the first stage [time], > 0.
 
     Attributes:
-        sim: the second stage.
-        comparison: of both.
-        skipped: changes by hand that the second stage refused, as a disc was in the way there.
+        sim: the simulation of the second stage.
+        comparison: compares both stages.
+        skipped: number of changes by hand that the second stage refused, because a disc was in the way there.
 
     Raises:
         InputError: if dt does not fit, or the settings cannot run the scene.
@@ -87,9 +87,9 @@ class Pair:
             self._moments.close()
 
     def follow(self, first: Simulation, report: Report) -> float:
-        """Run to where the first stage is; returns the time of computing that it took [s].
+        """Run until the frame of the first stage; returns the computing time [s].
 
-        report: of the first stage, of its frames since both were at the same time.
+        report: report of the first stage since both were last at the same time.
         """
         steps, sim = self._steps, self.sim
         frames = steps.second + (first.frame - steps.first) * steps.each - sim.frame
@@ -103,17 +103,17 @@ class Pair:
     # --- changes by hand
 
     def take(self, first: Simulation, changes: Iterable[Change]) -> None:
-        """Make the changes of the first stage that are new, at the same simulated time; both stand at it.
+        """Apply the new changes of the first stage to this one. Both must be at the same simulated time.
 
-        Settings that are changed stay with the first stage, but for dt, so that both stay in step. A change that the
-        second stage refuses, as where a disc is in the way, is skipped and counted.
+        Changed settings apply only to the first stage, except dt, so that both stay in step. A change that the second
+        stage refuses, for example because a disc is in the way, is skipped and counted.
 
         Args:
             first: the first stage.
-            changes: all of its journal.
+            changes: its complete journal.
 
         Raises:
-            InputError: if a disc that was added, or a wall, finds no room here: both would be of different scenes.
+            InputError: if an added disc or wall finds no free place here, so that the two scenes would differ.
         """
         for change in list(changes)[self._taken :]:
             self._taken += 1
@@ -140,7 +140,7 @@ class Pair:
             self.skipped += 1
 
     def _renew_steps(self, first: Simulation, dt: float) -> None:
-        """Fit frames to another dt of the first stage: as long as they were, nearly."""
+        """Fit the frames of this stage to a new dt of the first stage, and change its own dt as little as possible."""
         exact = not capabilities_of(self._settings).has_steps
         own = dt if exact else fitting(self._settings.dt, dt)
         each = round(dt / own)
@@ -148,10 +148,10 @@ class Pair:
             self.sim.change(dt=own)
         self._steps = Steps(first.frame, self.sim.frame, each)
 
-    # --- back
+    # --- earlier moments
 
     def mark(self, number: int) -> None:
-        """Remember this moment, as one that the first stage can go back to; number: what that calls it."""
+        """Remember this moment under the number that it has in the first stage, which can go back to it."""
         self._moments.keep(number, self.sim)
         self._marks[number] = _Mark(self._steps, self._taken, copy.deepcopy(self.comparison))
 
@@ -161,7 +161,7 @@ class Pair:
         return self._moments.sizes
 
     def forget_all_but(self, numbers: Iterable[int]) -> None:
-        """Forget the moments but for these and SNAPSHOT: the first stage can go back to no others."""
+        """Forget all moments except SNAPSHOT and these: the first stage can go back to no others."""
         for number in self._marks.keys() - {SNAPSHOT, *numbers}:
             self._moments.forget(number)
             del self._marks[number]
@@ -178,7 +178,7 @@ class Pair:
 
 
 def fitting(own: float, dt: float) -> float:
-    """The whole fraction of a first stage's dt that is nearest to that of a second one [time].
+    """The dt of a second stage, rounded so that a whole number of its steps is one step of the first stage [time].
 
     >>> fitting(0.003, dt=0.01), fitting(0.02, dt=0.01)
     (0.0033333333333333335, 0.01)
@@ -187,11 +187,11 @@ def fitting(own: float, dt: float) -> float:
 
 
 def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:
-    """Settings of a second stage whose frames fit those of a first one, and how many of them are one of its frames.
+    """Settings of a second stage that fit the first one, and the number of its frames in one frame of the first.
 
     Args:
-        settings: as they are asked for.
-        dt: of the first stage [time].
+        settings: requested settings of the second stage.
+        dt: dt of the first stage [time].
 
     Raises:
         InputError: if they do not fit.

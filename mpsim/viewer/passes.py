@@ -1,4 +1,4 @@
-"""One frame pass by pass, with the worker that resolves each contact."""
+"""Shows one frame pass by pass, with the worker that resolves each contact."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from mpsim.engine.solvers.passes import Pass, has_passes_by_grid
 
 
 class PassView:
-    """The passes of the next frame of a simulation, one after the other. The simulation stays as it is meanwhile.
+    """Shows the passes of the next frame one after the other. The simulation itself does not change meanwhile.
 
     >>> from mpsim import Scene, Settings
     >>> view = PassView()
@@ -32,14 +32,14 @@ class PassView:
 
     @property
     def is_last(self) -> bool:
-        """Whether the last pass of the frame is shown, after which the discs are where the frame ends."""
+        """Whether the last pass of the frame is shown. Its discs are where the frame leaves them."""
         return self.is_open and self._shown == len(self._passes) - 1
 
     def next(self, sim: Simulation) -> Pass:
-        """The next pass; after the last one, the first of the frame that is next then.
+        """The next pass. After the last pass of a frame comes the first pass of the following frame.
 
         Raises:
-            InputError: for a method or a scene without passes.
+            InputError: if the method or the scene has no passes.
         """
         if not self.is_open or self.is_last:
             self._passes, self._shown = next_frame_in_passes(sim), -1
@@ -47,10 +47,10 @@ class PassView:
         return self._passes[self._shown]
 
     def demand_end(self, digest: str) -> None:
-        """Refuse a frame that has ended otherwise than its last pass; digest: of the simulation after the frame.
+        """Check that the frame has ended as its last pass did; digest: that of the simulation after the frame.
 
         Raises:
-            InputError: if it has, as when the frame was divided into more steps than the one before it.
+            InputError: if not, for example because the frame was divided into more steps than the one before.
         """
         if self._passes[self._shown].state.digest() != digest:
             raise InputError(
@@ -59,7 +59,7 @@ class PassView:
             )
 
     def offer(self, sim: Simulation) -> dict[str, Any] | None:
-        """What pages are told instead of a pass, where frames have none and those of the method grid would have them.
+        """The message for pages if frames have no passes but would have them with the method grid; None otherwise.
 
         >>> from mpsim import Scene, Settings
         >>> with Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1), Settings(method="naive")) as sim:
@@ -74,11 +74,11 @@ class PassView:
         return {"name": None, "offer": f"The {what}, so a frame has no passes. The method grid has passes."}
 
     def close(self) -> None:
-        """Show passes no longer."""
+        """Stop showing passes."""
         self._passes, self._shown = [], -1
 
     def told(self) -> dict[str, Any]:
-        """What pages are told, as `wire.text_of` takes it; name: of the pass, None where none is shown."""
+        """The message for pages, for `wire.text_of`. Its `name` is that of the pass; None: no pass is shown."""
         if not self.is_open:
             return {"name": None}
         shown = self._passes[self._shown]

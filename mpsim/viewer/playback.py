@@ -1,4 +1,4 @@
-"""Playback of a recording: play, step, move along the time line, follow a file that is being written."""
+"""Plays a recording: play, step, move along the time line, follow a file that is still being written."""
 
 import time
 
@@ -15,19 +15,19 @@ from mpsim.viewer.session import GAUGE_SECONDS, PICTURE_SECONDS
 from mpsim.viewer.source import Source
 
 SPEED = 0.5
-"""Speed at first, as of a simulation: 30 recorded frames a second."""
+"""Initial speed, in the units of `Pace`: 30 recorded frames a second."""
 
 FILE_SECONDS = 0.5
-"""Time between two looks at the file."""
+"""Time between two checks whether the file has grown [s]."""
 
 
 class Playback(Source):
-    """A recording on the pages of a view.
+    """Shows a recording on the pages of a view.
 
     Args:
-        recording: what is played; it is closed in the end.
-        name: what it is called on the page.
-        playing: whether it begins to play as soon as somebody watches.
+        recording: the recording; it is closed at the end.
+        name: title on the page.
+        playing: whether it plays as soon as a page is visible.
         audience: the pages.
     """
 
@@ -39,20 +39,20 @@ class Playback(Source):
         self._follow = recording.follow
         self._playing = playing and not self._follow
         self._index = 0
-        self._moment: Moment | None = None  # that of the index, once it is needed
+        self._moment: Moment | None = None  # the frame at the index, read when it is needed
         self._shown = self._gauged = -1  # indices
         self._radii = np.zeros(0)
         self._next_picture = self._next_gauges = self._next_file = 0.0
         self._note: str | None = None
         self._over = False
         self._pace = Pace(SPEED)
-        self._pace.note(1, 0.0)  # frames that are passed over take no time
+        self._pace.note(1, 0.0)  # skipped frames take no time
 
     # --- the thread
 
     def _open(self) -> None:
         self._broadcast.tell_scene(self._name, recording=self._recording.name, can_reset=True)
-        self._broadcast.tell("link", {"text": None})  # a page that was opened with one says what to do instead
+        self._broadcast.tell("link", {"text": None})  # a page that was opened with a link then says what to do instead
         self._gauges = Gauges(self.scene, self._recording.at(0).state)
         if self._follow:
             self._index = self._last
@@ -107,7 +107,7 @@ class Playback(Source):
         self._resume()
 
     def _go(self, index: int) -> None:
-        """Go to an index, or to the nearest one that there is, and follow no longer."""
+        """Go to an index, or the nearest one that exists, and stop following the file."""
         self._index, self._moment, self._follow = max(min(index, self._last), 0), None, False
 
     def _advance(self) -> None:
@@ -121,7 +121,7 @@ class Playback(Source):
         self._look(now)
 
     def _read_on(self) -> None:
-        """Look for frames that were written since; what is shown of a file that was written anew is read again."""
+        """Look for new frames. If the file was written anew, read the shown frame again."""
         before = len(self._recording)
         if not self._recording.refresh():
             return
@@ -136,7 +136,7 @@ class Playback(Source):
             self._index, self._moment = max(self._last, 0), None
 
     def _play(self, now: float) -> None:
-        """Go on by the frames that are due; at full speed by one for each picture."""
+        """Advance by the frames that are due; at full speed by one frame for each picture."""
         frames = self._pace.due(now) if self._pace.speed is not None else int(self._shown == self._index)
         if frames:
             self._go(self._index + frames)
@@ -145,7 +145,7 @@ class Playback(Source):
             self._tell()
 
     def _look(self, now: float) -> None:
-        """Make the picture and the gauges that are due, if the place is another than that of the last ones."""
+        """Make the picture and the gauges if they are due and another frame is reached."""
         gauges = now >= self._next_gauges and self._index != self._gauged
         with self._wake:
             picture = self._asked and now >= self._next_picture and self._index != self._shown
@@ -171,7 +171,7 @@ class Playback(Source):
     def _tell_gauges(self, moment: Moment) -> None:
         self._broadcast.scale = scale_of(moment.state)
         numbers = self._gauges.of(moment.state)
-        meter = Meter(0.0)  # of a run that is not there
+        meter = Meter(0.0)  # nothing runs, so it has no rates
         told = {"frame": moment.frame, "time": moment.time, **numbers, **vars(meter.read(0, 0.0)), **meter.workers()}
         self._broadcast.tell("gauges", told)
 
@@ -188,7 +188,7 @@ class Playback(Source):
 
     def _refused(self, error: MpsimError) -> None:
         self._playing = self._follow = False
-        self._shown = self._gauged = self._index  # what cannot be read is not tried again and again
+        self._shown = self._gauged = self._index  # a frame that cannot be read is not tried again
         self._note = str(error)
         self._tell()
 

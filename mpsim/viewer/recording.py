@@ -1,4 +1,4 @@
-"""The frames of a trajectory as states for a view, with their scene."""
+"""Reads the frames of a trajectory as states for a view, together with a scene."""
 
 import os
 import warnings
@@ -16,7 +16,8 @@ from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
 
 MOST_GAPS = 1000
-"""Numbers without a disc that a frame may have, beyond as many as it has discs; with more, discs go by their order."""
+"""Largest number of unused disc numbers in a frame, beyond as many as it has discs. If there are more, the discs are
+numbered by their order in the file."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +25,10 @@ class Moment:
     """One frame of a recording.
 
     Attributes:
-        frame: of the simulation.
-        time: of the simulation [time]; NaN where the file does not say.
-        state: all discs by number; those that the frame lacks are absent.
-        radii: shape (N,) [length].
+        frame: frame of the simulation.
+        time: simulated time [time]; NaN if the file does not contain it.
+        state: all discs, ordered by number; those that the frame does not contain are absent.
+        radii: radii of the discs, shape (N,) [length].
     """
 
     frame: int
@@ -40,9 +41,9 @@ class Recording:
     """The file of a trajectory, which a run may still be writing.
 
     Args:
-        path: of the file, as of `mpsim.Trajectory`.
-        scene: that it is of; None: a box with the discs of its first frame, without obstacles and forces.
-        follow: whether a view begins at the last frame, and goes on with those that come.
+        path: path of the file, as for `mpsim.Trajectory`.
+        scene: scene of the trajectory; None: a box with the discs of its first frame, without obstacles and forces.
+        follow: whether a view starts at the last frame and continues with new ones.
 
     Attributes:
         scene, follow: as above.
@@ -64,7 +65,7 @@ class Recording:
     def __init__(self, path: Path, scene: Scene | None = None, follow: bool = False):
         self._path = path
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", TrajectoryWarning)  # half a frame at the end is one that is being written
+            warnings.simplefilter("ignore", TrajectoryWarning)  # an incomplete last frame is still being written
             self._trajectory = Trajectory(path)
         self._seen = self._stamp()
         if not len(self):
@@ -79,14 +80,14 @@ class Recording:
 
     @property
     def name(self) -> str:
-        """Of the file."""
+        """Name of the file."""
         return self._path.name
 
     def __len__(self) -> int:
         return len(self._trajectory)
 
     def refresh(self) -> bool:
-        """Look for frames that were written since; returns whether the file is another than it was."""
+        """Look for new frames; returns whether the file has changed."""
         now = self._stamp()
         if now == self._seen:
             return False
@@ -95,10 +96,10 @@ class Recording:
         return True
 
     def at(self, index: int) -> Moment:
-        """A frame, 0 <= index < len.
+        """The frame of an index, 0 <= index < len.
 
         Raises:
-            TrajectoryError: if it cannot be read, or is no longer there.
+            TrajectoryError: if it cannot be read, or no longer exists.
         """
         try:
             frame = self._trajectory[index]
@@ -121,7 +122,7 @@ class Recording:
         self._trajectory.close()
 
     def _stamp(self) -> tuple[int, ...]:
-        """What changes when the file does."""
+        """Values that change when the file changes."""
         try:
             found = os.stat(self._path)
         except OSError:
@@ -130,16 +131,16 @@ class Recording:
 
 
 def _numbers_of(frame: Frame, fewest: int) -> tuple[NDArray[np.int64], int]:
-    """The number of each disc of a frame, and how many discs there are by these numbers, at least `fewest`."""
+    """The number of each disc of a frame, and the total number of discs that follows from them, at least `fewest`."""
     ids, count = frame.ids, len(frame.position)
     most = max(2 * count, fewest) + MOST_GAPS
-    if count and (ids.min() < 0 or ids.max() >= most or len(np.unique(ids)) < count):  # another program's
+    if count and (ids.min() < 0 or ids.max() >= most or len(np.unique(ids)) < count):  # from another program
         ids = np.arange(count)
     return ids, max(int(ids.max(initial=-1)) + 1, fewest)
 
 
 def _inside(frame: Frame, shift: NDArray[np.float64]) -> NDArray[np.floating]:
-    """Places in a box whose corner is not below 0; of periodic axes inside it, as other programs may not keep them."""
+    """Positions relative to `shift`. They are wrapped along periodic axes, because other programs may not do so."""
     place = frame.position - shift.astype(frame.position.dtype)
     for axis, length in enumerate(frame.box):
         if frame.periodic[axis]:
@@ -148,7 +149,7 @@ def _inside(frame: Frame, shift: NDArray[np.float64]) -> NDArray[np.floating]:
 
 
 def _scene_of(frame: Frame, shift: NDArray[np.float64]) -> Scene:
-    """A scene with box, edges and discs of a frame."""
+    """A scene with the box, boundaries and discs of a frame."""
     width, height = np.add(frame.origin, frame.box) - shift
     mass = frame.known.get("mass")
     room = np.minimum(frame.radius, min(width, height) / 2)[:, None]

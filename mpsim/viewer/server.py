@@ -1,6 +1,6 @@
-"""The server of a view: files of the page by HTTP, and a WebSocket for each page.
+"""The server of a view: it sends the files of the page by HTTP, and has a WebSocket to each page.
 
-It runs in a thread of its own. A page that breaks a rule loses its connection; nothing else notices.
+It runs in a thread of its own. A page that breaks a rule is disconnected; nothing else is affected.
 """
 
 import asyncio
@@ -21,25 +21,25 @@ from mpsim.viewer.page_files import page_files
 from mpsim.viewer.pages import MOST_PAGES, Pages
 
 SOCKET = "socket"
-"""What a page asks for to be connected."""
+"""Name that a page requests to open its WebSocket."""
 
 KEEP = "keep/"
-"""What files to download are asked for under."""
+"""Prefix of the names of files to download."""
 
 LINK = "link"
-"""What a page asks, with a link as the query, to learn what it means."""
+"""Name that a page requests, with a link as the query, to have the link checked and written in its standard form."""
 
 FILMS = {"film.gif": (film.gif, "image/gif"), "film.mp4": (film.mp4, "video/mp4")}
-"""Films among them: what makes each, and its type as HTTP says it."""
+"""Films to download: the function that makes each, and its media type."""
 
 MOST_KEEPING, KEEP_SECONDS = 2, 8.0
-"""Files to download that are made at a time, and the longest that one is waited for: less than OPEN_SECONDS."""
+"""Number of downloads that are made at a time, and the longest wait for one [s]: less than OPEN_SECONDS."""
 
 OPEN_SECONDS, CLOSE_SECONDS, PING_SECONDS = 10, 1, 20
-"""Time for a request to be sent, for an end to be agreed on, and between two signs of life."""
+"""Time limits of the opening and of the closing handshake, and the time between two pings [s]."""
 
 UNACCEPTABLE, POLICY, LATER = 1003, 1008, 1013
-"""Why a connection is ended, in the numbers of WebSocket (RFC 6455): bytes, a broken rule, too many pages."""
+"""WebSocket codes (RFC 6455) for closing a connection: it sent bytes, it broke a rule, there are too many pages."""
 
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -49,11 +49,11 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Of all answers: nothing is guessed, framed, told to others, or kept."""
+"""Headers of all answers: browsers must not guess types, embed the page, pass on its address, or cache it."""
 
 
 def websockets() -> Any:
-    """The package.
+    """The package websockets.
 
     Raises:
         OutputError: if it is not installed.
@@ -63,10 +63,10 @@ def websockets() -> Any:
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """A socket that listens.
+    """Open a listening socket.
 
     Raises:
-        ResourceError: if the port is taken, or the host is none of this machine.
+        ResourceError: if the port is taken, or the host is not one of this machine.
     """
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
@@ -82,8 +82,8 @@ class Server(Pages):
     """The server of one view; the audience of its source.
 
     Args:
-        found: socket to listen at.
-        admission: which requests are answered.
+        found: listening socket.
+        admission: decides which requests are answered.
     """
 
     def __init__(self, found: socket.socket, admission: Admission):
@@ -96,7 +96,7 @@ class Server(Pages):
         self._websockets = websockets()
 
     def close(self) -> None:
-        """End all connections, and the thread."""
+        """Close all connections and end the thread."""
         super().close()
         self._drawing.shutdown(cancel_futures=True)
         self._socket.close()
@@ -125,7 +125,7 @@ class Server(Pages):
         self._film.add(picture, time.monotonic())
 
     async def _answer(self, connection: Any, request: Any) -> Any:
-        """The answer to a request of HTTP; None lets it become a connection."""
+        """The answer to an HTTP request; None: open a WebSocket instead."""
         try:
             if getattr(request, "method", "GET") != "GET":  # older versions of websockets refuse others themselves
                 raise Refusal(405, "Only GET is answered here.")
@@ -149,7 +149,7 @@ class Server(Pages):
         """A file to download.
 
         Raises:
-            Refusal: if there is none of this name, or it cannot be made now.
+            Refusal: if no file has this name, or it cannot be made now.
         """
         if name not in FILMS and name not in keep.KEEPING:
             raise Refusal(404, f"There is no {name[:40]!r} to keep.")
@@ -166,7 +166,7 @@ class Server(Pages):
             raise Refusal(409, str(error)) from None
 
     def _begin_to_make(self, name: str) -> Future[keep.Kept]:
-        """A file that is made by another thread, which may go on when nobody waits for it any more."""
+        """Start to make a file in another thread, which may continue after the request has timed out."""
         assert self._source is not None  # since the start
         if name not in FILMS:
             return self._source.keep(name)
@@ -200,7 +200,7 @@ class Server(Pages):
             await self._leave(client)
 
     async def _listen(self, client: Client, connection: Any) -> None:
-        """Do what a page asks for; end its connection when it breaks a rule."""
+        """Do the actions that a page sends; close its connection if it breaks a rule."""
         try:
             async for message in connection:
                 client.spend(time.monotonic())
@@ -212,14 +212,14 @@ class Server(Pages):
             self._forget_actions(client)
             await connection.close(POLICY, _short(str(error)))
         except self._websockets.exceptions.ConnectionClosed:
-            pass  # too long a message, or no sign of life
+            pass  # a message was too long, or a ping was not answered
 
 
 def _read_link(path: str) -> str:
-    """What the link in an address asks for, as every page writes it.
+    """The link in an address, checked and in its standard form.
 
     Raises:
-        Refusal: if it cannot be had.
+        Refusal: if the link is not allowed.
     """
     try:
         return link.write(link.read(link.query_of(path)))
@@ -228,12 +228,12 @@ def _read_link(path: str) -> str:
 
 
 def _short(text: str) -> str:
-    """A reason as short as WebSocket allows: 123 bytes."""
+    """A reason, cut to the length that WebSocket allows: 123 bytes."""
     return text.encode()[:120].decode(errors="ignore")
 
 
 def _quiet() -> logging.Logger:
-    """A log that says nothing of requests that break rules, however many there are."""
+    """A logger that drops messages about requests that break rules, of which there may be many."""
     logger = logging.getLogger("mpsim.viewer.connections")
     logger.setLevel(logging.CRITICAL + 1)
     return logger

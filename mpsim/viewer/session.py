@@ -1,6 +1,6 @@
-"""A running simulation in a view: runs frames, executes actions, makes pictures and gauges.
+"""Runs a simulation in a view: runs frames, executes actions, makes pictures and gauges.
 
-Pictures are made from the state between two frames.
+Each picture shows the state between two frames.
 """
 
 import time
@@ -26,46 +26,48 @@ from mpsim.viewer.link import Link
 from mpsim.viewer.pace import LOOK, TURN, Allowance
 
 PICTURE_SECONDS = 0.8 * LOOK
-"""Shortest time between two pictures: a little less than between two looks, or every other one would come too early."""
+"""Shortest time between two pictures [s]. It is a little less than LOOK; otherwise every other observation of the run
+would come too early for a picture."""
 
 GAUGE_SECONDS = 0.4
-"""Shortest time between two readings of the gauges."""
+"""Shortest time between two readings of the gauges [s]."""
 
 PAIR_SECONDS = 0.1
-"""Shortest time between two comparisons of two stages."""
+"""Shortest time between two comparisons of two stages [s]."""
 
 FULL_SPEED, WAITING = (1 / 100, 0.5), (1 / 80, 0.1)
-"""Part of a core that pictures take at most, sending included, and the longest time between two, which counts more [s].
-As fast as it goes, where each also costs a slice of the run; at other speeds, where the run waits for its frames."""
+"""Largest fraction of a core for making and sending pictures, and the longest time between two of them [s]; if both
+conflict, the time counts. FULL_SPEED is for running as fast as possible, where a picture also interrupts the run.
+WAITING is for all other speeds, where the run waits for its next frame anyway."""
 
 MOST_PLAIN = 50_000
-"""Discs whose first picture is there sooner without kernels."""
+"""Largest number of discs for which the first picture is made in Python, which is sooner than loading a kernel."""
 
 SLICE_SECONDS = 3e-4
-"""Processor time of the slice of a run that a picture needs as fast as it goes."""
+"""Processor time that a picture costs by interrupting the run, when it runs as fast as possible [s]."""
 
 READING, COMPARING = (1 / 200, 5.0), (1 / 100, 2.0)
-"""The same share and time of the gauges, and of comparisons of two stages."""
+"""The same fraction and time for the gauges, and for comparisons of two stages."""
 
 LOOK_SECONDS = 0.1
-"""Time between two looks at a simulation that the program itself may be running."""
+"""Time between two checks of a simulation that the user's program may be running [s]."""
 
 
 class Session(Commanded):
-    """One simulation, or a scene that is simulated again and again.
+    """Runs and shows one simulation, or a scene that can be restarted.
 
     Args:
-        source: a scene, or a link to one, whose simulations the session makes and closes; or a simulation, which stays
-            its owner's.
-        settings: of the scene's simulations; None: those it recommends, or the defaults.
-        name: what it is called on the page.
-        playing: whether it begins as soon as somebody watches.
-        colour: what discs are coloured by at first, see `Colouring`; None: their speed.
-        beside: settings of a second stage, which runs the same scene; None: there is none, until a page asks for one.
-        audience: who is shown it.
+        source: a scene, or a link to one; the session makes and closes its simulations. Or a simulation; it stays with
+            its owner.
+        settings: settings for a scene; None: those it recommends, or the defaults.
+        name: title on the page.
+        playing: whether it starts as soon as a page is visible.
+        colour: initial numbers to colour discs by, see `Colouring`; None: their speed.
+        beside: settings of a second stage, which runs the same scene; None: none, until a page asks for one.
+        audience: the pages.
 
     Attributes:
-        error: what ended the session, if it ended by an error.
+        error: the error that ended the session, if any.
     """
 
     def __init__(
@@ -85,9 +87,9 @@ class Session(Commanded):
         self._meter = Meter(time.perf_counter())
         self._gauges: Gauges | None = None
         self._told_dt: float | None = None
-        self._last: Where | None = None  # that was looked at, ...
-        self._gauged: Where | None = None  # ... that the gauges are of, ...
-        self._compared: Where | None = None  # ... and that both stages were compared at
+        self._last: Where | None = None  # moment of the last observation, ...
+        self._gauged: Where | None = None  # ... of the last reading of the gauges, ...
+        self._compared: Where | None = None  # ... and of the last comparison of both stages
         self._pictures = Allowance(PICTURE_SECONDS)
         self._readings = Allowance(GAUGE_SECONDS)
         self._comparisons = Allowance(PAIR_SECONDS)
@@ -110,7 +112,7 @@ class Session(Commanded):
         self._tell()
 
     def _begin(self) -> None:
-        """Begin at the start of the scene, or where the given simulation is."""
+        """Begin at the start of the scene, or at the present frame of a given simulation."""
         self._drop()
         if self._owned:
             self._sim = Simulation(self.scene, self._settings)
@@ -155,7 +157,7 @@ class Session(Commanded):
         self._colouring.begin()
 
     def _resume(self) -> None:
-        """Begin to run from now on: the time before does not count."""
+        """Start the clocks afresh: the time before now does not count."""
         now = time.perf_counter()
         self._pace.start(now)
         self._meter.start(now)
@@ -203,13 +205,13 @@ class Session(Commanded):
             self._counting.note(report)
 
     def _look(self, collisions: int = 0) -> None:
-        """Make the picture and the gauges that are due, if the simulation has moved since the last ones.
+        """Make the picture and the gauges if they are due and the simulation has moved since the last ones.
 
-        collisions: between discs in the present run so far.
+        collisions: collisions between discs so far in the present run.
         """
         sim, now = self._simulation, time.perf_counter()
         walls_differ = sim.scene.obstacles is not self._broadcast.scene.obstacles
-        if walls_differ or sim.settings.dt != self._told_dt:  # a wall was drawn, dt changed, or this taken back
+        if walls_differ or sim.settings.dt != self._told_dt:  # a wall was drawn, dt was changed, or this was undone
             self._broadcast.scene = sim.scene
             self._tell_scene("playing" if self._playing else "paused")
         where = self._last = (self._run, sim.frame, sim.count)
@@ -238,13 +240,13 @@ class Session(Commanded):
             self._pictures.use(now, time.thread_time() - spent + slice_cost)
 
     def _show(self, discs: InPlace) -> None:
-        """Send a picture in the colours that were chosen."""
+        """Send a picture with the chosen colours."""
         colours = self._colouring.bytes_of(self._simulation, discs)
         self._broadcast.show_in_place(discs, colours, self._trade.shown())
 
     @property
     def _picture_share(self) -> tuple[float, float]:
-        """The part of a core that pictures may take now, and the longest time between two."""
+        """The fraction of a core that pictures may take now, and the longest time between two of them [s]."""
         return FULL_SPEED if self._playing and self._pace.speed is None else WAITING
 
     def _seconds_to_next(self) -> float | None:
@@ -265,10 +267,10 @@ class Session(Commanded):
             due.append(self._pictures.wait(now, *self._picture_share))
         return min(due, default=None)
 
-    # --- what pages are shown and told
+    # --- messages to pages
 
     def _tell_scene(self, phase: str) -> None:
-        """Tell what is shown: what stays the same for long."""
+        """Send what rarely changes: the scene, its settings and its name; and the status."""
         self._told_dt = (self._settings if self._sim is None else self._sim.settings).dt
         self._broadcast.tell_scene(
             self._name,
@@ -281,7 +283,7 @@ class Session(Commanded):
         self._broadcast.tell("status", self._status(phase))
 
     def _tell(self) -> None:
-        """Tell what the session does now."""
+        """Send the present status."""
         self._broadcast.tell("status", self._status("over" if self._over else "playing" if self._playing else "paused"))
 
     def _status(self, phase: str) -> dict[str, Any]:
@@ -289,13 +291,13 @@ class Session(Commanded):
         return {"phase": phase, "speed": self._pace.speed, "note": self._note, **remembered}
 
     def _tell_trade(self) -> None:
-        """Tell of the second stage, and how both compare."""
+        """Send the state of the second stage, and the comparison of both."""
         sim = self._simulation
         self._compared = (self._run, sim.frame, sim.count)
         self._broadcast.tell_if_new("pair", self._trade.told(sim))
 
     def _tell_gauges(self, state: State, frame: int, moment: float, collisions: float) -> None:
-        if self._gauges is None:  # something has been changed
+        if self._gauges is None:  # after a change by hand
             self._gauges = Gauges(self._simulation.scene, state)
         self._broadcast.scale = scale_of(state)
         numbers = self._gauges.of(state)
@@ -307,9 +309,9 @@ class Session(Commanded):
 
 
 def _now(sim: Simulation) -> tuple[State, int, float]:
-    """State, frame and time of a simulation that another thread of the program may be running.
+    """State, frame and time of a simulation that another thread of the user's program may be running.
 
-    Where that is quick, the state may be one of a few frames later.
+    If it runs fast, the state may be a few frames later than frame and time.
     """
     frame, moment, state = sim.frame, sim.time, sim.state
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""The parameters that a page can change, with values and ranges of their sliders."""
+"""The parameters that a page can change, with the values and ranges of their sliders."""
 
 import math
 from collections.abc import Iterator
@@ -16,19 +16,19 @@ from mpsim.kernels import layout
 from mpsim.scene.scene import Scene
 
 MOST_PASSES, MOST_SUBSTEPS = 4, 16
-"""Ends of their sliders; what the simulation has is inside in any case."""
+"""Upper ends of these sliders. If the value of the simulation is larger, the slider ends there."""
 
 DECADE = 10.0
-"""Sliders of times, rates and temperatures go from a tenth to ten times what the simulation began with."""
+"""Sliders of times, rates and temperatures go from a tenth to ten times the initial value."""
 
 TEMPERATURES = "temperature", "wall_temperature"
 
 ROUNDING = 0.005
-"""Of a value of a slider, of which pages send three digits."""
+"""Relative rounding error of a slider's value: pages send three digits."""
 
 
 class Sliders:
-    """The sliders of one simulation. Their ranges follow from its start, so that they stay while values change.
+    """The sliders of one simulation. Their ranges follow from its initial values, so that they stay when values change.
 
     >>> from mpsim import Scene, Settings
     >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1, gravity=(0, -3))
@@ -49,18 +49,18 @@ class Sliders:
         self._temperatures = {name: temperature_of(scene, name) for name in TEMPERATURES}
 
     def of(self, sim: Simulation) -> list[dict[str, Any]]:
-        """Name, value and range of each, as pages are told: `low` and `high`, or `choices`.
+        """Name, value and range of each slider, as sent to pages. The range is `low` and `high`, or `choices`.
 
-        log: whether steps of the slider are ratios. whole: whether only whole numbers can be chosen. Of gravity the
-        value is (x, y), and `high` the length of the longest arrow.
+        log: whether the scale is logarithmic. whole: whether only whole numbers can be chosen. The value of gravity is
+        (x, y), and its `high` is the length of the longest arrow.
         """
         return [*self._of_scene(sim), *self._of_settings(sim)]
 
     def demand_offered(self, sim: Simulation, name: str, value: Any) -> None:
-        """Refuse numbers that no slider gives: one could make a frame so long that the page does not answer.
+        """Refuse numbers outside the sliders: they could make a frame so long that the page stops responding.
 
         Raises:
-            InputError: naming the parameter, its rule and the value received.
+            InputError: if the value is outside; the message gives the parameter, its rule and the value received.
         """
         offered = {each["name"]: each for each in self.of(sim)}
         remedy = "Use the slider, or Simulation.change in a program."
@@ -71,7 +71,7 @@ class Sliders:
             )
         ends, given = offered[name], [value] if checks.dimensions(value) <= 0 else list(value)
         if not all(isinstance(each, int | float) for each in given):
-            return  # the simulation knows words, and refuses what is neither
+            return  # a word, or something that the simulation will refuse
         if name == "gravity":
             longest = ends["high"] * (1 + ROUNDING)
             if len(given) == len("xy") and math.hypot(*given) > longest:
@@ -122,18 +122,18 @@ def _slider(name: str, value: float, low: float, high: float, log: bool = False,
 
 
 def rate_of(scene: Scene, name: str) -> Any:
-    """The interval, or every, of the first emitter that has one; None: there is none."""
+    """The attribute `interval` or `every` of the first emitter that has it; None: no emitter has it."""
     return next((value for each in scene.emitters if (value := getattr(each, name)) is not None), None)
 
 
 def friction_of(scene: Scene, name: str) -> float | None:
-    """A coefficient of friction; None: there is none, or it is infinite."""
+    """A coefficient of friction; None: it is zero or infinite."""
     coefficient = getattr(scene, name)
     return coefficient if 0 < coefficient < math.inf else None
 
 
 def temperature_of(scene: Scene, name: str) -> float | None:
-    """The temperature of the thermostat, or the one of all thermal walls; None: there is none, or several."""
+    """The temperature of the thermostat, or that of the thermal walls; None: there is none, or the walls differ."""
     if name == "temperature":
         return None if scene.thermostat is None else scene.thermostat.temperature
     found = set() if scene.thermal_walls is None else set(scene.thermal_walls.temperatures.values())
@@ -141,9 +141,10 @@ def temperature_of(scene: Scene, name: str) -> float | None:
 
 
 def longest_gravity(scene: Scene) -> float:
-    """Length of the longest arrow: twice the gravity of the scene; without one, what holds discs of a usual speed down.
+    """Length of the longest arrow for gravity, rounded up [length/time^2].
 
-    That is v^2 over half the height of the box [length/time^2], rounded up.
+    It is twice the gravity of the scene. Without gravity it is 2 v^2 / height, with v the root mean square speed. This
+    is strong enough to keep most discs in the lower part of the box.
 
     >>> from mpsim import Scene
     >>> longest_gravity(Scene.load("sediment")), longest_gravity(Scene.load("gas"))
@@ -156,7 +157,7 @@ def longest_gravity(scene: Scene) -> float:
 
 
 def _rounded_up(value: float) -> float:
-    """1, 2 or 5 times a power of ten, at least the value.
+    """The smallest number that is 1, 2 or 5 times a power of ten and not below the value.
 
     >>> [_rounded_up(value) for value in (0.3, 1.0, 30.0)]
     [0.5, 1.0, 50.0]

@@ -1,7 +1,7 @@
-"""Base of all sources of pictures: a thread with an inbox of actions.
+"""Base class of all sources of pictures: a thread with an inbox of actions.
 
-The thread never waits for a page. A picture is made when somebody has asked for one (`ask`); who is slow asks less
-often. While nobody watches, nothing runs and nothing is made.
+The thread never waits for a page. A picture is made only on request (`ask`); a slow page asks less often. While no page
+is visible, nothing runs.
 
     pages      submit, ask, watched_by  -->  inbox  -->  the thread: _open, then _do, _advance, _rest again and again
     pages  <--  Broadcast  <--------------------------------------------'
@@ -20,28 +20,28 @@ from mpsim.viewer import keep, wire
 from mpsim.viewer.broadcast import Audience, Broadcast
 
 MOST_WAITING = 1000
-"""Actions of one page, or of the program, that wait for their turn at most."""
+"""Largest number of waiting actions of one page, or of the program."""
 
 REPLACING = ("play", "pause", "speed", "reset", "hold", "searching")
-"""Actions of which the last one counts, if several follow each other while frames are run; of "hold", for each disc."""
+"""Actions that replace a waiting one of the same name, if no other action came between; "hold" for each disc."""
 
 CLOSING_SECONDS = 10.0
-"""Time that `close` waits for the thread: longer than any frames, but not than all that may have to be compiled."""
+"""Longest time that `close` waits for the thread [s]. Frames take less; compiling kernels may take longer."""
 
 SIGNAL_SECONDS = 0.5
-"""Longest time between a signal that did not wake `wait` and its handler."""
+"""Longest time until a signal is handled that did not wake `wait` [s]."""
 
 
 class Source(ABC):
     """Something that pages show and control.
 
     Args:
-        scene: whose discs it shows, as it was at the start.
+        scene: scene that it shows, as at the start.
         audience: the pages.
 
     Attributes:
         scene: as given.
-        error: what ended it, if it ended by an error.
+        error: the error that ended it, if any.
     """
 
     def __init__(self, scene: Scene, audience: Audience):
@@ -64,10 +64,10 @@ class Source(ABC):
         self._thread.start()
 
     def submit(self, action: wire.Action, sender: object = None) -> None:
-        """Have an action done, soon; sender: the page that asks for it, None: the program.
+        """Put an action into the inbox; sender: the page that has sent it, None: the program.
 
         Raises:
-            InputError: if too many of the sender wait already.
+            InputError: if too many actions of this sender are waiting.
         """
         with self._wake:
             if action.name in REPLACING:
@@ -78,12 +78,12 @@ class Source(ABC):
             self._wake.notify()
 
     def forget(self, sender: object) -> None:
-        """Do nothing of what a sender has asked for and still waits."""
+        """Drop the waiting actions of a sender."""
         with self._wake:
             self._actions = deque(waiting for waiting in self._actions if waiting[0] is not sender)
 
     def _forget_replaced(self, action: wire.Action, sender: object) -> None:
-        """Forget the sender's action that this one replaces, if none of another kind has come between."""
+        """Remove the waiting action that this one replaces, unless another action came between."""
         for k in reversed(range(len(self._actions))):
             who, waiting = self._actions[k]
             if who is not sender or waiting.name != action.name:
@@ -93,7 +93,7 @@ class Source(ABC):
                 return
 
     def keep(self, what: str) -> "Future[keep.Kept]":
-        """Have a file made of what is shown, soon; what: its name among `keep.KEEPING`.
+        """Request a file of what is shown; what: its name among `keep.KEEPING`.
 
         Raises:
             InputError: as `submit`.
@@ -103,27 +103,27 @@ class Source(ABC):
         return answer
 
     def ask(self) -> None:
-        """Ask for the next picture: the first one that is not the last one."""
+        """Request the next picture, as soon as it differs from the last one."""
         with self._wake:
             self._asked = True
             self._wake.notify()
 
     def charge(self, seconds: float) -> None:
-        """Say how much processor time sending has taken since the last time [s]."""
+        """Report the processor time of sending since the last report [s]."""
         with self._wake:
             self._charged += seconds
 
     def watched_by(self, pages: int) -> None:
-        """Say how many pages are watching now."""
+        """Report how many pages are watching now."""
         with self._wake:
             self._watching = pages
             self._wake.notify()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait for the end, at most so long; returns whether it has ended.
+        """Wait for the end, at most so many seconds; returns whether it has ended.
 
-        Python runs handlers of signals in the main thread. A signal that another thread received, or that came while
-        this one was about to sleep, does not wake it. So it wakes by itself.
+        Python runs signal handlers in the main thread. A signal does not wake this thread if another thread received
+        it, or if it came just before this thread went to sleep. So this thread wakes up regularly.
         """
         if seconds is not None:
             return self._ended.wait(seconds)
@@ -132,7 +132,7 @@ class Source(ABC):
         return True
 
     def close(self) -> None:
-        """End the thread, after what it does just now, and release what is its own."""
+        """End the thread after its present task, and release what it owns."""
         with self._wake:
             self._closing = True
             self._wake.notify()
@@ -142,7 +142,7 @@ class Source(ABC):
     # --- the thread
 
     def _show_scene(self, scene: Scene) -> None:
-        """Show another scene with the same box from now on."""
+        """Show another scene with the same box."""
         self.scene = self._broadcast.scene = scene
 
     def _live(self) -> None:
@@ -150,7 +150,7 @@ class Source(ABC):
             self._open()
             while self._turn():
                 pass
-        except BaseException as error:  # raised by whoever waits for the end
+        except BaseException as error:  # `View.wait` raises it again
             self.error = error
             self._stopped_by(error)
         finally:
@@ -158,7 +158,7 @@ class Source(ABC):
             self._ended.set()
 
     def _turn(self) -> bool:
-        """Do what is asked for, go on, then wait for more. Returns whether to go on."""
+        """Do the waiting actions, advance, then wait for more. Returns whether to continue."""
         with self._wake:
             actions, closing, watching = [action for _, action in self._actions], self._closing, self._watching
             self._actions.clear()
@@ -175,14 +175,14 @@ class Source(ABC):
 
     @contextlib.contextmanager
     def _noted(self) -> Iterator[None]:
-        """An error of mpsim pauses and is shown on the page; it does not end the thread."""
+        """Turn an error of mpsim into a pause and a message on the page, so that it does not end the thread."""
         try:
             yield
         except MpsimError as error:
             self._refused(error)
 
     def _rest(self) -> None:
-        """Wait until something is due or asked for."""
+        """Wait until something is due or requested."""
         with self._wake:
             if self._actions or self._closing:
                 return
@@ -194,32 +194,32 @@ class Source(ABC):
 
     @abstractmethod
     def _open(self) -> None:
-        """Begin; whatever it raises ends the thread."""
+        """Begin. An exception ends the thread."""
 
     @abstractmethod
     def _do(self, action: wire.Action) -> None:
-        """Do what a page asks for.
+        """Do an action that a page has sent.
 
         Raises:
-            InputError: if it cannot be done here.
+            InputError: if this source cannot do it.
         """
 
     @abstractmethod
     def _advance(self) -> None:
-        """Run what is due, and send what is asked for. Called again and again while somebody watches."""
+        """Run the frames that are due, and send what is requested. Called repeatedly while a page is watching."""
 
     @abstractmethod
     def _seconds_to_next(self) -> float | None:
-        """Time until something is due; None: nothing is, until somebody says something. Called with the lock held."""
+        """Time until something is due [s]; None: nothing is due before the next action. Called with the lock held."""
 
     @abstractmethod
     def _refused(self, error: MpsimError) -> None:
-        """Pause, and say why on the page."""
+        """Pause, and show the reason on the page."""
 
     @abstractmethod
     def _stopped_by(self, error: BaseException) -> None:
-        """Say on the page what has ended it."""
+        """Show on the page which error ended the thread."""
 
     @abstractmethod
     def _release(self) -> None:
-        """Close what is its own. Must not raise."""
+        """Release what this source owns. Must not raise."""

@@ -1,4 +1,4 @@
-"""Speed against accuracy in a view: a second stage, and its comparison with the first."""
+"""Shows speed against accuracy in a view: runs a second stage and compares it with the first."""
 
 import contextlib
 import dataclasses
@@ -21,18 +21,18 @@ from mpsim.viewer.comparison import measures_of
 from mpsim.viewer.pair import SNAPSHOT, Pair, fitting
 
 MOST_DIVERGING = 5000
-"""Discs of a scene at most for which the Lyapunov time is found, by two short exact runs."""
+"""Largest number of discs for which the Lyapunov time is computed, by two short exact runs."""
 
 Beside = Settings | Mapping[str, Any] | None
-"""A second stage as it is asked for: settings, or what is different from those of the first, as `settings_beside`."""
+"""A requested second stage: its settings, or how they differ from those of the first stage, as in `settings_beside`."""
 
 
 class Glance:
-    """Looks at a run on its way, as an observer.
+    """An observer that calls a function during a run.
 
     Args:
-        every: frames between two looks.
-        act: called at each with the collisions since the run began.
+        every: frames between two calls.
+        act: function to call, with the number of collisions since the run began.
     """
 
     def __init__(self, every: int, act: Callable[[int], None]):
@@ -40,7 +40,7 @@ class Glance:
         self._act = act
 
     def look(self, sim: Simulation, collisions: int) -> None:
-        """Look."""
+        """Call the function."""
         self._act(collisions)
 
 
@@ -67,7 +67,7 @@ class Trade:
     def __init__(self, beside: Settings | None):
         self.pair: Pair | None = None
         self._asked: Beside = beside
-        self._wanted: Beside = beside  # as asked for, or fitted to another first stage
+        self._wanted: Beside = beside  # as requested, or with dt fitted to another first stage
         self._settings: Settings | None = None
         self._note: str | None = None
         self._predictability: Predictability | None = None
@@ -75,24 +75,24 @@ class Trade:
         self._work = Background("mpsim view: divergence")
 
     def choose(self, beside: Beside) -> None:
-        """From the next beginning on, have this second stage."""
+        """Choose the second stage; it applies from the next restart on."""
         self._asked = self._wanted = beside
 
     def fit(self, dt: float) -> None:
-        """From the next beginning on, have what was asked for, with a dt that fits another first stage.
+        """Fit the dt of the requested second stage to another first stage; it applies from the next restart on.
 
-        dt: of that stage [time].
+        dt: dt of the first stage [time].
         """
         if isinstance(self._asked, Settings):
             self._wanted = dataclasses.replace(self._asked, dt=fitting(self._asked.dt, dt))
 
     @property
     def settings(self) -> Settings | None:
-        """Settings of the second stage, or of the one that was refused; None: none was asked for."""
+        """Settings of the second stage, or of the one that was refused; None: none was requested."""
         return self._settings if self.pair is None else self.pair.sim.settings
 
     def begin(self, scene: Scene, settings: Settings) -> None:
-        """Begin both stages with a scene; settings: of the first one."""
+        """Start the second stage with a scene; settings: those of the first stage."""
         self._end(None)
         self._settings = None
         if self._wanted is None:
@@ -122,20 +122,21 @@ class Trade:
         measures: Sequence[str] = (),
         observers: Sequence[Observer[Simulation]] = (),
     ) -> tuple[list[Report], float]:
-        """Run frames of the first stage, and the second one beside it; at each look both are at the same time.
+        """Run frames of the first stage, and the second stage up to the same time.
 
-        With a second stage each look ends a run of both, so that what is compared there is of the same time, too.
+        If there is a second stage, the run is divided: both stages are at the same time whenever `look` is called, so
+        that they can be compared.
 
         Args:
             sim: the first stage.
-            frames: of it.
-            every: frames between two looks.
-            look: called at each with the collisions of the first stage since this began.
-            measures: of the first stage, for others than this comparison.
-            observers: of the first stage, who look before.
+            frames: number of frames of the first stage.
+            every: frames between two calls of `look`.
+            look: called with the number of collisions of the first stage since this call began.
+            measures: measures of the first stage, besides those for the comparison.
+            observers: observers of the first stage, called before `look`.
 
         Returns:
-            The reports of the first stage, and the time of computing of both [s].
+            The reports of the first stage, and the computing time of both stages [s].
         """
         if self.pair is None:
             report = sim.run(frames=frames, measures=measures, observe=[*observers, Glance(every, look)])
@@ -150,18 +151,18 @@ class Trade:
         return reports, seconds
 
     def _follow(self, sim: Simulation, report: Report) -> float:
-        """Run the second stage to where the first one is; returns the time of computing that it took [s]."""
+        """Run the second stage up to the first one; returns the computing time [s]."""
         with self._ended_by_errors():
             if self.pair is not None:
                 return self.pair.follow(sim, report)
         return 0.0
 
-    # --- what is done to the first stage
+    # --- changes of the first stage
 
     def changed(self, sim: Simulation, mark: int | None = None) -> None:
-        """Make the changes that were made by hand on the first stage.
+        """Apply the changes that were made by hand on the first stage.
 
-        mark: number of the moment before them, if it is remembered.
+        mark: number of the moment before them, if it was remembered.
         """
         with self._ended_by_errors():
             if self.pair is not None:
@@ -175,25 +176,25 @@ class Trade:
         return {} if self.pair is None else self.pair.bytes_of_moments
 
     def forget_all_but(self, numbers: Iterable[int]) -> None:
-        """Forget the moments to which the first stage cannot go back; numbers: of those to which it can."""
+        """Forget all moments except these, to which the first stage can go back."""
         if self.pair is not None:
             self.pair.forget_all_but(numbers)
 
     def remember(self) -> None:
-        """Remember this moment, as the first stage does."""
+        """Remember this moment, like the first stage."""
         with self._ended_by_errors():
             if self.pair is not None:
                 self.pair.mark(SNAPSHOT)
 
     def back(self, number: int) -> None:
-        """Go back to a moment, as the first stage has done."""
+        """Go back to a moment, like the first stage."""
         with self._ended_by_errors():
             if self.pair is not None:
                 self.pair.back(number)
 
     @contextlib.contextmanager
     def _ended_by_errors(self) -> Any:
-        """An error of the second stage ends it and is shown; the first one continues."""
+        """If the second stage fails, end it and show why. The first stage continues."""
         try:
             yield
         except MpsimError as error:
@@ -205,17 +206,17 @@ class Trade:
             with contextlib.suppress(MpsimError):
                 pair.close()
 
-    # --- what pages are told
+    # --- for the pages
 
     def shown(self) -> InPlace | None:
-        """The discs of the second stage, for a picture beside that of the first; None: there is none."""
+        """The discs of the second stage, for its picture; None: there is no second stage."""
         if self.pair is None:
             return None
         sim = self.pair.sim
         return in_place(sim.state, sim.scene.box, sim.frame, sim.time, sim.radii)
 
     def told(self, sim: Simulation) -> dict[str, Any]:
-        """What pages are told, as `wire.text_of` takes it; sim: the first stage."""
+        """The message for pages, for `wire.text_of`; sim: the first stage."""
         pair, found = self.pair, self._predictability
         told: dict[str, Any] = {
             "first": label(sim.settings),
@@ -232,7 +233,7 @@ class Trade:
 
     def _find_divergence(self, check: Check) -> None:
         scene = self._diverging
-        assert scene is not None  # before the work was begun
+        assert scene is not None  # set before the work was started
         with contextlib.suppress(MpsimError):  # a scene that the exact solver cannot run, or without a Lyapunov time
             found = divergence(scene, progress=lambda done, of: check())
             check()
@@ -240,11 +241,12 @@ class Trade:
 
 
 def settings_beside(first: Settings, values: Mapping[str, Any]) -> Settings:
-    """Settings of a second stage from what is different there.
+    """Settings of a second stage: those of the first with some changes.
 
     Args:
         first: settings of the first stage.
-        values: method, contact, passes, precision; frames: how many of them are one frame of the first, >= 1.
+        values: changed settings among method, contact, passes and precision; and `frames`, the number of frames of the
+            second stage in one frame of the first, >= 1.
 
     >>> settings_beside(Settings(dt=0.02, method="grid"), {"frames": 4, "passes": 2}).dt
     0.005
@@ -256,10 +258,10 @@ def settings_beside(first: Settings, values: Mapping[str, Any]) -> Settings:
 
 
 def demand_one_process(settings: Settings) -> Settings:
-    """Settings that a view can run, as they are given.
+    """Settings that a view can run, unchanged.
 
     Raises:
-        InputError: for those that run on ranks.
+        InputError: if they need several ranks.
     """
     if capabilities_of(settings).on_ranks:
         raise InputError(

@@ -1,4 +1,4 @@
-"""The search for settings in a thread, with messages about its progress."""
+"""Searches for settings in a thread, and reports its progress."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,18 +10,19 @@ from mpsim.studies.tune import tune
 from mpsim.viewer.background import Background, Check
 
 SECONDS = 60.0
-"""Time that a search may take, about."""
+"""Approximate time limit of a search [s]."""
 
 
 class Tuning:
-    """One search at a time.
+    """Runs one search at a time.
 
     Args:
-        news: called when there is something new to tell, from the thread of the search.
-        finished: called with the number of the search and the settings that it has found, likewise.
+        news: called when there is new progress to report.
+        finished: called with the number of the search and the settings that it has found. The thread of the search
+            calls both.
 
     Attributes:
-        number: that of the search that counts: an answer with another one comes too late.
+        number: number of the present search. A result with another number is out of date.
 
     >>> tuning = Tuning(news=lambda: None, finished=print)
     >>> tuning.told()["phase"]
@@ -40,21 +41,21 @@ class Tuning:
         return self._told["phase"] == "searching"
 
     def told(self) -> dict[str, Any]:
-        """What pages are told, as `wire.text_of` takes it.
+        """The message for pages, for `wire.text_of`.
 
-        phase: "none", "searching", "found" or "failed". text: what is done now, the answer, or why there is none.
+        phase: "none", "searching", "found" or "failed". text: the present step, the result, or why there is none.
         """
         return dict(self._told)
 
     def start(self, scene: Scene, budgets: Mapping[str, float]) -> None:
-        """Start a search; one that is under way is given up. budgets: as of `mpsim.tune`."""
+        """Start a search and cancel a running one; budgets: as in `mpsim.tune`."""
         self.stop()
         self._told = {"phase": "searching", "text": "preliminary run", "done": 0, "of": 1}
         number = self.number
         self._work.start(lambda check: self._search(scene, budgets, check, number))
 
     def stop(self) -> None:
-        """Give a search up, at the next moment at which it reports its progress."""
+        """Cancel the search; it ends when it next reports its progress."""
         self.number += 1
         self._work.stop()
         self._told = {**self._told, "phase": "none"}
@@ -66,7 +67,7 @@ class Tuning:
 
         try:
             found = tune(scene, budgets, seconds=SECONDS, progress=progress)
-        except Exception as error:  # whatever it is, the stages wait no longer
+        except Exception as error:  # any error: the stages must not wait any longer
             check()
             self._tell(phase="failed", text=str(error) or type(error).__name__)
             if isinstance(error, MpsimError):

@@ -1,4 +1,4 @@
-"""Undo: goes back to an earlier moment, from checkpoints."""
+"""Undo: goes back to an earlier moment, by checkpoints."""
 
 import os
 import tempfile
@@ -9,23 +9,23 @@ from mpsim.core.errors import InputError
 from mpsim.engine.simulation import Simulation
 
 MOST_POINTS = 16
-"""Moments before changes that are remembered at most, the last ones."""
+"""Largest number of remembered moments before changes; the oldest ones are forgotten."""
 
 MOST_BYTES = 2**28
-"""Bytes of their checkpoints together at most, those of a second stage included; of very many discs fewer moments are
-remembered."""
+"""Largest size of all their checkpoints, including those of a second stage, in bytes. With very many discs, fewer
+moments are remembered."""
 
 
 class Moments:
-    """Moments of one simulation, by number, in a folder of their own that `close` removes.
+    """Checkpoints of moments of one simulation, by number, in a temporary folder that `close` removes.
 
     Attributes:
-        sizes: bytes of the checkpoint of each, by number, the oldest first.
+        sizes: size of each checkpoint in bytes, by number, the oldest first.
 
     >>> from mpsim import Scene
     >>> sim, moments = Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1)), Moments()
     >>> moments.keep(7, sim)
-    >>> for _ in range(2):  # as often as one likes
+    >>> for _ in range(2):  # as often as needed
     ...     report = sim.run(frames=3)
     ...     sim = moments.back(7, sim)
     >>> sim.frame, list(moments.sizes)
@@ -35,13 +35,13 @@ class Moments:
 
     def __init__(self) -> None:
         self.sizes: dict[int, int] = {}
-        self._folder: tempfile.TemporaryDirectory[str] | None = None  # from the first one
+        self._folder: tempfile.TemporaryDirectory[str] | None = None  # made for the first moment
 
     def keep(self, number: int, sim: Simulation) -> None:
-        """Remember this moment under a number, in place of the one that had it.
+        """Remember this moment under a number, which may replace an earlier moment.
 
         Raises:
-            OutputError: if the checkpoint cannot be written; the moment that had the number is still there.
+            OutputError: if the checkpoint cannot be written. An earlier moment of this number is then kept.
         """
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="mpsim-view-")
@@ -69,19 +69,19 @@ class Moments:
             self._path(number).unlink()
 
     def close(self) -> None:
-        """Forget all, and remove the folder."""
+        """Forget all moments and remove the folder."""
         self.sizes.clear()
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
 
     def _path(self, number: int) -> Path:
-        assert self._folder is not None  # since the first one
+        assert self._folder is not None  # made by `keep`
         return Path(self._folder.name) / f"{number}.mpsim"
 
 
 class Undo:
-    """The moments before the last changes of one simulation.
+    """Remembers the moments before the last changes of one simulation.
 
     >>> from mpsim import Scene
     >>> sim, undo = Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1)), Undo()
@@ -103,7 +103,7 @@ class Undo:
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Numbers of the moments, the oldest first. No two have ever had the same."""
+        """Numbers of the moments, the oldest first. A number is never used twice."""
         return tuple(self._moments.sizes)
 
     @property
@@ -121,9 +121,9 @@ class Undo:
         self._moments.keep(self._made, sim)
 
     def trim(self, beside: Mapping[int, int]) -> None:
-        """Forget the first of more than MOST_POINTS, or of more than MOST_BYTES.
+        """Forget the oldest moments until there are at most MOST_POINTS with at most MOST_BYTES.
 
-        beside: bytes of the checkpoints that are kept elsewhere for the same moments, by number.
+        beside: sizes of further checkpoints of the same moments, by number, which count too.
         """
         sizes = {number: size + beside.get(number, 0) for number, size in self._moments.sizes.items()}
         for number in self.numbers:
@@ -133,14 +133,14 @@ class Undo:
             self._moments.forget(number)
 
     def forget_last(self) -> None:
-        """Forget the last moment, after which nothing has been changed."""
+        """Forget the last moment, because nothing was changed after it."""
         self._moments.forget(self.last)
 
     def back(self, sim: Simulation) -> Simulation:
-        """The simulation as it was at the last moment, which is then forgotten; the given one is closed.
+        """The simulation as it was at the last moment, which is then forgotten. The given simulation is closed.
 
         Raises:
-            InputError: if there is none.
+            InputError: if there is no moment.
         """
         if not self.numbers:
             raise InputError("undo needs a remembered change; got none. Reset goes back to the start.")
@@ -149,10 +149,10 @@ class Undo:
         return again
 
     def clear(self) -> None:
-        """Forget all."""
+        """Forget all moments."""
         while self.numbers:
             self.forget_last()
 
     def close(self) -> None:
-        """Forget all, and remove the folder."""
+        """Forget all moments and remove the folder."""
         self._moments.close()

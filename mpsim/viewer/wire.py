@@ -18,11 +18,11 @@ All numbers are little-endian. A message of bytes begins with HEADER, of 96 byte
      96  N x 2 uint16, then N x uint8: x and y, 0 to 65535, and the speed as a colour; or N x float32: radii
 ```
 
-So a disc takes 5 bytes. Its colour is 0 to FASTEST, ABSORBED for one that has left, which is not drawn. A message
-`colours` says what it stands for, if that is not the speed.
+So a disc takes 5 bytes. Its colour is a byte from 0 to FASTEST, or ABSORBED for an absent disc, which is not drawn. The
+message `colours` says what the colours show.
 
-A page sends one kind of message, text: `{"do": NAME, ...}` with the fields that ACTIONS lists under that name, no more
-and no fewer. An action of another kind is one more line there.
+A page sends only text, of the form `{"do": NAME, ...}`, with exactly the fields that ACTIONS lists for this name. A new
+kind of action needs one more line there.
 """
 
 import struct
@@ -51,31 +51,31 @@ MAGIC, VERSION = b"MPSV", 1
 PICTURE, RADII = 1, 2
 HEADER = struct.Struct("<4sBBHIIQd4d2d2d")
 STEPS = 65535
-"""Positions are fractions of the box in so many steps: 0.03 pixels where the box is 1,920 wide."""
+"""Number of steps across the box in which positions are sent: 0.03 pixels if the box is 1,920 pixels wide."""
 
 MOST_BYTES = 4096
-"""Length of a message from a page; one that is larger ends its connection."""
+"""Largest length of a message from a page; a longer one closes its connection."""
 
 MOST_STEPS = 10_000
-"""Frames of the action `step` at most."""
+"""Largest number of frames in the action `step`."""
 
 MOST_PLACES = 100
-"""Places of a message `stroke`."""
+"""Largest number of places in the action `stroke`."""
 
 MOST_NUMBER, MOST_WHOLE = 1e100, 10**9
-"""Size of a number that a page may send for a place, a velocity or a parameter, and of one that must be whole."""
+"""Largest absolute value of a place, velocity or parameter from a page, and of a whole number."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """What a picture says besides its discs; see the top of this file.
+    """The header of a picture; see the top of this file.
 
     Attributes:
         serial: number of the picture.
-        frame, time: of the simulation.
-        walls: where they are now [length].
+        frame, time: frame and time of the simulation.
+        walls: present positions of the walls [length].
         extent: width and height of the scene [length].
-        scale: from speeds to colours.
+        scale: maps speeds to colours.
         stage: 0, or 1 for the second of two.
     """
 
@@ -89,12 +89,12 @@ class Header:
 
 
 class Picture(NamedTuple):
-    """A picture that was unpacked.
+    """An unpacked picture.
 
     Attributes:
-        header: as above.
-        position: shape (N, 2) [length], to the nearest of STEPS.
-        colour: shape (N,), uint8.
+        header: its header.
+        position: positions of the discs, rounded to STEPS, shape (N, 2) [length].
+        colour: colours of the discs, shape (N,), uint8.
     """
 
     header: Header
@@ -113,10 +113,10 @@ def pack(
     """A picture as bytes.
 
     Args:
-        header, discs: what it shows.
-        periodic: along which axes a disc beyond the border is seen a period away.
-        colours: of each disc by number, shape (N,); None: those of the speeds, by header.scale.
-        plain: by Python, some microseconds a disc, as to load the first kernel takes more than half a second.
+        header, discs: content of the picture.
+        periodic: the axes along which discs outside the box are wrapped into it.
+        colours: colour of each disc by number, shape (N,); None: from the speeds, by header.scale.
+        plain: pack in Python. It takes some microseconds a disc, but loading the first kernel takes over half a second.
 
     >>> from mpsim.core.state import State
     >>> from mpsim.engine.solvers.in_place import in_place
@@ -146,7 +146,7 @@ def _header(kind: int, serial: int, count: int, header: Header) -> bytes:
 
 
 def pack_radii(radii: NDArray[np.float64], header: Header) -> bytes:
-    """Radii as bytes: all of them, or one where they are equal. They hold for all pictures that follow.
+    """Radii as bytes: all of them, or only one if they are equal. They apply to all following pictures.
 
     >>> header = Header(1, 0, 0.0, (0.0, 4.0, 0.0, 4.0), (4.0, 4.0), SpeedScale(5.0, 10.0))
     >>> unpack_radii(pack_radii(np.full(1000, 0.5), header)).tolist()
@@ -160,7 +160,7 @@ def unpack(message: bytes | bytearray | memoryview) -> Picture:
     """A picture from its bytes.
 
     Raises:
-        InputError: if it is none of this version, or is too short or too long.
+        InputError: if it is not a picture of this version, or is too short or too long.
     """
     header, count = _unpacked(message, PICTURE, 5)
     places = np.frombuffer(message, "<u2", 2 * count, HEADER.size).reshape(count, 2)
@@ -169,7 +169,7 @@ def unpack(message: bytes | bytearray | memoryview) -> Picture:
 
 
 def unpack_radii(message: bytes | bytearray | memoryview) -> NDArray[np.float32]:
-    """Radii from their bytes, shape (N,), or (1,) where all are equal [length].
+    """Radii from their bytes, shape (N,), or (1,) if all are equal [length].
 
     Raises:
         InputError: as `unpack`.
@@ -179,7 +179,7 @@ def unpack_radii(message: bytes | bytearray | memoryview) -> NDArray[np.float32]
 
 
 def _unpacked(message: bytes | bytearray | memoryview, kind: int, size: int) -> tuple[Header, int]:
-    """The header of a message of a kind with `size` bytes a disc, and its number of discs."""
+    """The header of a message and its number of discs; kind, size: expected kind, and bytes per disc."""
     if len(message) < HEADER.size:
         raise InputError(f"a picture must have at least {HEADER.size} bytes; got {len(message)}. Ask for another.")
     magic, version, found, stage, serial, count, frame, time, *numbers = HEADER.unpack_from(message)
@@ -198,10 +198,10 @@ def _unpacked(message: bytes | bytearray | memoryview, kind: int, size: int) -> 
     return Header(serial, frame, time, walls, (width, height), SpeedScale(usual, fastest), stage), count
 
 
-# --- what pages say
+# --- messages from pages
 
 Field = Callable[[str, Any], Any]
-"""Checks a value; called as field(name, value), it raises InputError."""
+"""Checks a value. Called as field(name, value), it returns the value or raises InputError."""
 
 
 def _whole(low: int, high: int) -> Field:
@@ -221,7 +221,7 @@ def _parameter(name: str, value: Any) -> str:
 
 
 def _parameter_value(name: str, value: Any) -> Any:
-    """A number, a pair of them, or a word: which of them, the simulation knows."""
+    """A number, a pair of numbers, or a word. The simulation checks which of them the parameter takes."""
     if isinstance(value, list) and len(value) == 2:
         return [_number(name, each) for each in value]
     if isinstance(value, str):
@@ -252,7 +252,7 @@ def _measure(name: str, value: Any) -> str:
 
 
 def _beside(name: str, value: Any) -> dict[str, Any] | None:
-    """What is different in the second stage; None: there is to be none."""
+    """The changed settings of the second stage; None: no second stage."""
     if value is None:
         return None
     if not isinstance(value, dict) or not value.keys() <= BESIDE.keys():
@@ -275,7 +275,7 @@ BESIDE: Mapping[str, Field] = {
     "passes": _whole(1, MOST_DIVISIONS),
     "frames": _whole(1, MOST_DIVISIONS),
 }
-"""What may be different in a second stage, and what checks it; frames: of it in one frame of the first."""
+"""Settings that can differ in a second stage, and their checks; frames: number of its frames in one of the first."""
 
 ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "ack": {"serial": _whole(1, 2**32 - 1)},
@@ -287,7 +287,7 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "reset": {},
     "count": {"value": checks.truth},
     "colour": {"by": lambda name, value: checks.choice(name, value, CHOICES)},
-    # of a recording, see playback.py
+    # for a recording, see playback.py
     "seek": {"index": _whole(0, 2**31 - 1)},
     "follow": {"value": checks.truth},
     "pass": {},
@@ -299,7 +299,7 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "open": {"link": _link},
     "tune": {"measure": _measure, "budget": _budget},
     "stop_tuning": {},
-    # by hand, see hands.py; same: it goes on with the action before, and is taken back together with it
+    # changes by hand, see hands.py; same: it continues the action before, and is undone together with it
     "hold": {"id": _DISC, "x": _number, "y": _number},
     "release": {"id": _DISC, "vx": _number, "vy": _number},
     "add": {"x": _number, "y": _number, "same": checks.truth},
@@ -309,22 +309,22 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "change": {"name": _parameter, "value": _parameter_value, "same": checks.truth},
     "undo": {},
 }
-"""What a page may ask for: the fields of each action, and what checks them."""
+"""The actions that a page can send: the fields of each, and their checks."""
 
 
 @dataclass(frozen=True)
 class Action:
-    """What a page asks for: a name among ACTIONS, and the values of its fields."""
+    """An action that a page has sent: a name among ACTIONS, and the values of its fields."""
 
     name: str
     values: Mapping[str, Any]
 
 
 def read_action(text: str | bytes) -> Action:
-    """The action that a message asks for.
+    """Read the action in a message.
 
     Raises:
-        InputError: for anything else.
+        InputError: if the message is not a valid action.
 
     >>> read_action('{"do": "speed", "value": 0.5}')
     Action(name='speed', values={'value': 0.5})
@@ -347,11 +347,11 @@ def read_action(text: str | bytes) -> Action:
     return Action(name, {field: check(field, message[field]) for field, check in fields.items()})
 
 
-# --- what pages are told
+# --- messages to pages
 
 
 def text_of(kind: str, values: Mapping[str, Any]) -> str:
-    """A message for pages as JSON: `type` says of what kind; numbers that are not finite become null.
+    """A message for pages as JSON. Its kind is in `type`; numbers that are not finite become null.
 
     >>> text_of("gauges", {"temperature": float("nan")})
     '{"type":"gauges","temperature":null}'

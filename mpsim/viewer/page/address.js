@@ -1,17 +1,17 @@
-// What the address asks for: a scene with settings, which this page may run instead; start paused, a speed, a part of the box.
+// Reads the page's address: a scene with settings to run instead, whether to start paused, a speed, a part of the box.
 
 import { bound, state } from "./common.js";
 import { opened, send, takers } from "./link.js";
 import { ask, askNoMore } from "./question.js";
 import { camera, requestDraw } from "./stage.js";
 
-const SEEN = ["wait", "speed", "zoom", "x", "y", "canvas"]; // the rest asks for a scene
+const SEEN = ["wait", "speed", "zoom", "x", "y", "canvas"]; // others name a scene
 const asked = new URLSearchParams(location.search);
 const number = (name) => (asked.has(name) && Number.isFinite(+asked.get(name)) ? +asked.get(name) : null);
 const asksForScene = [...asked.keys()].some((name) => !SEEN.includes(name));
-let wanted = null, settled = false; // the scene that is asked for, as mpsim writes it; whether that is what runs
+let wanted = null, settled = false; // the requested scene, as mpsim writes it; whether it runs now
 
-/** Pause, speed and place, once it is sure that they are meant for what runs. */
+/** Apply pause, speed and place, once the requested scene runs. */
 function settle() {
   settled = true;
   askNoMore();
@@ -44,22 +44,22 @@ function compare() {
 
 function restart() {
   const link = wanted;
-  wanted = null; // asked once
+  wanted = null; // ask once
   if (asked.has("wait")) send({ do: "pause" });
   send({ do: "open", link });
   settle();
 }
 function keep() {
   wanted = null;
-  history.replaceState(null, "", location.pathname); // or it would be asked again when the page is loaded again
+  history.replaceState(null, "", location.pathname); // or a reload would ask again
 }
 
 if (asksForScene) {
   fetch(`link${location.search}`).then(async (answer) => {
     const text = await answer.text();
-    if (!answer.ok) ask(`This address cannot be followed: ${text}`, null, { no: keep });
+    if (!answer.ok) ask(`This address cannot be used: ${text}`, null, { no: keep });
     else { wanted = text; compare(); }
-  }, () => ask("This address could not be read: no connection to mpsim.", null, { no: keep }));
+  }, () => ask("This address was not checked: no connection to mpsim.", null, { no: keep }));
 } else opened.push(() => { if (!settled) settle(); });
 takers.link.push(compare);
 takers.scene.push((scene) => {

@@ -1,18 +1,18 @@
-// What all parts of the page share: its state, numbers as text, colours, and canvases as fine as the screen.
+// Shared by all parts of the page: its state, numbers as text, colours, canvases at the screen's resolution.
 
 export const NONE = "–";
 export const KNEE = 223, FASTEST = 254, ABSORBED = 255; // bytes of colours, as in mpsim/viewer/colours.py
 
-// Viridis, which is as clear to colour-blind eyes and in grey: nine of its colours, and straight lines between them.
+// Viridis, clear to colour-blind people and in grey: nine of its colours, interpolated linearly.
 export const VIRIDIS = [0x440154, 0x472d7b, 0x3b528b, 0x2c728e, 0x21918c, 0x28ae80, 0x5ec962, 0xaddc30, 0xfde725]
   .map((hex) => [hex >> 16, (hex >> 8) & 255, hex & 255]);
 
 export const $ = (id) => document.getElementById(id);
-/** Whether keys belong to an element: to a text, a number or a list. */
+/** Whether an element takes keys itself: a text, a number or a list. */
 export const isText = (element) => Boolean(element.closest?.("textarea, select, input:not([type=range], [type=checkbox])"));
 export const bound = (value, low, high) => Math.min(Math.max(value, low), high);
 
-/** The middle one of many numbers by size, without sorting a million of them; 0 of none. */
+/** The median of numbers, without sorting a million of them; 0 if there are none. */
 export function median(values) {
   let low = Infinity, high = -Infinity, before = 0, bin = 0;
   for (let k = 0; k < values.length; k++) {
@@ -33,7 +33,7 @@ export function colourOf(byte) {
   return `rgb(${mixed.join(" ")})`;
 }
 
-/** A number in four digits; a dash for none. */
+/** A number with four digits, or a dash. */
 export function digits(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
   if (value === 0) return "0";
@@ -43,7 +43,7 @@ export function digits(value) {
   return value.toLocaleString("en", { maximumFractionDigits: places, minimumFractionDigits: Math.min(places, 6) }).replace("-", "−");
 }
 
-/** A whole number with all its digits; a dash for none. */
+/** A whole number with all its digits, or a dash. */
 export const whole = (value) => (value === null || value === undefined ? NONE : value.toLocaleString("en").replace("-", "−"));
 
 /** A value with its standard error in brackets, in units of the last digit, as the library prints it: 2.240(16). */
@@ -61,7 +61,7 @@ export const state = {
   history: {}, historyFrame: -1, drawn: 0, socket: null, refused: null, dragging: false, since: performance.now(),
 };
 
-/** Make a canvas as fine as the screen; returns its size in its own pixels, and whether that is new. */
+/** Set a canvas to the screen's resolution; returns its size in pixels, and whether it changed. */
 export function sharpen(canvas) {
   const ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
   const [width, height] = [Math.max(Math.round(box.width * ratio), 1), Math.max(Math.round(box.height * ratio), 1)];
@@ -70,5 +70,5 @@ export function sharpen(canvas) {
   return { width, height, ratio, changed };
 }
 
-/** Text that fits a canvas: its size in canvas pixels. */
+/** Size of text on a canvas, in its pixels. */
 export const fontSize = (ratio) => parseFloat(getComputedStyle(document.documentElement).fontSize) * 0.82 * ratio;

@@ -1,15 +1,15 @@
-// Messages of bytes. Their format is written in mpsim/viewer/wire.py.
+// Decodes binary messages. mpsim/viewer/wire.py defines their format.
 
 export const VERSION = 1, PICTURE = 1, RADII = 2;
 const HEADER = 96;
 
-/** What stands in a message of bytes; throws if it is no such message. */
+/** The content of a binary message; throws if it is not valid. */
 export function decode(buffer) {
   const view = new DataView(buffer);
   if (buffer.byteLength < HEADER || view.getUint32(0, false) !== 0x4d505356) throw new Error("not a picture");
   if (view.getUint8(4) !== VERSION) throw new Error("Another version of mpsim is running. Reload the page.");
   const kind = view.getUint8(5), count = view.getUint32(12, true);
-  if (buffer.byteLength !== HEADER + count * (kind === RADII ? 4 : 5)) throw new Error("a picture was cut");
+  if (buffer.byteLength !== HEADER + count * (kind === RADII ? 4 : 5)) throw new Error("picture incomplete");
   const stage = view.getUint16(6, true);
   if (kind === RADII) return { kind, stage, radii: new Float32Array(buffer, HEADER, count) };
   const float = (offset) => view.getFloat64(offset, true);

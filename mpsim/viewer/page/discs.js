@@ -1,9 +1,9 @@
-// Drawing of the discs by WebGL2, or on a 2-D canvas if there is none.
+// Draws the discs by WebGL2, or on a 2-D canvas without it.
 
 import { ABSORBED, FASTEST, VIRIDIS, colourOf } from "./common.js";
 import { requestDraw } from "./stage.js";
 
-const SMALL = 4; // pixels of a radius up to which discs are points: without a graphics processor, twenty times as fast
+const SMALL = 4; // radius in pixels below which discs are points: twenty times as fast without a GPU
 
 const SHADERS = [`#version 300 es
 in vec2 corner, place; in float radius, colour;
@@ -30,8 +30,8 @@ void main() {
   shade = vec4(own * (1.0 - rim), 1.0) * cover;
 }`];
 
-/** Draws discs by WebGL2: small ones as points, and others as two triangles, as points have a largest size, and vanish when
- *  their centre leaves. */
+/** Draws discs by WebGL2: small ones as points, others as two triangles, because points have a largest size, and vanish
+ *  when their centre leaves. */
 export class ByWebGL {
   constructor(canvas) {
     this.canvas = canvas;
@@ -67,7 +67,7 @@ export class ByWebGL {
     this.loaded = this.radii = this.fence = this.drawn = null;
   }
 
-  /** Whether the graphics processor, or who stands in for it, still works on the last drawing. */
+  /** Whether the graphics processor, or its substitute, is still busy with the last drawing. */
   busy() {
     if (!this.fence || this.lost) return false;
     if (this.gl.clientWaitSync(this.fence, 0, 0) === this.gl.TIMEOUT_EXPIRED) return true;
@@ -103,7 +103,7 @@ export class ByWebGL {
     }
   }
 
-  /** Take the values of discs one for each vertex, or one for each copy of the square. */
+  /** Use the values of discs once per vertex, or once per instance of the square. */
   arrange(points, radii) {
     const gl = this.gl, each = points ? 0 : 1;
     for (const name of ["place", "colour", "radius"]) if (name !== "radius" || radii.length > 1) gl.vertexAttribDivisor(this.place[name], each);
@@ -129,7 +129,7 @@ export class ByWebGL {
     gl.uniform2f(this.uniform("centre"), camera.x, camera.y);
     gl.uniform2f(this.uniform("canvas"), width, height);
     gl.uniform1f(this.uniform("scale"), camera.scale);
-    if (images.length > 1) { // what lies beyond a periodic edge is seen inside
+    if (images.length > 1) { // draw no image outside the box
       const [left, top] = camera.pixel(0, picture.extent[1]), [right, bottom] = camera.pixel(picture.extent[0], 0);
       gl.enable(gl.SCISSOR_TEST);
       gl.scissor(Math.round(left), Math.round(height - bottom), Math.round(right - left), Math.round(bottom - top));
@@ -145,7 +145,7 @@ export class ByWebGL {
   }
 }
 
-/** Draws discs on a canvas, where there is no WebGL2: in 32 colours, and small ones as squares. */
+/** Draws discs on a 2-D canvas, without WebGL2: in 32 colours, small ones as squares. */
 export class ByCanvas {
   constructor(canvas) {
     this.canvas = canvas;

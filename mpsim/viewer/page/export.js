@@ -1,10 +1,10 @@
-// Gauges to take home: each as a table (CSV) or a picture (PNG), by its buttons, or dragged out of the page.
+// Saves gauges: each as a table (CSV) or a picture (PNG), by its buttons, or dragged out of the page.
 
 import { $, state } from "./common.js";
 
 export const fileName = (ending) => `${(state.scene?.name || "mpsim").replace(/[^\w-]+/g, "_")}-${state.picture?.frame ?? 0}${ending}`;
 
-/** Give a file to the browser, and say so. */
+/** Download a file, and say so. */
 export function download(blob, name) {
   const link = document.createElement("a");
   [link.href, link.download] = [URL.createObjectURL(blob), name];
@@ -19,7 +19,7 @@ const table = (columns) => {
   return [names.join(","), ...lines, ""].join("\n");
 };
 
-/** The numbers of a gauge as CSV: its last readings, or what its picture shows now. */
+/** The numbers of a gauge as CSV: its last readings, or its present chart. */
 export function tableOf(name) {
   const { gauges, history } = state;
   if (name === "speeds") {
@@ -81,7 +81,7 @@ function dragTable(data, text, name) {
   data.setData("DownloadURL", `text/csv:${fileName(`-${name}.csv`)}:data:text/csv,${encodeURIComponent(text)}`);
 }
 
-/** As a link, as `toBlob` would come after the drag has begun. */
+/** Uses a link, because `toBlob` would end too late for the drag. */
 function dragPicture(data, canvas, name) {
   const link = canvas.toDataURL("image/png");
   data.setData("text/uri-list", link);

@@ -1,14 +1,14 @@
-// One disc: its label under the pointer, following it, and its trail; or the trails of all, where there are few.
+// One disc: its label under the pointer, following it, and its trail; or the trails of all discs, if they are few.
 
 import { $, ABSORBED, KNEE, FASTEST, digits, isText, state } from "./common.js";
 import { discAt, nearest, onCanvas, placeOf, say, toBox } from "./hands.js";
 import { legendShows } from "./legend.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
-const TRAILED = 300, PLACES = 60; // discs whose trails are all drawn, and pictures that a trail goes back
+const TRAILED = 300, PLACES = 60; // most discs with trails, and pictures in a trail
 
 let pointer = null, asked = false, followed = null, trails = false, seen = null;
-let past = [], own = []; // pictures, for the trails of all; places of the disc that is followed
+let past = [], own = []; // pictures, for the trails of all; places of the followed disc
 
 const label = (disc) => {
   const [x, y] = placeOf(disc), byte = state.picture.colours[disc], { usual, fastest } = state.picture;
@@ -16,7 +16,7 @@ const label = (disc) => {
   return `disc ${disc}: ${digits(x)}, ${digits(y)}${legendShows() === "speed" ? `; speed about ${digits(speed)}` : ""}`;
 };
 
-/** The disc under the pointer; null: there is none. */
+/** The disc under the pointer; null: none. */
 const pointed = () => (pointer && state.picture && state.radii ? discAt(toBox(pointer), 0) : null);
 
 function showLabel() {
@@ -45,14 +45,14 @@ document.addEventListener("keydown", (event) => {
     say(followed === null ? "No disc is followed. Point at one and press F." : `Following disc ${followed}. F ends it.`);
   } else if (key === "t") {
     trails = !trails;
-    say(!trails ? "Trails off." : state.picture?.count > TRAILED ? `Trails of all discs are drawn for at most ${TRAILED} discs. Here only the disc that is followed has one.` : "Trails on.");
+    say(!trails ? "Trails off." : state.picture?.count > TRAILED ? `Trails of all discs are drawn for at most ${TRAILED} discs. Here only the followed disc has one.` : "Trails on.");
   } else return;
   [past, own, seen] = [[], [], null];
   event.preventDefault();
   requestDraw();
 });
 
-/** Note where the discs are in a picture; another run, or other discs, have other trails. */
+/** Record the positions in a picture; another run, or other discs, begin new trails. */
 function record(picture) {
   if (seen && (picture.frame < seen.frame || picture.count !== seen.count)) {
     [past, own] = [[], []];

@@ -1,14 +1,14 @@
-// The gauges: numbers with charts of their last readings, and the histogram of the speeds.
+// Draws the gauges: numbers with charts of their last readings, and the histogram of speeds.
 
 import { $, NONE, digits, fontSize, sharpen, state, whole, withError } from "./common.js";
 
 export const KEPT = 240; // readings of a gauge in its chart
 
-/** Least height of a chart, where less is rounding; of the others it is 2 % of the value. */
+/** Least range of a chart, below which changes are rounding; for others 2 % of the value. */
 export const LEAST = { energy_drift: 1e-9 };
 export const GAUGES = ["temperature", "energy_drift", "pressure", "largest_overlap", "collisions_per_second", "collisions", "frames_per_second", "nanoseconds"];
 
-/** What is kept of each reading: a table has columns beside the gauge's own. */
+/** Columns kept of each reading: tables have more than the gauge's own. */
 export const RECORDED = [...GAUGES, "frame", "time", "pressure_error", "bulk_pressure"];
 
 /** Colours of the phases of a worker (Okabe and Ito), waiting last. */
@@ -36,20 +36,20 @@ export function drawGauges() {
 
 function collisionsNote(gauges) {
   if (!gauges) return "since the start";
-  if (gauges.collisions === null) return "not known of this run";
-  return `since the start, ${gauges.with_walls ? "with those of walls and obstacles" : "between discs"}`;
+  if (gauges.collisions === null) return "unknown for this run";
+  return `since the start, ${gauges.with_walls ? "including walls and obstacles" : "between discs"}`;
 }
 
 function pressureNote(gauges) {
   if (!gauges || (!gauges.counting && gauges.pressure === null)) return "not counted";
   if (gauges.pressure_note) return gauges.pressure_note;
-  if (gauges.pressure === null) return "too little counted yet";
+  if (gauges.pressure === null) return "not enough counted yet";
   const error = gauges.pressure_error === null ? "error not known yet" : "";
   const bulk = gauges.bulk_pressure === null ? "" : `bulk equation of state ${digits(gauges.bulk_pressure)}`;
   return [error, bulk].filter(Boolean).join("; ");
 }
 
-/** A bar for each worker: the parts of its time in each phase. */
+/** A bar for each worker: its fraction of time in each phase. */
 function drawWorkers(gauges) {
   const canvas = $("workers"), each = gauges?.workers;
   canvas.style.height = `${1.3 * (each?.length ?? 1) + 1.6 * Math.ceil((gauges?.phases.length ?? 1) / 2)}rem`;
@@ -76,7 +76,7 @@ function drawWorkers(gauges) {
   });
 }
 
-/** The last readings of a gauge as a line, from the lowest to the highest. */
+/** The last readings of a gauge as a line, scaled from lowest to highest. */
 export function drawChart(canvas, values, smallest) {
   const { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d");
   c.clearRect(0, 0, width, height);
@@ -100,7 +100,7 @@ export function drawChart(canvas, values, smallest) {
   c.stroke();
 }
 
-/** Histogram of the speeds, with the curve of Maxwell where there is one. */
+/** Histogram of the speeds, with Maxwell's curve if there is one. */
 export function drawSpeeds(speeds) {
   const canvas = $("speeds"), { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d");
   c.clearRect(0, 0, width, height);

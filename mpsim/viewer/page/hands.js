@@ -6,17 +6,17 @@ import { send, takers } from "./link.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
 const TOOLS = { h: "hand", a: "add", b: "brush", x: "remove", w: "wall" };
-const NEAR = 12; // pixels of the screen beside a disc that still mean it
-const EVERY = 33; // ms between two messages of a gesture: two hundred a second are read
-const TRAIL = 90; // ms of the pointer's way that make the velocity of a throw
-const MOST_PLACES = 100, MOST_REMOVED = 8; // of a stroke in one message, and discs at a time: two hundred messages a second are read
+const NEAR = 12; // a press so many screen pixels beside a disc still takes it
+const EVERY = 33; // ms between two messages of a gesture; at most 200 a second are allowed
+const TRAIL = 90; // the last ms of a drag give the velocity of a throw
+const MOST_PLACES = 100, MOST_REMOVED = 8; // of a stroke: places in one message, and removals at a time, each a message
 const NOTE_SECONDS = 4;
 
 let tool = "hand", gesture = null, cross = null, notes = 0;
 
 const ready = () => state.scene && !state.scene.recording && state.picture && ["playing", "paused"].includes(state.status.phase);
 
-/** Calls of a function at most every so many ms; the last one counts. */
+/** Call a function at most every EVERY ms, with the last arguments. */
 export function paced(act) {
   let waiting = null, timer = null;
   const run = () => {
@@ -43,7 +43,7 @@ const radiusOf = (disc) => (state.radii.length > 1 ? state.radii[disc] : state.r
 export const placeOf = (disc, picture = state.picture) => picture.extent.map((length, axis) => (picture.places[2 * disc + axis] / 65535) * length);
 
 let radiiOf = null, typical = 0;
-/** The middle radius by size; of a million it is found once, not at each message of a brush. */
+/** The median radius; computed once for the same radii, as there may be a million. */
 function typicalRadius() {
   if (radiiOf !== state.radii) [radiiOf, typical] = [state.radii, median(state.radii ?? [])];
   return typical;
@@ -55,12 +55,12 @@ export const nearest = (vector) => vector.map((each, axis) => {
   return state.scene.periodic[axis] ? each - length * Math.round(each / length) : each;
 });
 
-/** The disc at a place, or else the nearest one within a distance; null: there is none. */
+/** The disc at a place, or the nearest one within a distance; null: none. */
 export function discAt(place, reach) {
   const { places, colours, count, extent: [width, height] } = state.picture, { radii, scene: { periodic: [aroundX, aroundY] } } = state;
   const [x, y] = place, [perX, perY] = [width / 65535, height / 65535], same = radii.length === 1;
   let found = null, least = reach;
-  for (let k = 0; k < count; k++) { // of a million at each message: nothing is made here
+  for (let k = 0; k < count; k++) { // maybe a million: allocate nothing here
     let dx = places[2 * k] * perX - x;
     if (aroundX) dx -= width * Math.round(dx / width);
     const most = least + (same ? radii[0] : radii[k]);
@@ -85,10 +85,10 @@ function inside(place, radius) {
   });
 }
 
-// --- what the tools do: at a place, as a pointer or the cross begins, goes on and ends
+// --- what the tools do when a pointer or the cross begins, moves and ends
 
 const sendHold = paced((disc, place) => send({ do: "hold", id: disc, x: place[0], y: place[1] }));
-/** Walk along the path of the pointer, in steps of a length; returns where, at most so often: the rest of the path stays. */
+/** Walk along the pointer's path in steps of a length; returns at most so many places; the rest of the path stays. */
 function walked(step, most) {
   const found = [], { path } = gesture;
   while (path.length && found.length < most) {
@@ -98,16 +98,16 @@ function walked(step, most) {
   }
   return found;
 }
-/** Do what a stroke has come to: a fast one, or one on a busy page, leaves no gaps. */
+/** Apply the stroke so far; also a fast one, or one on a busy page, leaves no gaps. */
 function stroke() {
-  const radius = typicalRadius() || 0.01 * Math.min(...(state.picture?.extent ?? [1])); // where there are no discs yet
+  const radius = typicalRadius() || 0.01 * Math.min(...(state.picture?.extent ?? [1])); // without discs
   if (gesture?.tool === "brush") paint(walked(2.05 * radius, MOST_PLACES));
   else if (gesture?.tool === "remove") for (const place of walked(radius, MOST_REMOVED)) removeAt(place);
   if (gesture?.path?.length) strokeSoon();
 }
 const strokeSoon = paced(stroke);
 
-/** Add discs at those of some places that are free. */
+/** Add discs at the free ones of some places. */
 function paint(places) {
   if (!places.length) return;
   const radius = typicalRadius();
@@ -115,7 +115,7 @@ function paint(places) {
   gesture.sent = true;
 }
 
-/** Remove the disc at a place; returns its number, or null if none is seen there. */
+/** Remove the disc at a place; returns its number, or null if none is there. */
 function removeAt(place) {
   const disc = discAt(place, 0);
   if (disc === null || gesture?.gone.has(disc)) return disc;
@@ -132,7 +132,7 @@ function addAt(place) {
   if (gesture) gesture.sent = true;
 }
 
-/** The part of a line that lies in the box, from one end to the other; null: none does. */
+/** The part of a line that lies in the box, as its two ends; null: none. */
 function clipped(from, to) {
   let [first, last] = [0, 1];
   for (const axis of [0, 1]) {
@@ -143,8 +143,8 @@ function clipped(from, to) {
   return first > last ? null : [first, last].map((part) => from.map((each, axis) => each + part * (to[axis] - each)));
 }
 
-/** The wall along the line that is drawn: cut where it leaves the box, its ends on an edge that is as near as a pointer can
- *  tell; null: all of it is outside. */
+/** The wall along the drawn line: clipped to the box, with ends close to an edge moved onto it; null: all of it is
+ *  outside. */
 function drawnWall() {
   const onEdge = (each, axis) => {
     const length = state.picture.extent[axis], at = bound(each, 0, length);
@@ -169,7 +169,7 @@ function built() {
   say("");
 }
 
-/** Begin at a place and a time [ms]; returns whether the tool has something to do there. */
+/** Begin a gesture at a place and a time [ms]; returns whether one has begun. */
 function begin(place, reach, time) {
   if (tool === "hand") {
     const disc = discAt(place, reach);
@@ -177,7 +177,7 @@ function begin(place, reach, time) {
     const centre = placeOf(disc), off = nearest([centre[0] - place[0], centre[1] - place[1]]);
     gesture = { tool, disc, off, place, trail: [[time, ...place]] };
     hold();
-    gesture.again = setInterval(hold, 1000); // or the simulation lets it go, as when the page is closed
+    gesture.again = setInterval(hold, 1000); // or the simulation releases it, as when the page is closed
   } else if (tool === "wall") {
     gesture = { tool, reach, from: place, to: place };
   } else {
@@ -207,8 +207,8 @@ function go(place, time) {
   }
 }
 
-/** End a gesture. A disc that is held leaves with a velocity [length/time], else with that of the pointer at a time [ms];
- *  a wall is built without a velocity, and with one it is forgotten. */
+/** End a gesture. A held disc gets the velocity [length/time], or without one that of the pointer at a time [ms]. A wall
+ *  is built without a velocity, and dropped with one. */
 function end(velocity, time) {
   if (!gesture) return;
   if (gesture.tool === "hand") {
@@ -224,8 +224,8 @@ function end(velocity, time) {
   requestDraw();
 }
 
-/** Velocity of the pointer when it lets go: of its last displacement, in the time that the simulation takes for it. Times are
- *  those of the events, as a busy page hears of them later. */
+/** Velocity of the pointer at release: its last displacement over the simulated time. Times come from the events, as
+ *  a busy page handles them later. */
 function pointerVelocity(now) {
   const trail = gesture.trail.filter(([time]) => time >= now - 2 * TRAIL);
   if (trail.length < 2 || now - trail.at(-1)[0] > TRAIL) return [0, 0];
@@ -234,7 +234,7 @@ function pointerVelocity(now) {
   return [(last[1] - first[1]) / rate, (last[2] - first[2]) / rate];
 }
 
-// --- pointers, before the page moves its view by them
+// --- pointers, before they move the view
 
 let pointer = null;
 const down = new Set();
@@ -315,20 +315,20 @@ function press(time) {
   if (tool === "add") addAt(cross);
   else if (tool === "remove") { if (removeAt(cross) === null) say("No disc is under the cross."); }
   else begin(cross, tool === "wall" ? 0 : Infinity, time);
-  if (gesture?.tool === "hand") { // the cross goes to the disc, and both move together
+  if (gesture?.tool === "hand") { // the cross jumps to the disc, and both move together
     cross = gesture.place = placeOf(gesture.disc);
     gesture.off = [0, 0];
     say(`Disc ${gesture.disc} is held.`);
   }
 }
 
-/** Throw a held disc: as fast as the fastest of nearly all discs. */
+/** Throw a held disc: faster than 98 % of the discs. */
 function throwBy(arrow) {
   const speed = state.picture.usual || 1;
   end(arrow.map((each) => each * speed));
 }
 
-// --- what is said and drawn
+// --- messages and drawing
 
 let silence = null;
 export function say(text, seconds = NOTE_SECONDS) {

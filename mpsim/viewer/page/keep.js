@@ -1,4 +1,4 @@
-// Keep: a picture, a film, the session, the scene of this moment, a program, and an address that shows the same.
+// Downloads: a picture, a film, the session, the present scene, a program; and an address that shows the same.
 
 import { $, state } from "./common.js";
 import { download, fileName } from "./export.js";
@@ -6,7 +6,7 @@ import { SPEEDS, opened, send, takers } from "./link.js";
 import { camera, draw, requestDraw } from "./stage.js";
 
 const note = (text) => { $("keep-note").textContent = text; };
-/** A file that the simulation makes; null, with a note, if it cannot. */
+/** A file from the simulation; null, with a note, if it fails. */
 async function made(name) {
   note("…");
   try {
@@ -39,7 +39,7 @@ $("keep-picture").addEventListener("click", () => {
   canvas.toBlob((blob) => download(blob, fileName(".png")), "image/png");
 });
 
-/** Copy a text, and show it: where a page may not copy, people do. */
+/** Copy a text, and show it, as a page may not be allowed to copy. */
 async function copy(text, what) {
   $("kept-text").hidden = false;
   $("kept-text").value = text;
@@ -57,7 +57,7 @@ $("keep-program").addEventListener("click", async () => {
   if (blob) await copy(await blob.text(), "The program");
 });
 
-/** What is shown, as an address asks for it: scene and settings, speed, and the part of the box. It starts paused. */
+/** The query for what is shown: scene and settings, speed, and the part of the box. It starts paused. */
 function asking() {
   const found = new URLSearchParams();
   found.set("speed", state.status.speed ?? "max");

@@ -1,4 +1,4 @@
-// What the colours of the discs stand for: the choice, and the legend below the stage.
+// The quantity that the colours show: its choice, and the legend below the stage.
 
 import { $, FASTEST, KNEE, bound, colourOf, digits, fontSize, sharpen, state } from "./common.js";
 import { send, takers } from "./link.js";
@@ -8,10 +8,10 @@ const LOW = FASTEST - KNEE; // as in mpsim/viewer/colouring.py
 const NAMES = { speed: "speed [length/time]", worker: "worker", column: "column", collision: "time since the last collision", own: "own values" };
 
 let colours = { by: "speed" }, legendKey = "";
-/** Draw the legend again, even where its numbers are the same. */
+/** Draw the legend again, even if its numbers are the same. */
 export const forgetLegend = () => { legendKey = ""; };
 
-/** What colours stand for now. */
+/** What the colours show. */
 export const legendShows = () => colours.by;
 
 const select = $("colour");
@@ -25,7 +25,7 @@ takers.colours = [(message) => {
 }];
 select.addEventListener("change", () => send({ do: "colour", by: select.value }));
 
-/** Places in the legend, from 0 to 1, with what stands there: [place, value, note below, alignment]. */
+/** Ticks of the legend: [place from 0 to 1, value, note below, alignment]. */
 function ticksOf(picture) {
   const knee = KNEE / FASTEST;
   if (colours.by === "speed") {

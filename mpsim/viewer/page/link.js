@@ -6,14 +6,14 @@ import { KEPT, RECORDED, drawGauges } from "./gauges.js";
 import { inNotebook, openSocket } from "./socket.js";
 import { afterDrawing, requestDraw } from "./stage.js";
 
-const REFUSED = [1003, 1008, 1013]; // closed for a reason that trying again would not change
+const REFUSED = [1003, 1008, 1013]; // close codes after which retrying is useless
 export const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, null]; // null: as fast as possible
 
 const NO_ANSWER = inNotebook
   ? "Python does not answer: it is running a cell, or this view or its kernel has ended. To see the view again, run its cell."
   : "No connection to mpsim. Is it still running? Trying again …";
 
-/** What else is done with a message of a kind, and when the connection is there: other parts of the page add to these. */
+/** Functions of other parts of the page, called with messages of each kind, and when the connection opens. */
 export const takers = { scene: [], hands: [], timeline: [], status: [], pair: [], tune: [], pass: [], link: [] }, opened = [];
 
 export function take(message) {
@@ -22,7 +22,7 @@ export function take(message) {
     state.scene = message;
     $("name").textContent = document.title = message.name || "mpsim";
     $("reset").disabled = !message.can_reset;
-    $("reset").title = message.can_reset ? "R" : "This simulation belongs to a program, which alone can reset it.";
+    $("reset").title = message.can_reset ? "R" : "This simulation belongs to a program; only the program can reset it.";
     const periodic = message.periodic.every(Boolean) ? "periodic" : message.periodic.some(Boolean) ? `periodic along ${message.periodic[0] ? "x" : "y"}` : "walls";
     $("about").textContent = `box ${digits(message.width)} × ${digits(message.height)}, ${periodic}; ${message.recording ? `recording ${message.recording}` : `method ${message.method}, dt ${digits(message.dt)}`}`;
     requestDraw();
@@ -47,13 +47,13 @@ export function takeBytes(buffer) {
   const found = decode(buffer), shown = found.stage ? state.beside : state;
   if (found.kind === RADII) { shown.radii = found.radii; return; }
   shown.picture = found;
-  if (found.stage) return; // the picture of the first stage, of the same moment, follows
+  if (found.stage) return; // the first stage's picture of this moment follows
   due = { serial: found.serial, socket: state.socket };
   if (document.visibilityState === "visible") requestDraw(); else acknowledge();
 }
 
 let due = null;
-/** Ask for the next picture, once the last one is drawn: a slow page is sent fewer. */
+/** Ask for the next picture once the last one is drawn: a slow page gets fewer. */
 function acknowledge() {
   if (due?.socket === state.socket) send({ do: "ack", serial: due.serial });
   due = null;

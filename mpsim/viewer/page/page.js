@@ -1,4 +1,4 @@
-// The page of mpsim's live view: what people do. What it shows is in the other files of this folder.
+// The page of mpsim's live view: buttons and keys. Other files of this folder draw what it shows.
 
 import { $, bound, isText, state } from "./common.js";
 import { drawGauges } from "./gauges.js";
@@ -46,7 +46,7 @@ document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
   const on = event.target, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   const onControl = on.closest?.("button, input, summary");
-  if (onControl && (key === " " || key === "Enter" || key.startsWith("Arrow"))) return; // it has a meaning of its own there
+  if (onControl && (key === " " || key === "Enter" || key.startsWith("Arrow"))) return; // the control uses it
   const move = 0.1 * Math.min(camera.width, camera.height);
   const actions = {
     " ": () => disabled("play") || act.play(), ".": () => disabled("step") || act.step(), r: () => disabled("reset") || act.reset(),
@@ -63,7 +63,7 @@ document.addEventListener("keydown", (event) => {
   actions[key]();
 });
 
-// The wheel zooms on the stage only; elsewhere it scrolls the page, as ever.
+// The wheel zooms only on the stage; elsewhere it scrolls the page.
 const onCanvas = (event) => {
   const box = stage.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
   return [(event.clientX - box.left - stage.clientLeft) * ratio, (event.clientY - box.top - stage.clientTop) * ratio];
@@ -99,6 +99,6 @@ for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, 
 new ResizeObserver(() => { forgetLegend(); requestDraw(); drawGauges(); }).observe(document.body);
 new ResizeObserver(requestDraw).observe(stage);
 stage.dataset.drawnBy = renderer.constructor.name;
-if (new Uint8Array(new Uint16Array([1]).buffer)[0] !== 1) refuse("this page needs a machine that is little-endian");
+if (new Uint8Array(new Uint16Array([1]).buffer)[0] !== 1) refuse("This page needs a little-endian machine.");
 else connect();
 showStatus();

@@ -1,4 +1,4 @@
-// Two stages: the second one, drawn as the first one is, and what became of both since their common start.
+// Two stages: draws the second one like the first, and compares both since their common start.
 
 import { $, NONE, digits, fontSize, sharpen, state, whole, withError } from "./common.js";
 import { send, takers } from "./link.js";
@@ -24,7 +24,7 @@ afterDrawing.push(() => {
 const difference = (value, error) => `${value > 0 ? "+" : ""}${withError(value, error)}`;
 const percent = (value) => (value === null ? NONE : `${(100 * value).toFixed(1).replace("-", "−")} %`);
 
-/** Name, what it says, and what of it: of what is compared. */
+/** The numbers compared: title, value, and note below. */
 const NUMBERS = {
   distance: ["Distance", () => (told.parted === null ? digits(told.distance) : "parted"), () => "diameters, rms"],
   missed: ["Missed collisions", () => (told.parted === null ? whole(told.missed) : percent(told.missed_fraction)),
@@ -42,7 +42,7 @@ for (const [name, [title]] of Object.entries(NUMBERS)) {
   $("trade").append(box);
 }
 
-/** The distance against time, on a logarithmic scale: chaos is a straight line. */
+/** The distance against time on a logarithmic scale: exponential growth is a straight line. */
 function drawDistance() {
   const canvas = $("trade-chart"), { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d");
   c.clearRect(0, 0, width, height);
@@ -62,7 +62,7 @@ function drawDistance() {
   c.fillText("log", width - ratio, height - 2 * ratio);
 }
 
-/** What a page may still compare. */
+/** What can still be compared. */
 function partedText() {
   const when = `The stages parted for good at time ${digits(told.parted)}: the position of a disc on one stage says nothing about the other. Compare only averages.`;
   return told.lyapunov_time === null ? when
@@ -70,9 +70,9 @@ function partedText() {
 }
 
 const choice = $("beside-choice"), given = new Option("", "given");
-given.disabled = true; // of a view that was opened with a second stage
+given.disabled = true; // for a view opened with a second stage
 
-/** Show what runs on the second stage in the list, also where the page has not chosen it. */
+/** Show the second stage in the list, also if it was not chosen on this page. */
 function showChoice(second) {
   if (second === null) given.remove();
   else if (choice.value === "null" || given.selected) {
@@ -131,6 +131,6 @@ takers.tune.push(({ phase, text, done, of }) => {
   $("tune").textContent = searching ? "Stop" : "Tune";
   $("tune").formNoValidate = searching; // it can be stopped whatever the field says
   $("tune-text").hidden = phase === "none";
-  $("tune-text").textContent = searching ? `${Math.round((100 * done) / (of || 1))} %: ${text}\nMeanwhile the stages wait.` : text;
+  $("tune-text").textContent = searching ? `${Math.round((100 * done) / (of || 1))} %: ${text}\nThe stages are paused.` : text;
   $("tune-text").dataset.phase = phase;
 });

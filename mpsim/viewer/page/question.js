@@ -4,7 +4,7 @@ import { $ } from "./common.js";
 
 let answers = {};
 
-/** Ask, in place of the question before. yes: what is done then, and its name on the button; null: there is nothing to choose. */
+/** Ask; this replaces an earlier question. yes: called on yes, with its name on the button; null: nothing to choose. */
 export function ask(text, yes, { name = "Restart with it", no = () => {} } = {}) {
   answers = { yes, no };
   $("asked").hidden = false;
@@ -14,7 +14,7 @@ export function ask(text, yes, { name = "Restart with it", no = () => {} } = {})
   $("asked-no").textContent = yes ? "Keep this run" : "Close";
 }
 
-/** Take the question back. */
+/** Remove the question. */
 export function askNoMore() {
   answers = {};
   $("asked").hidden = true;

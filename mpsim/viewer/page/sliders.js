@@ -1,4 +1,4 @@
-// What can be changed while it runs: gravity by an arrow on a dial, the other parameters by sliders.
+// Changes parameters during a run: gravity by an arrow on a dial, the others by sliders.
 
 import { $, bound, digits, sharpen, state } from "./common.js";
 import { paced } from "./hands.js";
@@ -12,9 +12,9 @@ const NAMES = {
   passes: "Passes", substeps: "Sub-steps", workers: "Workers",
 };
 
-/** Sends values of one parameter; those of one drag are taken back together. */
+/** Sends values of one parameter; those of one drag are undone together. */
 function sender(name) {
-  let next = true, fresh = false; // whether the next value begins anew, and whether the one to be sent does
+  let next = true, fresh = false; // whether the next value, or the waiting one, begins a new drag
   const out = paced((value) => { send({ do: "change", name, value, same: !fresh }); fresh = false; });
   return {
     post: (value) => { fresh ||= next; next = false; out(value); },
@@ -27,7 +27,7 @@ function sender(name) {
 const shown = new Map();
 const textOf = (each, value) => (each.whole ? String(value) : digits(value));
 
-/** From a value to a place on its slider, and back; of negative numbers by their sizes. */
+/** From a value to a place on its slider, and back; negative numbers by magnitude. */
 function scaleOf({ low, high, log, whole }) {
   const sign = low < 0 && log ? -1 : 1, ends = sign < 0 ? [-high, -low] : [low, high];
   const there = log ? Math.log : (each) => each, back = log ? Math.exp : (each) => each;
@@ -126,7 +126,7 @@ function drawDial(value = gravity?.value) {
   c.fill();
 }
 
-/** Gravity by the tip of the arrow: none near the middle, and no longer than the dial. */
+/** Set gravity from the tip of the arrow: zero near the middle, at most the dial's radius. */
 function pullBy(event) {
   const box = dial.getBoundingClientRect(), round = box.width / 2;
   const vector = [(event.clientX - box.left - round) / round, -(event.clientY - box.top - box.height / 2) / round];

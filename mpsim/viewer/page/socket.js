@@ -1,8 +1,8 @@
-// The connection to mpsim: a WebSocket, or in a notebook a port to the widget around the page, which looks like one.
+// The connection to mpsim: a WebSocket, or in a notebook a port to the widget, with the same interface.
 
 export const inNotebook = document.documentElement.dataset.place === "notebook";
 
-/** A port that the widget hands over, with what the page uses of a WebSocket; see widget.js. */
+/** A port from the widget, with the WebSocket members that the page uses; see widget.js. */
 class PortSocket {
   readyState = WebSocket.CONNECTING;
 
@@ -27,7 +27,7 @@ class PortSocket {
 
   send(text) { this.port.postMessage(text); }
 
-  /** The code is that of a broken rule: trying again would not help. */
+  /** The code says that a rule was broken: retrying would not help. */
   end({ code, reason }) {
     this.readyState = WebSocket.CLOSED;
     this.onclose({ code, reason });

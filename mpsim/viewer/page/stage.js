@@ -1,16 +1,16 @@
-// The stage: the camera, the box and what stands in it.
+// The stage: the camera, the box and its obstacles.
 
 import { $, bound, digits, sharpen, state } from "./common.js";
 import { ByCanvas, ByWebGL } from "./discs.js";
 
 const MOST_ZOOM = 64;
 
-/** Which part of the box is seen: the point in the middle, and canvas pixels per length. */
+/** The visible part of the box: the point in the middle, and canvas pixels per length. */
 export const camera = {
   x: 0.5, y: 0.5, zoom: 1, whole: 1, width: 1, height: 1, free: false,
   get scale() { return this.whole * this.zoom; },
   pixel(x, y) { return [this.width / 2 + (x - this.x) * this.scale, this.height / 2 - (y - this.y) * this.scale]; },
-  /** Fit the canvas; show all, unless somebody has chosen what is shown. */
+  /** Fit the canvas; show all, unless the user has moved the view. */
   fit(width, height) {
     [this.width, this.height] = [width, height];
     const box = state.scene ?? { width: 1, height: 1 };
@@ -18,7 +18,7 @@ export const camera = {
     if (!this.free) [this.x, this.y, this.zoom] = [box.width / 2, box.height / 2, 1];
   },
   all() { this.free = false; this.fit(this.width, this.height); requestDraw(); },
-  /** Zoom round a pixel, which stays where it is. */
+  /** Zoom around a pixel, which stays in place. */
   zoomBy(factor, px = this.width / 2, py = this.height / 2) {
     const before = this.scale;
     this.zoom = bound(this.zoom * factor, 0.5, MOST_ZOOM);
@@ -37,7 +37,7 @@ export const stage = $("stage"), discs = $("discs-canvas"), lines = $("lines");
 
 const renderers = [];
 
-/** Who draws discs on a canvas. */
+/** The renderer of discs for a canvas. */
 export function rendererFor(canvas) {
   let made;
   try {
@@ -51,16 +51,16 @@ export function rendererFor(canvas) {
 }
 export const renderer = rendererFor(discs);
 
-/** Where discs are drawn again, as images: (0, 0) is where they are. */
+/** Periodic images to draw; (0, 0) is the disc itself. */
 export function images(scene) {
   const [x, y] = scene?.periodic ?? [false, false];
   return [[0, 0], ...(x ? [[1, 0]] : []), ...(y ? [[0, 1]] : []), ...(x && y ? [[1, 1]] : [])];
 }
 
-export const afterDrawing = []; // other parts of the page draw over the discs
+export const afterDrawing = []; // other parts draw over the discs
 
 let asked = false;
-/** Draw soon: when the last drawing is on the screen, or the page would be blocked until it is. */
+/** Draw soon, after the last drawing is on the screen, so that the page is not blocked. */
 export function requestDraw() {
   if (asked) return;
   asked = true;
@@ -87,7 +87,7 @@ export function draw() {
   }
 }
 
-/** The box, what stands in it, and what a moving wall has closed off: below the discs, so that they are seen whole. */
+/** Draw the box, its obstacles, and the area behind a moving wall, below the discs so that none is covered. */
 export function drawGround(canvas, picture, ratio) {
   const c = canvas.getContext("2d"), scene = state.scene;
   c.setTransform(1, 0, 0, 1, 0, 0);

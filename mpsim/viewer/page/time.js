@@ -1,14 +1,14 @@
-// Time: one frame pass by pass, with the worker of each bracket; the marked moment; the seed.
+// Shows one frame pass by pass, with the worker of each bracket; the marked moment; the seed.
 
 import { $, isText, state } from "./common.js";
 import { send, takers } from "./link.js";
 import { ask, askNoMore } from "./question.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
-// Of Okabe and Ito, which colour-blind people tell apart; workers beyond begin again.
+// Okabe and Ito's colours, safe for colour-blind people; more workers reuse them.
 const OWNERS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#f0e442"];
 
-let pressed = false, offered = false; // Pass, on this page; and whether passes by another method are offered here
+let pressed = false, offered = false; // Pass, on this page; and whether another method is offered here
 
 const actions = {
   pass: () => { pressed = true; send({ do: "pass" }); },
@@ -72,7 +72,7 @@ afterDrawing.push(() => {
   pass.brackets.forEach((column, k) => {
     const owner = pass.owners[k], [left] = side(column, 0.22, owner), [, right] = side((column + 1) % pass.columns, 0.22, owner);
     c.globalAlpha = 1;
-    if (right < left) return; // through a periodic edge: two columns that do not touch here
+    if (right < left) return; // across a periodic edge: the two columns do not touch here
     c.strokeStyle = OWNERS[owner % OWNERS.length];
     c.lineWidth = 2 * ratio;
     c.strokeRect(left + ratio, top + ratio, right - left - 2 * ratio, bottom - top - 2 * ratio);

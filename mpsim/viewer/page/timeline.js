@@ -1,4 +1,4 @@
-// The time line of a recording: a slider over its frames, one frame back, and following what is being written.
+// The time line of a recording: a slider over its frames, one frame back, and following a growing file.
 
 import { $, isText, state } from "./common.js";
 import { paced } from "./hands.js";

@@ -1,7 +1,7 @@
-// A view inside a notebook: the page in a frame of its own, so that neither its keys nor its style reach the notebook.
-// Its messages go through the notebook's connection to Python. PAGE is the page as one text: viewer/notebook.py adds it.
+// A view in a notebook: the page in an iframe of its own, so that its keys and style do not affect the notebook.
+// Its messages use the notebook's connection to Python. PAGE is the page as one text; viewer/page_files.py adds it.
 
-const QUIET = 30000; // ms without a message, of which one comes every 10 seconds: then something was lost
+const QUIET = 30000; // ms without a message after which one was lost: a ping comes every 10 s
 
 export default {
   render({ model, el }) {
@@ -11,7 +11,7 @@ export default {
     let page = null, port = null, opened = false, received = 0, heard = 0;
 
     const close = () => { if (page) model.send({ page, close: true }); };
-    /** Each time that the page is loaded, as it is when a notebook moves it, it is another page. */
+    /** Each load, as when the notebook moves the output, counts as a new page. */
     const open = () => {
       close();
       port?.close();
@@ -27,12 +27,12 @@ export default {
     const take = (content, buffers) => {
       if (content.page !== page) return;
       heard = Date.now();
-      if (!opened && !content.closed) { // the message that says so may have been lost
+      if (!opened && !content.closed) { // its message may have been lost
         opened = true;
         port.postMessage({ opened });
       }
       if (content.opened) return;
-      if (content.ping) { // answered here, as a hidden page answers late
+      if (content.ping) { // answered here, because a hidden page is slow
         model.send({ page, pong: true, lost: received !== content.sent });
         received = content.sent;
         return;

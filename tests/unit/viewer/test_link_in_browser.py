@@ -85,7 +85,7 @@ def test_a_wrong_address_is_explained_and_the_run_is_shown(shown, query, text):
     page_at, _ = shown
     page = page_at(query)
     until(lambda: page.is_visible("#asked"))
-    assert page.inner_text("#asked-text").startswith("This address cannot be followed: ")
+    assert page.inner_text("#asked-text").startswith("This address cannot be used: ")
     assert text in page.inner_text("#asked-text")
     assert page.locator("#asked img").count() == 0
     assert not page.is_visible("#asked-yes")
