@@ -2,6 +2,7 @@
 
 import io
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -10,11 +11,13 @@ from typing import Any, Literal
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.collections import EllipseCollection, PatchCollection
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import atomic
@@ -22,6 +25,9 @@ from mpsim.core.errors import InputError, OutputError
 from mpsim.core.state import Box
 from mpsim.output.colour_scale import ColourScale
 from mpsim.scene.scene import Scene
+
+COARSE, FINE = (1.0, 2.0, 5.0), (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0)
+"""Numbers that are written in each decade of an axis: of several decades, or of a part of one."""
 
 STYLE = Path(__file__).with_name("mpsim.mplstyle")
 
@@ -273,3 +279,10 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
             "Choose another place."
         ) from error
     return target
+
+
+def plain_ticks(axis: Axis, digits: Sequence[float] = COARSE) -> None:
+    """Numbers such as 0.5, 20 and 10,000 on a logarithmic axis, without powers of ten; digits: those of each decade."""
+    axis.set_major_locator(LogLocator(subs=digits))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.12g}"))
+    axis.set_minor_formatter(NullFormatter())

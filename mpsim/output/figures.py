@@ -6,12 +6,11 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from mpsim.output.drawing import DISC_COLOUR, STYLE, draw_discs, new_figure, save_figure
+from mpsim.output.drawing import COARSE, DISC_COLOUR, FINE, STYLE, draw_discs, new_figure, plain_ticks, save_figure
 from mpsim.studies.benchmark import Fixed, Repeat, Timing
 
 METHOD_COLOURS = {"naive": "#0072B2", "grid": "#D55E00", "parallel": "#009E73", "auto": "#CC79A7"}
@@ -19,9 +18,6 @@ ODD_ONE_OUT = "#D55E00"
 
 WIDTH = 25
 """Frames of a running median."""
-
-COARSE, FINE = (1.0, 2.0, 5.0), (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0)
-"""Numbers that are written in each decade of an axis: of several decades, or of a part of one."""
 
 SPIKE = 2.0
 """Times the median, from which a frame is a dot of its own."""
@@ -206,13 +202,6 @@ def _mark_crossover(panels: Sequence[Axes], crossover: int | None, sizes: Sequen
         fontsize=9,
         ha=side,
     )
-
-
-def plain_ticks(axis: Axis, digits: Sequence[float] = COARSE) -> None:
-    """Numbers such as 0.5, 20 and 10,000 on a logarithmic axis, without powers of ten; digits: those of each decade."""
-    axis.set_major_locator(LogLocator(subs=digits))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.12g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _running(values: NDArray[np.float64], part: float) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mpsim.engine.report import Report
 from mpsim.engine.solvers.methods import METHODS
 from mpsim.kernels.layout import PHASES
-from mpsim.output.drawing import STYLE, marker_of, new_figure
+from mpsim.output.drawing import COARSE, FINE, STYLE, marker_of, new_figure, plain_ticks
 
 PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CCCCCC"), strict=True))
 """Waiting is grey."""
@@ -17,7 +17,8 @@ PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73
 def times(report: Report) -> Figure:
     """Above, the time of each frame; below, a bar for each worker, whose phases add up to a typical frame time."""
     frames = np.arange(1, report.frames + 1)
-    workers = report.phase_seconds[PHASES[0]].shape[1]
+    means, compared = usual_phases(report), frames_of_the_workers(report)
+    workers = max(np.count_nonzero(sum(means.values())), 1)
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(8, 4.4 + 0.3 * workers)
         above, below = figure.subplots(2, 1, height_ratios=[3, 1.4 + 0.3 * workers])
@@ -29,17 +30,19 @@ def times(report: Report) -> Figure:
             above.axhline(median, color="#D55E00", linewidth=1.2, label=f"median {median:.3g} µs")
             above.legend(loc="upper right")
             above.set(yscale="log", xlim=(0, report.frames + 1))
+            plain_ticks(above.yaxis, FINE if microseconds.max() < 10 * microseconds.min() else COARSE)
         word = f"{report.method}, {report.workers} worker{'s' * (report.workers > 1)}"
         above.set(xlabel="frame of the run", ylabel="time of a frame [µs]", title=f"{report.frames} frames by {word}")
         left = np.zeros(workers)
-        means = usual_phases(report)
         for name, label in phases_of(report).items():
-            parts = means[name] * 1e6
+            parts = means[name][:workers] * 1e6
             below.barh(np.arange(workers), parts, left=left, color=PHASE_COLOURS[name], label=label, height=0.7)
             left += parts
         waiting = 100 * means["wait"].sum() * 1e6 / (left.sum() or 1.0)
+        which = "all frames" if compared.all() else f"the {np.count_nonzero(compared)} frames by {word}"
+        gap = " " if compared.all() else "\n"
         below.set(
-            xlabel=f"phases, mean of the middle half of all frames [µs]: {left.max(initial=0.0):.3g} µs; "
+            xlabel=f"phases, mean of the middle half of {which} [µs]:{gap}{left.max(initial=0.0):.3g} µs; "
             f"{waiting:.0f} % is waiting for others",
             ylabel="worker",
             yticks=np.arange(workers),
@@ -57,11 +60,22 @@ def phases_of(report: Report) -> dict[str, str]:
     return {name: words.get(name, name) for name in PHASES if report.phase_seconds[name].any()}
 
 
+def frames_of_the_workers(report: Report) -> NDArray[np.bool_]:
+    """The frames in which as many workers took part as the report names, shape (frames,); all if there are none.
+
+    While "auto" tries its candidates, there are frames of others.
+    """
+    working = sum(report.phase_seconds.values()) > np.zeros((report.frames, 1))
+    chosen = np.count_nonzero(working, axis=1) == report.workers
+    return chosen if chosen.any() else np.ones(report.frames, bool)
+
+
 def usual_phases(report: Report) -> dict[str, NDArray[np.float64]]:
     """Time of each phase for each worker, shape (workers,): mean over the middle half of the frame times [s].
 
-    For each worker the phases add up to the mean time of these frames. Medians of phases would not, and means over all
-    frames would be dominated by the few that were disturbed.
+    Frames with another number of workers than the report names are left out. For each worker the phases add up to the
+    mean time of these frames. Medians of phases would not, and means over all frames would be dominated by the few that
+    were disturbed.
 
     >>> from mpsim import Scene, Simulation
     >>> with Simulation(Scene.random(count=50, packing=0.2, radius=0.5)) as sim:
@@ -70,9 +84,9 @@ def usual_phases(report: Report) -> dict[str, NDArray[np.float64]]:
     >>> low <= sum(seconds[0] for seconds in usual_phases(report).values()) <= high
     np.True_
     """
-    seconds = report.frame_seconds
+    seconds, chosen = report.frame_seconds, frames_of_the_workers(report)
     if not len(seconds):
         return {name: np.zeros(each.shape[1]) for name, each in report.phase_seconds.items()}
-    low, high = np.quantile(seconds, [0.25, 0.75], method="inverted_cdf")  # times of frames, so that one is between
-    usual = (seconds >= low) & (seconds <= high)
+    low, high = np.quantile(seconds[chosen], [0.25, 0.75], method="inverted_cdf")  # times of frames: one is between
+    usual = chosen & (seconds >= low) & (seconds <= high)
     return {name: each[usual].mean(axis=0) for name, each in report.phase_seconds.items()}

@@ -39,6 +39,30 @@ def test_a_frame_that_was_disturbed_is_in_no_bar_and_medians_of_phases_would_not
     assert sum(float(np.median(each)) for each in phases.values()) != 6
 
 
+def test_frames_before_auto_had_chosen_are_in_no_bar():
+    """The bars of a run that began with two workers and went on with one still add up to a frame."""
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        report = sim.run(frames=8)
+    phases = {name: np.zeros((8, 2)) for name in PHASES}
+    phases["move"][:3] = 50.0, 50.0  # microseconds, by two workers
+    phases["move"][3:, 0] = 10.0
+    phases = {name: each * 1e-6 for name, each in phases.items()}
+    report = dataclasses.replace(report, frame_seconds=phases["move"][:, 0].copy(), phase_seconds=phases)
+    below = report.plot().axes[1]
+    (bars,) = below.containers
+    assert [round(bar.get_width(), 6) for bar in bars] == [10.0]
+    assert "mean of the middle half of the 5 frames by grid, 1 worker [µs]:\n10 µs" in below.get_xlabel()
+
+
+def test_times_of_frames_are_written_without_powers():
+    with simulate(gas(200, 0.4), method="grid") as sim:
+        figure = sim.run(frames=20).plot()
+    figure.draw_without_rendering()
+    written = [text.get_text() for text in figure.axes[0].get_yticklabels(which="both")]
+    assert any(written)
+    assert not any("10^" in text for text in written)
+
+
 def test_a_report_of_no_frames_is_drawn_too():
     with simulate(gas(20, 0.2), method="grid") as sim:
         assert len(sim.run(frames=0).plot().axes) == 2
