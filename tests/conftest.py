@@ -22,11 +22,12 @@ from support.processes import blocks_of, descendants_of, is_gone, wait_until
 from support.script_server import Server
 from support.watchdog import Watchdog
 
-LONGEST_SESSION = {False: 1620, True: 7200}
-"""Seconds after which a whole session, default or long, counts as hung: pytest-timeout bounds each single test before,
-but cannot see a hang between tests."""
+LONGEST_SESSION = {"default": 900, "slow": 1500, "long": 7200}
+"""Seconds after which a whole session counts as hung: pytest-timeout bounds each single test before, but cannot see a
+hang between tests."""
 
-LEFT_FOR_LONG = "takes minutes; run with --long"
+LEFT = {"slow": "takes seconds; run with --slow", "long": "takes minutes; run with --long"}
+"""Why tests with these marks are left out."""
 
 LONGEST_EXIT = 60
 """Seconds that the interpreter may take to end after the last test."""
@@ -39,7 +40,8 @@ for name, examples in (("default", 40), ("long", 500)):
 
 
 def pytest_addoption(parser):
-    parser.addoption("--long", action="store_true", help="also run the tests marked long: some ten minutes more")
+    parser.addoption("--slow", action="store_true", help="run the tests marked slow instead: some fifteen minutes")
+    parser.addoption("--long", action="store_true", help="run all tests, those marked slow and long too")
     parser.addoption("--figures", type=Path, help="write what the physics tests found to this file, as a table")
     parser.addoption(
         "--renew", action="store_true", help="write pinned digests and texts anew instead of comparing them"
@@ -57,14 +59,19 @@ def keep_bytecode():
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
 
+def kind_of(config) -> str:
+    """Kind of the session: default, slow or long."""
+    return next((kind for kind in ("long", "slow") if config.getoption(f"--{kind}")), "default")
+
+
 def pytest_configure(config):
     keep_bytecode()
-    long = config.getoption("--long")
-    hypothesis.settings.load_profile("long" if long else "default")
+    kind = kind_of(config)
+    hypothesis.settings.load_profile("long" if kind == "long" else "default")
     config.stash[_figures] = Figures()
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell does for what it starts in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    config.stash[_watchdog] = Watchdog(config, LONGEST_SESSION[long])
+    config.stash[_watchdog] = Watchdog(config, LONGEST_SESSION[kind])
     config.pluginmanager.register(config.stash[_watchdog])
 
 
@@ -77,10 +84,10 @@ _figures = pytest.StashKey[Figures]()
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    """What was left out, and why, but for the long tests: each reason once."""
+    """What was left out, and why, but for the slow and long tests: each reason once."""
     reasons = (str(each.longrepr[2]).removeprefix("Skipped: ") for each in terminalreporter.stats.get("skipped", ()))
     for reason, count in Counter(reasons).items():
-        if reason != LEFT_FOR_LONG:
+        if reason not in LEFT.values():
             terminalreporter.write_line(f"Left out, {count} tests: {reason}")
     if config.getoption("--long"):
         terminalreporter.write_line(
@@ -102,17 +109,25 @@ def figures(request) -> Figures:
 
 
 def pytest_xdist_auto_num_workers(config):
-    """Two processes for the whole default suite, which half of the time compiles or waits; else none besides this."""
+    """Two processes for all default or all slow tests, which compile or wait half of the time; else none but this."""
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     alone = config.getoption("--long") or config.getoption("--figures") or config.getoption("--renew")
     return 2 if whole and not alone else 0
 
 
 def pytest_collection_modifyitems(config, items):
-    if not config.getoption("--long"):
-        for item in items:
-            if item.get_closest_marker("long"):
-                item.add_marker(pytest.mark.skip(reason=LEFT_FOR_LONG))
+    """Which tests run, whatever their files: those of the session's kind, and all of them with --long."""
+    kind = kind_of(config)
+    if kind == "long":
+        return
+    if kind == "slow":
+        others = [item for item in items if not item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=others)
+        items[:] = [item for item in items if item.get_closest_marker("slow")]
+    for item in items:
+        for mark, why in LEFT.items():
+            if mark != kind and item.get_closest_marker(mark):
+                item.add_marker(pytest.mark.skip(reason=why))
 
 
 @pytest.fixture

@@ -15,6 +15,8 @@ import pytest
 from support.gases import any_gas, typical_time
 from support.scenes import simulate
 
+pytestmark = pytest.mark.slow
+
 MEASURES = ["pressure", "contact_rate"]
 
 

@@ -132,6 +132,7 @@ def plain(stepped, exact, bound):
     return int(outcome.out)
 
 
+@pytest.mark.slow
 def test_any_scene_has_the_same_bits_however_it_is_run():
     assert plain((0, 10), (0, 10), bound=120) > 150
 
@@ -142,6 +143,7 @@ def test_thousands_of_scenes_have_the_same_bits_however_they_are_run():
     plain((1000, 4000), (1000, 1600), bound=2000)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of the tail of the speeds, and of discs dropped on others
 @pytest.mark.parametrize("name", long_but(ZOO, "everything"))
@@ -159,6 +161,7 @@ def test_compiled_scenes_have_the_same_bits_however_they_are_run(name, seed):
                 assert_same(sim, reference, f"{name}, {seed}, {workers} workers")
 
 
+@pytest.mark.slow
 def test_a_nudge_and_unguarded_columns_are_seen():
     """The control: another last digit, and another order of columns, are other bits."""
     scene = crowd(500, 0.85, seed=3)

@@ -52,6 +52,7 @@ def assert_compiled_as_asked(found, environment):
     assert found["optimization"] == int(environment.get("NUMBA_OPT", 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("environment", "name"),
     [

@@ -334,6 +334,7 @@ print(seen_runs(range({first}, {last})))
 LONG = [pytest.mark.long, pytest.mark.timeout(900)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "last", "bound"), [(0, 22, 170), pytest.param(100, 500, 800, marks=LONG)])
 def test_measures_of_runs(first, last, bound):
     outcome = run_script(RUNS.format(first=first, last=last), env={"NUMBA_DISABLE_JIT": "1"}, bound=bound)
@@ -362,6 +363,7 @@ def scaled(right):
 SCALED = {float: lambda value: value * 1.00001, Measure: lambda found: replace(found, value=found.value * 1.00001)}
 
 
+@pytest.mark.slow
 def test_a_factor_in_a_measure_of_a_run_is_seen():
     """The control."""
     names = ["pressure", "contact_rate", "overlap", "largest_overlap", "momentum_drift", "kinetic_energy"]

@@ -109,6 +109,7 @@ def plain(first, last, exact, bound):
     return int(outcome.out)
 
 
+@pytest.mark.slow
 def test_units_change_no_bit_of_any_scene():
     assert plain(0, 20, (0, 10), bound=100) > 180
 
@@ -119,6 +120,7 @@ def test_units_change_no_bit_of_thousands_of_scenes():
     plain(1000, 5000, (1000, 2600), bound=1200)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [range(30), pytest.param(range(30, 1130), marks=pytest.mark.long)])
 def test_units_change_no_random_start(seeds):
     for seed in seeds:

@@ -125,6 +125,7 @@ def plain(exact, stepped, most, bound):
     return int(outcome.out)
 
 
+@pytest.mark.slow
 def test_images_of_scenes_do_the_same():
     assert plain((0, 30), (0, 80), most=0.02, bound=120) >= 20
 
@@ -162,6 +163,7 @@ def check_that_a_wrong_mirror_is_seen():
         check_averages(range(30), 1.0, wrong_mirror)
 
 
+@pytest.mark.slow
 def test_a_wrong_mirror_is_seen():
     """The control."""
     text = "from adversary.test_symmetry import *; check_that_a_wrong_mirror_is_seen()"

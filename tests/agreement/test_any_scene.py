@@ -11,6 +11,8 @@ from support.twins import Twin
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 SIXTEENTHS = st.integers(0, 16)
 """Places as fractions of the box: coincident discs, discs at walls and on the edges of cells are likely."""
 

@@ -9,6 +9,8 @@ from support.selection import long_but
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 COUNT, SIDE = 9, 5.0
 CORNERS = np.array([[0.8 + 1.6 * (k % 3), 0.8 + 1.6 * (k // 3)] for k in range(COUNT)])
 VELOCITY = np.random.default_rng(3).normal(size=(COUNT, 2))

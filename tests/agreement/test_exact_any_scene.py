@@ -122,6 +122,7 @@ def check(seeds, falls):
     return total, worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("falls", long_but([False, True], True))
 def test_random_scenes_follow_the_slow_twin(falls):
     print(check(range(60), falls))
@@ -134,6 +135,7 @@ def test_a_thousand_random_scenes_follow_the_slow_twin(falls):
     print(check(range(60, 560), falls))
 
 
+@pytest.mark.slow
 def test_a_law_that_is_nearly_right_is_noticed():
     """The controls: obstacles thicker by 1e-7, a wall that stops 1e-7 earlier, a restitution less by 1e-7."""
     for name, other in (

@@ -7,6 +7,7 @@ from support.exact import CONFIGURATIONS, Run, bits, follow, gas
 from support.selection import long_but
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     long_but(CONFIGURATIONS, "plain", "rough obstacles with everything"),
@@ -25,6 +26,7 @@ def test_follows_the_slow_twin_event_by_event(name):
     assert worst < 1e-12
 
 
+@pytest.mark.slow
 def test_the_twin_can_tell():
     position, velocity, radius, length = gas(9, 0.35, seed=5)
     run = Run(position, velocity, length, length, radius)
@@ -43,6 +45,7 @@ def test_the_twin_can_tell_another_law_of_friction():
         assert follow(run, twin, 20) < 1e-9
 
 
+@pytest.mark.slow
 def test_cells_and_calendar_do_not_change_the_motion():
     position, velocity, radius, length = gas(36, 0.3, seed=12)
     reference = Run(position, velocity, length, length, radius)

@@ -4,11 +4,14 @@ import math
 import warnings
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.compare import assert_inside_and_finite, assert_same_bits
 
 import mpsim
+
+pytestmark = pytest.mark.slow
 
 PARTS = st.sampled_from([1e-6, 1e-3, 0.03, 0.3, 0.7, 1.5, 10.0, 100.0])
 """Way of the fastest disc in a step, in radii."""

@@ -61,6 +61,7 @@ def check_all_as_they_are():
     print(check_anything(0, 60))
 
 
+@pytest.mark.slow
 def test_each_feature_alone_and_any_of_them_together_are_what_the_slow_twin_says():
     outcome = run_script(
         "from agreement.test_features import check_all_as_they_are; check_all_as_they_are()",
@@ -71,6 +72,7 @@ def test_each_feature_alone_and_any_of_them_together_are_what_the_slow_twin_says
     assert int(outcome.out) > 800, "too few contacts to show anything"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "precision"),
     [
@@ -159,6 +161,7 @@ def test_plain_python_is_compiled(seeds):
 # --- workers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", long_but(CONTACTS, "impact"))
 def test_workers_do_not_change_all_features_together(contact):
     assert_parallel_is_grid(zoo(EVERYTHING, 500, seed=3, side=24.0), contact=contact)
@@ -183,6 +186,7 @@ def test_workers_do_not_change_giants_on_borders_and_corners():
         assert assert_is_its_twin(there, 10, f"giant at {corner}", method="grid", dt=0.03).contacts > 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("until", [0.5, 3.0])
 def test_a_piston_that_starts_inside_is_what_the_slow_twin_says(until):
     """On its way (0.75 in 0.5), and arrived."""
@@ -269,6 +273,7 @@ def test_added_discs_bring_their_radius_and_mass_on_any_number_of_workers():
         assert_same_bits(state, twin.state, "growth with radii and masses")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 2])
 @pytest.mark.parametrize("method", ["naive", "grid", "parallel"])
 def test_no_disc_one_and_two_run_with_all_features(count, method):

@@ -13,6 +13,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["naive", "grid"])
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("case", CASES, ids=str)
@@ -26,6 +27,7 @@ def test_impact_is_its_twin(method, precision, case, losses):
         assert_same_bits(state_after(scene, 12, **settings), twin.state, f"{settings} {losses}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [2, 3])
 @pytest.mark.parametrize("passes", [1, 2])
 def test_workers_do_not_change_impacts(workers, passes):
@@ -34,6 +36,7 @@ def test_workers_do_not_change_impacts(workers, passes):
     assert digest_after(scene, 60, method="parallel", workers=workers, **settings) == expected
 
 
+@pytest.mark.slow
 def test_impact_and_push_differ():
     scene = gas(60, 0.5, seed=3)
     digests = {digest_after(scene, 12, method="grid", dt=0.05, contact=contact) for contact in ("impact", "push")}

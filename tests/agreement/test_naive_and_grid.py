@@ -38,6 +38,7 @@ def chains(pairs_i, pairs_j, count):
     return tangled
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["elastic", "reflect"])
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_the_bits_are_equal_as_long_as_no_disc_has_two_contacts_in_a_frame(law, precision):
@@ -54,6 +55,7 @@ def test_the_bits_are_equal_as_long_as_no_disc_has_two_contacts_in_a_frame(law, 
     assert contacts > 30, f"only {contacts} contacts before the first disc with two: this tests little"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_in_one_frame_only_discs_in_groups_with_several_contacts_differ(precision):
     scene, dt = gas(1000, 0.7, seed=22), 0.02

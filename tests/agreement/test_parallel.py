@@ -20,12 +20,14 @@ def test_parallel_is_grid_for_gases_of_any_packing(packing, law):
     assert_parallel_is_grid(gas(600, packing, seed=1), workers=(2, 3), law=law, dt=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("precision", "features"), [("float32", ""), *long_but(FEATURED, FEATURED[0])])
 def test_parallel_is_grid_with_every_feature(precision, features):
     scene = crowd(500, 0.85, seed=2, **features_of(features, 500))
     assert_parallel_is_grid(scene, workers=(3,), precision=precision, dt=0.02, substeps=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(2.5, 200.0), (1.0, 200.0), (200.0, 1.5)])
 def test_parallel_is_grid_with_more_workers_than_columns_or_discs_in_them(size):
     rng = np.random.default_rng(3)
@@ -34,6 +36,7 @@ def test_parallel_is_grid_with_more_workers_than_columns_or_discs_in_them(size):
     assert_parallel_is_grid(scene, workers=(5,), dt=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_parallel_is_grid_for_fewer_discs_than_workers(count):
     position = [[3.0, 3.0], [3.5, 3.25]][:count]

@@ -36,6 +36,7 @@ def compare(scene, note, frames=40, at_least=1, **settings):
     assert contacts >= at_least, f"{note}, {settings}: only {contacts} contacts, which tests little"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("law", ["elastic", "reflect"])
 @pytest.mark.parametrize("precision", ["float32", "float64"])
@@ -44,6 +45,7 @@ def test_a_frame_is_what_the_slow_twin_says(method, precision, law, name):
     compare(SCENES[name](), name, method=method, precision=precision, law=law, dt=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("precision", "features"), long_but(FEATURED, FEATURED[0]))
 @pytest.mark.parametrize("method", ["grid", "naive"])
 @pytest.mark.parametrize("contact", ["push", "impact"])
@@ -53,6 +55,7 @@ def test_gravity_and_acceleration_are_what_the_slow_twin_says(wall_restitution, 
     compare(scene, f"crowd with {features}", method=method, precision=precision, contact=contact, dt=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("substeps", [2, 3])
 @pytest.mark.parametrize("method", ["grid", "naive"])
 def test_substeps_are_what_the_slow_twin_says(method, substeps):

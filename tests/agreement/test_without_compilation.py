@@ -1,6 +1,7 @@
 """With NUMBA_DISABLE_JIT=1 the kernels run as plain Python, where an index out of bounds is an error: same bits."""
 
 import numpy as np
+import pytest
 from support.processes import assert_clean, run_script
 from support.scenes import crowd, digest_after, features_of
 
@@ -36,6 +37,7 @@ def digests(cases):
     return result
 
 
+@pytest.mark.slow
 def test_plain_python_gives_the_bits_of_the_compiled_kernels():
     outcome = run_script(SCRIPT, env={"NUMBA_DISABLE_JIT": "1"}, bound=90)
     assert_clean(outcome)
@@ -45,6 +47,7 @@ def test_plain_python_gives_the_bits_of_the_compiled_kernels():
         assert plain == compiled, f"{case}: {plain} in plain Python, {compiled} compiled"
 
 
+@pytest.mark.slow
 def test_a_random_scene_is_the_same_without_compilation():
     text = """
     import mpsim
@@ -79,6 +82,7 @@ def test_parallel_runs_on_one_worker_without_compilation():
     assert outcome.out.split() == ["1", digest_after(crowd(24, 0.85, seed=33), 8, method="grid", dt=0.05)]
 
 
+@pytest.mark.slow
 def test_an_exact_run_that_begins_without_discs_is_the_same_without_compilation():
     """In plain Python, it divided by their number; compiled, it went on with infinity."""
     text = """

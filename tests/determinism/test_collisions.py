@@ -17,6 +17,8 @@ import mpsim
 from mpsim.engine.solvers import collisions, step_log
 from mpsim.engine.solvers.base import Origin
 
+pytestmark = pytest.mark.slow
+
 COUNT, FRAMES, DT = 1500, 24, 0.125
 
 

@@ -10,6 +10,8 @@ from support.scenes import crowd, gas, simulate
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 SCENE = gas(60, 0.3, seed=2, boundary="periodic")
 
 

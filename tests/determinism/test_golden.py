@@ -91,6 +91,7 @@ def test_measures_are_the_pinned_ones_and_change_no_bit(found, pinned):
         assert measured["outcome"] == pinned["digests"][name][words], f"{case}: a measure has changed the run"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_any_number_of_workers_has_the_pinned_digests(workers, pinned):
     """Each scene that shares the bare scene's kernel in one way, the kernel with everything in both contacts."""

@@ -14,6 +14,8 @@ from support.selection import long_but
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 METHODS = ("naive", "grid", "parallel", "event")
 COMPILED = ("grid", "parallel", "event")
 """Of the default suite."""

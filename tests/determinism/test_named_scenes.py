@@ -23,6 +23,7 @@ def digest(file: scenefile.SceneFile, method: str, workers: int | None = None) -
         return sim.digest()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", long_but(scenefile.names(), *DEFAULT))
 def test_a_named_scene_gives_the_same_bits_on_any_number_of_workers(name):
     file = scenefile.load(name)

@@ -13,6 +13,7 @@ METHODS = [("naive", 1), ("grid", 1), ("parallel", 3)]
 COUNT, FRAMES = 400, 24
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "workers"), METHODS)
 @pytest.mark.parametrize("pieces", [[1] * FRAMES, [7, 0, 1, 16], [23, 1]])
 def test_a_run_in_pieces_has_the_bits_of_one_run(method, workers, pieces):

@@ -11,6 +11,8 @@ from support.selection import long_but
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 DEFAULT = ("bare", "doors")
 FEATURES = [name for name in CASES if name.startswith("zoo")]
 NUMBERS = long_but((1, 2, 3, 4, 8), 2)

@@ -7,6 +7,8 @@ from support.selection import long_but
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 READING = """
 import json, sys, threading, warnings, numpy as np, mpsim
 from mpi4py import MPI

@@ -12,6 +12,8 @@ from support.selection import long_but
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 LARGE = {"count": 200_001, "packing": 0.4, "radius": 0.5, "boundary": "periodic", "seed": 3}
 """Of four pieces, the last one of a few thousand discs; with image flags."""
 WALLED = LARGE | {"boundary": "walls"}

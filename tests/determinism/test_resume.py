@@ -46,6 +46,7 @@ def dense(method):
     return state_after(crowd(400, 0.8, seed=1), FRAMES, method=method, **SETTINGS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "workers"), STEPPED)
 def test_a_resumed_run_has_the_bits_of_one_that_never_stopped(method, workers, tmp_path, figures):
     resumed_on = (1, 2, 3)
@@ -62,6 +63,7 @@ def test_a_resumed_run_has_the_bits_of_one_that_never_stopped(method, workers, t
     )
 
 
+@pytest.mark.slow
 def test_auto_goes_on_with_the_method_it_had(tmp_path):
     for scene in (gas(100, 0.5, seed=2), gas(300, 0.5, seed=2), gas(900, 0.5, seed=2)):
         expected = state_after(scene, FRAMES, method="auto", workers=2)
@@ -69,6 +71,7 @@ def test_auto_goes_on_with_the_method_it_had(tmp_path):
         assert_same_bits(state, expected, f"auto with {scene.count} discs")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", long_but([None, 1, 5, 24], None, 1))
 @pytest.mark.parametrize(("method", "workers"), [("grid", 1), ("parallel", 2), ("event", 1)])
 def test_checkpoints_on_the_way_change_no_bit(method, workers, every, tmp_path):
@@ -124,6 +127,7 @@ def test_discs_that_were_added_are_resumed(words, method, tmp_path):
         assert np.array_equal(sim.radii, radii)
 
 
+@pytest.mark.slow
 def test_what_has_left_stays_away(tmp_path):
     with simulate(zoo("radii absorbing"), method="grid") as sim:
         sim.run(frames=30)
@@ -137,6 +141,7 @@ def test_what_has_left_stays_away(tmp_path):
 # --- the exact solver
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", long_but(EXACT, "nothing", "periodic x, sizes, masses, losses"))
 def test_an_exact_run_is_resumed_with_the_same_bits(name, tmp_path, figures):
     with simulate(exact_scene(name), method="event", dt=0.4) as sim:
@@ -235,6 +240,7 @@ def forget_the_next_cell_borders(arrays, run):
     arrays["disc"][:, 6] += 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of discs that enter again where others are
 @pytest.mark.parametrize(
     ("words", "forget"),
@@ -281,6 +287,7 @@ with mpsim.Simulation.resume({path!r}, workers=2) as sim:
 """
 
 
+@pytest.mark.slow
 def test_another_process_goes_on_with_the_same_bits(tmp_path):
     scene = gas(500, 0.6, seed=5)
     with simulate(scene, method="parallel", workers=3) as sim:

@@ -14,6 +14,7 @@ import mpsim
 from mpsim.engine.journal import Journal
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning"),
     pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),
 ]
@@ -49,6 +50,7 @@ def alone(words):
         return sim.digest(), sim.count, sim.time
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", long_but(METHODS, "grid"))
 def test_a_session_has_the_same_bits_on_any_number_of_workers(words):
     digest, count, time = alone(words)
@@ -75,6 +77,7 @@ def test_each_change_of_the_session_matters(left_out):
         assert sim.digest() != alone("grid")[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", long_but(METHODS, *FAST))
 @pytest.mark.parametrize("way", ["memory", "file"])
 def test_a_journal_is_replayed_to_the_same_bits(words, way, tmp_path):
@@ -89,6 +92,7 @@ def test_a_journal_is_replayed_to_the_same_bits(words, way, tmp_path):
             assert [change.what for change in again.journal] == [change.what for change in journal]
 
 
+@pytest.mark.slow
 def test_a_journal_is_replayed_by_another_method_of_the_same_bits():
     with begun("grid") as sim:
         journal = play(sim).journal
@@ -128,6 +132,7 @@ def test_a_session_that_is_saved_and_resumed_has_the_same_bits(words, after, tmp
         assert third.digest() == journal.digest
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", long_but(METHODS, "grid"))
 def test_walls_have_the_same_bits_on_any_number_of_workers_resumed_and_replayed(words, tmp_path):
     found, scene = [], room()

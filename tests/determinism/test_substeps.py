@@ -9,6 +9,8 @@ import mpsim
 from mpsim.engine import step_limits
 from mpsim.kernels.layout import TOP
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 75
 """More than four looks, and no multiple of the frames between two."""
 

@@ -13,7 +13,7 @@ from mpsim import ThermalWalls
 
 WALLS = ThermalWalls(left=4.0, right=4.0, bottom=4.0, top=4.0, seed=5)
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
 class TestThermalWalls(SameBits):

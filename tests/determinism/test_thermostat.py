@@ -13,7 +13,7 @@ from mpsim.kernels import random_numbers
 
 BATH = Thermostat(temperature=1.5, rate=2.0, seed=5)
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
 class TestThermostat(SameBits):

@@ -49,6 +49,7 @@ def check_any_scene(seeds, open_box=False):
     return divided, left
 
 
+@pytest.mark.slow
 def test_random_scenes_are_the_same_on_tiles(figures):
     divided, _ = check_any_scene(range(3))
     assert divided > 5
@@ -109,6 +110,7 @@ def renumbered(sim):
     store.event["number"], store.order[:] = len(number) - 1 - number, order[::-1]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")  # of the second collision of an instant
 @pytest.mark.parametrize("other", [False, True])
 def test_ties_that_were_broken_in_another_way_would_be_noticed(other):

@@ -38,6 +38,7 @@ def leave_a_window(sim):
     assert windows_of(sim)["windows"] == windows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_a_window_that_is_played_in_many_commands_has_the_same_bits_and_counts(workers, as_a_whole):
     expected, counted, _ = as_a_whole

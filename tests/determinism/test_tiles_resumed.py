@@ -54,6 +54,7 @@ def whole(scene, frames=FRAMES):
         return sim.state, report
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("workers", [(2, 1, 3), (1, 3, 2)])
 def test_a_run_that_is_resumed_on_other_numbers_of_workers_has_the_same_bits(workers, name, tmp_path, figures):
@@ -95,6 +96,7 @@ def test_snapshots_of_tiles_hold_what_those_of_the_whole_box_hold(tmp_path):
         assert np.array_equal(one, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_discs_that_are_added_on_the_way_have_the_same_bits(name):
     scene, states = scene_of(name), []
@@ -111,6 +113,7 @@ def test_discs_that_are_added_on_the_way_have_the_same_bits(name):
     assert_same_bits(states[2], states[0], "added, three workers")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
 @pytest.mark.parametrize("dt", [0.05, 1.7])
 def test_emitters_that_stop_inside_frames_have_the_same_bits(dt, tmp_path):
@@ -136,6 +139,7 @@ def test_emitters_that_stop_inside_frames_have_the_same_bits(dt, tmp_path):
             assert_same_bits(sim.state, expected, "emitters, resumed")
 
 
+@pytest.mark.slow
 def test_a_run_that_is_saved_inside_a_frame_goes_on_there(tmp_path, monkeypatch):
     """A frame far longer than a command is left by Ctrl-C, and goes on elsewhere."""
     monkeypatch.setattr(event_windows, "PATIENCE", 0)  # a tile of each worker a command
@@ -179,6 +183,7 @@ def forget_the_last_digits(arrays):
     arrays["disc"][:, :4] = arrays["disc"][:, :4].astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("forget", [forget_the_next_borders, forget_who_is_to_collide, forget_the_last_digits])
 def test_whatever_a_checkpoint_forgets_changes_the_bits(forget, tmp_path, monkeypatch):
     """The control: these tests would notice a resume that is nearly right."""

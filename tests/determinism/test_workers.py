@@ -17,6 +17,7 @@ def expected():
     return state_after(gas(COUNT, PACKING, seed=1), FRAMES, method="grid", **SETTINGS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2, 3, 4])
 def test_a_dense_scene_has_the_bits_of_grid_on_any_number_of_workers(workers, expected):
     with simulate(gas(COUNT, PACKING, seed=1), method="parallel", workers=workers, **SETTINGS) as sim:
@@ -70,6 +71,7 @@ def digest_alone(method, workers, start, count=COUNT, frames=FRAMES):
     return outcome.out.strip()
 
 
+@pytest.mark.slow
 def test_another_process_finds_the_same_bits(expected):
     assert digest_alone("parallel", 2, "forkserver") == expected.digest()
 

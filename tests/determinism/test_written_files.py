@@ -72,6 +72,7 @@ def test_a_state_is_read_to_the_bit():
 # --- checkpoints
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "how"), CHECKPOINTS, ids=lambda each: each if isinstance(each, str) else each["method"]
 )
@@ -115,6 +116,7 @@ def test_a_trajectory_is_read_to_the_bit(name):
     assert [frame[0] for frame in frames_of(FOLDER / name)] == [0, 6, 12]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRAJECTORIES)
 def test_a_trajectory_is_continued_by_the_run_that_wrote_it(name, found):
     frames, rest = found["prolonged"][name]
@@ -177,6 +179,7 @@ OF_FORMAT_6 = {
 """Name of each file, and the case that is pinned; two ranks wrote the one of mpi."""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning")
 @pytest.mark.parametrize("file", long_but(OF_FORMAT_6, "everything-exact-event", "periodic-naive-impact-float64"))
 def test_a_checkpoint_of_format_6_goes_on_to_the_pinned_digest_and_is_rewritten_as_one_of_today(file, tmp_path):

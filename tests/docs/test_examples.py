@@ -7,11 +7,15 @@ import re
 
 import pytest
 from support.pages import DRAWING, EXECUTED, PAGES, ROOT, Block, blocks_of, run_blocks
+from support.selection import slow_but
+
+FIRST = [ROOT / "README.md", ROOT / "docs" / "tutorial" / "1-first-run.md"]
+"""Pages whose blocks are run by default."""
 
 LINK = re.compile(r"\]\((?!https?:|mailto:|#)(?P<target>[^)#\s]+)")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", slow_but(PAGES, *FIRST), ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_blocks_of_a_page_do_what_they_say(page, tmp_path, monkeypatch, request):
     monkeypatch.chdir(tmp_path)
     run_blocks(str(page), blocks_of(page.read_text()), request.config.getoption("--long"))

@@ -12,6 +12,8 @@ from support.pages import ROOT
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 LOADED = re.compile(r"""<(?:script|img|link|iframe|source)\b[^>]*?\b(?:src|href)=["'](?:https?:)?//[^"']+""")
 LOADED_BY_STYLE = re.compile(r"""(?:@import|url\()\s*["']?(?:https?:)?//[^"')]+""")
 

@@ -86,6 +86,7 @@ def test_an_edit_in_a_file_that_kernels_call_is_never_answered_from_a_stale_cach
 NO_CACHE = {"NUMBA_CACHE_DIR": "/proc/mpsim-cannot-write-here"}
 
 
+@pytest.mark.slow
 def test_a_cache_folder_that_cannot_be_written_costs_one_log_line_and_nothing_else(small_cache):
     outcome = run_script(PLACE, env=NO_CACHE, bound=90)
     assert (outcome.code, outcome.out) == (0, small_cache[1])
@@ -101,6 +102,7 @@ def test_a_home_that_does_not_exist_is_no_error():
     assert outcome.err.count("\n") == 1, outcome.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 def test_truncated_cache_files_are_replaced(ending, tmp_path, small_cache):
     """A full disk or a power cut leaves such files; they must not stop every later run with an unpickling error."""
@@ -181,6 +183,7 @@ def compiled_by(folder, longest):
     return sorted(run.communicate(timeout=60)[0] for run in runs)
 
 
+@pytest.mark.slow
 def test_of_two_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path):
     assert compiled_by(tmp_path / "in turns", 60) == ["False\n", "True\n"]
     without = [compiled_by(tmp_path / f"control {number}", 0) for number in range(3)]

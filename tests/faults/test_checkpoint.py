@@ -131,6 +131,7 @@ def assert_always_whole(results, figures, what):
     assert results["left"] == []
 
 
+@pytest.mark.slow
 def test_a_writer_killed_at_any_line_or_byte_leaves_a_whole_checkpoint(figures):
     what = {"line": "at every fourth line of our own code", "byte": "after every 240 bytes"}
     assert_always_whole(kill_writers({"line": 4, "byte": 240}), figures, what)
@@ -186,6 +187,7 @@ with simulate(lattice(20, 20), method="grid") as sim:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", long_but([500, 9_000, 30_000], 500, 30_000))
 def test_a_full_disk_is_an_error_and_the_checkpoint_of_before_is_kept(free, figures):
     size = 128 * 1024
@@ -211,6 +213,7 @@ def test_a_full_disk_is_an_error_and_the_checkpoint_of_before_is_kept(free, figu
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", range(0, 5000, 500))
 def test_a_file_that_cannot_grow_is_an_error_at_any_size(limit, tmp_path):
     path = two(tmp_path / "run")
@@ -228,6 +231,7 @@ def test_a_file_that_cannot_grow_is_an_error_at_any_size(limit, tmp_path):
     assert sorted(each.name for each in tmp_path.iterdir()) == ["run", "run.previous"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", ["fsync", "link", "rename"])
 def test_an_error_of_the_system_at_any_call_leaves_what_was_there(call, tmp_path, monkeypatch):
     path = two(tmp_path / "run")
@@ -244,6 +248,7 @@ def test_an_error_of_the_system_at_any_call_leaves_what_was_there(call, tmp_path
     assert sorted(each.name for each in tmp_path.iterdir()) == ["run", "run.previous"]
 
 
+@pytest.mark.slow
 def test_no_checkpoint_is_written_that_could_not_be_read_again(tmp_path, monkeypatch):
     """A million obstacles and emitters may be in a scene, and not all of them in a header."""
     path = saved(tmp_path / "run", zoo("obstacles", count=5))
@@ -255,6 +260,7 @@ def test_no_checkpoint_is_written_that_could_not_be_read_again(tmp_path, monkeyp
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_file_system_without_links_gets_a_copy(tmp_path, monkeypatch):
     def refuse(*arguments, **options):
         raise PermissionError(1, "Operation not permitted")

@@ -234,6 +234,7 @@ HOSTILE_FEATURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", HOSTILE_FEATURES)
 def test_no_feature_of_an_exact_checkpoint_is_in_an_impossible_state(what, tmp_path):
     path = saved(tmp_path / "run", exact_zoo(), method="event", dt=0.3, frames=6)
@@ -255,6 +256,7 @@ def test_a_number_of_discs_is_compared_with_the_arrays_before_room_is_made_for_t
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_a_checkpoint_that_is_only_rewritten_is_accepted(tmp_path):
     """The control of all hostile ones."""
     exact = {"method": "event", "dt": 0.3}

@@ -102,6 +102,7 @@ def test_links_are_not_followed(tmp_path, dead_pid):
     assert shared.remove_stale_blocks(tmp_path) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["naive", "grid", "parallel", "event"])
 def test_a_block_belongs_to_its_user_alone_and_is_locked(method):
     with simulate(lattice(9, 9), method=method, workers=2) as sim:

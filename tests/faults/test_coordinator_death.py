@@ -37,6 +37,7 @@ def kill_coordinator(script, pids):
     return time.monotonic() - killed
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize(
     ("start", "then"),
@@ -55,6 +56,7 @@ def test_a_killed_coordinator_leaves_no_worker_and_no_block(start, then):
         kill_coordinator(script, pids)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize(("start", "delay"), [("fork", 0.0), ("spawn", 0.3), ("forkserver", 0.3)])
 def test_a_coordinator_killed_while_workers_start_leaves_nothing(start, delay):

@@ -96,6 +96,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", long_but(["grid", "parallel"], "parallel"))
 @pytest.mark.parametrize("start", long_but(["fork", "spawn", "forkserver"], "fork"))
 def test_a_process_of_multiprocessing_closes_what_it_leaves_open(start, method):

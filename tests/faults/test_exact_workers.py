@@ -4,7 +4,6 @@ import functools
 import os
 import random
 import signal
-import threading
 
 import pytest
 from support.compare import assert_same_bits
@@ -67,6 +66,7 @@ def test_a_worker_that_dies_between_runs_is_noticed():
             sim.run(frames=FRAMES)
 
 
+@pytest.mark.slow
 def test_workers_that_die_at_random_moments_are_replaced_and_change_nothing(figures):
     expected, measures, collisions = undisturbed()
 
@@ -83,6 +83,7 @@ def test_workers_that_die_at_random_moments_are_replaced_and_change_nothing(figu
     )
 
 
+@pytest.mark.slow
 def test_a_run_that_forgot_to_rewind_would_be_noticed(monkeypatch):
     """The control."""
     expected, measures, _ = undisturbed()
@@ -130,20 +131,13 @@ def test_a_death_before_discs_are_added_is_healed():
 # --- Ctrl-C
 
 
-@pytest.fixture
-def alarm():
-    """Call `alarm(seconds)`: this process then interrupts itself after so long, as Ctrl-C would."""
-    return lambda seconds: threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
-
-
 @pytest.mark.parametrize("dt", [0.01, 20.0])
 def test_an_interrupted_run_goes_on_with_the_same_bits(dt, alarm):
     """Ctrl-C comes between short frames, or inside long ones."""
     with tiled(2, dt) as sim:
         pids = sim.pids
         for attempt in range(4):
-            alarm(0.03 + attempt * 0.0137)
-            with pytest.raises(KeyboardInterrupt):
+            with pytest.raises(KeyboardInterrupt), alarm(0.03 + attempt * 0.0137):
                 sim.run(frames=10**9)
             frames = sim.frame
             assert frames * dt <= sim.time <= (frames + 1) * dt

@@ -352,6 +352,7 @@ print(json.dumps(results))
 """
 
 
+@pytest.mark.slow
 def test_a_kill_or_an_interrupt_at_any_line_leaves_the_old_file_or_the_new_one(figures, request):
     """At every third line, and with --long at each."""
     step = "1" if request.config.getoption("--long") else "3"

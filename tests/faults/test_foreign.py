@@ -60,6 +60,7 @@ def test_a_simulation_whose_name_a_foreign_process_removed_can_still_grow():
         assert sim.count == 164
 
 
+@pytest.mark.slow
 def test_a_removed_name_makes_no_noise_at_the_end():
     outcome = run_script("""
     import os
@@ -126,6 +127,7 @@ def test_a_child_process_of_the_user_takes_nothing_away():
     assert outcome.out == "child\n4\n"
 
 
+@pytest.mark.slow
 def test_a_worker_pool_of_somebody_else_can_run_simulations():
     outcome = run_script("""
     import multiprocessing
@@ -176,6 +178,7 @@ def test_a_daemonic_process_runs_on_one_worker_and_logs_it():
     assert "daemonic" in outcome.err
 
 
+@pytest.mark.slow
 def test_a_simulation_runs_in_a_thread_that_is_not_the_main_one():
     outcome = run_script(
         """

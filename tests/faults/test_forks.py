@@ -91,6 +91,7 @@ FEW = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("parent", "fork", "child"), long_but(MATRIX, *FEW))
 def test_a_fork_can_have_simulations_of_its_own(parent, fork, child):
     """Whatever its parent has run: gunicorn --preload, a pool that forks, os.fork."""
@@ -186,6 +187,7 @@ def test_a_callback_that_forks_cannot_bring_the_fork_back_into_the_run(method):
         assert sim.digest() == digest_after(lattice(9, 9), 50, method=ALONE[method])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_signal_handler_that_forks_cannot_bring_the_fork_back_into_the_run(method):
     """The fork met what was missing of its parent's block: KeyError: 'times'."""
@@ -332,6 +334,7 @@ def test_a_fork_of_another_thread_during_a_run_that_writes_checkpoints_ends_on_s
     assert isinstance(found[0], SystemExit)
 
 
+@pytest.mark.slow
 def test_a_fork_that_ends_like_a_program_is_silent_and_takes_nothing_away():
     """Its end runs what is registered for the end of the parent."""
     outcome = run_script(
@@ -429,6 +432,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_reaches_processes_that_the_fork_server_starts_for_the_program():
     """The server was started while Ctrl-C was blocked for the sake of a worker; all that it started inherited it."""
     outcome = run_script(MASKED)

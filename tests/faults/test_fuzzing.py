@@ -233,6 +233,7 @@ def test_damaged_checkpoints(request, tmp_path, figures):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(2400)
 def test_forged_checkpoints(request, tmp_path, figures):
     """The digest is right, as whoever forges one can compute it; what is refused must be refused for what it says."""

@@ -119,6 +119,7 @@ def kill_once_in(sim, phase):
     return killer
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_death_in_any_phase_is_healed(phase, figures):
     with healing(lattice(100, 100), workers=2) as sim:
@@ -154,6 +155,7 @@ def test_a_worker_that_is_killed_while_it_replaces_another_is_replaced_too(monke
     assert [record.getMessage().split("'")[1] for record in caplog.records[1:]] == ["start-up", "start-up"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grows", [1, 60])
 def test_a_death_before_or_while_discs_are_added_is_healed(grows):
     """60 discs move the workers to a larger block, one does not."""
@@ -172,6 +174,7 @@ def test_a_death_before_or_while_discs_are_added_is_healed(grows):
     assert digests[0] == digests[1]
 
 
+@pytest.mark.slow
 def test_a_death_between_runs_is_healed_when_measures_move_the_workers():
     with healing(gas(500, 0.5, seed=2)) as sim:
         sim.run(frames=20)
@@ -185,6 +188,7 @@ def test_a_death_between_runs_is_healed_when_measures_move_the_workers():
         assert sim.digest() == digest
 
 
+@pytest.mark.slow
 def test_frames_that_a_fast_disc_has_divided_go_back_too():
     def result(sim):
         sim.run(frames=200)
@@ -220,6 +224,7 @@ def test_emitters_and_exits_go_back_too():
     repeat_until_killed(experiment, lambda: random.uniform(0.05, 0.2), most=4)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
 def test_auto_that_becomes_parallel_on_the_way_heals_as_well():
     """The run begins on one process and has workers only when enough discs have been added."""
@@ -240,6 +245,7 @@ def test_auto_that_becomes_parallel_on_the_way_heals_as_well():
     repeat_until_killed(experiment, lambda: 0.05, most=3)
 
 
+@pytest.mark.slow
 def test_all_workers_at_once_may_die():
     dead = []
 
@@ -259,6 +265,7 @@ def test_all_workers_at_once_may_die():
     pytest.fail("nobody has died, which tests nothing")
 
 
+@pytest.mark.slow
 def test_a_death_during_a_snapshot_is_healed(monkeypatch):
     take, taken = Coordinator.snapshot, []
 
@@ -290,6 +297,7 @@ def test_a_stopped_worker_that_is_then_killed_is_replaced():
         assert_as_undisturbed(sim, report)
 
 
+@pytest.mark.slow
 def test_a_survivor_that_is_stopped_does_not_keep_the_others_from_going_on(monkeypatch):
     monkeypatch.setattr(pool, "PATIENCE", 0.3)
     with healing() as sim:
@@ -301,6 +309,7 @@ def test_a_survivor_that_is_stopped_does_not_keep_the_others_from_going_on(monke
         assert is_gone(stopped)
 
 
+@pytest.mark.slow
 def test_deaths_without_end_end_the_run(monkeypatch, figures):
     """Each new worker dies in its first frame: no progress, so no snapshot, and no use in trying again."""
     advance = BlockSolver.advance
@@ -348,6 +357,7 @@ def test_raise_is_the_default_and_raises():
             sim.run(frames=1)
 
 
+@pytest.mark.slow
 def test_a_coordinator_in_a_thread_heals_too():
     found = []
 
@@ -365,6 +375,7 @@ def test_a_coordinator_in_a_thread_heals_too():
     assert set(map(repr, found)) == {repr(undisturbed()[:2])}
 
 
+@pytest.mark.slow
 def test_checkpoints_are_right_when_workers_die_between_them(tmp_path):
     with healing() as sim, Killer(sim, often, most=5):
         report = sim.run(frames=FRAMES, measures=MEASURES, checkpoint=tmp_path / "run", checkpoint_every=600)
@@ -373,6 +384,7 @@ def test_checkpoints_are_right_when_workers_die_between_them(tmp_path):
         assert (sim.frame, sim.digest()) == (FRAMES, undisturbed()[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deaths", ["raise", "restart"])
 def test_ctrl_c_between_a_death_and_its_report_closes_a_state_that_is_no_state(deaths, monkeypatch):
     """The frame was given up half-way. What lies in the block must not pass for a result, nor for a snapshot.

@@ -49,6 +49,7 @@ def session(changes, workers, **settings):
         return sim.digest(), [change.what for change in sim.journal], sim.scene.gravity.tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_what_was_changed_in_a_run_is_there_after_a_death(when):
     changes = Changes(**{when: True})
@@ -58,6 +59,7 @@ def test_what_was_changed_in_a_run_is_there_after_a_death(when):
     assert expected[1] == ["kick", "remove", "change", "set", "kick"]
 
 
+@pytest.mark.slow
 def test_a_snapshot_from_before_the_change_would_be_noticed(monkeypatch):
     """The control: without the new snapshot the run goes back to before the change, which is lost."""
     expected = session(Changes(), 1)
@@ -71,6 +73,7 @@ def test_a_snapshot_from_before_the_change_would_be_noticed(monkeypatch):
     assert session(Changes(after=True, since=200), 3)[0] != expected[0]
 
 
+@pytest.mark.slow
 def test_a_death_between_two_runs_is_healed_after_a_change():
     found = []
     for kills in (False, True):

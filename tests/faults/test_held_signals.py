@@ -42,6 +42,7 @@ def test_signals_that_were_held_back_are_all_handled_though_one_raises():
     assert sorted(caught) == [(number, True) for number in numbers]
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_started_while_signals_wait_has_them():
     """A fork server that started with SIGCHLD blocked, as a user handles it, would not tell of the end of a worker."""
     outcome = run_script(

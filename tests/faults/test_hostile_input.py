@@ -308,6 +308,7 @@ def test_more_emitters_than_a_scene_may_have_are_refused_before_they_are_made(ro
     refused(lambda: mpsim.Scene(**box, emitters=[spout] * sum(rows)), match="emitters must be at most 1,000,000")
 
 
+@pytest.mark.slow
 def test_a_large_csv_is_refused_before_it_is_read(tmp_path):
     (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.csv'\n")
     with (tmp_path / "a.csv").open("wb") as file:
@@ -393,6 +394,7 @@ def test_records_that_are_none_are_refused(text, tmp_path):
     refused(SavedResults, tmp_path / "run.json", "scene", match="path must be a file of an earlier trade")
 
 
+@pytest.mark.slow
 def test_records_of_very_many_empty_lists_are_refused(tmp_path):
     """Which take most time to read for their length: 4 s for 64 MiB."""
     assert saved_results.MOST_BYTES == runfolder.MOST_BYTES == 2**23

@@ -54,6 +54,7 @@ def interrupt(text, after, delay, warm=False):
     assert took < ENDS_WITHIN[after], f"it took {took:.1f} s to end"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("start", long_but(["fork", "spawn", "forkserver"], "forkserver"))
 def test_an_interrupt_during_a_run_is_one_keyboard_interrupt(start):
@@ -87,6 +88,7 @@ def interrupt_again_and_again(start, pause):
     return pressed
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("pause", long_but([0.0005, 0.01], 0.0005))
 @pytest.mark.parametrize("start", ["fork", "forkserver"])
@@ -133,6 +135,7 @@ print("made")
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["naive", "parallel"])
 def test_an_interrupt_while_kernels_are_loaded_is_one_keyboard_interrupt(method):
     """Numba loads machine code from a callback of LLVM, in which Python throws a KeyboardInterrupt away."""
@@ -148,6 +151,7 @@ def test_an_interrupt_while_kernels_are_loaded_is_one_keyboard_interrupt(method)
 STARTS = long_but([("fork", 0.05), ("spawn", 0.2), ("spawn", 0.5), ("forkserver", 0.2)], ("fork", 0.05), ("spawn", 0.5))
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize(("start", "delay"), STARTS)
 def test_an_interrupt_while_workers_start_is_one_keyboard_interrupt(start, delay):
@@ -164,19 +168,13 @@ def test_an_interrupt_at_any_moment_is_one_keyboard_interrupt(start, figures):
     figures.note("R8", f"parallel on 3, {start}", deed, "one KeyboardInterrupt, nothing left", "25 of 25")
 
 
-@pytest.fixture
-def alarm():
-    """Call `alarm(seconds)`: this process then interrupts itself after so long, as Ctrl-C would."""
-    return lambda seconds: threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "workers"), [("naive", 1), ("grid", 1), ("parallel", 3)])
 def test_an_interrupted_simulation_has_a_whole_number_of_frames_and_can_go_on(method, workers, alarm):
     scene = lattice(9, 9)
     with simulate(scene, method=method, workers=workers) as sim:
         for attempt in range(3):
-            alarm(0.06 + attempt * 0.0137)
-            with pytest.raises(KeyboardInterrupt):
+            with pytest.raises(KeyboardInterrupt), alarm(0.06 + attempt * 0.0137):
                 sim.run(frames=10**9)
             frames, state = sim.frame, sim.state
             assert frames > 0
@@ -222,6 +220,7 @@ def pressed_while_running(sim, delay):
     return time.process_time() - pressed[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("side", "dt"), [(10, 0.01), (10, 1e4), (100, 1e4), (1000, 1e4)])
 def test_ctrl_c_ends_an_exact_run_within_a_tenth_of_a_second(side, dt):
     """However long a frame is and however many discs there are.
@@ -248,6 +247,7 @@ def longest_silence(sim, seconds):
     return max(later - earlier for earlier, later in itertools.pairwise(calls))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_exact_run_reports_progress_inside_a_long_frame(workers, monkeypatch):
     with simulate(lattice(100, 100), method="event", workers=workers, dt=1e6) as sim:
@@ -259,14 +259,14 @@ def test_an_exact_run_reports_progress_inside_a_long_frame(workers, monkeypatch)
         assert longest_silence(sim, 1.5) > 0.1, "a control that must be silent for longer"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [0.01, 300.0])
 def test_an_interrupted_exact_run_goes_on_with_the_same_bits(dt, alarm):
     """Ctrl-C may come at any instruction around the kernel: often between short frames, inside long ones."""
     scene = lattice(9, 9)
     with simulate(scene, method="event", dt=dt) as sim:
         for attempt in range(6):
-            alarm(0.02 + attempt * 0.0137)
-            with pytest.raises(KeyboardInterrupt):
+            with pytest.raises(KeyboardInterrupt), alarm(0.02 + attempt * 0.0137):
                 sim.run(frames=10**9)
             frames, state = sim.frame, sim.state
             assert_inside_and_finite(state, scene, f"interrupted in frame {frames}")

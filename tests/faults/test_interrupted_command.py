@@ -3,6 +3,7 @@
 import json
 import math
 
+import pytest
 from click.testing import CliRunner
 from support.processes import run_script
 
@@ -30,6 +31,7 @@ def command(*words: str, at: float = math.inf) -> str:
     """
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_all_workers_and_leaves_a_run_that_goes_on(tmp_path):
     whole, out = tmp_path / "whole", tmp_path / "run"
     settings = ("run", "gas", "--frames", "400", "--every", "50", "--quiet", "--method")

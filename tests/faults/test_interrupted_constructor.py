@@ -202,6 +202,7 @@ CONSTRUCTORS = [(name, how, method) for name in SIGNALS for how in ("Simulation"
 FEW = [("Ctrl-C", "Simulation", "parallel"), ("Ctrl-C", "Simulation", "event"), ("Ctrl-C", "resume", "grid")]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(3000)
 @pytest.mark.usefixtures("alarms_raise")
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # opened by the call at whose return it came
@@ -255,6 +256,7 @@ def left_of_a_change(change, method, number):
     return press.count, left
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(3000)
 @pytest.mark.usefixtures("alarms_raise")
 @pytest.mark.parametrize("change", CHANGES)
@@ -383,6 +385,7 @@ def test_sigterm_is_left_alone_where_somebody_handles_it():
     assert signal.getsignal(signal.SIGTERM) == before
 
 
+@pytest.mark.slow
 def test_a_program_that_is_interrupted_while_it_makes_simulations_ends_without_a_word_of_the_tracker():
     outcome = run_script(
         """

@@ -50,6 +50,7 @@ print(sum(attempt(number * {step}) for number in range({attempts})) > 3)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "step"), [("grid", 5e-6), ("parallel", 4e-5)])
 def test_an_interrupt_while_discs_are_added_leaves_a_whole_state_or_a_closed_simulation(method, step):
     """Ctrl-C comes a little later each time, so that over the attempts it meets every part of the growth."""

@@ -40,6 +40,7 @@ def trade(path, **options):
     return tradeoff(SCENE, CANDIDATES, until=5, replicas=2, path=path, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [("accuracy", 1), ("accuracy", 13), ("timing", 1)])
 def test_ctrl_c_keeps_what_is_finished_and_the_next_call_does_the_rest_alone(tmp_path, made, after):
     path = tmp_path / "kept.json"
@@ -67,6 +68,7 @@ def test_ctrl_c_keeps_what_is_finished_and_the_next_call_does_the_rest_alone(tmp
     assert [each.name for each in tmp_path.iterdir()] == ["kept.json"]
 
 
+@pytest.mark.slow
 def test_further_candidates_use_the_reference_that_is_there(tmp_path, made):
     path = tmp_path / "kept.json"
     trade(path)
@@ -89,6 +91,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_kill_leaves_a_file_to_go_on_from(tmp_path, made):
     path = tmp_path / "kept.json"
     text = "from mpsim.studies import saved_results\nsaved_results.SAVE_EVERY = 0.0\n"

@@ -37,6 +37,7 @@ def fail_inside(seen, method, workers):
         raise ZeroDivisionError
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "workers"), METHODS)
 def test_an_exception_inside_the_block_closes_and_passes_through(method, workers):
     seen = []
@@ -65,6 +66,7 @@ def test_closing_in_the_progress_callback_ends_the_run_with_an_error_that_says_s
         sim.run(frames=10**6, progress=lambda done, of: sim.close())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on_worker_death", ["restart", "raise"])
 def test_a_worker_that_dies_after_the_last_frame_does_not_lose_the_report(on_worker_death):
     def kill(done, of):
@@ -95,6 +97,7 @@ ENDINGS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", long_but(ENDINGS, "without close", "by sys.exit"))
 def test_a_program_may_end_without_closing(ending):
     start = "forkserver" if ending == "without close" else "fork"
@@ -109,6 +112,7 @@ sim.run(frames=2)
     assert outcome.out == ""
 
 
+@pytest.mark.slow
 def test_a_program_that_fails_shows_only_its_own_traceback():
     outcome = run_script("""
     from support.scenes import lattice, simulate
@@ -121,6 +125,7 @@ def test_a_program_that_fails_shows_only_its_own_traceback():
     assert outcome.err.rstrip().endswith("ZeroDivisionError: division by zero"), outcome.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", long_but(["fork", "spawn", "forkserver"], "spawn"))
 def test_a_script_without_main_guard_runs_once(start):
     outcome = run_script(f"""
@@ -148,6 +153,7 @@ print(done.stdout + done.stderr, end="")
 """
 
 
+@pytest.mark.slow
 def test_a_program_read_from_standard_input_works():
     """As a notebook's cells do: there is no file that a new process could import as the main module."""
     outcome = run_script(FROM_STANDARD_INPUT)
@@ -177,6 +183,7 @@ def cycle(workers, start):
         return sim.digest()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
 @pytest.mark.parametrize(
     ("number", "workers", "start"), long_but([(20, 3, "fork"), (4, 2, "forkserver")], (20, 3, "fork"))

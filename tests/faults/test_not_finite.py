@@ -28,6 +28,7 @@ def run_with(changes, method, workers, precision="float64", count=COUNT):
     return caught.value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "workers"), LAYOUTS)
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_a_nan_is_named_with_particle_frame_position_and_velocity(method, workers, precision):
@@ -39,6 +40,7 @@ def test_a_nan_is_named_with_particle_frame_position_and_velocity(method, worker
     assert "smaller dt" in str(error), "the text must say what to do"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("field", ["x", "y", "vx", "vy"])
 @pytest.mark.parametrize(("method", "workers"), [("naive", 1), ("grid", 1), ("parallel", 2)])
@@ -47,6 +49,7 @@ def test_any_coordinate_that_is_not_finite_is_noticed(method, workers, field, va
     assert (error.particle, error.frame) == (37, BEFORE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "workers"), long_but(LAYOUTS, ("grid", 1), ("parallel", 3)))
 def test_of_several_bad_discs_the_lowest_is_named(method, workers):
     bad = {particle: {"vx": np.nan} for particle in (880, 411, 23, 300, 24)}
@@ -54,6 +57,7 @@ def test_of_several_bad_discs_the_lowest_is_named(method, workers):
         assert run_with(bad, method, workers).particle == 23
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("particle", [0, COUNT - 1])
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_the_first_and_the_last_disc_are_watched_too(workers, particle):
@@ -67,6 +71,7 @@ def slow_start(extra):
     return mpsim.Scene(width=80, height=200, position=position, velocity=velocity, radius=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", long_but([2, 3], 3))
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_the_frame_of_an_overflow_inside_a_long_run_does_not_depend_on_the_workers(workers):

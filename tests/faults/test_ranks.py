@@ -11,6 +11,8 @@ from support.scenes import gas
 import mpsim
 from mpsim.cli.runfolder import RunFolder
 
+pytestmark = pytest.mark.slow
+
 BOUND = 60
 """Seconds within which a job has ended, on a busy machine too; without an end it would run for hours."""
 

@@ -10,6 +10,8 @@ from support.scenes import gas
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 RESUMED = """
 import json, sys, mpsim
 from pathlib import Path

@@ -10,6 +10,8 @@ from support.ranks import on_ranks, told_by_script
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 LATTICE = {"count": 140_000, "packing": 0.4, "radius": 0.5, "seed": 3}
 """Of three pieces."""
 

@@ -68,6 +68,7 @@ def started_before(method):
     return left()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", long_but(METHODS, "grid", "parallel"))
 def test_too_few_descriptors_are_an_error_with_numbers_and_nothing_leaks(method):
     """With none to spare, with one, with two ... until there are enough."""
@@ -87,6 +88,7 @@ def test_too_few_descriptors_are_an_error_with_numbers_and_nothing_leaks(method)
         assert sim.run(frames=2).frames == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", long_but(METHODS, "grid", "event", "parallel"))
 def test_too_little_address_space_is_an_error_with_sizes_and_nothing_leaks(method):
     before, scene = started_before(method), lattice(1000, 300)
@@ -117,6 +119,7 @@ def test_too_little_address_space_for_a_worker_is_an_error_of_mpsim_and_nothing_
     assert left() == before
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of a disc that is added where others are
 @pytest.mark.parametrize("refused", [False, True])
 def test_a_worker_that_cannot_map_a_larger_block_is_an_error_of_mpsim_and_nothing_leaks(refused):
@@ -219,6 +222,7 @@ print(psutil.Process().num_fds() - before, blocks_of(os.getpid()))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("refused", NO_PROCESSES)
 def test_no_process_for_the_resource_tracker_is_an_error_that_says_so(refused):
     """The first simulation of a program starts it, whatever the method. It was an error about /dev/shm."""

@@ -38,6 +38,7 @@ def terminate(path, method="parallel", workers=3, start="fork", group=False, bef
     return outcome
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "start", "group"),
     [
@@ -151,6 +152,7 @@ mpsim.tradeoff(
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("act", ACTS)
 @pytest.mark.parametrize("register", REGISTER)
 def test_a_handler_in_c_is_back_after_a_run_and_left_alone_by_a_search_of_settings(register, act, tmp_path):

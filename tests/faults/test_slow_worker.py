@@ -16,6 +16,7 @@ import mpsim
 from mpsim.kernels import layout
 
 
+@pytest.mark.slow
 def test_a_worker_stopped_for_two_seconds_is_waited_for_and_changes_nothing():
     scene, frames = lattice(40, 40), 400
     expected = state_after(scene, frames, method="grid")
@@ -72,6 +73,7 @@ def test_workers_that_share_one_core_are_slow_and_right(figures):
     figures.note("R13", "parallel on 3", "all pinned to one core", "digest of grid", found)
 
 
+@pytest.mark.slow
 def test_an_idle_pool_burns_no_cpu():
     with simulate(lattice(40, 40), method="parallel", workers=3) as sim:
         sim.run(frames=20)
@@ -83,6 +85,7 @@ def test_an_idle_pool_burns_no_cpu():
     assert max(spent) < 0.03, f"seconds of CPU in one idle second, by worker: {spent}"
 
 
+@pytest.mark.slow
 def test_a_pool_that_slept_wakes_up_for_the_next_run():
     scene = lattice(20, 20)
     with simulate(scene, method="parallel", workers=3) as sim:
@@ -107,6 +110,7 @@ print("done")
 """
 
 
+@pytest.mark.slow
 def test_a_coordinator_held_up_between_waking_workers_and_giving_the_command_still_gets_them():
     """On a busy machine the coordinator may lose its core at that moment; the workers must not go to sleep for good."""
     outcome = run_script(HELD_UP, bound=20, warm=True)

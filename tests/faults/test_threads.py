@@ -162,6 +162,7 @@ def read_in_a_run(sim, read):
     return found, slices
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", long_but(METHODS, "grid", "parallel", "event"))
 def test_a_state_that_another_thread_reads_is_whole(method, short_slices):
     """Never half of two frames, nor of two instants."""
@@ -343,6 +344,7 @@ for _ in range(20):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", long_but(METHODS, "parallel"))
 def test_a_program_may_end_while_daemon_threads_run_and_read(method):
     """With faulthandler's dumps, a handler of a signal that reads, and something left to do at exit.

@@ -49,6 +49,7 @@ def test_cut_at_any_byte_all_whole_frames_are_read(whole, tmp_path):
             assert [frame.state.digest() for frame in found] == [row[-1] for row in frames[:survivors]]
 
 
+@pytest.mark.slow
 def test_cut_at_any_byte_of_a_frame_it_is_continued_to_the_same_bytes(whole, tmp_path):
     """The run comes back from a checkpoint of frame 2, of which the cut may or may not have taken the frame."""
     path, ends = whole
@@ -110,6 +111,7 @@ class Killer:
             os.kill(sim.pids[0], signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_a_run_that_heals_writes_each_frame_once(tmp_path, caplog):
     """Frames since the last snapshot are run, and looked at, again."""
     scene = gas(60, 0.4)

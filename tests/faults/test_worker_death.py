@@ -101,6 +101,7 @@ def assert_over(sim, pids, block):
     sim.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("worker", long_but([1, 2], 2))
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_death_in_any_phase_is_named_in_full(phase, worker):
@@ -110,6 +111,7 @@ def test_a_death_in_any_phase_is_named_in_full(phase, worker):
         assert word in str(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("worker", "other"), [(1, 2), (2, 1)])
 def test_a_death_at_a_barrier_is_a_death_in_phase_wait(worker, other):
     error = death_during_run(lambda sim: kill_at_barrier(sim, worker, other))

@@ -38,6 +38,7 @@ def test_the_exact_solver_meets_the_published_value():
     assert mean.error < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", long_but(["naive", "grid"], "grid"))
 def test_impact_passes_the_pressure_gates_and_push_fails_them(method):
     coarse, error = bias(dt=0.1, contact="impact", method=method)

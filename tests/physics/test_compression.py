@@ -9,6 +9,8 @@ from support.scenes import simulate
 import mpsim
 from mpsim.measure import Measure, reference
 
+pytestmark = pytest.mark.slow
+
 COUNT = 100
 
 

@@ -75,6 +75,7 @@ LONG_LIVED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", ["impact", "push"])
 @pytest.mark.parametrize("name", long_but(LONG_LIVED, *(each for each in LONG_LIVED if each != "pegs")))
 def test_energy_in_float32_does_not_creep_by_one_rounding_per_contact(name, contact):
@@ -97,6 +98,7 @@ def energy_of(sim):
     return float(sim.masses @ (sim.state.velocity.astype(float) ** 2).sum(axis=1))
 
 
+@pytest.mark.slow
 def test_a_push_adds_energy_under_gravity():
     """Negative control for energy: with gravity a push lifts discs, so the energy of a heap is not kept."""
     scene = Scene.random(count=200, packing=0.5, radius=0.5, seed=3, gravity=(0, -5))

@@ -11,6 +11,8 @@ import mpsim
 from mpsim.measure import mean_squared_displacement, reference
 from mpsim.measure.pairs import lengths_of, to_nearest_image
 
+pytestmark = pytest.mark.slow
+
 PACKING = 0.02
 RATE = reference.enskog_rate(PACKING)
 """Collisions per disc and time of the dilute gas."""

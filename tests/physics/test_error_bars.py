@@ -7,6 +7,8 @@ from support.selection import long_but
 import mpsim
 from mpsim.measure import block_errors, counted, reference, registry
 
+pytestmark = pytest.mark.slow
+
 COUNT = 64
 
 

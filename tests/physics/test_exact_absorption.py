@@ -10,6 +10,8 @@ from support.scenes import simulate
 import mpsim
 from mpsim import Emitter, FixedDisc, Piston, Polyline
 
+pytestmark = pytest.mark.slow
+
 EDGES = ("left", "right", "bottom", "top")
 
 

@@ -13,6 +13,8 @@ from mpsim import Scene
 from mpsim.kernels.events import flight, records
 from mpsim.measure import reference_motion
 
+pytestmark = pytest.mark.slow
+
 time_to_impact = machine_code(flight.time_to_impact)
 
 

@@ -9,6 +9,8 @@ import mpsim
 from mpsim.core.state import State
 from mpsim.measure import observables, reference
 
+pytestmark = pytest.mark.slow
+
 DENSE_72 = reference.DENSE_72.value
 
 

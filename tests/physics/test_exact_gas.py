@@ -107,6 +107,7 @@ def at_equal_speeds(scene, seed):
     return Scene(width=scene.width, height=scene.height, position=scene.position, velocity=velocity, radius=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 10])
 def test_b5_speeds_of_few_discs_have_the_moments_of_fixed_energy(count, figures):
     """2N/(N+1), from equal speeds; the Maxwell distribution's 2, and the 1 of the start, must be told from it."""
@@ -191,6 +192,7 @@ def bulk_of_256(packing):
     return bulk(16, 16, packing, 16, 150_000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packing", [0.1, 0.3])
 def test_pressure_of_a_periodic_gas_is_that_of_the_virial_series(packing, figures):
     found, infinite = bulk_of_256(packing), reference.compressibility(packing)
@@ -225,6 +227,7 @@ def check_dense(starts, collisions, precision, figures):
     figures.note("dense", "exact", quantity, known, found, note)
 
 
+@pytest.mark.slow
 def test_pressure_of_dense_discs_is_the_published_one(figures):
     check_dense(16, 150_000, 2e-3, figures)
 

@@ -30,6 +30,7 @@ def cooled_by_collisions(restitution, starts, law_of=None):
     return independent_average(ratios)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.9, 0.95])
 @pytest.mark.parametrize("starts", [100, pytest.param(1000, marks=pytest.mark.long)])
 def test_e1_a_granular_gas_cools_by_haffs_law_per_collision(restitution, starts, figures):
@@ -64,6 +65,7 @@ def cooled_in_time(restitution, rate, starts, until=60.0):
     return independent_average(ratios)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("starts", [150, pytest.param(2000, marks=pytest.mark.long)])
 def test_e2_a_granular_gas_cools_by_haffs_law_in_time(starts, figures):
     """Within 3 %. The rate is that of the same discs at rest: walls make it higher than Enskog's."""
@@ -79,6 +81,7 @@ def test_e2_a_granular_gas_cools_by_haffs_law_in_time(starts, figures):
     figures.note("E2", "exact", quantity, "1 within 3 %", found, f"rate 0.9 times: {slow}; e = 0.91: {other}")
 
 
+@pytest.mark.slow
 def test_e4_inelastic_collapse_ends_with_the_guard(figures):
     start = [[10.0, 0.5], [11.5, 0.5], [13.2, 0.5]], [[1.0, 0.0], [0.0, 0.0], [-1.0, 0.0]]
     run = Run(*start, 40.0, 1.0, restitution=0.05, contact_time=1e-6)

@@ -12,6 +12,8 @@ from mpsim import FixedDisc, Polyline
 from mpsim.core.state import State
 from mpsim.measure import observables
 
+pytestmark = pytest.mark.slow
+
 PEGS = [FixedDisc((x + 0.13, y), 0.5) for x in (4, 8, 12) for y in (3, 7, 11)]
 BENT = Polyline([(1.0, 9.0), (6.0, 9.5), (9.0, 8.9), (9.0, 8.0)], 0.2)
 

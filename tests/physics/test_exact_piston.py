@@ -14,6 +14,8 @@ from mpsim import Piston
 from mpsim.core.state import State
 from mpsim.measure import observables
 
+pytestmark = pytest.mark.slow
+
 
 def exactly(scene, dt=1.0, **settings):
     return mpsim.Simulation(scene, mpsim.Settings(method="event", dt=dt, **settings))

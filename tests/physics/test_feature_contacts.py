@@ -10,6 +10,8 @@ from support.scenes import gas, simulate
 from mpsim import FixedDisc, Polyline, Scene
 from mpsim.measure import independent_average
 
+pytestmark = pytest.mark.slow
+
 ROUNDING = 1e-12
 G = 1.0
 

@@ -10,6 +10,8 @@ from support.scenes import gas, simulate
 from mpsim import FixedDisc, Piston, Polyline, Scene
 from mpsim.measure import independent_average
 
+pytestmark = pytest.mark.slow
+
 G = 1.0
 
 

@@ -14,7 +14,7 @@ import mpsim
 from mpsim import Scene
 from mpsim.measure import independent_average, kinetic_energy, rotational_energy
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
 
 @pytest.fixture(scope="module")

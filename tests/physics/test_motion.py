@@ -30,6 +30,7 @@ def test_a_free_disc_moves_in_a_straight_line(method, precision):
     assert state.velocity.tolist() == [[1, 0.5]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_flight_between_two_walls_repeats_exactly(method):
     """From wall to wall it is 7 length units, 448 frames; the frame after is spent turning round at the wall."""
@@ -51,6 +52,7 @@ def test_a_disc_on_a_wall_that_moves_inward_is_not_turned_back():
     assert (state.position.tolist(), state.velocity.tolist()) == ([[0.5 + DT, 4]], [[1, 0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_free_fall_is_the_sum_of_its_steps(method):
     """v_n = n g dt and y_n = y_0 + g dt^2 n (n + 1) / 2: the semi-implicit Euler step, exact here."""
@@ -70,6 +72,7 @@ def test_free_fall_is_first_order_in_dt():
     assert errors == [-g * t * (t / steps) / 2 for steps in (64, 128, 256)]
 
 
+@pytest.mark.slow
 def test_each_disc_has_its_own_acceleration():
     scene = scene_of([[2, 2], [4, 4], [6, 6]], np.zeros((3, 2)), acceleration=[[1, 0], [0, -1], [0, 0]])
     state = run(scene, 64, method="grid")

@@ -145,6 +145,7 @@ def line_gas_miss(dt, contact, until, starts=100, passes=1):
     return independent_average(misses)
 
 
+@pytest.mark.slow
 def test_a5_discs_on_a_line_miss_their_places_by_a_multiple_of_dt_squared(figures):
     """Two contacts of one disc in one frame come at a rate ~ dt, and each puts a disc ~ dt off: dt^2 in all.
 

@@ -108,6 +108,7 @@ def compressibilities(packing, contact, dt, law="elastic", method="naive"):
     return independent_average(walls), independent_average(walls - pairs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("packing", "push_at_002"), long_but([(0.1, -0.006), (0.3, -0.022)], (0.3, -0.022)))
 def test_c5_pressure_of_a_closed_box(packing, push_at_002, figures):
     """The closed form is good to 0.4 %; the bias of a step is asked for against the exact solver in the same box."""
@@ -132,6 +133,7 @@ def test_c5_pressure_of_a_closed_box(packing, push_at_002, figures):
     figures.note("C5", "push", f"{quantity}, h = 0.02", f"{expected:.4f}, less {-push_at_002:.1%}", push, control)
 
 
+@pytest.mark.slow
 def test_c6_wall_and_pair_counters_agree_to_second_order_with_impact(figures):
     """The virial theorem holds for any number of discs at every instant; a step breaks it by what contacts are late."""
     _, fine = compressibilities(0.3, "impact", 0.02)

@@ -46,6 +46,7 @@ def check_haff_by_collisions(restitution, starts, figures):
     figures.note("E1", "impact", quantity, "1 within 2 %", found, f"push, h = 0.1: {push}; gas of {wrong}: {other}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", long_but([0.9, 0.95], 0.9))
 def test_e1_a_granular_gas_cools_by_haffs_law_per_collision(restitution, figures):
     check_haff_by_collisions(restitution, 100, figures)

@@ -165,6 +165,7 @@ def pulled_apart(seed):
     return Scene.random(count=100, packing=0.4, radius=0.5, seed=seed, acceleration=pull)
 
 
+@pytest.mark.slow
 def test_a11_discs_that_are_pulled_differently_keep_their_energy():
     drifts = drifts_of(map(pulled_apart, range(4)), 10.0, dt=0.05, contact="impact")
     assert np.abs(drifts).max() < 3e-4, f"energy drifts {drifts}"

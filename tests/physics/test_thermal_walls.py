@@ -9,7 +9,7 @@ from support.scenes import gas, simulate
 
 from mpsim import Scene, ThermalWalls
 
-pytestmark = [pytest.mark.timeout(400), pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400), pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
 
 
 def temperatures(scene, method, begin, count, apart, **settings):

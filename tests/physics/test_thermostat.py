@@ -10,7 +10,7 @@ from support.scenes import simulate
 from mpsim import Scene, Thermostat, measure
 from mpsim.measure import reference
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
 DISCS = 900
 FINE = {"dt": 0.05, "contact": "impact"}

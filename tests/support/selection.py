@@ -8,9 +8,18 @@ import pytest
 
 def long_but(names: Iterable[Any], *kept: Any) -> list[Any]:
     """Parameters of a test, of which all but those kept wait for --long. A tuple stands for several arguments."""
+    return _marked_but(names, kept, pytest.mark.long)
+
+
+def slow_but(names: Iterable[Any], *kept: Any) -> list[Any]:
+    """Likewise, of which all but those kept wait for --slow."""
+    return _marked_but(names, kept, pytest.mark.slow)
+
+
+def _marked_but(names: Iterable[Any], kept: tuple[Any, ...], mark: pytest.MarkDecorator) -> list[Any]:
     found = list(names)
     assert set(kept) <= set(found), f"{set(kept) - set(found)} are not among {found}"
     return [
-        name if name in kept else pytest.param(*(name if isinstance(name, tuple) else (name,)), marks=pytest.mark.long)
+        name if name in kept else pytest.param(*(name if isinstance(name, tuple) else (name,)), marks=mark)
         for name in found
     ]

@@ -47,6 +47,7 @@ def test_a_tile_that_is_the_whole_box_holds_what_one_worker_finds(by_hand, tiled
     assert work.agreed
 
 
+@pytest.mark.slow
 def test_windows_by_hand_leave_the_simulation_as_it_is(by_hand, tiled, whole):
     tiles = by_hand.Tiles(tiled)
     tiles.play(LENGTH, 3)

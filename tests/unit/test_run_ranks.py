@@ -8,6 +8,8 @@ import pytest
 from support.ranks import on_ranks, told_by_script
 from support.scripts import fixture_of
 
+pytestmark = pytest.mark.slow
+
 script = fixture_of("run_ranks")
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"

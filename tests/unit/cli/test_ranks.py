@@ -10,6 +10,8 @@ from support.ranks import on_ranks
 from mpsim.cli.runfolder import RunFolder
 from mpsim.output.recorder import COLUMNS, read_table
 
+pytestmark = pytest.mark.slow
+
 ALIKE = ("trajectory.xyz", "trajectory.gsd", "measures.csv", "final.npz", "final.png")
 """Files that are the same to the byte. Others hold times, or name the method."""
 

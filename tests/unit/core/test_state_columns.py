@@ -143,6 +143,7 @@ def saved(tmp_path, name="everything rough", **how):
         return sim.state, sim.save(tmp_path / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method"), [("everything rough", "grid"), pytest.param("rough exact", "event", marks=pytest.mark.long)]
 )
@@ -156,6 +157,7 @@ def test_a_checkpoint_has_every_column_of_the_state(name, method, tmp_path):
             assert moved or (column == "present" and method == "event"), f"{column} is as it was at the start"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("array", "column"), [("exits", "present"), ("image", "image"), ("velocity", "velocity"), ("spin", "spin")]
 )
@@ -198,6 +200,7 @@ MADE_ANEW = {
 """Arrays of the block that a checkpoint leaves out, by the reason."""
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("compiled_when_run")
 def test_each_array_of_the_block_is_in_a_checkpoint_or_made_anew():
     names, kept = set(), set()

@@ -148,6 +148,7 @@ def test_what_does_not_fit_the_scene_is_refused(features, arguments, parts):
         assert (sim.digest(), sim.scene.digest()) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_the_exact_solver_refuses_discs_that_overlap(workers):
     with simulate(lattice(4, 4), method="event", workers=workers) as sim:
@@ -249,6 +250,7 @@ def test_set_and_kick_do_what_they_say(words, name):
         assert (sim.frame, len(sim.journal)) == (3, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", long_but(["float32", "float64"], "float64"))
 def test_a_kick_is_computed_in_float64_and_kept_in_the_precision_of_the_run(precision):
     with simulate(zoo("masses", count=20), method="grid", precision=precision) as sim:
@@ -258,6 +260,7 @@ def test_a_kick_is_computed_in_float64_and_kept_in_the_precision_of_the_run(prec
         assert np.array_equal(sim.state.velocity[5], expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", WORDS)
 def test_a_removed_disc_is_absent_and_the_others_keep_their_numbers(words):
     """One that flies at a removed one passes through where it was."""
@@ -284,6 +287,7 @@ def test_with_the_disc_there_it_would_be_met():
         assert sim.state.position[0, 0] < 5.1
 
 
+@pytest.mark.slow
 def test_a_removed_disc_takes_no_part_in_measures_and_files(tmp_path):
     with simulate(gas(30, 0.3, seed=2), method="grid") as sim:
         sim.remove(range(10, 20))
@@ -335,6 +339,7 @@ def test_a_disc_falls_as_gravity_is_changed(words):
         assert sim.run(until=3.0).frames == 16
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", long_but(WORDS, "grid"))
 def test_a_piston_goes_on_from_where_it_is(words):
     scene = mpsim.Scene(
@@ -445,6 +450,7 @@ def changed(sim, changes):
             sim.set(disc, position=first_free_place(sim.state))
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(changes=OF_DISCS)
 @pytest.mark.parametrize("words", long_but(["naive", "grid", "parallel on 2"], "grid"))

@@ -89,6 +89,7 @@ def unchanged(words, name):
         return sim.digest()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "name"), long_but(ALL, *(each for each in ALL if each[0] == "grid")))
 def test_a_change_acts_and_is_the_same_after_a_resume_and_in_a_replay(words, name, tmp_path):
     with begun(words, name) as sim:
@@ -111,6 +112,7 @@ def kill(sim):
     os.kill(sim.pids[0], signal.SIGKILL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["before", "after"])
 @pytest.mark.parametrize("name", long_but(NAMES, "substeps", "friction", "temperature", "wall_temperature"))
 def test_a_worker_that_dies_in_the_frame_of_a_change_changes_no_bit(name, when):
@@ -168,6 +170,7 @@ def test_parameters_of_steps_are_refused_where_there_are_none(change):
 # --- friction
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("value", "text"),
     [
@@ -188,6 +191,7 @@ def test_friction_that_is_none_is_refused(value, text):
         assert (sim.scene, len(sim.journal)) == (before, 0)
 
 
+@pytest.mark.slow
 def test_a_sliding_disc_is_slowed_by_the_friction_that_is_in_force():
     """By mu g, until it rolls: the closed form of the page on rough discs, with another mu halfway."""
     scene = mpsim.Scene(
@@ -205,6 +209,7 @@ def test_a_sliding_disc_is_slowed_by_the_friction_that_is_in_force():
 # --- temperatures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value", "text"),
     [

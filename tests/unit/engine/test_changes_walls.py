@@ -12,6 +12,7 @@ from support.sessions import METHODS, room
 import mpsim
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", long_but(list(METHODS), "grid"))
 def test_a_wall_is_met_from_both_sides_once_it_stands(words):
     """Both discs would meet in the middle; a removed one is not in the way of the wall."""
@@ -77,6 +78,7 @@ def test_a_wall_is_refused_in_the_words_of_its_door(wall, text):
         assert sim.scene.obstacles == ()
 
 
+@pytest.mark.slow
 def test_measures_that_mean_nothing_among_obstacles_are_nan_for_a_run_in_which_a_wall_is_put_up():
     class Puts:
         every = 10

@@ -17,6 +17,7 @@ def scene_of(**sizes):
     return mpsim.Scene(width=4, height=4, position=PLACES, velocity=np.zeros((4, 2)), **sizes)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("compiled_when_run")
 @pytest.mark.parametrize("method", long_but(["grid", "event"], "grid"))
 @pytest.mark.parametrize(

@@ -12,6 +12,8 @@ import mpsim
 from mpsim.engine.solvers.base import Choice, Solver
 from mpsim.engine.solvers.mpi import MpiSolver
 
+pytestmark = pytest.mark.slow
+
 
 @contextlib.contextmanager
 def refused(*parts):

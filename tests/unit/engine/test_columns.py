@@ -89,6 +89,7 @@ def charged_run(column, folder, **how):
         return sim.state, frame_of(sim), (folder / "run.xyz").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", [CHARGE, PASSES], ids=lambda column: column.name)
 @pytest.mark.parametrize(
     "how", [{"method": "naive"}, {"method": "parallel", "workers": 2}], ids=lambda how: how["method"]

@@ -31,6 +31,7 @@ def complaint(scene, until, **settings):
     return None, until, 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", ["impact", "push"])
 def test_a_piston_that_presses_lossy_discs_is_refused_while_they_overlap_little(contact):
     """They ended 0.39 of a diameter deep in each other, in silence, and a disc 0.22 in the obstacle."""
@@ -43,6 +44,7 @@ def test_a_piston_that_presses_lossy_discs_is_refused_while_they_overlap_little(
     assert deepest < 0.2
 
 
+@pytest.mark.slow
 def test_a_piston_that_presses_lossless_discs_is_refused_before_they_are_fast():
     """They were half a diameter deep when the first complaint came, of speeds, at time 25.68."""
     text, time, deepest = complaint(closing(1.0), 30)
@@ -53,6 +55,7 @@ def test_a_piston_that_presses_lossless_discs_is_refused_before_they_are_fast():
     assert deepest < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on_fast", ["warn", "substep"])
 def test_it_is_warned_of_once_and_the_run_goes_on(on_fast):
     with mpsim.Simulation(closing(0.2), mpsim.Settings(method="naive", on_fast=on_fast)) as sim:

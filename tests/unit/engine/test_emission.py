@@ -55,6 +55,7 @@ def test_a_disc_waits_until_its_place_is_free_and_says_so_once():
     ]
 
 
+@pytest.mark.slow
 def test_a_disc_beyond_a_periodic_border_occupies_a_place_too():
     blocked = {"position": [[9.9, 2]], "velocity": [[0, 0]], "boundary": ("periodic", "walls")}
     with pytest.warns(mpsim.EmitterWarning):
@@ -75,6 +76,7 @@ def test_discs_that_have_left_occupy_no_place():
         assert sim.state.position[1, 0] == pytest.approx(8.5)
 
 
+@pytest.mark.slow
 def test_what_enters_has_the_radius_and_mass_of_its_emitter():
     emitter = mpsim.Emitter(LEFT, (0, 0), every=1, radius=0.5, mass=3, limit=1)
     scene = mpsim.Scene(**{**EMPTY, "position": [[4, 2]], "velocity": [[-10, 0]]}, radius=0.25, emitters=emitter)

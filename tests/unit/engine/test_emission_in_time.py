@@ -157,6 +157,7 @@ def test_a_disc_that_waits_tries_again_at_times_that_do_not_depend_on_the_step(m
     assert caught[0].filename == __file__
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", long_but(["float64", "float32"], "float64"))
 @pytest.mark.parametrize("pieces", [1, 20])
 def test_workers_and_pieces_change_no_bit_while_discs_wait(pieces, precision):
@@ -177,6 +178,7 @@ def test_how_the_exact_solver_is_cut_into_calls_changes_no_bit(monkeypatch, ever
     assert_same_bits(ran(scene, 6.0, 6, method="event", dt=1.0)[0], expected, f"{timing}, three events at once")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "dt"), [("grid", 0.02), ("event", 0.1)])
 def test_a_checkpoint_in_the_middle_of_waiting_changes_no_bit(tmp_path, method, dt):
     expected = ran(BUSY, 6.0, method=method, dt=dt)[0]
@@ -241,6 +243,7 @@ def test_an_interrupt_while_a_disc_enters_lets_it_enter_once(method):
 # --- flights that meet something
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("features", "place"),
     [

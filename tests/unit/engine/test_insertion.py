@@ -51,6 +51,7 @@ def test_added_discs_of_a_mixed_scene_take_one_value_or_one_each():
         assert sim.radii.tolist() == [0.5, 0.25, 0.1, 0.2, 0.5]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("boundary", ["walls", "periodic"])
 def test_discs_that_enter_together_are_those_of_all_comparisons(boundary, monkeypatch):
     """Which of 300 emitters find their places free: by comparison with all discs, and with some."""

@@ -76,6 +76,7 @@ USES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("use", USES)
 @pytest.mark.parametrize("method", ["naive", "grid", "parallel"])
 def test_a_closed_simulation_says_so(method, use):

@@ -39,6 +39,7 @@ def test_looks_at_emitters_grow_with_their_number(monkeypatch):
 SCENES = [(make, count) for make in (pegs, chain, emitters) for count in (10_000, 100_000, 1_000_000)]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(("make", "count"), long_but(SCENES, *(scene for scene in SCENES if scene[1] < 100_000)))
 def test_scene_and_first_frame_of_very_many_take_seconds(make, count, figures):
@@ -57,6 +58,7 @@ def test_scene_and_first_frame_of_very_many_take_seconds(make, count, figures):
     figures.note("R22", "grid", what, f"{LONGEST * count:g} s at most", f"{seconds:.2f} s")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [20_000, pytest.param(100_000, marks=pytest.mark.long)])
 def test_a_checkpoint_of_many_emitters_is_written_and_read_in_seconds(count, tmp_path, figures):
     def written_and_read():
@@ -75,6 +77,7 @@ CROWDS = {"free": ((10.0, 0.0), 4e-4), "into obstacles": ((150.0, 150.0), 2.5e-3
 """Velocity of discs that enter, and seconds of processor time that each may take."""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # a flight inside a frame is exact at any speed
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("how", long_but(CROWDS, "free"))

@@ -64,6 +64,7 @@ def test_a_third_kind_is_neither_of_the_others():
         mpsim.Scene(width=4, height=4, **disc)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("a_third_kind")
 def test_the_exact_solver_refuses_a_kind_it_does_not_know():
     """Otherwise it would take that for walls, and nothing would show."""

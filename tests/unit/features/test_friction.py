@@ -129,6 +129,7 @@ def test_show_describes_it(tmp_path):
     assert '"friction": 0.5' in CliRunner().invoke(main, ["show", str(tmp_path / "a.toml"), "--json"]).output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["xyz", "gsd"])
 @pytest.mark.parametrize("precision", [pytest.param("float32", marks=pytest.mark.long), "float64"])
 def test_a_trajectory_has_the_spins_to_the_bit(suffix, precision, tmp_path):
@@ -157,6 +158,7 @@ def test_a_state_has_a_spin_of_each_disc(spin):
 # --- simulations
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("compiled_when_run")
 @pytest.mark.parametrize("method", ["naive", "event"])
 def test_discs_are_added_with_a_spin_or_without(method):
@@ -182,6 +184,7 @@ def test_spins_of_added_discs_are_checked(arguments, spin, match):
         assert sim.count == 2
 
 
+@pytest.mark.slow
 def test_the_virial_is_refused_and_the_pressure_on_walls_is_not():
     with simulate(rough(wall_friction=0.5), method="naive", dt=0.1) as sim:
         with pytest.raises(InputError, match="friction"):

@@ -118,6 +118,7 @@ def test_other_starts_have_other_random_numbers():
     assert scene.redrawn(3).thermal_walls == dataclasses.replace(WALLS, seed=seeds[4])
 
 
+@pytest.mark.slow
 def test_a_gas_between_them_does_not_conserve_its_energy():
     scene = gas(20, 0.1, thermal_walls=WALLS)
     assert driving.is_heated(scene)

@@ -124,6 +124,7 @@ def test_the_probability_of_a_frame_is_that_of_its_length():
     assert (1 - probability_of(BATH, 0.5)) ** 2 == pytest.approx(1 - probability_of(BATH, 1.0), rel=1e-14)
 
 
+@pytest.mark.slow
 def test_a_heated_gas_does_not_conserve_its_energy():
     scene = gas(20, 0.1, thermostat=BATH)
     assert driving.is_heated(scene)

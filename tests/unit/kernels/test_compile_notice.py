@@ -159,6 +159,7 @@ print(compile_notice.compile_seconds())
 """
 
 
+@pytest.mark.slow
 def test_a_first_run_says_so_and_a_second_one_nothing(tmp_path):
     env = {"NUMBA_CACHE_DIR": str(tmp_path)}
     first, second = (run_script(RUN, env=env, bound=90) for _ in range(2))

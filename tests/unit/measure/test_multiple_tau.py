@@ -143,6 +143,7 @@ def at(ensemble, lag):
     return (ensemble.lags == lag).astype(float)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [0, 1, 5, 15, 30, 64, 240, 960])
 def test_stated_errors_of_velocities_cover_the_truth_as_often_as_they_say(ensemble, lag):
     index = int(np.flatnonzero(ensemble.lags == lag)[0])

@@ -60,6 +60,7 @@ def leaking():
     return scene, state, rest, State(state.position[here], state.velocity[here])
 
 
+@pytest.mark.slow
 def test_observables_count_only_discs_that_are_present(leaking):
     scene, state, rest, left = leaking
     everybody = State(state.position, state.velocity)
@@ -84,6 +85,7 @@ def test_observables_count_only_discs_that_are_present(leaking):
     assert found.density.tolist() == expected.density.tolist()
 
 
+@pytest.mark.slow
 def test_an_empty_box_has_no_energy_and_no_temperature():
     scene = box_of(position=[[2, 2], [5, 3]], velocity=[[0, -9], [0, -9]], gravity=(0, -1), absorbing="bottom")
     state = after(scene, 2)
@@ -114,6 +116,7 @@ def test_a_run_goes_on_when_all_have_left_and_says_that_the_mean_is_not_defined(
         assert sim.time == 2
 
 
+@pytest.mark.slow
 def test_a_scene_that_starts_from_a_state_leaves_out_who_has_left(leaking):
     scene, state, rest, left = leaking
     assert rest.count == state.present.sum() < scene.count

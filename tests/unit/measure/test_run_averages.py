@@ -181,6 +181,7 @@ def test_absorbed_discs_do_not_slow_down_those_that_press_on_the_walls():
     assert errors[1] == errors[0] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["grid", "event"])
 @pytest.mark.parametrize(
     ("change", "lost"),

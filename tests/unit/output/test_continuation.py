@@ -73,6 +73,7 @@ OWN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OWN)
 def test_a_run_resumed_between_two_frames_of_its_file_continues_it(tmp_path, name):
     scene, settings = OWN[name]
@@ -187,6 +188,7 @@ def test_after_discs_were_added_a_trajectory_is_continued_by_its_own_run(tmp_pat
     assert [(frame.frame, len(frame.ids)) for frame in mpsim.Trajectory(path)] == [(0, 5), (5, 5), (10, 5), (15, 6)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_behind_a_piston_a_trajectory_is_continued_by_its_own_run(tmp_path, ending):
     """The box of the last frame of the file and that of the simulation differ, and rightly so."""
@@ -199,6 +201,7 @@ def test_behind_a_piston_a_trajectory_is_continued_by_its_own_run(tmp_path, endi
     assert [frame.frame for frame in mpsim.Trajectory(path)] == [0, 5, 10, 15, 20, 25]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", long_but(SCENES, "everything"))
 def test_a_killed_and_resumed_run_continues_its_file_in_every_kind_of_scene(tmp_path, name):
     """Whatever moves, leaves and enters: it becomes the file of one run."""

@@ -75,6 +75,7 @@ def run(request, tmp_path_factory):
     return SimpleNamespace(folder=folder, pages=list(album.pages.values()), name=request.param)
 
 
+@pytest.mark.slow
 def test_the_scenes_are_what_they_are_for(run):
     """Negative control: default masses, one radius, a box at rest or a constant number of discs would show nothing."""
     assert len(run.pages) == 13
@@ -88,6 +89,7 @@ def test_the_scenes_are_what_they_are_for(run):
     assert (len({len(page.ids) for page in run.pages}) > 2) == (run.name in ("grown", "everything"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_mpsim_reads_every_quantity_to_the_bit(run, ending):
     with mpsim.Trajectory(run.folder / f"run.{ending}") as trajectory:

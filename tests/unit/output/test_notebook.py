@@ -66,6 +66,7 @@ def test_a_very_large_scene_is_a_small_still_as_well():
     assert len(scene._repr_png_()) < 100_000
 
 
+@pytest.mark.slow
 def test_importing_mpsim_and_running_imports_no_matplotlib():
     from support.processes import assert_clean, run_script  # noqa: PLC0415
 

@@ -132,6 +132,7 @@ def test_frames_without_discs_are_frames(path):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "workers"), [("naive", 1), ("grid", 1), ("parallel", 2), ("event", 1)])
 def test_writing_does_not_change_the_bits(method, workers, tmp_path):
     scene = gas(300, 0.4, seed=1)

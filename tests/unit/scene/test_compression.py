@@ -26,6 +26,7 @@ def energy(scene):
     return float((scene.masses * (scene.velocity**2).sum(axis=1)).sum() / 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("boundary", ["walls", "periodic", ("periodic", "walls")])
 def test_the_same_discs_are_denser_and_do_not_overlap(boundary):
     scene = equal_discs(width=12.0, height=9.0, packing=None, boundary=boundary)

@@ -137,6 +137,7 @@ def test_pi_counts_314_collisions(method):
     assert (scene.masses * state.velocity[:, 0] ** 2).sum() == pytest.approx(1e4, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_mixture_shares_its_energy_out():
     sim, scene = started("mixture")
     large, means = scene.radii > 0.75, []

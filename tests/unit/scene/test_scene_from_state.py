@@ -33,6 +33,7 @@ def test_radii_masses_and_accelerations_follow_the_discs_that_stay(tmp_path):
         assert not array.flags.writeable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wall", "radius", "precision"),
     [

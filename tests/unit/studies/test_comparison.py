@@ -103,6 +103,7 @@ def test_a_comparison_beyond_the_horizon_is_refused_with_the_limit():
         short_run(gas(30, 0.2), Settings(dt=0.1), -1.0, rate=2.0)
 
 
+@pytest.mark.slow
 def test_another_reference_stands_in_where_the_exact_solver_cannot():
     scene = gas(30, 0.2, acceleration=((0.0, -1.0),) * 30)
     with pytest.raises(mpsim.InputError, match="acceleration per disc"):
@@ -132,6 +133,7 @@ def test_a_falling_disc_drifts_by_what_the_stepping_adds():
     assert momentum < 1e-14
 
 
+@pytest.mark.slow
 def test_a_lossy_wall_drifts_by_the_energy_that_it_takes():
     """One bounce at restitution 0.5 leaves a quarter of the energy: -3/4 of the larger one, in a time of 2."""
     scene = Scene(width=10, height=3, position=[[8.5, 1.5]], velocity=[[2, 0]], radius=0.5, wall_restitution=0.5)
@@ -154,6 +156,7 @@ def test_reflect_makes_momentum_from_nothing():
 KEPT = {"nothing": {}, "gravity": {"gravity": (0.5, -2.0)}, "losses": {"restitution": 0.9, "wall_restitution": 0.8}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", long_but(["naive", "grid", "parallel", "event"], "grid", "parallel", "event"))
 @pytest.mark.parametrize("name", long_but(KEPT, "nothing"))
 def test_momentum_is_kept_to_rounding_by_the_law_of_action_and_reaction(method, name):
@@ -165,6 +168,7 @@ def test_momentum_is_kept_to_rounding_by_the_law_of_action_and_reaction(method, 
     assert 0 <= momentum < 1e-10 * (8 if "gravity" in features else 1)
 
 
+@pytest.mark.slow
 def test_momentum_drifts_under_reflect_and_less_so_in_float32_by_its_roundings():
     reflect = drifts(gas(200, 0.3), 100, dt=0.02, method="grid", law="reflect")[1]
     single = drifts(gas(200, 0.3), 100, dt=0.02, method="grid", precision="float32")[1]

@@ -23,6 +23,7 @@ DEFAULT = ("galton", "growth", "hopper", "pi", "piston")
 PAGE = Path(__file__).parents[3] / "docs" / "scenes.md"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", long_but(tuple(PROMISES), *DEFAULT))
 def test_a_named_scene_shows_what_it_promises(name):
     with warnings.catch_warnings():

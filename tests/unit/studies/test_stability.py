@@ -96,6 +96,7 @@ def test_further_values_of_the_long_map_stand_in_order(axis):
     assert more == sorted(more)
 
 
+@pytest.mark.slow
 def test_a_trial_of_masses_lasts_until_light_discs_are_fast():
     """Else it would end before anything could go wrong."""
     outcomes = [attempt(Trial("masses", ratio, GRID)) for ratio in (1.0, 1e-9)]

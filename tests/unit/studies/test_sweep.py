@@ -307,6 +307,7 @@ class Waiting(Executor):
         return future
 
 
+@pytest.mark.slow
 def test_ten_thousand_points_are_each_in_their_place_and_looked_at_a_few_times(monkeypatch):
     """Whatever else is pending: one that looks at all of that for each run that ends looks a thousand times as often.
 

@@ -45,6 +45,7 @@ def process(x):
     return {"pid": os.getpid()}
 
 
+@pytest.mark.slow
 def test_dask_gives_the_same_rows_takes_lambdas_and_refuses_what_nobody_can_send(dask, expected):
     assert rows_of(sweep(gas, GRID, SEEDS, dask)) == expected
     used = {row.values["pid"] for row in sweep(process, {"x": range(8)}, executor=dask).rows}
@@ -84,6 +85,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_mpi_gives_the_same_rows_on_ranks_of_its_own(expected):
     mpiexec = str(Path(sys.executable).with_name("mpiexec"))
     outcome = run_script(MPI, prefix=(mpiexec, "-n", "2"), flags=("-W", "error", "-m", "mpi4py.futures"))

@@ -92,6 +92,7 @@ def test_a_pressure_is_the_difference_of_averages_that_can_be_run_again(quick):
 # Reproducible, wherever it runs
 
 
+@pytest.mark.slow
 def test_a_row_alone_is_the_row_among_others(quick):
     scene, chosen = gas(20, 0.3), [COARSE, PUSH, EXACT]
     together = tradeoff(scene, chosen, until=10, replicas=2)
@@ -114,6 +115,7 @@ def test_settings_that_change_speed_alone_share_their_errors(quick):
     assert one.errors == two.errors != naive.errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elsewhere", long_but(["processes", "dask"], "processes"))
 def test_any_executor_gives_the_errors_of_threads_to_the_bit(elsewhere, request, quick):
     executor = request.getfixturevalue(elsewhere)
@@ -145,6 +147,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_ranks_of_mpi_give_the_errors_of_threads_to_the_bit(quick):
     mpiexec = str(Path(sys.executable).with_name("mpiexec"))
     outcome = run_script(ON_RANKS, prefix=(mpiexec, "-n", "2"), flags=("-W", "error", "-m", "mpi4py.futures"))
@@ -215,6 +218,7 @@ def lone(velocity, **features):
     return Scene(width=5, height=5, position=[[2, 2]], velocity=[velocity], radius=0.5, **features)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "reference"),
     [
@@ -275,6 +279,7 @@ def test_a_hundred_thousand_discs_take_minutes_at_most():
 # What goes wrong
 
 
+@pytest.mark.slow
 def test_a_candidate_that_blows_up_is_a_row_with_its_reason(quick):
     bad = Settings(dt=4e18, method="grid", precision="float32")
     found = tradeoff(gas(20, 0.3, gravity=(0, -10)), [bad, COARSE], until=2, replicas=2)
@@ -314,6 +319,7 @@ def test_bad_input_is_refused_by_name(arguments, text, quick):
         tradeoff(**({"scene": gas(20, 0.3), "candidates": [COARSE], "until": 1.0} | arguments))
 
 
+@pytest.mark.slow
 def test_a_candidate_that_the_scene_cannot_be_run_with_is_named(quick):
     scene = gas(20, 0.3, acceleration=((0.0, -1.0),) * 20)
     with pytest.raises(mpsim.InputError, match=r"candidates\[1\] \(event\) cannot run this scene: .*acceleration"):

@@ -16,6 +16,8 @@ from mpsim.scene import scenefile
 from mpsim.studies import preliminary
 from mpsim.studies.preliminary import preliminary_run
 
+pytestmark = pytest.mark.slow
+
 CONTACT_TIME = 0.02
 FINE, COARSE = (Settings(dt=dt, method="grid", passes=2) for dt in (0.01, 0.1))
 MODEL = Settings(method="event", contact_time=CONTACT_TIME)

@@ -285,6 +285,7 @@ class Slow(ThreadPoolExecutor):
         return super().submit(late)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seconds", "budget", "replicas"), [(0.0, 10.0, 16), (0.4, 5.0, chooser.FEWEST_REPLICAS)])
 def test_where_runs_side_by_side_take_longer_than_forecast_there_are_fewer(seconds, budget, replicas, monkeypatch):
     monkeypatch.setattr(ensemble, "RELIABLE_SECONDS", 0.0)
@@ -356,6 +357,7 @@ def test_bad_input_is_refused_by_name(arguments, text):
 # For real
 
 
+@pytest.mark.slow
 def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_not_choose_it(monkeypatch):
     runs = []
     long_run, short_runs = ensemble.long_run, ensemble.short_runs
@@ -388,6 +390,7 @@ def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_n
     assert depth.value / (2 * SCENE.radius) == pytest.approx(found.errors["overlap"].value, rel=0.1)
 
 
+@pytest.mark.slow
 def test_processes_give_the_answer_of_threads_and_its_errors_to_the_bit(processes, monkeypatch):
     """With costs that are those of the steps: measured ones would choose otherwise now and then."""
     timed, submitted, submit = [], [], processes.submit

@@ -16,6 +16,8 @@ from mpsim.studies import tune as chooser
 from mpsim.studies.preliminary import preliminary_run
 from mpsim.studies.replicas import available
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def few_runs(monkeypatch):

@@ -29,6 +29,7 @@ def counted(scene, settings, frames):
     return len(log.table) if scene.count <= MOST_LOGGED else report.collisions
 
 
+@pytest.mark.slow
 def test_pi_ends_with_314(begin):
     scene = mpsim.Scene.load("pi")
     usual = settings_for(scene, None)
@@ -41,6 +42,7 @@ def test_pi_ends_with_314(begin):
     assert shown(watcher, 0) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beside", [None, mpsim.Settings(method="grid", contact="push", dt=0.005)], ids=["one", "two"])
 @pytest.mark.parametrize("scene", [FEW, MANY], ids=["few", "many"])
 def test_of_a_method_with_steps_it_is_that_of_the_library_at_each_reading(begin, scene, beside):
@@ -78,6 +80,7 @@ def test_readings_on_the_way_of_a_long_run_are_right(begin, monkeypatch):
         assert number == counted(MANY, GRID, frame)
 
 
+@pytest.mark.slow
 def test_undo_and_the_marked_moment_bring_their_counts_back(begin):
     for scene in (FEW, MANY):
         session, watcher = begin(scene)

@@ -161,6 +161,7 @@ def test_no_disc_is_added_on_another_one_nor_through_a_periodic_edge(table):
     assert t.do("add", x=1.2, y=4.0, same=False) is None
 
 
+@pytest.mark.slow
 def test_a_stroke_adds_discs_where_there_is_room_and_no_others(table):
     """Of each kind: on a disc, through a periodic edge, on a new one, in an obstacle."""
     options = {"boundary": ("periodic", "walls"), "obstacles": [mpsim.FixedDisc((4.0, 6.0), 0.5)]}
@@ -178,6 +179,7 @@ def test_a_stroke_adds_discs_where_there_is_room_and_no_others(table):
     assert t.sim.count == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["grid", "event"])
 def test_a_stroke_has_discs_like_those_of_the_scene(table, method):
     t = table(zoo("radii masses", count=5, side=20.0), method=method)
@@ -279,6 +281,7 @@ ACTIONS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["grid", "event", "parallel"])
 @pytest.mark.parametrize("action", ACTIONS)
 def test_after_undo_the_run_is_that_in_which_the_change_never_was(table, action, method):

@@ -18,6 +18,8 @@ from support.viewing import viewed
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 GRID = mpsim.Settings(method="grid")
 SCENE = mpsim.Scene(
     width=20, height=12, position=[[4, 6], [10, 6], [16, 6], [10, 2]], velocity=np.zeros((4, 2)), radius=0.5

@@ -147,6 +147,7 @@ def state_of(asked):
         return sim.digest()
 
 
+@pytest.mark.slow
 def test_a_view_of_a_link_has_its_scene_seed_parameters_and_second_stage(capsys):
     asked = link.read(ASKED)
     with viewed(asked._replace(seen={"wait": ""}), name="gas", playing=False) as view:

@@ -11,6 +11,8 @@ from support.viewing import viewed
 import mpsim
 from mpsim.viewer import link
 
+pytestmark = pytest.mark.slow
+
 GRID = mpsim.Settings(method="grid")
 
 

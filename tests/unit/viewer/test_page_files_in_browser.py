@@ -7,6 +7,8 @@ from support.browser import until
 
 from mpsim.viewer.page_files import widget_module
 
+pytestmark = pytest.mark.slow
+
 RENDER = """async (text) => {
   window.said = [];
   const model = {

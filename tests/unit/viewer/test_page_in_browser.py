@@ -20,6 +20,8 @@ from support.viewing import viewed
 import mpsim
 from mpsim import measure
 
+pytestmark = pytest.mark.slow
+
 GRID = mpsim.Settings(method="grid")
 SCENE = gas(100, 0.3)
 

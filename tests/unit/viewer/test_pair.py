@@ -130,6 +130,7 @@ def test_a_disc_without_room_on_the_second_stage_ends_the_pair(two):
         t.take()
 
 
+@pytest.mark.slow
 def test_a_wall_is_on_both_stages_and_ends_the_pair_where_a_disc_is_in_the_way(two):
     t = two()
     t.run(3)

@@ -15,6 +15,8 @@ import mpsim
 from mpsim import measure
 from mpsim.viewer import tuning
 
+pytestmark = pytest.mark.slow
+
 SCENE = gas(300, 0.4)
 GRID = mpsim.Settings(method="grid", contact="push", dt=0.01)
 

@@ -8,6 +8,8 @@ from support.viewing import viewed
 
 import mpsim
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def page(tmp_path, capsys):

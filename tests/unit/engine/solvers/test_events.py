@@ -19,6 +19,7 @@ def with_acceleration():
                  acceleration=np.ones((2, 2)))  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "settings", "words"),
     [
@@ -96,6 +97,7 @@ def test_a_disc_added_inside_a_frame_keeps_the_counts_of_that_frame():
     assert pressure * 2 * (5 + 5000) == pytest.approx(2 / 4, rel=1e-3), "one disc to and fro in a free length of 4"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pull", [1.0, 2.0**20])
 def test_the_guard_of_a_disc_at_rest_scales_with_the_units(pull):
     """A ball dropped at rest: time in units 2^10 times smaller gives the same bits, guard included."""
@@ -205,6 +207,7 @@ def test_a_disc_at_rest_hovers_in_bounces_of_the_contact_time_that_is_given():
         assert report.guarded < usual.guarded / 100
 
 
+@pytest.mark.slow
 def test_the_guard_is_warned_of_once_in_a_simulation():
     scene = Scene(width=4, height=6, position=[[2, 0.5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1.0))
     with simulate(scene, method="event", dt=0.1, contact_time=0.01) as sim:
@@ -260,6 +263,7 @@ def test_an_elastic_gas_has_no_contact_time():
         assert sim.digest() == digest
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:discs seem to have come to rest")  # which a slow machine says before
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_a_collapse_without_end_at_one_instant_names_what_ends_it(restitution):
@@ -281,6 +285,7 @@ def test_a_collapse_without_end_at_one_instant_names_what_ends_it(restitution):
         assert sim.state.position[0, 1] > 12
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
 def test_a_heap_without_any_restitution_is_a_model_with_a_contact_time():
     """As before: whatever the contact time, its discs collided without end at one instant."""
@@ -294,6 +299,7 @@ def test_a_heap_without_any_restitution_is_a_model_with_a_contact_time():
     assert 0.1 > left[0] > 10 * left[1] > 100 * left[2] > 0, "the shorter, the more it is at rest"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
 @pytest.mark.parametrize(
     "losses",

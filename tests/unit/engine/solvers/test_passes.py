@@ -22,6 +22,7 @@ def passes_and_end(scene, frames=7, **settings):
         return found, before, sim.state, report.collisions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [

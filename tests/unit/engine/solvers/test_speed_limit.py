@@ -40,6 +40,7 @@ def refused(scene, frames, **settings):
 # --- piston
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_a_piston_that_heats_a_gas_is_warned_of_before_the_collisions_are_missed(seed):
     """Of the energy 17 % is missing at the end: 4494(98) at dt = 0.01, 5420(145) at a tenth of it."""
@@ -50,6 +51,7 @@ def test_a_piston_that_heats_a_gas_is_warned_of_before_the_collisions_are_missed
     assert refused(squeezed(seed=seed), 1200) == (None, 1200), "the control: until then nothing is wrong"
 
 
+@pytest.mark.slow
 def test_a_slow_piston_that_stops_early_causes_no_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -99,6 +101,7 @@ def test_a_disc_between_piston_and_wall_is_warned_of_in_the_frame_in_which_it_is
 # --- acceleration, collisions
 
 
+@pytest.mark.slow
 def test_what_falls_through_a_periodic_box_for_ever_is_warned_of():
     scene = mpsim.Scene(**WALL, position=[[5, 5]], velocity=[[0, 0]], gravity=(0, -1), boundary="periodic")
     text, frame = refused(scene, 10_000)
@@ -106,6 +109,7 @@ def test_what_falls_through_a_periodic_box_for_ever_is_warned_of():
     assert "disc 0 moves 1 times its radius" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("contact", "radius"), [("impact", [0.5, 0.5]), ("push", [0.5, 0.4])])
 @pytest.mark.parametrize("method", ["naive", "grid"])
 def test_a_light_disc_that_a_heavy_one_meets_is_warned_of_in_the_next_frame(method, contact, radius):
@@ -124,6 +128,7 @@ def test_a_light_disc_that_a_heavy_one_meets_is_warned_of_in_the_next_frame(meth
         assert found[0].filename == __file__
 
 
+@pytest.mark.slow
 def test_a_disc_that_is_fast_for_one_frame_only_is_warned_of():
     """It meets a third disc in the frame that follows, and shares its speed: at the end of no frame is it fast."""
     places, radius = [[3, 5], [4.0, 5], [4.81, 5]], [0.5, 0.4, 0.4]

@@ -13,6 +13,7 @@ earliest, reschedule = map(machine_code, (calendar.earliest, calendar.reschedule
 fit_lap, shift_times = map(machine_code, (calendar.fit_lap, calendar.shift_times))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 8, 512])
 def test_the_calendar_finds_the_earliest_of_all(steps):
     # One step is a heap of all discs, 512 steps are lists of hardly one. Few distinct times: many ties.

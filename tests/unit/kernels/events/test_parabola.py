@@ -52,6 +52,7 @@ def circle(r, v, g, contact, within, along=(0.0, 0.0)):
     return time_to_circle(*r, *v, *g, contact, *along, within)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", long_but(range(8), 0, 1, 2))
 def test_the_first_entry_into_a_circle_is_that_found_by_looking_often(seed):
     rng = np.random.default_rng(seed)
@@ -136,6 +137,7 @@ def test_units_do_not_matter(scale):
     assert t == pytest.approx(circle((3.0, 0.4), (-1.0, 0.3), (0.1, -1.0), 1.0, 10.0), rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", long_but(range(4), 0, 1))
 def test_the_time_at_which_a_height_falls_to_zero_is_that_found_by_looking_often(seed):
     rng = np.random.default_rng(seed)

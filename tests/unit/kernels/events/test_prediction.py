@@ -48,6 +48,7 @@ RUNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_partners_are_the_same_to_the_bit(name):
     run = RUNS[name]()

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from support.exact import SCRIPT, Run, bits, everything, gas, in_a_new_process, kinetic, same_arrays
 from support.script_server import TESTS
 
@@ -10,6 +11,7 @@ from mpsim.kernels.events import records
 from mpsim.kernels.events.cells import worst_overlap
 
 
+@pytest.mark.slow
 def test_stopping_changes_no_bit():
     whole, cut, sliced = everything(), everything(), everything()
     assert whole.advance(7.0) == (records.REACHED, -1)
@@ -30,6 +32,7 @@ def test_stopping_changes_no_bit():
     assert bits(other) != bits(whole)
 
 
+@pytest.mark.slow
 def test_saved_and_restored_arrays_go_on_with_the_same_bits():
     whole, saved, other = everything(), everything(), everything(seed=10)
     whole.advance(6.0)
@@ -145,6 +148,7 @@ def test_time_keeps_its_resolution():
     assert bits(early) == bits(late)
 
 
+@pytest.mark.slow
 def test_the_interpreter_gives_the_same_bits():
     code = SCRIPT.format(tests=str(TESTS))
     outputs = [in_a_new_process(code, NUMBA_DISABLE_JIT=flag) for flag in "01"]

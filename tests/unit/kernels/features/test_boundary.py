@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from mpsim.kernels.features.boundary import wrap_places
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("real", [np.float32, np.float64])
 def test_places_come_back_into_a_periodic_box(real):
     length = np.array([7.3], real)

@@ -38,6 +38,7 @@ def copy(discs):
     return type(discs)(*(None if field is None else field.copy() for field in discs))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("law", [ELASTIC, REFLECT])
 @pytest.mark.parametrize("length", [0, 1, 7, 8, 9, 16, 17, 40])

@@ -120,6 +120,7 @@ def lifted(contact, offset, parting, mass=None, exchange=1.0):
     return discs.y[:2].copy(), before, energy(discs, np.array([[0.0], [-PULL]]), weights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", [None, np.array([1.0, 3.0]), np.array([4.0, 1.0])])
 def test_a_lift_against_gravity_is_paid_for_by_the_speed_of_parting(mass):
     """3/8 are missing along (0.6, 0.8). The floor does not yield, so the upper disc's half is a lift."""
@@ -145,6 +146,7 @@ def test_in_a_heap_that_loses_energy_a_lift_may_cost_more_than_there_is():
     assert after > before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", [None, np.array([1.0, 3.0])])
 def test_an_impact_of_discs_that_are_pulled_differently_keeps_the_energy(mass):
     pulls = np.array([[3.0, -1.0], [-7.0, 2.0]])

@@ -77,6 +77,7 @@ def test_drift_notices_what_is_not_finite_anywhere_in_the_slice(field, bad, real
     assert not drift_between_walls(discs, 0, 19, parameters), "a disc outside the slice is not this worker's"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("real", REALS)
 def test_acceleration_is_added_for_what_the_scene_has(real):
     own = np.array([[1, 2, 3], [-1, -2, -3]], real)

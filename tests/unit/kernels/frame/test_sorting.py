@@ -105,6 +105,7 @@ def test_discs_are_sorted_by_column_row_and_id(count, size, workers, real):
         assert not any(sorting.merged), "discs that are in no order yet"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radii", [False, True])
 @pytest.mark.parametrize("workers", [1, 2, 5])
 @pytest.mark.parametrize("size", [(60, 50), (300, 10), (10, 300)])
