@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import click
 
 from mpsim.cli import terminal
+from mpsim.cli.run import run
 from mpsim.cli.scenes import settings_text
 from mpsim.core import atomic
 from mpsim.core.errors import OutputError
@@ -17,9 +19,12 @@ from mpsim.core.table_files import PARQUET, demand_parquet
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
+from mpsim.scene.recommended import settings_for
+from mpsim.scene.settings import Settings
 from mpsim.studies import tradeoff as tradeoffs
 from mpsim.studies import tune as tuning
 from mpsim.studies.independent_starts import KINDS
+from mpsim.studies.tuned import WARNS
 
 _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
@@ -100,8 +105,19 @@ def tune(
     if as_json:
         click.echo(json_text(_record(tuned)))
         return
-    click.echo(str(tuned))
+    for line in str(tuned).splitlines():
+        click.echo(terminal.in_options(line, run) if line.startswith(WARNS) else line)
+    click.echo(f"to run it: {_run_command(scene, settings_for(chosen, None), tuned.settings)}")
     click.echo(f"in Python: {settings_text(tuned.settings)}")
+
+
+def _run_command(scene: str, recommended: Settings, settings: Settings) -> str:
+    """The command that runs a scene with settings; without options it runs with those that the scene recommends."""
+    usual = vars(recommended)
+    changed = {name: value for name, value in vars(settings).items() if value != usual[name] and value is not None}
+    return shlex.join(
+        ["mpsim", "run", scene, *(f"--{name.replace('_', '-')}={value}" for name, value in changed.items())]
+    )
 
 
 def _record(tuned: tuning.Tuned) -> dict[str, Any]:

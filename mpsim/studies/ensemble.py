@@ -18,6 +18,7 @@ from mpsim.core.cores import usable_cores
 from mpsim.core.errors import FastWarning, InputError, NotMeasurableError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.event_scene import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure.driving import adds_discs
 from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
@@ -95,7 +96,7 @@ class Ensemble:
         if until is not None:
             until = checks.positive("until", until, "[time]")
         if contact_time is not None:
-            contact_time = checks.positive("contact_time", contact_time, "[time]")
+            contact_time = _checked_contact_time(scene, contact_time)
         checked_executor(executor)
         _demand_times(scene)
         self.starts: Starts = Starts(scene, starts)
@@ -405,6 +406,19 @@ def _usable_decorrelation_time(first: PreliminaryRun, until: float) -> float:
 def _with_systematic(found: Deviation, own: Deviation) -> Deviation:
     """The error with the uncertainty of a reference that is not exact: its change when step or time is doubled."""
     return dataclasses.replace(found, systematic=abs(own.value)) if own.measurable and found.measurable else found
+
+
+def _checked_contact_time(scene: Scene, contact_time: float) -> float:
+    """A contact time with which the reference runs, and COARSER times as long, too, for its uncertainty [time]."""
+    contact_time, longest = checks.positive("contact_time", contact_time, "[time]"), longest_contact_time(scene)
+    if COARSER * contact_time > longest:
+        raise InputError(
+            f"contact_time must be at most {longest / COARSER:.3g} here: the uncertainty of the reference is found "
+            f"with one {COARSER} times as long, and above {longest:.3g} discs that should rest under gravity bounce "
+            f"higher than their radius; got {contact_time:.3g}. Give a shorter one, such as "
+            f"{contact_time_at_rest(scene):.1g}."
+        )
+    return contact_time
 
 
 def _demand_times(scene: Scene) -> None:

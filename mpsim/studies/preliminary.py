@@ -13,7 +13,7 @@ from mpsim.core.cores import usable_cores
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.event_scene import contact_time_at_rest
+from mpsim.engine.solvers.event_scene import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.features import FEATURES
 from mpsim.measure import driving
@@ -235,7 +235,7 @@ def _longer_contact_time(scene: Scene, until: float | None, seconds: float) -> f
     """A contact time with which a run is likely to be affordable, though its discs come to rest, for people [time]."""
     number = scene.count + sum(each.limit or 0 for each in scene.emitters)
     bounces = number * (until or 0.0) / (BOUNCES * _affordable(seconds))
-    return float(f"{max(contact_time_at_rest(scene), bounces):.1g}")
+    return float(f"{min(max(contact_time_at_rest(scene), bounces), longest_contact_time(scene) / 4):.1g}")
 
 
 def _remedy(longer: float) -> str:

@@ -56,14 +56,14 @@ def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
 
 
 def _refuse_long_contacts(scene: Scene, contact_time: float | None) -> None:
-    """Raise InputError for a contact time [time] in which a bounce of a disc at rest is higher than its radius."""
-    gravity = gravity_strength(scene)
-    longest = math.sqrt(8 * scene.smallest_radius / gravity) if gravity else math.inf
-    if scene.smallest_radius and contact_time is not None and contact_time > longest:
+    """Raise InputError for a contact time above `longest_contact_time` [time]."""
+    longest = longest_contact_time(scene)
+    if contact_time is not None and contact_time > longest:
         raise InputError(
             f"contact_time must be at most {longest:.3g} in this scene: with a longer one, discs that should rest "
-            f"under gravity of {gravity:.3g} bounce higher than their radius, {scene.smallest_radius:.3g}; got "
-            f"{contact_time:.3g}. Give a shorter one, such as {contact_time_at_rest(scene):.1g}."
+            f"under gravity of {gravity_strength(scene):.3g} bounce higher than their radius, "
+            f"{scene.smallest_radius:.3g}; got {contact_time:.3g}. Give a shorter one, such as "
+            f"{contact_time_at_rest(scene):.1g}."
         )
 
 
@@ -109,6 +109,12 @@ def contact_time_at_rest(scene: Scene, dt: float = 1.0) -> float:
     return AT_REST * _time_of_a_radius(scene, dt)
 
 
+def longest_contact_time(scene: Scene) -> float:
+    """A contact time in which a bounce under gravity is as high as the smallest radius; inf without gravity [time]."""
+    gravity, radius = gravity_strength(scene), scene.smallest_radius
+    return math.sqrt(8 * radius / gravity) if gravity and radius else math.inf
+
+
 def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float | None = None) -> float | None:
     """Speed of a disc that a wall crushes [length/time]; None without a wall that moves.
 
@@ -135,7 +141,7 @@ def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> S
 
 def stalled(scene: Scene, dt: float, disc: int, frame: int, contact_time: float) -> StalledError:
     """The error for a disc that collides without end at one instant."""
-    longer = max(contact_time_at_rest(scene, dt), 10 * contact_time)
+    longer = min(max(contact_time_at_rest(scene, dt), 10 * contact_time), longest_contact_time(scene))
     moving = "" if scene.moving_wall is None else f", let the {scene.moving_wall.name} stop earlier"
     return StalledError(
         f"disc {disc} collided without end at one instant of frame {frame}. Time must pass between collisions; the "

@@ -63,7 +63,9 @@ def test_a_budget_may_be_per_cent(asked, text, value):
 
 def test_tune_prints_the_answer_and_how_to_use_it(asked):
     result = mpsim_command("tune", "cradle", "--pressure", "1%")
-    assert result.stdout.endswith("in Python: Settings(dt=0.05, contact='push')\n")
+    run, python = result.stdout.splitlines()[-2:]
+    assert run == "to run it: mpsim run cradle --dt=0.05 --contact=push"
+    assert python == "in Python: Settings(dt=0.05, contact='push')"
     assert result.stdout.startswith("auto push dt=0.05: 10 ns per disc and unit of time (grid)\n")
 
 

@@ -377,7 +377,7 @@ def test_the_folder_of_a_run_is_told_from_its_trajectory(tmp_path):
 
 
 def test_a_missing_file_is_told(tmp_path):
-    with pytest.raises(mpsim.TrajectoryError, match=r"a trajectory must be a file that can be read; .* is not"):
+    with pytest.raises(mpsim.TrajectoryError, match=r"must be a file that can be read; .*none\.xyz' does not exist"):
         mpsim.Trajectory(tmp_path / "none.xyz")
 
 
