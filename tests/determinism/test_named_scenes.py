@@ -17,10 +17,12 @@ DEFAULT = ("galton",)
 
 def digest(file: scenefile.SceneFile, method: str, workers: int | None = None) -> str:
     settings = dataclasses.replace(file.settings, method=method, workers=workers)
-    with mpsim.Simulation(file.scene, settings) as sim, warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)
-        sim.run(frames=FRAMES)
-        return sim.digest()
+    with warnings.catch_warnings():
+        for kind in (mpsim.EmitterWarning, mpsim.FastWarning):  # pi is for the exact solver
+            warnings.simplefilter("ignore", kind)
+        with mpsim.Simulation(file.scene, settings) as sim:
+            sim.run(frames=FRAMES)
+            return sim.digest()
 
 
 @pytest.mark.slow
