@@ -229,6 +229,7 @@ def test_workers_do_not_change_each_feature_alone(name):
 # --- slices, memory order, growth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", long_but(["naive", "grid"], "grid"))
 def test_a_run_in_pieces_has_the_bits_of_one_run_with_all_features(method):
     scene, settings = zoo(EVERYTHING, 60, seed=8, side=10.0), {"method": method, "contact": "impact", "dt": 0.03}
@@ -242,6 +243,7 @@ def test_a_run_in_pieces_has_the_bits_of_one_run_with_all_features(method):
         assert cut.absorbed.tolist() == whole.absorbed.tolist()
 
 
+@pytest.mark.slow
 def test_the_order_in_memory_does_not_matter_with_all_features():
     scene, settings = zoo(EVERYTHING, 60, seed=9, side=10.0), {"method": "grid", "contact": "impact", "dt": 0.03}
     expected = state_after(scene, 24, **settings)
@@ -252,6 +254,7 @@ def test_the_order_in_memory_does_not_matter_with_all_features():
         assert_same_bits(sim.state, expected, "scrambled")
 
 
+@pytest.mark.slow
 def test_added_discs_bring_their_radius_and_mass_on_any_number_of_workers():
     """Small discs are added until the large ones are giants, and the block must grow on the way."""
     scene = zoo(EVERYTHING, 14, seed=10, side=10.0)

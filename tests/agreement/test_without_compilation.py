@@ -61,6 +61,7 @@ def test_a_random_scene_is_the_same_without_compilation():
     assert outcomes[0].out == outcomes[1].out
 
 
+@pytest.mark.slow
 def test_the_case_list_has_no_two_equal_results():
     found = digests(CASES)
     assert len(np.unique(found)) > len(found) / 2, "the cases hardly differ: they test little"

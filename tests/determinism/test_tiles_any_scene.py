@@ -67,6 +67,7 @@ def test_two_hundred_random_scenes_are_the_same_on_tiles(figures):
     figures.note("R1", "event in tiles", "200 random scenes with features", "state of one tile", "the same")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_run_on_tiles_comes_home_when_it_is_turned_round(workers, figures):
     """Errors of rounding grow e-fold in each of some collisions a disc, so the way is short."""

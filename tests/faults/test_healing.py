@@ -58,6 +58,7 @@ def assert_as_undisturbed(sim, report, frames=FRAMES):
     assert (report.frame_seconds > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", long_but(["fork", "forkserver"], "fork"))
 def test_workers_that_die_at_random_moments_change_nothing(start, figures):
 

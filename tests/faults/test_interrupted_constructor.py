@@ -345,6 +345,7 @@ CALLS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", long_but(CALLS, "tune"))
 def test_sigterm_to_a_search_of_settings_closes_what_it_has_open(call):
     """The resource tracker would complain of blocks that nobody has removed."""

@@ -130,6 +130,7 @@ def execute(notebook: dict, folder: Path) -> nbformat.NotebookNode:
     return client.execute(env=environment)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
     [
