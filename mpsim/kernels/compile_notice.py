@@ -86,12 +86,12 @@ def announce_by(announcer: Announcer | None) -> None:
 
 
 @contextmanager
-def announced_by(announcer: Announcer) -> Iterator[None]:
-    """`announce_by` for a block."""
+def announced_by(announcer: Announcer) -> Iterator[Announcer | None]:
+    """`announce_by` for a block, which is given the announcer before."""
     before = _announcer
     announce_by(announcer)
     try:
-        yield
+        yield before
     finally:
         announce_by(before)
 

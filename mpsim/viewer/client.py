@@ -11,7 +11,7 @@ MOST_A_SECOND, BURST = 200.0, 400.0
 """Messages that a page may send: per second on average, and at most at once. A page sends one for each picture and one
 for each key press."""
 
-ORDER = ("scene", "status", "timeline", "gauges", "hands", "link", "colours", "pair", "tune", "pass")
+ORDER = ("scene", "status", "compiling", "timeline", "gauges", "hands", "link", "colours", "pair", "tune", "pass")
 """Kinds of messages. Waiting messages are sent in this order."""
 
 

@@ -18,6 +18,7 @@ from mpsim.core.errors import InputError, MpsimError
 from mpsim.scene.scene import Scene
 from mpsim.viewer import keep, wire
 from mpsim.viewer.broadcast import Audience, Broadcast
+from mpsim.viewer.compiling import LISTENERS
 
 MOST_WAITING = 1000
 """Largest number of waiting actions of one page, or of the program."""
@@ -147,15 +148,20 @@ class Source(ABC):
 
     def _live(self) -> None:
         try:
-            self._open()
-            while self._turn():
-                pass
+            with LISTENERS.told(self._tell_compiling):
+                self._open()
+                while self._turn():
+                    pass
         except BaseException as error:  # `View.wait` raises it again
             self.error = error
             self._stopped_by(error)
         finally:
             self._release()
             self._ended.set()
+
+    def _tell_compiling(self, text: str | None) -> None:
+        """Tell what is being compiled; None: nothing any more. Called by other threads."""
+        self._broadcast.tell("compiling", {"text": text})
 
     def _turn(self) -> bool:
         """Do the waiting actions, advance, then wait for more. Returns whether to continue."""

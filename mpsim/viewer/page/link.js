@@ -29,6 +29,9 @@ export function take(message) {
   } else if (message.type === "status") {
     state.status = message;
     showStatus();
+  } else if (message.type === "compiling") {
+    state.compiling = message.text;
+    showStatus();
   } else if (message.type === "gauges") {
     state.gauges = message;
     if (message.frame < state.historyFrame) state.history = {};
@@ -75,6 +78,7 @@ export function showStatus() {
   $("speed").setAttribute("aria-valuetext", speedText(speed));
   const seconds = Math.round((performance.now() - state.since) / 1000);
   notice(state.refused ?? (!open ? (seconds > 1 ? NO_ANSWER : null)
+    : state.compiling ? `${state.compiling.replace(/^c/, "C")} …`
     : phase === "starting" ? `Getting ready … ${seconds > 1 ? `${seconds} s. The first time, code is compiled for up to half a minute.` : ""}` : note));
 }
 

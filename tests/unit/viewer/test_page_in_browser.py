@@ -19,6 +19,7 @@ from support.viewing import viewed
 
 import mpsim
 from mpsim import measure
+from mpsim.viewer.compiling import LISTENERS
 
 pytestmark = pytest.mark.slow
 
@@ -241,6 +242,16 @@ def test_a_page_that_is_left_alone_stops_the_run_and_comes_back(shown):
     frame = page.sim.frame
     page.page.goto(page.view.address)
     until(lambda: page.frame > frame)
+
+
+def test_it_says_what_is_compiled_while_it_is(shown):
+    page = shown(playing=False)
+    page.settle()
+    assert not page.page.is_visible("#notice")
+    LISTENERS.begin("compiling the loops for this scene, once; about 4 s")
+    until(lambda: page.text("notice") == "Compiling the loops for this scene, once; about 4 s …")
+    LISTENERS.end()
+    until(lambda: not page.page.is_visible("#notice"))
 
 
 def test_it_says_that_the_program_has_ended(shown):
