@@ -126,7 +126,7 @@ class Pages(ABC):
             self._source.ask()
 
     def _forget_actions(self, client: Client) -> None:
-        """Do nothing more of what a page has asked for that has broken a rule."""
+        """Drop the waiting actions of a page that has broken a rule."""
         assert self._source is not None
         self._source.forget(client)
 
