@@ -28,7 +28,8 @@ class Report:
     Attributes:
         frame_seconds: wall time of each frame, shape (frames,), float64 [s].
         phase_seconds: phase name -> shape (frames, workers) [s]; "wait" is the time spent at barriers. For each worker
-            the phases of a frame add up to its frame time.
+            the phases of a frame add up to its frame time, except that a worker that the system interrupts at the end
+            of a frame may count this time in the next one.
         collisions: contacts resolved.
         method, workers: those used ("auto" is resolved).
         memory_bytes: resident memory of each process at the end of the run, the coordinator first; 0 for a process that
