@@ -70,7 +70,7 @@ def assert_as_a_whole(sim, name, note, frames=FRAMES, dt=DT):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", long_but(SCENES, "walls", "everything"))
+@pytest.mark.parametrize("name", long_but(SCENES, "walls"))
 def test_every_tiling_finds_the_same_bits(name, figures):
     for tiling in TILINGS:
         with on_tiles(scene_of(name), tiling, dt=DT) as sim:

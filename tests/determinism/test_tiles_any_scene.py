@@ -49,7 +49,7 @@ def check_any_scene(seeds, open_box=False):
     return divided, left
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_random_scenes_are_the_same_on_tiles(figures):
     divided, _ = check_any_scene(range(3))
     assert divided > 5

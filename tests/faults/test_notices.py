@@ -130,7 +130,7 @@ def test_nothing_is_added_as_often_as_the_warning_of_it_is_an_error():
         assert (sim.count, len(given)) == (83, 1), "once it has been given it is not given again"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_ends_as_often_as_the_warning_of_a_fast_disc_is_an_error_and_changes_no_bit():
     def fast():
         """A disc that falls through a periodic box: too fast from frame 500 on."""

@@ -129,6 +129,7 @@ def digest_in(path):
         return sim.digest()
 
 
+@pytest.mark.long
 def test_ranks_that_do_not_share_the_file_leave_it_to_those_that_do(tmp_path):
     """The control: a rank that writes to a layer of its own, as nobody has looked whether that is seen."""
     told = together(2, tmp_path, "shared", "no such file", "a layer", "control")

@@ -83,7 +83,10 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize(("boundary", "borders", "longer"), [("walls", [1, 2, 1], 0), ("periodic", [2, 2, 2], 16)])
+@pytest.mark.parametrize(
+    ("boundary", "borders", "longer"),
+    [("walls", [1, 2, 1], 0), pytest.param("periodic", [2, 2, 2], 16, marks=pytest.mark.long)],
+)
 def test_each_rank_of_three_sends_a_column_at_each_of_its_borders_as_long_as_the_formula_says(
     boundary, borders, longer, script
 ):
