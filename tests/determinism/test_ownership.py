@@ -233,7 +233,13 @@ SCENES = {
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # one of everything's emitters finds its place taken
-@pytest.mark.parametrize("name", long_but(SCENES, "dense gas", "crowd", "few columns", "everything"))
+@pytest.mark.parametrize(
+    "name",
+    [
+        *long_but([name for name in SCENES if name != "everything"], "dense gas", "crowd", "few columns"),
+        pytest.param("everything", marks=pytest.mark.slow),
+    ],
+)
 def test_no_disc_has_two_writers_in_a_phase_and_none_is_read_while_it_is_written(name, figures):
     watched = watch(SCENES[name](), frames=8)
     assert watched.clashes == []

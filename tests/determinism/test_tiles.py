@@ -25,6 +25,8 @@ from support.tiles import (
 import mpsim
 from mpsim.engine.solvers import event_windows
 
+pytestmark = pytest.mark.slow
+
 COUNT = 3000
 INDEX = np.arange(COUNT)
 SIZES = np.where(INDEX % 3 == 0, 0.5, 0.375)
@@ -69,7 +71,6 @@ def assert_as_a_whole(sim, name, note, frames=FRAMES, dt=DT):
     assert found.tobytes() == counted.tobytes(), f"{note}: other counts"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", long_but(SCENES, "walls"))
 def test_every_tiling_finds_the_same_bits(name, figures):
     for tiling in TILINGS:
@@ -79,7 +80,6 @@ def test_every_tiling_finds_the_same_bits(name, figures):
     figures.note("R1", "event in tiles", f"{name}: {len(TILINGS)} tilings", "state and counts of one tile", "the same")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", long_but(SCENES, "walls", "everything"))
 def test_every_number_of_workers_finds_the_same_bits(name, figures):
     for workers in (2, 3, 5) if name in ("walls", "periodic") else (3,):
@@ -104,7 +104,6 @@ def test_discs_that_leave_in_tiles_are_out_of_the_way_and_never_forgotten():
     assert all(set(before) <= set(after) for before, after in itertools.pairwise(gone))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("dt", [0.001, 3.0])
 def test_frames_far_shorter_and_far_longer_than_a_window_have_the_same_bits(dt):
     frames = 2000 if dt < 1 else 3
@@ -114,7 +113,6 @@ def test_frames_far_shorter_and_far_longer_than_a_window_have_the_same_bits(dt):
         assert played < frames / 10 if dt < 1 else played > 2 * frames
 
 
-@pytest.mark.slow
 def test_measures_are_the_same_on_any_number_of_workers():
     names, found = ["pressure", "pressure_xx", "collision_rate", "kinetic_energy"], []
     for tiling, workers in (((1, 1), 1), ((2, 2), 1), ((2, 2), 3)):
@@ -124,7 +122,6 @@ def test_measures_are_the_same_on_any_number_of_workers():
     assert found[0] == found[1] == found[2]
 
 
-@pytest.mark.slow
 def test_many_commands_of_one_frame_have_the_same_bits():
     """Between two commands workers must neither miss one nor play one twice."""
     frames = 400
@@ -258,7 +255,6 @@ def test_ties_that_matter_are_broken_alike_in_all_tiles():
 # --- what must fail
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("tiling", [(2, 2), (4, 1)])
 def test_a_halo_too_thin_is_noticed_by_the_comparison_and_by_nothing_else(tiling):
     """The control: without a comparison along the borders, or with a thin halo, the bits are wrong."""

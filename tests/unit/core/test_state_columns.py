@@ -16,6 +16,8 @@ from mpsim.core.state import NOT_DIGESTED, in_frame
 from mpsim.engine import checkpoint
 from mpsim.output.frames import Frame
 
+pytestmark = pytest.mark.slow
+
 COLUMNS = tuple(field.name for field in dataclasses.fields(mpsim.State))
 
 VALUES: dict[str, Any] = {
@@ -143,7 +145,6 @@ def saved(tmp_path, name="everything rough", **how):
         return sim.state, sim.save(tmp_path / "run")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method"), [("everything rough", "grid"), pytest.param("rough exact", "event", marks=pytest.mark.long)]
 )
@@ -157,7 +158,6 @@ def test_a_checkpoint_has_every_column_of_the_state(name, method, tmp_path):
             assert moved or (column == "present" and method == "event"), f"{column} is as it was at the start"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("array", "column"), [("exits", "present"), ("image", "image"), ("velocity", "velocity"), ("spin", "spin")]
 )
@@ -200,7 +200,6 @@ MADE_ANEW = {
 """Arrays of the block that a checkpoint leaves out, by the reason."""
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("compiled_when_run")
 def test_each_array_of_the_block_is_in_a_checkpoint_or_made_anew():
     names, kept = set(), set()
