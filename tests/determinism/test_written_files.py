@@ -181,7 +181,7 @@ OF_FORMAT_6 = {
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning")
-@pytest.mark.parametrize("file", long_but(OF_FORMAT_6, "everything-exact-event", "periodic-naive-impact-float64"))
+@pytest.mark.parametrize("file", long_but(OF_FORMAT_6, "periodic-naive-impact-float64"))
 def test_a_checkpoint_of_format_6_goes_on_to_the_pinned_digest_and_is_rewritten_as_one_of_today(file, tmp_path):
     name, case = OF_FORMAT_6[file]
     path = FOLDER.with_name("format6") / f"{file}.mpsim"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.compare import assert_same_bits
 from support.scenes import gas, simulate
+from support.selection import long_but
 from support.sessions import room
 from support.tiles import first_free_place
 
@@ -182,7 +183,7 @@ def test_absorbed_discs_do_not_slow_down_those_that_press_on_the_walls():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["grid", "event"])
+@pytest.mark.parametrize("method", long_but(["grid", "event"], "grid"))
 @pytest.mark.parametrize(
     ("change", "lost"),
     [
