@@ -41,6 +41,7 @@ for name, examples in (("default", 40), ("long", 500)):
 
 def pytest_addoption(parser):
     parser.addoption("--slow", action="store_true", help="run the tests marked slow instead: some fifteen minutes")
+    parser.addoption("--within", type=float, help="begin no test after so many seconds, and say how many were left out")
     parser.addoption("--long", action="store_true", help="run all tests, those marked slow and long too")
     parser.addoption("--figures", type=Path, help="write what the physics tests found to this file, as a table")
     parser.addoption(
@@ -128,6 +129,17 @@ def pytest_collection_modifyitems(config, items):
         for mark, why in LEFT.items():
             if mark != kind and item.get_closest_marker(mark):
                 item.add_marker(pytest.mark.skip(reason=why))
+
+
+BEGAN = time.monotonic()
+"""When this process began."""
+
+
+def pytest_runtest_setup(item):
+    """Where the time is limited, the check of a slow machine ends in time, and names what it has not tested."""
+    within = item.config.getoption("--within")
+    if within is not None and time.monotonic() - BEGAN > within:
+        pytest.skip(f"no test was begun after {within:g} s")
 
 
 @pytest.fixture

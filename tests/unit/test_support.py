@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -212,6 +213,17 @@ def test_a_session_that_hangs_ends_with_its_workers_and_names_its_tests(tmp_path
     assert re.search(r"failed: test_it.py::test_fails\nrunning for \d+ s: test_it.py::test_hangs\n", ended.stderr)
     assert re.search(r"test_it.py\W+line \d+ in test_hangs", ended.stderr)
     assert "test_passes" not in ended.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seconds", "begun"), [("0", False), ("300", True)])
+def test_where_the_time_is_limited_what_was_not_begun_is_counted(seconds, begun):
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "--within", seconds]
+    command.append(str(Path(__file__).parent / "core" / "test_chunks.py"))
+    ended = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 0
+    left_out = re.search(r"Left out, \d+ tests: no test was begun after 0 s", ended.stdout)
+    assert (left_out is None) == begun, ended.stdout
 
 
 def test_a_warm_script_ends_with_the_server():
