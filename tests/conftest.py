@@ -136,7 +136,7 @@ BEGAN = time.monotonic()
 
 
 def pytest_runtest_setup(item):
-    """Where the time is limited, the check of a slow machine ends in time, and names what it has not tested."""
+    """Where the time is limited, as in the check of a slow machine, begin no test after its end."""
     within = item.config.getoption("--within")
     if within is not None and time.monotonic() - BEGAN > within:
         pytest.skip(f"no test was begun after {within:g} s")

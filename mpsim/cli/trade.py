@@ -24,7 +24,6 @@ from mpsim.scene.settings import Settings
 from mpsim.studies import tradeoff as tradeoffs
 from mpsim.studies import tune as tuning
 from mpsim.studies.independent_starts import KINDS
-from mpsim.studies.tuned import WARNS
 
 _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
@@ -105,8 +104,8 @@ def tune(
     if as_json:
         click.echo(json_text(_record(tuned)))
         return
-    for line in str(tuned).splitlines():
-        click.echo(terminal.in_options(line, run) if line.startswith(WARNS) else line)
+    text, warning = str(tuned), tuned.warning
+    click.echo(text.replace(warning, terminal.in_options(warning, run)) if warning else text)
     click.echo(f"to run it: {_run_command(scene, settings_for(chosen, None), tuned.settings)}")
     click.echo(f"in Python: {settings_text(tuned.settings)}")
 

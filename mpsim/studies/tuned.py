@@ -11,9 +11,6 @@ from mpsim.studies.cost import Cost
 from mpsim.studies.deviations import Deviation
 from mpsim.studies.tradeoff import Row, label
 
-WARNS = "with these settings mpsim warns: "
-"""Begins the line of an answer that holds a warning."""
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -95,7 +92,8 @@ class Tuned:
         lines += [f"  {each.row.label} failed: {each.row.failure}" for each in self.tried if each.row.cost is None]
         lines.append(f"halving all error budgets would cost about {self.tighter:.2g} times as much")
         lines.append(f"errors against {self.reference}; averages over {self.starts}, runs of {self.until:.3g}")
-        lines += [f"{WARNS}{self.warning} The errors above include it."] if self.warning else []
+        if self.warning:
+            lines.append(f"with these settings mpsim warns: {self.warning} The errors above include it.")
         return "\n".join(lines)
 
 
