@@ -13,10 +13,10 @@ Tell = Callable[[str | None], None]
 class Listeners:
     """Announces compilation to several listeners, and to the announcer before it.
 
-    As the compiler is one for the process, all are told what any of them waits for.
+    As the compiler is one for the process, all are notified of what any of them waits for.
 
     >>> heard, listeners = [], Listeners()
-    >>> with listeners.told(heard.append):
+    >>> with listeners.notifying(heard.append):
     ...     listeners.begin("compiling a small kernel (move), once")
     ...     listeners.end()
     >>> heard
@@ -31,8 +31,8 @@ class Listeners:
         self._under_way = 0
 
     @contextmanager
-    def told(self, tell: Tell) -> Iterator[None]:
-        """Tell a listener what is compiled in this block. Blocks of several threads may end in any order."""
+    def notifying(self, tell: Tell) -> Iterator[None]:
+        """Notify a listener of what is compiled in this block. Blocks of several threads may end in any order."""
         with self._lock:
             if not self._tells:
                 self._before = self._installed.enter_context(announced_by(self))

@@ -148,7 +148,7 @@ class Source(ABC):
 
     def _live(self) -> None:
         try:
-            with LISTENERS.told(self._tell_compiling):
+            with LISTENERS.notifying(self._tell_compiling):
                 self._open()
                 while self._turn():
                     pass

@@ -46,8 +46,8 @@ def compile_as_if(until, monkeypatch):
 def test_blocks_end_in_any_order_and_the_announcer_before_hears_all(before):
     listeners, first, second = Listeners(), [], []
     one, other = ExitStack(), ExitStack()
-    one.enter_context(listeners.told(first.append))
-    other.enter_context(listeners.told(second.append))
+    one.enter_context(listeners.notifying(first.append))
+    other.enter_context(listeners.notifying(second.append))
     listeners.begin("a")
     one.close()
     listeners.begin("b")
