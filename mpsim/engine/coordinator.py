@@ -4,7 +4,6 @@ Emitters add discs, speeds are checked, the length of the next command is chosen
 back to a snapshot. Who may call is settled before (`access.py`); who calls holds `access.state_lock`.
 """
 
-import warnings
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -18,7 +17,6 @@ from mpsim.core.errors import (
     TooFastError,
     WorkerDied,
     WorkerStalled,
-    level_of_caller,
 )
 from mpsim.core.state import Discs, StateInChunks
 from mpsim.engine.access import Access
@@ -26,7 +24,7 @@ from mpsim.engine.batch_size import BatchSizer
 from mpsim.engine.changes import REMOVE, Change, edited, with_wall
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.journal import Changed, parameters_after
-from mpsim.engine.notices import Once
+from mpsim.engine.notices import Once, warn
 from mpsim.engine.parameters import in_force, moves_origin
 from mpsim.engine.precision_check import check_precision
 from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
@@ -107,7 +105,7 @@ class Coordinator:
         try:
             with self.solver.together():
                 for text, kind in warned_of:
-                    warnings.warn(text, kind, stacklevel=level_of_caller())
+                    warn(text, kind)
             methods.note_remark(self.solver.choice, None, self._access.notices)
             self._access.notices.give()
             with self._access.state_lock, refusals_named():  # the end of the program waits until it can be closed

@@ -3,13 +3,47 @@
 import logging
 import warnings
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
 from mpsim.core.errors import level_of_caller
 
 logger: logging.Logger = logging.getLogger("mpsim")
+
+
+_catching: ContextVar[tuple[tuple[tuple[type[Warning], ...], list[str]], ...]] = ContextVar("_catching", default=())
+"""Kinds that are caught and the texts found, the innermost first."""
+
+
+def warn(text: str, kind: type[Warning]) -> None:
+    """Give a warning of a simulation, on the line that called mpsim."""
+    for kinds, texts in _catching.get():
+        if issubclass(kind, kinds):
+            texts.append(text)
+            return
+    warnings.warn(text, kind, stacklevel=level_of_caller())
+
+
+@contextmanager
+def caught(*kinds: type[Warning]) -> Iterator[list[str]]:
+    """Catch the warnings of these kinds that simulations in this thread would give; yields the list of their texts.
+
+    Unlike `warnings.catch_warnings`, it can be used in several threads at once.
+
+    >>> with caught(UserWarning) as texts:
+    ...     warn("too fast", UserWarning)
+    >>> texts
+    ['too fast']
+    """
+    texts: list[str] = []
+    token = _catching.set(((kinds, texts), *_catching.get()))
+    try:
+        yield texts
+    finally:
+        _catching.reset(token)
 
 
 @dataclass
@@ -34,7 +68,7 @@ class Notices:
             return
 
         def say() -> None:
-            warnings.warn(text, kind, stacklevel=level_of_caller())
+            warn(text, kind)
             if once is not None:
                 once.given = True
 

@@ -4,7 +4,6 @@ import dataclasses
 import math
 import threading
 import time
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
@@ -17,6 +16,7 @@ from mpsim.core import checks
 from mpsim.core.cores import usable_cores
 from mpsim.core.errors import FastWarning, InputError, NotMeasurableError
 from mpsim.core.state import State
+from mpsim.engine import notices
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_scene import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
@@ -147,17 +147,15 @@ class Ensemble:
         """The FastWarning of a run of the scene with these settings, or ""."""
         if settings.on_fast != "warn":
             return ""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("ignore")
-            warnings.simplefilter("always", FastWarning)
+        with quietly(), notices.caught(FastWarning) as texts:
 
             def stop_at_the_first(done: int, frames: int) -> None:
-                if caught:
+                if texts:
                     raise Stopped
 
             with suppress(Stopped), Simulation(self._scene, dataclasses.replace(settings, workers=1)) as sim:
                 sim.run(until=self.plan.until, progress=stop_at_the_first)
-        return str(caught[0].message) if caught else ""
+        return texts[0] if texts else ""
 
     def assess(self, candidates: Iterable[Settings], replicas: int | None = None, first: int = 0) -> None:
         """Do those accuracy runs of the candidates and the reference that are missing.
@@ -373,10 +371,9 @@ class Ensemble:
         ours = () if self._executor else (self._stop,)  # an event cannot be sent to another process
         submitted = Submissions(executor, ((key, (*task, *ours)) for key, task in tasks.items()))
         try:
-            with quietly():  # for the threads, too, which share the filters of warnings
-                for done, (key, future) in enumerate(submitted.finished()):
-                    self._saved.put(key, future.result())
-                    self._progress(done + 1, len(tasks), "accuracy")
+            for done, (key, future) in enumerate(submitted.finished()):
+                self._saved.put(key, future.result())
+                self._progress(done + 1, len(tasks), "accuracy")
         finally:
             submitted.cancel()
             for key, future in submitted.left():

@@ -10,7 +10,6 @@ import json
 import math
 import threading
 import time
-import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,6 +30,7 @@ from mpsim.core.errors import (
     WorkerStalled,
 )
 from mpsim.core.state import State
+from mpsim.engine import notices
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers import methods
 from mpsim.measure import driving, run_averages
@@ -159,13 +159,8 @@ def failure(error: Exception) -> dict[str, Any]:
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Suppress warnings about the scene, which hundreds of runs would repeat. Main thread only: filters are global."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    with warnings.catch_warnings():
-        for kind in (EmitterWarning, OverlapWarning, GuardWarning, FastWarning, ResolutionWarning):
-            warnings.simplefilter("ignore", kind)
+    """Suppress warnings about the scene in this thread, which hundreds of runs would repeat."""
+    with notices.caught(EmitterWarning, OverlapWarning, GuardWarning, FastWarning, ResolutionWarning):
         yield
 
 
