@@ -2,7 +2,8 @@
 
 A link is the part of an address after the question mark, such as `scene=gas&dt=0.005&seed=3&beside=event&wait`. It can
 name scenes, but no files. Each value passes the usual input checks of mpsim; values that could make a frame very long
-have narrower bounds. `wait`, `speed`, `zoom`, `x` and `y` change only the display, and the page reads them itself.
+have narrower bounds. `wait`, `speed`, `zoom`, `x`, `y` and `canvas` change only the display; the page reads them itself
+after they have been checked here.
 """
 
 import dataclasses
@@ -30,6 +31,9 @@ LONGEST = 1000
 MOST_DIVISIONS = 100
 """Largest number of passes, of sub-steps, and of frames of a second stage in one frame of the first."""
 
+MOST_SWEEPS = 1000
+"""Largest product of these numbers, so that a frame of a link ends soon."""
+
 RANGE = 100.0
 """Largest factor between a time or speed in a link and that of its scene, up or down. For gravity, the largest factor
 above the longest arrow of the page."""
@@ -49,7 +53,10 @@ SETTINGS: Mapping[str, type] = {
 BESIDE = tuple(name for name in SETTINGS if name not in ("on_fast", "contact_time"))
 """Settings that can differ in a second stage."""
 
-SEEN = ("wait", "speed", "zoom", "x", "y")
+ZOOMS = (0.5, 64.0)
+"""Range of the zoom, as on the page."""
+
+SEEN = ("wait", "speed", "zoom", "x", "y", "canvas")
 """Names that concern only the display; the page reads them."""
 
 VALUES: Mapping[str, Callable[[Scene], Any]] = {
@@ -154,6 +161,19 @@ def read(query: str) -> Link:
     return Link(name, seed, settings, changed, beside, _seen(texts))
 
 
+def checked(query: str) -> str:
+    """The query of the page's own address, checked, in its standard form; "" if it concerns only the display.
+
+    >>> checked("scene=gas&dt=5e-3&wait"), checked("wait&zoom=2&x=3&y=4")
+    ('scene=gas&dt=0.005', '')
+    """
+    texts = _texts(query)
+    if set(texts) <= set(SEEN):
+        _seen(texts)
+        return ""
+    return write(read(query))
+
+
 def _texts(query: str) -> dict[str, str]:
     """The texts in a link by their names.
 
@@ -197,6 +217,17 @@ def _demand_short_frames(settings: Settings, usual: float) -> None:
     _demand_near("dt", settings.dt, usual)
     for name in ("passes", "substeps"):
         checks.whole(name, getattr(settings, name), 1, MOST_DIVISIONS, "A link may not ask for more.")
+    _demand_few_sweeps(settings, 1)
+
+
+def _demand_few_sweeps(settings: Settings, frames: int) -> None:
+    """Refuse settings that sweep the contacts too often in one frame of the first stage, which has so many frames."""
+    sweeps = frames * settings.substeps * settings.passes
+    if sweeps > MOST_SWEEPS:
+        raise InputError(
+            f"a link may ask for at most {MOST_SWEEPS:,} passes in one frame of the first stage; got {sweeps:,} "
+            f"(frames {frames}, substeps {settings.substeps}, passes {settings.passes}). Ask for fewer of them."
+        )
 
 
 def _demand_near(name: str, value: float, usual: float) -> None:
@@ -210,14 +241,22 @@ def _second(first: Settings, text: str) -> Settings:
     if not capabilities_of(wanted).has_steps:
         wanted = dataclasses.replace(wanted, dt=first.dt)  # the only dt that fits
     _demand_short_frames(wanted, first.dt)
-    return in_step(wanted, first.dt)[0]
+    found, frames = in_step(wanted, first.dt)
+    _demand_few_sweeps(found, frames)
+    return found
 
 
 def _seen(texts: Mapping[str, str]) -> dict[str, str]:
-    """The values that concern only the display, checked here because the page ignores wrong ones silently."""
-    for name in ("zoom", "x", "y"):
+    """The values that concern only the display, which the page does not check."""
+    if "zoom" in texts:
+        checks.between("zoom", _number(float, texts["zoom"]), *ZOOMS)
+    for name in ("x", "y"):
         if name in texts:
             checks.finite_array(name, _number(float, texts[name]), (), "()")
+            if "zoom" not in texts:
+                raise InputError(f"{name} must come with zoom, as in zoom=4&x=3&y=5; got no zoom. Add zoom=2.")
+    if "canvas" in texts:
+        checks.choice("canvas", texts["canvas"], ["2d"])
     if texts.get("speed", "max") != "max":
         checks.between("speed", _number(float, texts["speed"]), SLOWEST, QUICKEST)
     return {name: texts[name] for name in SEEN if name in texts}

@@ -216,13 +216,13 @@ class Server(Pages):
 
 
 def _read_link(path: str) -> str:
-    """The link in an address, checked and in its standard form.
+    """The link in an address, checked and in its standard form; "" for one that concerns only the display.
 
     Raises:
         Refusal: if the link is not allowed.
     """
     try:
-        return link.write(link.read(link.query_of(path)))
+        return link.checked(link.query_of(path))
     except MpsimError as error:
         raise Refusal(409, str(error)) from None
 

@@ -1,14 +1,13 @@
 // Reads the page's address: a scene with settings to run instead, whether to start paused, a speed, a part of the box.
 
-import { bound, state } from "./common.js";
+import { state } from "./common.js";
 import { opened, send, takers } from "./link.js";
 import { ask, askNoMore } from "./question.js";
 import { camera, requestDraw } from "./stage.js";
 
-const SEEN = ["wait", "speed", "zoom", "x", "y", "canvas"]; // others name a scene
 const asked = new URLSearchParams(location.search);
-const number = (name) => (asked.has(name) && Number.isFinite(+asked.get(name)) ? +asked.get(name) : null);
-const asksForScene = [...asked.keys()].some((name) => !SEEN.includes(name));
+const number = (name) => (asked.has(name) ? +asked.get(name) : null); // mpsim has checked it
+const settleAtOnce = [...asked.keys()].every((name) => name === "wait");
 let wanted = null, settled = false; // the requested scene, as mpsim writes it; whether it runs now
 
 /** Apply pause, speed and place, once the requested scene runs. */
@@ -16,8 +15,7 @@ function settle() {
   settled = true;
   askNoMore();
   if (asked.has("wait")) send({ do: "pause" });
-  const speed = asked.get("speed") === "max" ? null : number("speed");
-  if (asked.has("speed") && (speed === null ? asked.get("speed") === "max" : speed >= 0.01 && speed <= 1000)) send({ do: "speed", value: speed });
+  if (asked.has("speed")) send({ do: "speed", value: asked.get("speed") === "max" ? null : number("speed") });
   place();
 }
 
@@ -25,7 +23,7 @@ let placed = false, shown = null;
 function place() {
   if (!settled || placed || !state.scene || number("zoom") === null) return;
   placed = true;
-  camera.zoom = bound(number("zoom"), 0.5, 64);
+  camera.zoom = number("zoom");
   camera.moveTo(number("x") ?? state.scene.width / 2, number("y") ?? state.scene.height / 2);
   requestDraw();
 }
@@ -54,13 +52,15 @@ function keep() {
   history.replaceState(null, "", location.pathname); // or a reload would ask again
 }
 
-if (asksForScene) {
-  fetch(`link${location.search}`).then(async (answer) => {
-    const text = await answer.text();
-    if (!answer.ok) ask(`This address cannot be used: ${text}`, null, { no: keep });
-    else { wanted = text; compare(); }
-  }, () => ask("This address was not checked: no connection to mpsim.", null, { no: keep }));
-} else opened.push(() => { if (!settled) settle(); });
+const whenOpen = () => { if (!settled) settle(); };
+if (settleAtOnce) opened.push(whenOpen);
+else fetch(`link${location.search}`).then(async (answer) => {
+  const text = await answer.text();
+  if (!answer.ok) ask(`This address cannot be used: ${text}`, null, { no: keep });
+  else if (text) { wanted = text; compare(); }
+  else if (state.socket?.readyState === WebSocket.OPEN) whenOpen();
+  else opened.push(whenOpen);
+}, () => ask("This address was not checked: no connection to mpsim.", null, { no: keep }));
 takers.link.push(compare);
 takers.scene.push((scene) => {
   const other = shown !== null && (shown.width !== scene.width || shown.height !== scene.height);

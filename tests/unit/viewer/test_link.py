@@ -66,7 +66,13 @@ HOSTILE = {
     "scene=sediment&gravity=0,200.1": "size of gravity must be a number from 0 to 200",
     "scene=gas&speed=quick": "speed must be",
     "scene=gas&speed=1e9": "speed must be",
-    "scene=gas&zoom=nan": "zoom must be finite",
+    "scene=gas&zoom=nan": "zoom must be a number from 0.5 to 64",
+    "scene=gas&zoom=1000": "zoom must be a number from 0.5 to 64; got 1000",
+    "scene=gas&zoom=2&x=inf": "x must be finite",
+    "scene=gas&x=2": "x must come with zoom",
+    "scene=gas&canvas=3d": "canvas must be",
+    "scene=gas&passes=50&substeps=50": "at most 1,000 passes in one frame of the first stage; got 2,500",
+    "scene=gas&method=grid&dt=0.01&beside=dt=0.001,passes=100,substeps=2": "got 2,000 (frames 10, substeps 2, passes",
     "scene=%ff": "a link must be names and values",
     "&".join(["scene=gas"] * 100): "a link must be names and values",
     "scene=" + "x" * 2000: "at most 1000 characters",
@@ -79,6 +85,27 @@ def test_what_cannot_be_had_is_refused_by_name(query):
         link.read(query)
     assert HOSTILE[query] in str(refused.value)
     assert len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("query", "text"),
+    [
+        ("zoom=nan", "zoom must be a number"),
+        ("wait&speed=0", "speed must be a number"),
+        ("zoom=2&x=here", "x must be"),
+        ("y=1", "y must come with zoom"),
+        ("zoom=2&zoom=3", "zoom must be in a link once"),
+    ],
+)
+def test_what_concerns_only_the_display_is_checked_without_a_scene(query, text):
+    with pytest.raises(mpsim.InputError, match=text):
+        link.checked(query)
+
+
+def test_passes_substeps_and_frames_may_be_up_to_a_thousand_together():
+    assert link.read("scene=gas&passes=50&substeps=20").settings.substeps == 20
+    second = link.read("scene=gas&method=grid&dt=0.01&beside=dt=0.001,passes=100").beside
+    assert (second.dt, second.passes) == (0.001, 100)
 
 
 def test_gravity_may_be_a_hundred_times_the_longest_arrow():

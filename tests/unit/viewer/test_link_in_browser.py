@@ -80,6 +80,8 @@ def test_this_run_can_be_kept_and_is_not_asked_about_again(shown):
         ("?scene=gas&count=1000000000", "a name in a link must be one of"),
         ("?scene=../../mine.toml", "scene of a link must be one of"),
         ("?dt=0.005", "a link must have a scene"),
+        ("?wait&zoom=nan", "zoom must be a number from 0.5 to 64; got nan"),
+        ("?speed=0", "speed must be a number from 0.01 to 1000; got 0"),
         ("?scene=%3Cimg%20src=x%20onerror=alert(1)%3E", "scene of a link must be one of"),
     ],
 )
@@ -94,6 +96,15 @@ def test_a_wrong_address_is_explained_and_the_run_is_shown(shown, query, text):
     page.click("#asked-no")
     assert not page.is_visible("#asked")
     assert page.inner_text("#name") == "gas"
+
+
+def test_an_address_without_a_scene_chooses_speed_and_place(shown):
+    page_at, session = shown
+    page = page_at("?speed=0.5&zoom=2&x=3&y=4")
+    until(lambda: page.evaluate("import('./stage.js').then(({camera}) => camera.zoom)") == 2)
+    until(lambda: session._pace.speed == 0.5)
+    assert page.evaluate("import('./stage.js').then(({camera}) => [camera.x, camera.y])") == [3, 4]
+    assert not page.is_visible("#asked")
 
 
 def test_what_is_copied_asks_for_what_is_shown(shown):
