@@ -120,6 +120,13 @@ takers.scene.push((scene) => {
 // --- the search for settings
 
 let searching = false;
+function showUnit() {
+  const { unit, max } = $("tune-measure").selectedOptions[0].dataset;
+  $("tune-unit").textContent = unit;
+  $("tune-budget").max = max ?? 1e9;
+}
+$("tune-measure").addEventListener("change", showUnit);
+showUnit();
 $("tune-form").addEventListener("submit", (event) => {
   event.preventDefault();
   if (searching) send({ do: "stop_tuning" });

@@ -172,7 +172,7 @@ def test_what_is_typed_into_a_field_stays_there(shown):
     assert (page.inner_text("#phase"), page.inner_text("#speed-text")) == ("paused", "1×, 60 frames a second")  # noqa: RUF001
 
 
-@pytest.mark.parametrize("text", ["1e-300", "1e300", "-1", "0", ""])
+@pytest.mark.parametrize("text", ["1e-300", "1e300", "2", "-1", "0", ""])
 def test_a_budget_that_is_none_searches_for_nothing_and_ends_no_connection(shown, text):
     page, session = shown
     step(page, 1)
@@ -184,6 +184,32 @@ def test_a_budget_that_is_none_searches_for_nothing_and_ends_no_connection(shown
     assert page.is_hidden("#tune-text")
     assert not session._tuning.running
     assert not page.evaluate("document.getElementById('tune-form').checkValidity()"), "the browser says what is wrong"
+
+
+def test_a_budget_has_the_unit_and_the_range_of_its_measure(shown):
+    page, _session = shown
+    page.click("#beside summary")
+    assert page.inner_text("#tune-unit") == "of the exact value"
+    page.fill("#tune-budget", "2")
+    valid = "document.getElementById('tune-form').checkValidity()"
+    assert not page.evaluate(valid)
+    page.select_option("#tune-measure", "overlap")
+    assert page.inner_text("#tune-unit") == "diameters"
+    assert page.evaluate(valid)
+
+
+def test_a_finger_has_room_for_the_buttons_of_the_gauges(opened, capsys):
+    with viewed(SCENE, GRID, playing=False) as view:
+        context = opened.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+        page = context.new_page()
+        page.goto(view.address)
+        until(lambda: page.locator(".save button").count() > 0)
+        smallest = (
+            "Math.min(...[...document.querySelectorAll('.save button, #colour')].map((each) => each.offsetHeight))"
+        )
+        until(lambda: page.evaluate(smallest) >= 24)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        context.close()
 
 
 def test_a_search_can_be_stopped_whatever_the_field_says(shown, monkeypatch):
