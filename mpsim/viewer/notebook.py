@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -13,6 +14,7 @@ from mpsim.core.errors import InputError
 from mpsim.core.optional_packages import imported
 from mpsim.scene.settings import Settings
 from mpsim.viewer import wire
+from mpsim.viewer.admission import Refusal
 from mpsim.viewer.client import Client
 from mpsim.viewer.opening import Viewed, demand_viewed, source_of
 from mpsim.viewer.page_files import widget_module
@@ -165,6 +167,7 @@ class NotebookPages(Pages):
         self._widget = widget
         self._named: dict[str, Client] = {}
         self._connections: dict[str, _Connection] = {}  # by the same names
+        self._making: set[asyncio.Task[None]] = set()  # files that pages download
         self._asked: set[str] = set()  # pages that have sent nothing since their last ping
         widget.on_msg(lambda _, content, buffers: self.from_outside(self._take, content))
 
@@ -206,7 +209,10 @@ class NotebookPages(Pages):
                     self._named[page].send_again(self._texts)
             case {"page": str(page), "text": str(text)} if page in self._named:
                 self._heard(page)
-                self._obey(page, text)
+                self._obey(page, lambda client: self._do(client, wire.read_action(text)))
+            case {"page": str(page), "keep": str(name)} if page in self._named:
+                self._heard(page)
+                self._obey(page, lambda client: self._keep(page, name))
             case _:
                 pass
 
@@ -224,14 +230,29 @@ class NotebookPages(Pages):
         self._connections[page] = _Connection(self._widget, page)
         self._named[page] = self._join(self._connections[page])
 
-    def _obey(self, page: str, text: str) -> None:
+    def _obey(self, page: str, act: Callable[[Client], None]) -> None:
+        """Do what a page requests; close its connection if it breaks a rule."""
         client = self._named[page]
         try:
             client.spend(asyncio.get_running_loop().time())
-            self._do(client, wire.read_action(text))
+            act(client)
         except InputError as error:
-            self._forget_actions(client)
+            self.source.forget(client)
             self._end_of(page, POLICY, str(error))
+
+    def _keep(self, page: str, name: str) -> None:
+        """Send a file that a page downloads, once it is made."""
+        making = asyncio.ensure_future(self._send_made(self._connections[page], name))
+        self._making.add(making)
+        making.add_done_callback(self._making.discard)
+
+    async def _send_made(self, connection: _Connection, name: str) -> None:
+        try:
+            kept = await self._downloads.made(name, self.source)
+        except Refusal as refusal:
+            connection.send_file({"kept": name, "refused": str(refusal)})
+        else:
+            connection.send_file({"kept": name, "kind": kept.kind}, kept.content)
 
     def _forget(self, page: str) -> Client:
         self._asked.discard(page)
@@ -269,6 +290,11 @@ class _Connection:
             self._widget.send({"page": self._page, "text": message})
         else:
             self._widget.send({"page": self._page, "bytes": True}, [message])
+
+    def send_file(self, about: dict[str, str], *content: bytes) -> None:
+        """Send a file that the page has asked for, or the reason why there is none."""
+        self.sent += 1
+        self._widget.send({"page": self._page, **about}, list(content))
 
 
 @cache

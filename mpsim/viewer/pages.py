@@ -14,6 +14,7 @@ from typing import Any
 from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.client import Client, Connection
+from mpsim.viewer.downloads import Downloads
 from mpsim.viewer.source import Source
 
 MOST_PAGES = 8
@@ -32,10 +33,17 @@ class Pages(ABC):
         self._clients: dict[Client, asyncio.Task[None]] = {}
         self._texts: dict[str, str] = {}
         self._picture: Shown | None = None
+        self._downloads = Downloads()
         self._spent = 0.0  # processor time of the thread that was already charged [s]
         self._loop: asyncio.AbstractEventLoop | None = None  # set by `start`
         self._end = asyncio.Event()
         self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
+
+    @property
+    def source(self) -> Source:
+        """What the pages show; there is one after `start`."""
+        assert self._source is not None
+        return self._source
 
     def start(self, source: Source) -> None:
         """Start the thread; the pages show this source."""
@@ -48,6 +56,7 @@ class Pages(ABC):
         if self._thread.ident is not None:
             self.from_outside(self._end.set)
             self._thread.join()
+        self._downloads.close()
 
     # --- called by other threads
 
@@ -80,6 +89,7 @@ class Pages(ABC):
 
     def _show(self, picture: Shown) -> None:
         self._picture = picture
+        self._downloads.show(picture)
         for client in self._clients:
             client.show(picture)
 
@@ -111,9 +121,8 @@ class Pages(ABC):
         Raises:
             InputError: if the page breaks a rule.
         """
-        assert self._source is not None  # since the start
         spent, self._spent = self._spent, time.thread_time()
-        self._source.charge(self._spent - spent)
+        self.source.charge(self._spent - spent)
         match action.name:
             case "ack":
                 client.acknowledge(action.values["serial"])
@@ -121,16 +130,10 @@ class Pages(ABC):
                 client.note(visible=action.values["value"])
                 self._count()
             case _:
-                self._source.submit(action, client)
+                self.source.submit(action, client)
         if client.needs_picture():
-            self._source.ask()
-
-    def _forget_actions(self, client: Client) -> None:
-        """Drop the waiting actions of a page that has broken a rule."""
-        assert self._source is not None
-        self._source.forget(client)
+            self.source.ask()
 
     def _count(self) -> None:
         """Tell the source how many pages are watching."""
-        assert self._source is not None
-        self._source.watched_by(sum(client.watches for client in self._clients))
+        self.source.watched_by(sum(client.watches for client in self._clients))

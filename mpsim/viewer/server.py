@@ -8,14 +8,12 @@ import http
 import logging
 import socket
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from mpsim.core.errors import InputError, MpsimError, ResourceError
 from mpsim.core.optional_packages import imported
-from mpsim.viewer import film, keep, link, wire
+from mpsim.viewer import link, wire
 from mpsim.viewer.admission import Admission, Refusal
-from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.client import Client
 from mpsim.viewer.page_files import page_files
 from mpsim.viewer.pages import MOST_PAGES, Pages
@@ -28,12 +26,6 @@ KEEP = "keep/"
 
 LINK = "link"
 """Name that a page requests, with a link as the query, to have the link checked and written in its standard form."""
-
-FILMS = {"film.gif": (film.gif, "image/gif"), "film.mp4": (film.mp4, "video/mp4")}
-"""Films to download: the function that makes each, and its media type."""
-
-MOST_KEEPING, KEEP_SECONDS = 2, 8.0
-"""Number of downloads that are made at a time, and the longest wait for one [s]: less than OPEN_SECONDS."""
 
 OPEN_SECONDS, CLOSE_SECONDS, PING_SECONDS = 10, 1, 20
 """Time limits of the opening and of the closing handshake, and the time between two pings [s]."""
@@ -90,15 +82,11 @@ class Server(Pages):
         super().__init__("mpsim view: server")
         self._socket = found
         self._admission = admission
-        self._film = film.Film()
-        self._drawing = ThreadPoolExecutor(MOST_KEEPING, "mpsim view: film")
-        self._keeping = 0
         self._websockets = websockets()
 
     def close(self) -> None:
         """Close all connections and end the thread."""
         super().close()
-        self._drawing.shutdown(cancel_futures=True)
         self._socket.close()
 
     # --- the thread
@@ -120,10 +108,6 @@ class Server(Pages):
         ):
             await self._end.wait()
 
-    def _show(self, picture: Shown) -> None:
-        super()._show(picture)
-        self._film.add(picture, time.monotonic())
-
     async def _answer(self, connection: Any, request: Any) -> Any:
         """The answer to an HTTP request; None: open a WebSocket instead."""
         try:
@@ -137,45 +121,13 @@ class Server(Pages):
                 asked = await asyncio.to_thread(_read_link, request.path)
                 return self._response(200, asked.encode(), "text/plain; charset=utf-8", "")
             if name.startswith(KEEP):
-                kept = await self._kept(name.removeprefix(KEEP))
+                kept = await self._downloads.made(name.removeprefix(KEEP), self.source)
                 return self._response(200, kept.content, kept.kind, "")
             if (file := page_files().get(name)) is None:
                 raise Refusal(404, f"There is no {name[:40]!r} here.")
         except Refusal as refusal:
             return self._response(refusal.status, str(refusal).encode(), "text/plain; charset=utf-8", "")
         return self._response(200, file.content, file.kind, request.headers["Host"])
-
-    async def _kept(self, name: str) -> keep.Kept:
-        """A file to download.
-
-        Raises:
-            Refusal: if no file has this name, or it cannot be made now.
-        """
-        if name not in FILMS and name not in keep.KEEPING:
-            raise Refusal(404, f"There is no {name[:40]!r} to keep.")
-        if self._keeping >= MOST_KEEPING:
-            raise Refusal(503, f"At most {MOST_KEEPING} files are made at a time. Try again.")
-        try:
-            made = self._begin_to_make(name)
-            self._keeping += 1
-            made.add_done_callback(lambda _: self.from_outside(self._end_keeping))
-            return await asyncio.wait_for(asyncio.wrap_future(made), KEEP_SECONDS)
-        except TimeoutError:
-            raise Refusal(503, "The simulation is busy. Try again.") from None
-        except MpsimError as error:
-            raise Refusal(409, str(error)) from None
-
-    def _begin_to_make(self, name: str) -> Future[keep.Kept]:
-        """Start to make a file in another thread, which may continue after the request has timed out."""
-        assert self._source is not None  # since the start
-        if name not in FILMS:
-            return self._source.keep(name)
-        make, kind = FILMS[name]
-        pictures = self._film.pictures()
-        return self._drawing.submit(lambda: keep.Kept(make(pictures), kind))
-
-    def _end_keeping(self) -> None:
-        self._keeping -= 1
 
     def _response(self, status: int, body: bytes, kind: str, host: str) -> Any:
         policy = (
@@ -209,7 +161,7 @@ class Server(Pages):
                     return
                 self._do(client, wire.read_action(message))
         except InputError as error:
-            self._forget_actions(client)
+            self.source.forget(client)
             await connection.close(POLICY, _short(str(error)))
         except self._websockets.exceptions.ConnectionClosed:
             pass  # a message was too long, or a ping was not answered

@@ -51,7 +51,8 @@ class FrontEnd:
 
 class NotebookPage:
     """One page. Attributes: opened, closed (code and reason), last (messages by kind), picture, pictures, pings; dead:
-    its browser has died, and says nothing; loses: what the notebook's server drops on the way to it: a function of a
+    its browser has died, and says nothing; kept: files asked for, by name: media type and content, or why there is
+    none; loses: what the notebook's server drops on the way to it: a function of a
     message."""
 
     def __init__(self, front: FrontEnd, name: str):
@@ -59,13 +60,14 @@ class NotebookPage:
         self.opened, self.closed, self.pictures, self.pings, self.dead = 0, None, 0, 0, False
         self.last: dict[str, dict[str, Any]] = {}
         self.picture: wire.Picture | None = None
+        self.kept: dict[str, Any] = {}
         self.loses: Callable[[dict[str, Any]], bool] = lambda content: False
         self.received = 0
 
     def take(self, content: dict[str, Any], buffers: Any) -> None:
         if self.loses(content):
             return
-        self.received += "text" in content or "bytes" in content
+        self.received += not content.keys().isdisjoint(("text", "bytes", "kept"))
         if content.get("opened"):
             self.opened += 1
         elif content.get("ping"):
@@ -75,6 +77,8 @@ class NotebookPage:
                 self.front.say({"page": self.name, "pong": True, "lost": lost})
         elif "closed" in content:
             self.closed = content["closed"]
+        elif "kept" in content:
+            self.kept[content["kept"]] = content.get("refused") or (content["kind"], bytes(buffers[0]))
         elif "text" in content:
             found = json.loads(content["text"])
             self.last[found["type"]] = found
@@ -87,6 +91,9 @@ class NotebookPage:
     def say(self, do: str, **values: Any) -> None:
         if not self.dead:
             self.front.say({"page": self.name, "text": json.dumps({"do": do, **values})})
+
+    def keep(self, name: str) -> None:
+        self.front.say({"page": self.name, "keep": name})
 
     def until(self, holds: Callable[["NotebookPage"], Any]) -> None:
         end = time.monotonic() + PATIENCE

@@ -3,20 +3,19 @@
 import { $, state } from "./common.js";
 import { download, fileName } from "./export.js";
 import { SPEEDS, opened, send, takers } from "./link.js";
+import { fileFrom, inNotebook } from "./socket.js";
 import { camera, draw, requestDraw } from "./stage.js";
 
 const note = (text) => { $("keep-note").textContent = text; };
 /** A file from the simulation; null, with a note, if it fails. */
 async function made(name) {
-  note("…");
+  note(inNotebook ? "Waiting for Python, which answers between cells …" : "…");
   try {
-    const answer = await fetch(`keep/${name}`);
-    if (answer.ok) return await answer.blob();
-    note(await answer.text());
-  } catch {
-    note("No connection to mpsim.");
+    return await fileFrom(state.socket, name);
+  } catch (error) {
+    note(error.message);
+    return null;
   }
-  return null;
 }
 
 for (const [id, name, ending] of [["film", "film.gif", ".gif"], ["mp4", "film.mp4", ".mp4"], ["session", "session.zip", "-session.zip"], ["scene", "scene.zip", "-scene.zip"]]) {

@@ -19,7 +19,7 @@ export default {
       [page, port] = [crypto.getRandomValues(new Uint32Array(2)).join("-"), channel.port1];
       [opened, received, heard] = [false, 0, Date.now()];
       const own = page;
-      port.onmessage = ({ data }) => model.send({ page: own, text: data });
+      port.onmessage = ({ data }) => model.send({ page: own, ...data });
       frame.contentWindow.postMessage({ mpsim: "port" }, "*", [channel.port2]);
       model.send({ page, open: true });
     };
@@ -33,15 +33,17 @@ export default {
       }
       if (content.opened) return;
       if (content.ping) { // answered here, because a hidden page is slow
-        model.send({ page, pong: true, lost: received !== content.sent });
+        const lost = received !== content.sent;
+        model.send({ page, pong: true, lost });
+        if (lost) port.postMessage({ lost });
         received = content.sent;
         return;
       }
       if (!content.closed) received += 1;
-      if (content.bytes) {
-        const { buffer, byteOffset, byteLength } = buffers[0], copy = buffer.slice(byteOffset, byteOffset + byteLength);
-        port.postMessage(copy, [copy]);
-      } else port.postMessage(content.text ?? content);
+      const [bytes] = buffers.map(({ buffer, byteOffset, byteLength }) => buffer.slice(byteOffset, byteOffset + byteLength));
+      if (content.bytes) port.postMessage(bytes, [bytes]);
+      else if (content.kept) port.postMessage({ ...content, bytes });
+      else port.postMessage(content.text ?? content);
     };
     const asking = setInterval(() => {
       if (!page || Date.now() - heard < QUIET) return;

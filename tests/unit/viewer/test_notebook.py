@@ -68,6 +68,51 @@ def test_an_output_that_is_cleared_or_scrolled_away_lets_the_run_rest(front):
         front.pages[list(front.pages)[-1]].until(lambda p, frame=frame: p.frame > frame)
 
 
+def test_files_are_kept_in_a_notebook_as_on_a_page(front):
+    page = seen(front)
+    page.until(lambda p: p.frame > 3)
+    begins = {"session.zip": b"PK", "scene.zip": b"PK", "program.py": b'"""', "film.gif": b"GIF8"}
+    for name, begin in begins.items():
+        page.keep(name)
+        page.until(lambda p, name=name: name in p.kept)
+        assert page.kept[name][1].startswith(begin), page.kept[name]
+    assert page.kept["session.zip"][0] == "application/zip"
+    page.until(lambda p: p.pings > 0 or p.frame > 20)
+    for name in ("", "../session.zip", "/etc/passwd", "x" * 3000):
+        page.keep(name)
+        page.until(lambda p, name=name: name[:40] in {each[:40] for each in p.kept})
+    assert page.kept["/etc/passwd"] == "There is no '/etc/passwd' to keep."
+    before = page.frame
+    page.until(lambda p: p.frame > before)
+    assert page.closed is None
+
+
+def test_a_kept_file_counts_as_a_message_so_that_nothing_seems_lost(monkeypatch):
+    monkeypatch.setattr(notebook, "PING_SECONDS", 0.2)
+    with mpsim.live(SCENE, GRID, playing=False) as live:
+        page = seen(FrontEnd(live))
+        page.keep("program.py")
+        page.until(lambda p: p.kept)
+        pings = page.pings
+        page.until(lambda p: p.pings > pings + 2)
+        before = page.received
+        page.until(lambda p: p.pings > pings + 4)
+        assert page.received == before, "negative control below: what is lost is sent again"
+        page.loses = lambda content: "kept" in content
+        page.keep("scene.zip")
+        page.until(lambda p: p.received > before + 1)
+
+
+def test_a_flood_of_files_ends_its_page(front):
+    page, polite = seen(front), seen(front, "polite")
+    for _ in range(2000):
+        page.keep("program.py")
+    page.until(lambda p: p.closed)
+    assert page.closed["reason"] == "at most 200 messages a second are read; got more. Send fewer."
+    frame = polite.frame
+    polite.until(lambda p: p.frame > frame)
+
+
 def test_what_is_no_message_of_a_page_is_passed_over_and_a_broken_rule_ends_one_page(front):
     polite, rude = seen(front), seen(front, "rude")
     for noise in (None, 7, "text", [], {}, {"page": 1, "open": True}, {"page": "x" * 65, "open": True},

@@ -1,6 +1,7 @@
 """The widget in a real JupyterLab: shown, played, dragged, scrolled away, shown twice, and its browser killed."""
 
 import time
+from pathlib import Path
 
 import pytest
 from support.browser import browser, kill_browsers, until
@@ -36,22 +37,19 @@ def shown(frame) -> int:
     return int(frame.get_attribute("#stage", "data-frame") or -1)
 
 
-def test_the_widget_in_jupyterlab(lab):
-    complaints = []
-    lab.page.on("pageerror", lambda error: complaints.append(str(error)))
-    lab.run(0)
-    frame = lab.frame
-    until(lambda: shown(frame) > 10)
-    assert frame.inner_text("#name") == "a gas"
-    assert not frame.is_visible("#keep")
-    # paused: the bits are those of a run alone, and the page shows the frame of the simulation
-    frame.click("#play")
-    until(lambda: frame.inner_text("#phase") == "paused")
-    lab.run(1)
-    found = until(lambda: "frame" in lab.output(1) and lab.output(1)).split()
-    assert found[2] == "True"
-    assert shown(frame) == int(found[1])
-    # keys belong to the page while it has the focus: "b" is the brush here, and a new cell in the notebook
+def assert_files_are_downloaded(page, frame):
+    frame.click("#keep summary")
+    for button, begin in (("#keep-session", b"PK"), ("#keep-film", b"GIF8")):
+        with page.expect_download() as found:
+            frame.click(button)
+        assert Path(found.value.path()).read_bytes().startswith(begin)
+    assert frame.inner_text("#keep-note").startswith("a_gas-")
+    frame.click("#keep-program")
+    until(lambda: frame.input_value("#kept-text").startswith('"""A session of mpsim'))
+
+
+def assert_keys_belong_to_the_page(lab, frame):
+    """While it has the focus, b is the brush; in the notebook it is a new cell."""
     cells = lab.page.locator(".jp-Cell").count()
     frame.focus("#stage")
     lab.page.keyboard.press("b")
@@ -59,6 +57,25 @@ def test_the_widget_in_jupyterlab(lab):
     lab.page.keyboard.press("x")
     until(lambda: frame.get_attribute("#tool-remove", "aria-pressed") == "true")
     assert lab.page.locator(".jp-Cell").count() == cells
+
+
+def test_the_widget_in_jupyterlab(lab):
+    complaints = []
+    lab.page.on("pageerror", lambda error: complaints.append(str(error)))
+    lab.run(0)
+    frame = lab.frame
+    until(lambda: shown(frame) > 10)
+    assert frame.inner_text("#name") == "a gas"
+    assert not frame.is_visible("#keep-address")
+    # paused: the bits are those of a run alone, and the page shows the frame of the simulation
+    frame.click("#play")
+    until(lambda: frame.inner_text("#phase") == "paused")
+    lab.run(1)
+    found = until(lambda: "frame" in lab.output(1) and lab.output(1)).split()
+    assert found[2] == "True"
+    assert shown(frame) == int(found[1])
+    assert_files_are_downloaded(lab.page, frame)
+    assert_keys_belong_to_the_page(lab, frame)
     # a disc is removed by hand
     frame.focus("#stage")
     for key in ("h", "k", "Enter", "Shift+ArrowRight"):

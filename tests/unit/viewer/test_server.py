@@ -17,8 +17,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import mpsim
 from mpsim import measure
+from mpsim.viewer import downloads, wire
 from mpsim.viewer import server as server_module
-from mpsim.viewer import wire
 
 GRID = mpsim.Settings(method="grid")
 SCENE = gas(100, 0.3)
@@ -395,9 +395,9 @@ def test_a_film_that_nobody_waits_for_any_more_still_counts_until_it_is_drawn(vi
         assert free.wait(60)
         return b"GIF8"
 
-    monkeypatch.setitem(server_module.FILMS, "film.gif", (slow, "image/gif"))
-    monkeypatch.setattr(server_module, "MOST_KEEPING", 1)
-    monkeypatch.setattr(server_module, "KEEP_SECONDS", 0.2)
+    monkeypatch.setitem(downloads.FILMS, "film.gif", (slow, "image/gif"))
+    monkeypatch.setattr(downloads, "MOST", 1)
+    monkeypatch.setattr(downloads, "SECONDS", 0.2)
     assert fetch(view.address, path="keep/film.gif").status == 503
     assert drawing.is_set()
     try:
@@ -405,7 +405,7 @@ def test_a_film_that_nobody_waits_for_any_more_still_counts_until_it_is_drawn(vi
         assert (answer.status, answer.body[:7]) == (503, b"At most")
     finally:
         free.set()
-    monkeypatch.setattr(server_module, "KEEP_SECONDS", 60)
+    monkeypatch.setattr(downloads, "SECONDS", 60)
     end = time.monotonic() + 60
     while fetch(view.address, path="keep/film.gif").status != 200:
         assert time.monotonic() < end
@@ -413,7 +413,7 @@ def test_a_film_that_nobody_waits_for_any_more_still_counts_until_it_is_drawn(vi
 
 
 def test_files_to_keep_are_made_few_at_a_time(view, monkeypatch):
-    monkeypatch.setattr(server_module, "MOST_KEEPING", 0)
+    monkeypatch.setattr(downloads, "MOST", 0)
     answer = fetch(view.address, path="keep/session.zip")
     assert (answer.status, answer.body[:7]) == (503, b"At most")
     still_works(view)
