@@ -263,6 +263,7 @@ def test_without_odd_and_even_passes_discs_have_two_writers(figures):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
 def test_a_wall_that_moves_while_contacts_read_its_place_is_noticed():
     """The control of the barrier after it."""

@@ -13,6 +13,9 @@ TILING = (3, 2)
 SCENE = mpsim.Scene.random(count=3000, radius=0.5, packing=0.4, seed=2)
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(autouse=True)
 def no_time(monkeypatch):
     """Every command of a simulation on tiles then plays one tile for each worker."""
@@ -38,7 +41,6 @@ def leave_a_window(sim):
     assert windows_of(sim)["windows"] == windows
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_a_window_that_is_played_in_many_commands_has_the_same_bits_and_counts(workers, as_a_whole):
     expected, counted, _ = as_a_whole

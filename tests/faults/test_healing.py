@@ -78,6 +78,7 @@ def test_workers_that_die_at_random_moments_change_nothing(start, figures):
     )
 
 
+@pytest.mark.slow
 def test_a_run_that_forgot_to_rewind_would_be_noticed(monkeypatch, figures):
     """The control: without the way back of the measures, or of the discs, the comparison fails."""
     digest, expected, _ = undisturbed()
