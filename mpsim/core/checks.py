@@ -16,6 +16,7 @@ from mpsim.core.errors import InputError, UnknownArgumentError
 
 P = ParamSpec("P")
 R = TypeVar("R")
+C = TypeVar("C")
 
 
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
@@ -255,6 +256,27 @@ def known_names(
         return door
 
     return decorate
+
+
+def known_names_of_methods(cls: type[C]) -> type[C]:
+    """A decorator of classes: `known_names` for the constructor and all public methods of their own.
+
+    >>> @known_names_of_methods
+    ... class Run:
+    ...     def save(self, path): ...
+    >>> Run().save(file="run.csv")
+    Traceback (most recent call last):
+        ...
+    mpsim.UnknownArgumentError: an argument of Run.save must be one of 'path'; got 'file'.
+    """
+    for name, value in list(vars(cls).items()):
+        if name.startswith("_") and name != "__init__":
+            continue
+        if isinstance(value, classmethod | staticmethod):
+            setattr(cls, name, type(value)(known_names()(value.__func__)))
+        elif inspect.isfunction(value) and not hasattr(value, "__wrapped__"):
+            setattr(cls, name, known_names()(value))
+    return cls
 
 
 def number(name: str, value: Any, rule: str) -> float:

@@ -65,6 +65,7 @@ _TIME_FROM: dict[str, Callable[[float, float, float], float]] = {
 """The unit of time that follows from another unit."""
 
 
+@checks.known_names_of_methods
 @dataclass(frozen=True, init=False)
 class Units:
     """What the numbers of a scene are in SI: the size of one unit of length, of mass and of time. Immutable.

@@ -234,6 +234,7 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
 def reading(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
     """A method that reads a simulation: for the process that made it, and between two slices of frames."""
 
+    @checks.known_names()
     @functools.wraps(method)
     def door(self: S, *args: P.args, **kwargs: P.kwargs) -> R:
         access = self._access

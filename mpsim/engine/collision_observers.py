@@ -20,6 +20,7 @@ KINDS = ("discs", "walls", "obstacles")
 """What a disc can collide with; `kind` of a table is an index of these."""
 
 
+@checks.known_names_of_methods
 class Collisions:
     """Every collision of a run, for `Simulation.run(observe=...)`; the run stays the same to the bit.
 
@@ -124,6 +125,7 @@ class Collisions:
             self._each(sim, table)
 
 
+@checks.known_names_of_methods
 class Sensor(Collisions):
     """A counter of the collisions on an obstacle, on a wall or in a region, for `Simulation.run(observe=...)`.
 

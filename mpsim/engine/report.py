@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core import checks
 from mpsim.core.optional_packages import imported
 from mpsim.core.table_files import write_parquet, written
 from mpsim.core.views import view
@@ -21,6 +22,7 @@ from mpsim.measure.run_averages import Measures
 TABLE = "a table of times"
 
 
+@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Report:
     """Times, counts and measures of one `run`. Frame times do not include compilation and the start of workers.

@@ -47,6 +47,7 @@ from mpsim.scene.settings import Settings
 Result = TypeVar("Result")
 
 
+@checks.known_names_of_methods
 class Simulation(Changing):
     """A scene being simulated. Use it in a `with` block: leaving it stops the workers and frees the shared memory.
 
@@ -57,8 +58,7 @@ class Simulation(Changing):
 
     Raises:
         InputError: if the numbers of the scene do not fit the precision of the run.
-        TooFastError: with on_fast="error", or with "substep" if it would need too many sub-steps; also during a run,
-            which can then be continued.
+        TooFastError: with on_fast="error", or "substep" if too many were needed; also during a run, which can go on.
         ResourceError, WorkerDied: if the block (SharedMemoryError) or the workers cannot be created.
         BusyError, ForkedError: at any use while another thread changes it, or in a fork of the process that made it.
 

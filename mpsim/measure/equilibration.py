@@ -31,6 +31,7 @@ class Equilibration:
     measure: Measure
 
 
+@checks.known_names()
 def equilibration(series: ArrayLike, *, batch: int = 5) -> Equilibration:
     """Where to start averaging a series, so that its mean is not biased by the initial transient.
 

@@ -15,6 +15,7 @@ from mpsim.measure.observed import Observed, OneSimulation
 from mpsim.scene.scene import Scene
 
 
+@checks.known_names_of_methods
 class Series:
     """An observer for `Simulation.run(observe=...)` that records a function of the state every few frames.
 

@@ -69,6 +69,7 @@ class Measure:
         return with_error(self.value, self.error, mark)
 
 
+@checks.known_names()
 def block_average(
     series: ArrayLike, *, event: float | None = None, alternation: float = 0.0, constant: bool = False
 ) -> Measure:
@@ -161,6 +162,7 @@ def _pairs(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
     return (blocks[0:even:2] + blocks[1:even:2]) / 2
 
 
+@checks.known_names()
 def ratio_average(numerator: ArrayLike, denominator: ArrayLike) -> Measure:
     """Ratio of two sums and its standard error, such as a mean over a varying number of events.
 
@@ -193,6 +195,7 @@ def ratio_average(numerator: ArrayLike, denominator: ArrayLike) -> Measure:
     return Measure(value, error, events, settled, residues.upper and not settled)
 
 
+@checks.known_names()
 def block_errors(series: ArrayLike) -> NDArray[np.float64]:
     """Standard errors of the mean from blocks of 1, 2, 4, ... samples: the curve whose plateau is the error.
 
@@ -220,6 +223,7 @@ def block_errors(series: ArrayLike) -> NDArray[np.float64]:
     return np.array(errors)
 
 
+@checks.known_names()
 def independent_average(values: ArrayLike) -> Measure:
     """Mean of independent values, such as one per random start, with standard error: deviation / sqrt(number).
 
@@ -238,6 +242,7 @@ def independent_average(values: ArrayLike) -> Measure:
     return Measure(value, float((samples - value).std(ddof=1)) / math.sqrt(len(samples)), len(samples))
 
 
+@checks.known_names()
 def fit_order(h: ArrayLike, bias: ArrayLike, errors: ArrayLike | None = None) -> Measure:
     """Order p of a bias that falls like h^p, by a weighted straight line through log|bias| against log h.
 

@@ -43,6 +43,7 @@ MOST_LOOKS = 10**12
 """Looks in the longest lag at most."""
 
 
+@checks.known_names_of_methods
 class Correlations:
     """An observer for `Simulation.run(observe=...)` that averages correlations in time over discs and time origins.
 

@@ -23,6 +23,7 @@ from mpsim.output.ownership import Ownership
 from mpsim.output.xyz import write_jointly
 
 
+@checks.known_names_of_methods
 class Trajectory:
     """A trajectory to read: a sequence of frames, each read from the file when it is needed.
 

@@ -56,6 +56,13 @@ def vary(scene: Any, variation: Callable[[], str]) -> None:
             setattr(scene, feature.argument, feature.redrawn(scene, variation()))
 
 
+CHANGEABLE = (
+    "gravity", "restitution", "wall_restitution", "friction", "wall_friction", "obstacles", "emitters", "piston",
+    "thermostat", "thermal_walls", "has_gaps",
+)  # fmt: skip
+"""Arguments that `change_to` can change."""
+
+
 def change_to(scene: Any, values: Mapping[str, Any]) -> None:
     """Give a scene, a copy that nothing else refers to, other values of some arguments.
 
@@ -63,6 +70,7 @@ def change_to(scene: Any, values: Mapping[str, Any]) -> None:
         InputError: naming the argument, its rule and the value received.
     """
     for name, value in values.items():
+        checks.choice("an argument of Scene.changed", name, CHANGEABLE)
         if name == "gravity":
             scene.gravity = check_gravity(value)
         elif name == "emitters":

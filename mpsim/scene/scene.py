@@ -43,6 +43,7 @@ LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
 
 
+@checks.known_names_of_methods
 class Scene(HasDiscs, Recommends, Compresses):
     """Discs in a box. It is checked when made; its arrays are read-only copies. Unused features cost nothing.
 

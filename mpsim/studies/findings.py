@@ -13,6 +13,7 @@ from mpsim.scene.settings import Settings
 from mpsim.studies.promises import PROMISES, Finding, Promise
 
 
+@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Findings:
     """The results of a run of a named scene. Prints one line for each number.
@@ -68,6 +69,7 @@ def found_by(name: str, promise: Promise, sim: Simulation) -> Findings:
     return Findings(name, tuple(promise.findings(sim)), tuple(times.tolist()), tuple(seen.tolist()))
 
 
+@checks.known_names()
 def findings(name: str, settings: Settings | None = None) -> Findings:
     """Run a scene that comes with mpsim for its recommended duration, and compare the results with the expected ones.
 

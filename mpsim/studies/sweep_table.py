@@ -62,6 +62,7 @@ class SweepRow:
         return {**found, "failure": self.failure, **versions}
 
 
+@checks.known_names_of_methods
 @dataclass(frozen=True, repr=False)
 class Sweep:
     """The rows of a sweep, in the order of the grid: its last name changes fastest, and the runs of a point in it.

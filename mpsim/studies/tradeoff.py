@@ -76,6 +76,7 @@ class Row:
         return values
 
 
+@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Tradeoff:
     """Costs and errors of candidates on one scene.

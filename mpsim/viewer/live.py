@@ -96,6 +96,7 @@ def view(
     return shown
 
 
+@checks.known_names_of_methods
 class View:
     """A page that shows a simulation. `mpsim.view` makes it; leaving a `with` block closes it.
 

@@ -78,6 +78,7 @@ def live(
     return Live(source, settings, playing=playing, height=height, name=name, colour=colour, beside=beside)
 
 
+@checks.known_names_of_methods
 class Live:
     """A page in a notebook that shows a simulation. `mpsim.live` makes it; leaving a `with` block closes it.
 

@@ -1,5 +1,6 @@
 """The package as it is released: its public names; built, installed elsewhere, and used without the checkout."""
 
+import inspect
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import mpsim
+from mpsim import measure
 from mpsim.measure import reference, reference_motion
 
 
@@ -20,6 +22,44 @@ def test_the_public_names_are_the_documented_ones():
         assert getattr(mpsim, name).__doc__, f"{name} has no docstring"
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         mpsim.nothing  # noqa: B018
+
+
+RESULTS = (mpsim.Tuned, measure.Measure)
+"""Public classes, beside the rest of those of `measure`, that users are given and do not make or call with names."""
+
+
+def doors():
+    """All public functions, constructors and methods, with what stands for `self`; by name."""
+    for module in (mpsim, measure):
+        for name in module.__all__:
+            thing = getattr(module, name)
+            if inspect.isfunction(thing):
+                yield name, thing, ()
+            elif inspect.isclass(thing) and not issubclass(thing, (*RESULTS, BaseException)):
+                if module is mpsim and thing is not mpsim.State:  # whose other names are columns
+                    yield name, thing, ()
+                for own, method in vars(thing).items():
+                    if own.startswith("_"):
+                        continue
+                    if inspect.isfunction(method):
+                        yield f"{name}.{own}", method, (None,)
+                    elif isinstance(method, classmethod | staticmethod):
+                        yield f"{name}.{own}", getattr(thing, own), ()
+
+
+DOORS = [(name, call, own) for name, call, own in doors() if not name.endswith(".capsules")]  # of obstacles: internal
+
+
+@pytest.mark.parametrize(("call", "own"), [(call, own) for _, call, own in DOORS], ids=[name for name, *_ in DOORS])
+def test_each_public_door_answers_a_name_that_it_does_not_have(call, own):
+    with pytest.raises(mpsim.InputError, match="nonsense"):
+        call(*own, nonsense=1)
+
+
+def test_the_doors_are_there():
+    names = {name for name, *_ in DOORS}
+    assert {"Scene.load", "Simulation.resume", "Report.to_csv", "pair_correlation", "tune", "Trajectory"} <= names
+    assert len(names) > 100
 
 
 TOP = Path(__file__).parents[2]
