@@ -37,9 +37,23 @@ def everything(count: int) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def always_tiled(columns: int, rows: int = 1, halo: int = event_tiles.HALO) -> Iterator[None]:
-    """Divide every box into so many tiles, with such a halo, however many discs and workers there are."""
+    """Divide every box into so many tiles, with such a halo, however many discs and workers there are.
+
+    The halo is thinner where a periodic axis has no room for it.
+    """
+    tiling = Tiling(columns, rows)
+
+    def tiling_of(count: int, cells: tuple[int, int], periodic: tuple[bool, bool], workers: int) -> Tiling:
+        room = [
+            (length - math.ceil(length / number)) // 2
+            for length, number, around in zip(cells, tiling, periodic, strict=True)
+            if around and number > 1
+        ]
+        event_tiles.HALO = min([halo, *room])
+        return tiling
+
     with (
-        mock.patch.object(event_block, "tiling_of", return_value=Tiling(columns, rows)),
+        mock.patch.object(event_block, "tiling_of", tiling_of),
         mock.patch.object(event_tiles, "HALO", halo),
     ):
         yield

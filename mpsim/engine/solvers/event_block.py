@@ -96,8 +96,7 @@ class Plan(NamedTuple):
         box, features = self._box(count), features_of(scene, arrays | self._given(count))
         features = features._replace(log=collision_log.log_of(arrays, 0))
         if "tiles" in arrays:
-            cells, laws = event_snapshot.cells_for(scene, count), packed(box, features)
-            lay_out(arrays, self._tiling(count), cells, self.dt, self.workers, laws)
+            lay_out(arrays, self._tiling(count), box, self.dt, self.workers, packed(box, features))
         return System(store, box, features)
 
     def _tiling(self, count: int) -> Tiling:

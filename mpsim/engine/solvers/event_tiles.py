@@ -126,16 +126,18 @@ def packed(box: Any, features: Any) -> bytes:
     return pickle.dumps((box, numbers))
 
 
-def lay_out(
-    arrays: dict[str, Any], tiling: Tiling, cells: tuple[int, int], dt: float, workers: int, laws: bytes
-) -> None:
-    """Write the tiles and the plan into a new block."""
+def lay_out(arrays: dict[str, Any], tiling: Tiling, box: Any, dt: float, workers: int, laws: bytes) -> None:
+    """Write the tiles and the plan into a new block; box: with its cells."""
+    cells, periodic = (box.columns, box.rows), (box.periodic_x, box.periodic_y)
     edges = [np.arange(number + 1) * length // number for number, length in zip(tiling, cells, strict=True)]
     places = np.array(list(product(range(tiling.columns), range(tiling.rows))))
     for axis in range(2):
         place = places[:, axis]
         arrays["tiles"]["own_first"][:, axis] = edges[axis][place]
-        arrays["tiles"]["own"][:, axis] = edges[axis][place + 1] - edges[axis][place]
+        own = edges[axis][place + 1] - edges[axis][place]
+        once = tiling[axis] == 1 or not periodic[axis] or own.max() + 2 * HALO <= cells[axis]
+        assert once, "no cell may be in a region twice: the arrays of a tile have no room for that"
+        arrays["tiles"]["own"][:, axis] = own
     arrays["plan"].tiles[:] = tiling
     arrays["plan"].halo, arrays["plan"].parts = HALO, PARTS
     arrays["plan_times"].dt = dt

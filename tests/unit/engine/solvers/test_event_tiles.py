@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from support.scenes import gas, simulate
 
-from mpsim.engine.solvers import event_tiles
-from mpsim.engine.solvers.event_tiles import HALO, WHOLE, tiling_of
+from mpsim.engine.solvers import event_block, event_tiles
+from mpsim.engine.solvers.event_tiles import HALO, WHOLE, Tiling, tiling_of
 
 BOUNDARIES = list(itertools.product([False, True], repeat=2))
 SHAPES = [(10, 10), (19, 400), (20, 20), (39, 39), (40, 40), (41, 75), (140, 140), (1000, 20), (9, 5000), (700, 700)]
@@ -48,3 +49,9 @@ def test_two_tiles_around_a_periodic_axis_need_room_for_both_halos(monkeypatch):
         assert 2 in event_tiles._numbers_along(cells, periodic=False)
     assert tiling_of(10, (25, 39), (True, False), 1) == (1, 3)
     assert tiling_of(10, (25, 39), (False, False), 1) == (2, 3)
+
+
+def test_a_tiling_in_which_a_cell_would_be_there_twice_is_none(monkeypatch):
+    monkeypatch.setattr(event_block, "tiling_of", lambda *arguments: Tiling(2, 1))
+    with pytest.raises(AssertionError, match="no cell may be in a region twice"):
+        simulate(gas(500, 0.3, boundary="periodic"), method="event")
