@@ -31,6 +31,10 @@ MISSPELT = {
     'mpsim.Settings(method="gird")': True,
     'mpsim.Settings(law="elastisch")': True,
     'mpsim.Settings(metod="grid")': True,
+    'mpsim.Scene.random(count=100, radius=0.5, packing=0.2, boundary="periodc")': True,
+    'mpsim.Scene(width=9, height=9, position=[], velocity=[], radius=1, absorbing=["rigth"])': True,
+    'mpsim.animate(mpsim.Scene.load("gas"), path="gas.gif", theme="drak")': True,
+    'mpsim.Scene(width=9, height=9, position=[], velocity=[], radius=1, boundary=("periodic", "walls"), absorbing="top")': False,
     "mpsim.Scene.random(cout=100, radius=0.5, packing=0.2)": True,
     'mpsim.Settings(method="grid", law="elastic", contact="push", precision="float32", on_fast="substep")': False,
 }

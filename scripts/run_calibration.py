@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pages import fill_page, made_by
@@ -31,7 +31,7 @@ from mpsim.scene.settings import MethodName
 
 COUNT = 64
 PACKINGS = (0.02, 0.3, 0.6)
-BOUNDARIES = {"closed": "walls", "periodic": "periodic"}
+BOUNDARIES: dict[str, Literal["walls", "periodic"]] = {"closed": "walls", "periodic": "periodic"}
 LENGTHS = {"short": 200.0, "long": 2000.0}
 """Collisions of each disc."""
 

@@ -118,7 +118,7 @@ def animate(
     pixels: int,
     colour: str,
     scale: Literal["linear", "log"],
-    theme: str,
+    theme: Literal["light", "dark"],
     force: bool,
     as_json: bool,
     quiet: bool,

@@ -3,12 +3,16 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import Any, Literal, NamedTuple, cast
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 
-EDGES = ("left", "right", "bottom", "top")
+BoundaryName = Literal["walls", "periodic"]
+Edge = Literal["left", "right", "bottom", "top"]
+
+EDGES: tuple[Edge, ...] = ("left", "right", "bottom", "top")
 """The walls of the box: x = 0, x = width, y = 0, y = height."""
 
 
@@ -31,7 +35,7 @@ class Boundary(NamedTuple):
     not_exact: str
 
 
-BOUNDARIES = {
+BOUNDARIES: dict[str, Boundary] = {
     "walls": Boundary(wraps=False, has_walls=True, least_diameters=1, largest_radius="half the box", not_exact=""),
     "periodic": Boundary(
         wraps=True,
@@ -43,7 +47,7 @@ BOUNDARIES = {
 }
 """Every kind by the word for it in a scene. Other modules ask for its facts, never for the word."""
 
-WALLED = ("walls", "walls")
+WALLED: tuple[BoundaryName, BoundaryName] = ("walls", "walls")
 """The boundary of a scene that does not say."""
 
 
@@ -71,14 +75,22 @@ class MovingWall(NamedTuple):
         return max(place, self.stop) if self.speed < 0 else min(place, self.stop)
 
 
-def check_boundary(boundary: object) -> tuple[str, str]:
+def check_boundary(boundary: object) -> tuple[BoundaryName, BoundaryName]:
     """Boundary of x and of y, each one of BOUNDARIES; one word stands for both."""
     each_of: Any = boundary
     pair = (each_of, each_of) if isinstance(each_of, str) else tuple(each_of)
     if len(pair) != 2:
         raise InputError(f"boundary must be one word or one for x and one for y; got {boundary!r}.")
-    x, y = (checks.choice("boundary", word, BOUNDARIES) for word in pair)
-    return x, y
+    return cast(Any, tuple(checks.choice("boundary", word, BOUNDARIES) for word in pair))
+
+
+def boundary_of(periodic: Iterable[bool]) -> list[BoundaryName]:
+    """The boundary of axes of which each is periodic or has walls.
+
+    >>> boundary_of((True, False))
+    ['periodic', 'walls']
+    """
+    return ["periodic" if each else "walls" for each in periodic]
 
 
 def kinds_of(boundary: tuple[str, str]) -> tuple[Boundary, Boundary]:

@@ -21,7 +21,7 @@ from mpsim.core.progress import checked_progress, is_watched, of_frames
 from mpsim.engine.simulation import Simulation
 from mpsim.output import ffmpeg
 from mpsim.output.colour_scale import SCALES, ColourScale, ScaleName, percentile_scale, sampled
-from mpsim.output.drawing import STYLE, THEMES
+from mpsim.output.drawing import STYLE, THEMES, ThemeName
 from mpsim.output.gif import GifWriter
 from mpsim.output.moving_picture import DPI, KINDS, PIXELS, Moment, Picture, kept, moment_of
 from mpsim.scene.recommended import frames_between_pictures, settings_for
@@ -66,7 +66,7 @@ def animate(
     until: float | None = None,
     seconds: float | None = None,
     scale: ScaleName = "linear",
-    theme: str = "light",
+    theme: ThemeName = "light",
 ) -> Animation:
     """Simulate a scene and write it as an animation.
 

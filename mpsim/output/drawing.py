@@ -71,7 +71,9 @@ class Theme:
 LIGHT = Theme(ground="white", ink="black", solid="#444444", behind="#BBBBBB", edge="#00000060")
 DARK = Theme(ground="#15181E", ink="#E6E6E6", solid="#8C929E", behind="#343A46", edge="#FFFFFF50")
 
-THEMES = {"light": LIGHT, "dark": DARK}
+ThemeName = Literal["light", "dark"]
+
+THEMES: dict[str, Theme] = {"light": LIGHT, "dark": DARK}
 
 
 class ShownFigure(Figure):

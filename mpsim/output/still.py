@@ -23,6 +23,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State, present_in
 from mpsim.engine.simulation import Simulation
+from mpsim.features.edges import boundary_of
 from mpsim.output.colour_scale import SCALES, SPEED, ScaleName, percentile_scale, speeds_of
 from mpsim.output.drawing import (
     MOST_DISCS,
@@ -226,7 +227,7 @@ def _moment_of(frame: Frame, scene: Scene) -> Shown:
 def _empty(frame: Frame) -> Scene:
     """The box of a frame, with nothing in it."""
     (width, height), (left, low) = frame.box, frame.origin
-    boundary = ["periodic" if wraps else "walls" for wraps in frame.periodic]
+    boundary = boundary_of(frame.periodic)
     none, small = np.zeros((0, 2)), min(width, height) / 4
     return Scene(width=left + width, height=low + height, position=none, velocity=none, radius=small, boundary=boundary)
 

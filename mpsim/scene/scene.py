@@ -19,7 +19,7 @@ from mpsim.core.views import view
 from mpsim.features import FEATURES
 from mpsim.features.absorption import check_edges
 from mpsim.features.capsules import CapsuleIndex
-from mpsim.features.edges import MovingWall, check_boundary, kinds_of, wraps_of
+from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, kinds_of, wraps_of
 from mpsim.features.emitters import Emitter, check_emitters
 from mpsim.features.feature import Deepest
 from mpsim.features.fields import check_acceleration, check_gravity
@@ -115,10 +115,10 @@ class Scene(HasDiscs, Recommends, Compresses):
         wall_friction: float = 0.0,
         tangential_restitution: float = 0.0,
         spin: ArrayLike | None = None,
-        boundary: str | Sequence[str] = "walls",
+        boundary: BoundaryName | Sequence[BoundaryName] = "walls",
         obstacles: Sequence[Obstacle] | Obstacle = (),
         emitters: Sequence[Emitter] | Emitter = (),
-        absorbing: Sequence[str] | str = (),
+        absorbing: Sequence[Edge] | Edge = (),
         piston: Piston | None = None,
         thermostat: Thermostat | None = None,
         thermal_walls: ThermalWalls | None = None,
@@ -380,7 +380,7 @@ class Scene(HasDiscs, Recommends, Compresses):
         packing: float | None = None,
         width: float | None = None,
         height: float | None = None,
-        boundary: str | Sequence[str] = "walls",
+        boundary: BoundaryName | Sequence[BoundaryName] = "walls",
         obstacles: Sequence[Obstacle] | Obstacle = (),
         **others: Any,
     ) -> Scene:
@@ -446,7 +446,7 @@ class Scene(HasDiscs, Recommends, Compresses):
         height: float | None = None,
         temperature: float = 1.0,
         seed: int = 0,
-        boundary: str | Sequence[str] = "walls",
+        boundary: BoundaryName | Sequence[BoundaryName] = "walls",
         **others: Any,
     ) -> Scene:
         """Equal discs near the sites of a hexagonal lattice that fills the box, with thermal velocities.

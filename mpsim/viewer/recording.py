@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError, TrajectoryError, TrajectoryWarning
 from mpsim.core.state import State
+from mpsim.features.edges import boundary_of
 from mpsim.output.frames import Frame
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
@@ -163,5 +164,5 @@ def _scene_of(frame: Frame, shift: NDArray[np.float64]) -> Scene:
         velocity=frame.velocity.astype(np.float64),
         radius=frame.radius,
         mass=None if mass is None or (mass == 1).all() else mass,
-        boundary=tuple("periodic" if each else "walls" for each in frame.periodic),
+        boundary=boundary_of(frame.periodic),
     )
