@@ -34,7 +34,7 @@ MISSPELT = {
     'mpsim.Scene.random(count=100, radius=0.5, packing=0.2, boundary="periodc")': True,
     'mpsim.Scene(width=9, height=9, position=[], velocity=[], radius=1, absorbing=["rigth"])': True,
     'mpsim.animate(mpsim.Scene.load("gas"), path="gas.gif", theme="drak")': True,
-    'mpsim.Scene(width=9, height=9, position=[], velocity=[], radius=1, boundary=("periodic", "walls"), absorbing="top")': False,
+    'mpsim.Scene.random(count=9, radius=0.5, packing=0.2, boundary=("periodic", "walls"))': False,
     "mpsim.Scene.random(cout=100, radius=0.5, packing=0.2)": True,
     'mpsim.Settings(method="grid", law="elastic", contact="push", precision="float32", on_fast="substep")': False,
 }
