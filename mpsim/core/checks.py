@@ -33,7 +33,7 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
         at = tuple(int(index) for index in bad[0])
         where = list(at) if at else ""
         raise InputError(
-            f"{name} must be finite; {name}{where} is {array[at]} ({len(bad)} such values). "
+            f"{name} must be finite; {name}{where} is {array[at]} (such values: {len(bad)}). "
             "Correct them, or leave them out."
         )
     if array.size == 0 and shape[:1] in ((None,), (0,)):  # an empty list has lost its second axis
@@ -118,7 +118,7 @@ def one_or_each(name: str, value: Any, count: int, unit: str) -> float | NDArray
     array = finite_array(name, value, (count,), f"() or ({count},), one per row of position")
     bad = np.flatnonzero(array <= 0)
     if len(bad):
-        raise InputError(f"{name} must be > 0 {unit}; {name}[{bad[0]}] is {array[bad[0]]} ({len(bad)} such values).")
+        raise InputError(f"{name} must be > 0 {unit}; {name}[{bad[0]}] is {array[bad[0]]} (such values: {len(bad)}).")
     return float(array[0]) if count and (array == array[0]).all() else array
 
 

@@ -48,6 +48,6 @@ def check_inside(
         (x_low, y_low), (x_high, y_high) = (np.broadcast_to(limit, shape)[index] for limit in (low, high))
         raise InputError(
             f"{name}[{index}] must lie in [{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}] (one "
-            f"radius from the walls{now}); got {tuple(position[index].tolist())} ({len(outside)} discs outside). "
+            f"radius from the walls{now}); got {tuple(position[index].tolist())} (discs outside: {len(outside)}). "
             "Move the disc or enlarge the box."
         )

@@ -138,9 +138,10 @@ class Growth(Promise):
         energy = float((self.scene.velocity**2).sum()) / 2
         energy += sum((each.limit or 0) * float(np.sum(np.square(each.velocity))) / 2 for each in self.scene.emitters)
         found = float((sim.state.velocity**2).sum()) / 2
+        name = "kinetic energy at the end [mass length^2/time^2]"
         return [
             Finding("discs [1]", let_in + self.scene.count, sim.count, 0, "the first one and the emitters' limits"),
-            Finding("kinetic energy [mass length^2/time^2]", energy, found, 1e-6 * energy, "that of what came in"),
+            Finding(name, energy, found, 1e-6 * energy, "that of what came in"),
         ]
 
 
@@ -283,7 +284,8 @@ class Compression(Promise):
     def findings(self, sim: Simulation) -> list[Finding]:
         """The temperature at the end, beside that of a slow compression."""
         expected, found = self.adiabat(sim.time), self.value(sim)
-        return [Finding("temperature [mass length^2/time^2]", expected, found, 0.06 * expected, "the adiabat")]
+        name = "temperature at the end [mass length^2/time^2]"
+        return [Finding(name, expected, found, 0.06 * expected, "the adiabat")]
 
 
 PROMISES: dict[str, type[Promise]] = {

@@ -31,7 +31,7 @@ SCENES = {
     ),
     "outside above": (
         {"position": [[2, 5.6], [9, 3]]},
-        ["position[0] must lie", "(2.0, 5.6)", "2 discs outside", "Move"],
+        ["position[0] must lie", "(2.0, 5.6)", "discs outside: 2", "Move"],
     ),
     "radius 0": ({"radius": 0}, ["radius must be a finite number > 0", "got 0"]),
     "radius below 0": ({"radius": -1.5}, ["radius must be a finite number > 0", "got -1.5"]),

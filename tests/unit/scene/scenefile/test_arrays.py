@@ -47,7 +47,7 @@ HOLDS = "must be an array of real numbers as numpy.save writes it; a.npy is not 
         (np.array([["a", "b"]]), HOLDS + "<U1). Save it anew."),
         (np.zeros((3, 2), bool), HOLDS + "bool). Save it anew."),
         (np.zeros(4), "must have shape (N, 2); got shape (4,). Reshape the array."),
-        (np.full((2, 2), np.inf), "must be finite; position[0, 0] is inf (4 such values). "),
+        (np.full((2, 2), np.inf), "must be finite; position[0, 0] is inf (such values: 4). "),
     ],
 )
 def test_a_wrong_array_is_named(problems, tmp_path, array, expected):

@@ -145,7 +145,7 @@ WRONG = {
     HEAD + ONE + "acceleration = [[1, 2], [3, 4]]": "discs[0].acceleration must be one row or 1, one per disc; got 2.",
     HEAD + ONE + "mass = [1, 2]": "discs[0].mass must be one number or 1, one per disc; got 2.",
     HEAD + ONE + "mass = [0]": "discs[0].mass must be > 0 [mass]; mass[0] is 0.0.",
-    HEAD + ONE + "velocity = [1, inf]": "discs[0].velocity must be finite; velocity[1] is inf (1 such values). "
+    HEAD + ONE + "velocity = [1, inf]": "discs[0].velocity must be finite; velocity[1] is inf (such values: 1). "
     "Correct them, or leave them out.",
     HEAD + ONE + "velocity = [1, true]": "discs[0].velocity[1] must be a number; got True.",
     HEAD
@@ -158,7 +158,7 @@ WRONG = {
     HEAD + ONE + "places = 'square'": "discs[0] must have either position or places; got both.",
     HEAD
     + ONE.replace("2.0, 3.0", "2.0, 9.0"): "discs[0].position[0] must lie in [0.5, 9.5] x [0.5, 7.5] (one radius from "
-    "the walls); got (2.0, 9.0) (1 discs outside). Move the disc or enlarge the box.",
+    "the walls); got (2.0, 9.0) (discs outside: 1). Move the disc or enlarge the box.",
     HEAD
     + "[[discs]]\nplaces = 'hexgonal'\nradius = 1": "discs[0].places must be one of 'random', 'square', 'hexagonal'; "
     "got 'hexgonal'. Did you mean 'hexagonal'?",
