@@ -60,9 +60,12 @@ class Watchdog:
         self._write_stacks_later()
 
     def stop(self, exit_within: float) -> None:
-        """The last test is over: bound what is left of the process."""
+        """The last test is over: bound what is left of the process. A worker waits for the others, and for its end."""
         self._over.set()
-        faulthandler.dump_traceback_later(exit_within, exit=True, file=self._file)
+        if self._worker:
+            faulthandler.cancel_dump_traceback_later()
+        else:
+            faulthandler.dump_traceback_later(exit_within, exit=True, file=self._file)
 
     def _write_stacks_later(self) -> None:
         left = max(self._deadline - time.monotonic(), 0.01)

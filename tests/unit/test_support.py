@@ -198,7 +198,11 @@ from support import watchdog
 watchdog.EARLIER = 0.5
 
 def pytest_configure(config):
-    config.pluginmanager.register(watchdog.Watchdog(config, 4))
+    config.watchdog = watchdog.Watchdog(config, 4)
+    config.pluginmanager.register(config.watchdog)
+
+def pytest_unconfigure(config):
+    config.watchdog.stop(1)
 """
 
 
@@ -213,6 +217,18 @@ def test_a_session_that_hangs_ends_with_its_workers_and_names_its_tests(tmp_path
     assert re.search(r"failed: test_it.py::test_fails\nrunning for \d+ s: test_it.py::test_hangs\n", ended.stderr)
     assert re.search(r"test_it.py\W+line \d+ in test_hangs", ended.stderr)
     assert "test_passes" not in ended.stderr
+
+
+@pytest.mark.slow
+def test_a_worker_without_further_tests_waits_for_the_last_one(tmp_path):
+    """It was ended as if its session were over."""
+    slow = "import time\ndef test_short(): pass\ndef test_long(): time.sleep(3)\n"
+    for name, text in (("test_it.py", slow), ("conftest.py", WATCHED.replace("4", "60")), ("pytest.ini", "[pytest]")):
+        (tmp_path / name).write_text(text)
+    command = [sys.executable, "-m", "pytest", "-n", "2", "-p", "no:cacheprovider", str(tmp_path)]
+    ended = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 0
+    assert "Timeout" not in ended.stderr
 
 
 @pytest.mark.slow
