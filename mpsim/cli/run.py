@@ -16,7 +16,7 @@ from mpsim.cli.runfolder import AVERAGES, CHECKPOINT, MEASURES, PICTURE, STATE, 
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import MpsimError
 from mpsim.core.plain import json_text
-from mpsim.engine.frame_count import frames_until
+from mpsim.engine.frame_count import frames_skipped, frames_until
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import METHODS, capabilities_of
@@ -63,6 +63,7 @@ Examples:
     multiple=True,
     help="What to measure; default: the scene's own.",
 )
+@click.option("--start", type=terminal.Positive("time"), help="Measure only from this simulated time on.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.")
 @click.option(
     "--every", type=terminal.Whole(1), help="Write every n-th frame to the trajectory; default: the scene's own."
@@ -83,6 +84,7 @@ def run(
     frames: int | None,
     until: float | None,
     measures: tuple[str, ...],
+    start: float | None,
     out: Path | None,
     every: int | None,
     kind: str,
@@ -108,9 +110,11 @@ def run(
     until = file.scene.duration if until is None else until
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
     measures = measures or file.scene.observables
+    frames_skipped(start, measures, target, settings.dt, 0)  # refused before anything is made
     with one_voice(capabilities_of(settings).on_ranks) as first_rank, Simulation(file.scene, settings) as sim:
         if out is None:
-            _without_folder(sim, file, target, measures, as_json, quiet, first_rank, watched)
+            measured = {"measures": measures or None, "start": start}
+            _without_folder(sim, file, target, measured, as_json, quiet, first_rank, watched)
             return
         record = {
             "scene": file.name,
@@ -120,6 +124,7 @@ def run(
             "every": every or interval_of(file.scene, settings, target),
             "trajectory": f"trajectory.{kind}",
             "measures": list(measures),
+            "start": start,
             "status": "starting",
         }
         with RunFolder.create(out, record, force=force, first_rank=first_rank) as folder:
@@ -224,6 +229,9 @@ def _advance(
     from mpsim.output.trajectory import Trajectory  # noqa: PLC0415
 
     every, measures, first_rank = folder.record["every"], folder.record["measures"] or None, folder.first_rank
+    start = folder.record.get("start")  # which older folders do not have
+    if start is not None and frames_until(start, sim.settings.dt) >= target:  # this part of the run ends before
+        measures = start = None
     with interrupts_agreed(first_rank) as interruption:
         compiled, started = _compiled(sim, measures)
         with (
@@ -235,6 +243,7 @@ def _advance(
             report = sim.run(
                 frames=target - sim.frame,
                 measures=measures,
+                start=start,
                 observe=[trajectory, recorder, *(watched.observers if watched else [])],
                 checkpoint=folder[CHECKPOINT],
                 checkpoint_seconds=CHECKPOINT_SECONDS,
@@ -299,7 +308,7 @@ def _without_folder(
     sim: Simulation,
     file: scenefile.SceneFile,
     frames: int,
-    measures: tuple[str, ...],
+    measured: dict[str, Any],
     as_json: bool,
     quiet: bool,
     first_rank: FirstRank,
@@ -307,11 +316,11 @@ def _without_folder(
 ) -> None:
     """Run and print a summary, without writing files."""
     with interrupts_agreed(first_rank) as interruption:
-        compiled, started = _compiled(sim, measures or None)
+        compiled, started = _compiled(sim, measured["measures"])
         try:
             with _progress(quiet, interruption) as progress:
                 observe = watched.observers if watched else None
-                report = sim.run(frames=frames, measures=measures or None, progress=progress, observe=observe)
+                report = sim.run(frames=frames, **measured, progress=progress, observe=observe)
         except KeyboardInterrupt:
             raise terminal.Interrupted(
                 f"Interrupted at frame {sim.frame} of {frames}. Nothing is kept without --out FOLDER."

@@ -151,14 +151,14 @@ class Coordinator:
 
     # --- runs
 
-    def begin_record(self, names: tuple[str, ...], frames: int, logged: bool = False) -> RunRecord:
+    def begin_record(self, names: tuple[str, ...], frames: int, logged: bool = False, skipped: int = 0) -> RunRecord:
         """Begin the record of a run of so many frames, with averages for measures of these names.
 
-        logged: whether collisions are logged.
+        logged: whether collisions are logged. skipped: frames at the beginning that the averages leave out.
         """
         solver = self.solver
         whole, guarded = solver.time == solver.time_of(solver.frame), solver.guarded
-        averages = RunAverages(names, frames, self.scene, self._of_discs, whole)
+        averages = RunAverages(names, frames, self.scene, self._of_discs, whole, skipped)
         self.between_frames(lambda: self.solver.log_collisions(logged))
         self.between_frames(lambda: self.solver.set_tallied(averages.counting))
         if not logged:

@@ -17,6 +17,33 @@ def frames_until(until: float, dt: float) -> int:
     return math.ceil(until / dt * (1 - 1e-12))
 
 
+def frames_skipped(
+    start: float | None, measures: object, frames: int, dt: float, frame: int, origin: tuple[int, float] = (0, 0.0)
+) -> int:
+    """How many frames at the beginning of a run of so many are not measured.
+
+    Args:
+        start, measures: as `Simulation.run` was given them.
+        frames: of the run.
+        dt, frame, origin: as of `frames_wanted`.
+
+    Raises:
+        InputError: without measures, for a start out of range, and for one that leaves no frame to measure.
+    """
+    if start is None:
+        return 0
+    start = checks.non_negative("start", start, "[time]")
+    if not measures:
+        raise InputError(
+            f"start needs measures, which are taken from then on; got start={start:g} and none. Name them."
+        )
+    skipped = max(origin[0] + frames_until(start - origin[1], dt) - frame, 0)
+    if skipped and skipped >= frames:
+        end = origin[1] + (frame + frames - origin[0]) * dt
+        raise InputError(f"start must lie before the end of the run, at time {end:g}; got {start:g}. Run longer.")
+    return skipped
+
+
 def frames_wanted(
     frames: int | None,
     until: float | None,

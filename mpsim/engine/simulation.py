@@ -231,6 +231,7 @@ class Simulation(Changing):
         *,
         until: float | None = None,
         measures: Iterable[str] | None = None,
+        start: float | None = None,
         progress: bool | Callable[[int, int], None] | None = None,
         observe: Observer[Simulation] | Iterable[Observer[Simulation]] | None = None,
         checkpoint: str | os.PathLike[str] | None = None,
@@ -247,11 +248,12 @@ class Simulation(Changing):
                 "kinetic_energy", "temperature", "speed_kurtosis", "energy_drift", "momentum_drift". Measuring never
                 changes the digest; measures that are not asked for cost nothing. If a run begins inside a frame
                 (`event`, after Ctrl-C), the two drifts are NaN.
+            start: measure only from the first frame on that begins at this time or later [time], when the scene has
+                settled; the report has the times of all frames. None: from the beginning.
             progress: True: a line on standard error, with rate and time left; or a function, called as progress(done,
                 of_frames) about twenty times a second. `event` calls it inside a long frame as well, other methods only
                 at the end of a frame.
-            observe: an observer or several, called during the run, such as mpsim.Trajectory.write(...). Observers do
-                not change the result.
+            observe: an observer or several that are called during the run, such as mpsim.Trajectory.write(...).
             checkpoint: file for `resume`, written during the run, at its end, and on SIGTERM, which then ends the
                 process by SystemExit.
             checkpoint_every: frames between two checkpoints, >= 1; None: every checkpoint_seconds [s], > 0.
@@ -264,16 +266,17 @@ class Simulation(Changing):
         """
         coordinator, access = self._coordinator, self._access
         measures = measures if measures is None or isinstance(measures, str) else tuple(measures)
-        given = frames, until, measures, checkpoint, checkpoint_every, checkpoint_seconds
+        given = frames, until, measures, start, checkpoint, checkpoint_every, checkpoint_seconds
         solver = coordinator.open_solver()
         solver.demand_alike("arguments of run", given)
         progress = checked_progress(progress, "progress(done, of_frames)")
         if progress is True and not solver.jointly(lambda team: team.rank == 0):
             progress = None  # of several ranks the first one shows it
         frames = frame_count.frames_wanted(frames, until, self.settings.dt, self.frame, self.time, solver.origin)
+        skipped = frame_count.frames_skipped(start, measures, frames, self.settings.dt, self.frame, solver.origin)
         observers, names = Observers(observe), checked(measures, self.scene, self.count)
         with access.state_lock:
-            record = coordinator.begin_record(names, frames, observers.want_collisions)
+            record = coordinator.begin_record(names, frames, observers.want_collisions, skipped)
         solver = coordinator.open_solver()
         place = None if checkpoint is None else solver.once(lambda: checkpoint_file.checked_place(checkpoint))
 
@@ -372,8 +375,7 @@ class Simulation(Changing):
     ) -> Simulation:
         """Run the simulation of a journal again, and return it; it can be continued.
 
-        Its state has the digest of the journal, and its time [time] is that of the last frame. This holds on one
-        machine with one version; for other machines, see docs/determinism.md.
+        Its state has the digest of the journal, on one machine with one version; see docs/determinism.md for others.
 
         Args:
             source: `sim.journal`, or a path to which `journal.save` has written it.
@@ -396,8 +398,7 @@ class Simulation(Changing):
         ...     again.frame, again.digest() == journal.digest
         (20, True)
         """
-        chosen = {"workers": workers, "start_method": start_method, "method": method, "comm": comm}
-        return replayed(cls, source, frame, **chosen)
+        return replayed(cls, source, frame, workers=workers, start_method=start_method, method=method, comm=comm)
 
     def __repr__(self) -> str:
         return f"<Simulation: of process {self._access.creator}>" if self._access.forked else self._described()
@@ -435,8 +436,7 @@ class Simulation(Changing):
             InputError: for `naive` and `event`, which have no columns.
         """
         solver = self._coordinator.open_solver()
-        found = solver.columns()
-        if found is None:
+        if (found := solver.columns()) is None:
             raise InputError(
                 "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
                 f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."

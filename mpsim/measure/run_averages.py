@@ -202,13 +202,23 @@ class RunAverages:
             of them calls the function, and all get its value.
         whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts then
             include all of that frame: rates are right, but drifts between two states are not.
+        skipped: frames at the beginning that do not count.
     """
 
-    def __init__(self, names: tuple[str, ...], frames: int, scene: Scene, of_discs: OfDiscs, whole: bool = True):
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        frames: int,
+        scene: Scene,
+        of_discs: OfDiscs,
+        whole: bool = True,
+        skipped: int = 0,
+    ):
         self._names = names
+        self._skipped = skipped
         self._scene = scene
         self._of_discs = of_discs
-        self._drifts = {name: DRIFTS[name] for name in names if name in DRIFTS and whole}
+        self._drifts = {name: DRIFTS[name] for name in names if name in DRIFTS and (whole or skipped)}
         self._before = self._conserved()
         self._lost: set[str] = set()
         self._counts: list[Counts] = []
@@ -216,7 +226,7 @@ class RunAverages:
         if any(name in COMPONENTS for name in names):
             self._sampled["flow"] = moments.flow_of_momentum
         self._samples: dict[str, list[Any]] = {name: [] for name in self._sampled}
-        self._every = max(frames // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
+        self._every = max((frames - skipped) // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
 
     def interrupted(self, scene: Scene, count: int) -> None:
         """Record that discs or parameters have been changed during the run.
@@ -242,14 +252,20 @@ class RunAverages:
         return any(name in COUNTED or name in DRIFTS for name in self._names)
 
     def frames_to_sample(self, done: int) -> int:
-        """Number of frames until the next sample; very large if none is needed."""
-        return self._every - done % self._every if self._samples else 2**62
+        """Number of frames until the next sample, or until frames count; very large if neither is needed."""
+        if done < self._skipped:
+            return self._skipped - done
+        return self._every - (done - self._skipped) % self._every if self._samples else 2**62
 
     def take(self, counts: Counts | None, done: int) -> None:
         """Add the counts of a slice, and sample the state if it is due."""
+        if done <= self._skipped:
+            if done == self._skipped:
+                self._before = self._conserved()
+            return
         if counts is not None:
             self._counts.append(counts)
-        if self._samples and done % self._every == 0:
+        if self._samples and (done - self._skipped) % self._every == 0:
             found = self._of_all(self._sampled)
             for name, values in self._samples.items():
                 values.append(found[name])

@@ -79,6 +79,20 @@ def test_workers_that_die_at_random_moments_change_nothing(start, figures):
 
 
 @pytest.mark.slow
+def test_measures_from_a_start_on_do_not_show_deaths_before_or_after_it():
+    late = {"frames": FRAMES, "measures": MEASURES, "start": 0.4 * FRAMES * mpsim.Settings().dt}
+    with simulate(gas(2000, 0.5, seed=1), method="grid") as sim:
+        expected = values(sim.run(**late))
+    assert expected != undisturbed()[1], "negative control"
+
+    def experiment(killing):
+        with healing() as sim, killing(sim):
+            assert values(sim.run(**late)) == expected
+
+    repeat_until_killed(experiment, often, least=2, most=recovery.MOST_DEATHS)
+
+
+@pytest.mark.slow
 def test_a_run_that_forgot_to_rewind_would_be_noticed(monkeypatch, figures):
     """The control: without the way back of the measures, or of the discs, the comparison fails."""
     digest, expected, _ = undisturbed()

@@ -50,6 +50,42 @@ def test_until_is_the_first_frame_that_reaches_it(until, frames):
         assert sim.frame == frames, "as the library does"
 
 
+def test_measures_are_taken_from_a_start_on_also_where_the_run_is_continued(tmp_path, ctrl_c, monkeypatch):
+    measured = ("--measure", "collision_rate")
+    with mpsim.Simulation(mpsim.Scene.load("gas"), mpsim.Settings(method="grid")) as sim:
+        expected = sim.run(frames=30, measures="collision_rate", start=0.2).measures["collision_rate"]
+        late = sim.digest()
+    found = json.loads(mpsim_command("run", "gas", *SHORT[:4], *measured, "--start", 0.2, "--json").stdout)
+    assert found["measures"]["collision_rate"]["value"] == expected.value
+    all_of_it = json.loads(mpsim_command("run", "gas", *SHORT[:4], *measured, "--json").stdout)
+    assert all_of_it["measures"]["collision_rate"]["value"] != expected.value, "negative control"
+    out = tmp_path / "run"
+    ctrl_c(3)
+    mpsim_command("run", "gas", *SHORT, *measured, "--start", 0.2, "--out", out)
+    monkeypatch.undo()
+    assert mpsim_command("resume", out, "--frames", 2, "--quiet").exit_code == 0
+    result = mpsim_command("resume", out, "--quiet")
+    assert f"digest {late}\n" in result.stdout
+    parts = json.loads((out / "run.json").read_text())["parts"]
+    assert parts[-2]["measures"] == {}, "a part that ends before the start"
+    assert parts[-1]["measures"]["collision_rate"]["value"] == expected.value
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--start", "0.3"], "--start must lie before the end of the run, at time 0.3; got 0.3"),
+        (["--start", "-1"], "Invalid value for '--start'"),
+        (["--start", "soon"], "Invalid value for '--start'"),
+    ],
+)
+def test_a_start_that_leaves_nothing_to_measure_writes_nothing(tmp_path, words, text):
+    result = mpsim_command("run", "gas", *SHORT, *words, "--out", tmp_path / "run")
+    assert result.exit_code == 2
+    assert text in result.stderr
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_folder_holds_all_of_a_run(tmp_path):
     out = tmp_path / "run"
     result = mpsim_command("run", "gas", *SHORT, "--out", out, "--measure", "pressure")

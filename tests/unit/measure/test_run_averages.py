@@ -29,6 +29,50 @@ def test_gathering_changes_no_bit(method):
     assert report.measures["temperature"].value == pytest.approx(1)
 
 
+DRIFTS = ["energy_drift", "momentum_drift"]
+
+
+def values(report):
+    return {name: repr(measure) for name, measure in report.measures.items()}  # in which NaN equals NaN
+
+
+@pytest.mark.parametrize("method", ["naive", "grid", "parallel", "event"])
+def test_measures_from_a_start_on_are_those_of_a_run_that_begins_there(method):
+    scene, names = gas(300, 0.4), COUNTED + SAMPLED + DRIFTS
+    with simulate(scene, method=method, workers=2) as whole, simulate(scene, method=method, workers=2) as parts:
+        start = 70.5 * whole.settings.dt  # inside a frame: the next one counts
+        found = whole.run(frames=200, measures=names, start=start)
+        parts.run(frames=71)
+        expected = parts.run(frames=129, measures=names)
+        assert values(found) == values(expected)
+        assert (found.frames, expected.frames) == (200, 129)
+        again = whole.run(frames=100, measures=names, start=start)
+        assert values(again) == values(parts.run(frames=100, measures=names)), "a start that is over counts all"
+    with simulate(scene, method=method, workers=2) as all_of_it:
+        assert values(all_of_it.run(frames=200, measures=names)) != values(expected), "negative control"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"start": 0.1}, "start needs measures, which are taken from then on; got start=0.1 and none"),
+        ({"start": 0.1, "measures": []}, "start needs measures"),
+        ({"start": -1.0, "measures": "pressure"}, ">= 0 [time]; got"),
+        ({"start": float("nan"), "measures": "pressure"}, ">= 0 [time]; got"),
+        ({"start": "late", "measures": "pressure"}, ">= 0 [time]; got"),
+        ({"start": 0.2, "measures": "pressure"}, "start must lie before the end of the run, at time 0.2; got 0.2"),
+        ({"start": float("inf"), "measures": "pressure"}, "start must be"),
+    ],
+)
+def test_a_start_without_a_frame_to_measure_is_refused(arguments, text):
+    with simulate(gas(10, 0.2), method="grid", dt=0.01) as sim:
+        with pytest.raises(mpsim.InputError) as refused:
+            sim.run(frames=20, **arguments)
+        assert text in str(refused.value)
+        assert sim.frame == 0
+        sim.run(frames=0, measures="pressure", start=0.0)
+
+
 def test_measures_do_not_depend_on_the_workers():
     values = set()
     for workers in (1, 2, 3):
