@@ -257,7 +257,10 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     ending = target.suffix.lower()
     if ending not in (".gif", ".mp4"):
-        raise InputError(f"an animation's path must end in .gif or .mp4; got {str(target)!r}. Use {target.stem}.gif.")
+        still = " One picture is made by mpsim.draw or `mpsim plot`." if ending in (".png", ".pdf", ".svg") else ""
+        raise InputError(
+            f"an animation's path must end in .gif or .mp4; got {str(target)!r}. Use {target.stem}.gif.{still}"
+        )
     if ending == ".mp4":
         ffmpeg.executable(f"write {str(target.with_suffix('.gif'))!r}")
     try:

@@ -106,6 +106,9 @@ def test_what_cannot_be_animated_is_told_before_any_picture(tmp_path, monkeypatc
     result = mpsim_command("animate", "gas", tmp_path / "a.avi")
     assert result.exit_code == 2
     assert "an animation's path must end in .gif or .mp4; got " in result.stderr
+    assert "mpsim plot" not in result.stderr
+    result = mpsim_command("animate", "gas", tmp_path / "a.pdf")
+    assert "Use a.gif. One picture is made by mpsim.draw or `mpsim plot`." in result.stderr
     result = mpsim_command("animate", "gas", tmp_path / "a.gif", "--colour", "worker", "--method", "naive")
     assert result.exit_code == 2
     assert "columns are there only in methods that sort discs into them, 'grid' and 'parallel'" in result.stderr
