@@ -68,8 +68,7 @@ def test_the_exact_solver_has_the_same_sliding_and_rolling_disc():
         with pytest.warns(mpsim.GuardWarning):
             sim.run(until=0.5)
         early = sim.state
-        with pytest.warns(mpsim.GuardWarning):
-            sim.run(until=1.5)
+        sim.run(until=1.5)  # which warns no more
         late = sim.state
     assert early.velocity[0, 0] == pytest.approx(0.75, rel=1e-5)
     assert late.velocity[0, 0] == pytest.approx(2 / 3, rel=1e-5)
