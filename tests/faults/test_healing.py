@@ -438,15 +438,21 @@ def interrupt_after_death(sim, monkeypatch):
 @pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_a_hundred_deaths_at_random_moments_change_nothing(figures):
-    deaths, runs, phases = 0, 0, set()
+    deaths, runs, given_up, phases = 0, 0, 0, set()
     while deaths < 100:
         started = time.perf_counter()
         with healing(workers=random.choice([2, 3])) as sim:
             pause = slowed(often, time.perf_counter() - started)
             with Killer(sim, pause) as killer:
-                report = sim.run(frames=FRAMES, measures=MEASURES)
+                try:
+                    report = sim.run(frames=FRAMES, measures=MEASURES)
+                except mpsim.WorkerDied:  # as it must, where a busy machine has taken no snapshot between so many
+                    assert killer.deaths > recovery.MOST_DEATHS
+                    given_up += 1
+                    continue
                 assert_as_undisturbed(sim, report)
         deaths, runs, phases = deaths + killer.deaths, runs + 1, phases | killer.phases
+    assert given_up <= runs, f"{given_up} runs were given up, and {runs} healed"
     figures.note(
         "R9",
         "parallel on 2 and 3",
