@@ -87,6 +87,7 @@ def test_checkpoints_on_the_way_change_no_bit(method, workers, every, tmp_path):
             assert_same_bits(sim.state, state, "the last checkpoint")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:discs are pressed:mpsim.FastWarning")  # they are dropped on each other
 @pytest.mark.parametrize("name", long_but(ZOO, "everything"))
 def test_a_resumed_run_with_features_has_the_bits_of_one_that_never_stopped(name, tmp_path):

@@ -67,6 +67,7 @@ def test_a_run_that_is_resumed_on_other_numbers_of_workers_has_the_same_bits(wor
     )
 
 
+@pytest.mark.slow
 def test_a_box_that_was_divided_is_resumed_as_a_whole_and_the_other_way_round(tmp_path):
     expected, _ = whole(scene_of("walls"))
     tilings, path = [(2, 2), (1, 1), (3, 1)], tmp_path / "run"

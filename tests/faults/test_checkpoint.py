@@ -297,6 +297,7 @@ def test_the_name_of_the_one_before_is_protected_too(tmp_path):
     assert (tmp_path / "run.previous").read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["", "PK\x03\x04"])
 def test_an_empty_or_damaged_checkpoint_may_be_replaced_and_pushes_out_none_that_is_whole(damage, tmp_path):
     path = two(tmp_path / "run")
