@@ -40,7 +40,7 @@ export default {
         return;
       }
       if (!content.closed) received += 1;
-      const [bytes] = buffers.map(({ buffer, byteOffset, byteLength }) => buffer.slice(byteOffset, byteOffset + byteLength));
+      const [bytes] = (buffers ?? []).map(({ buffer, byteOffset, byteLength }) => buffer.slice(byteOffset, byteOffset + byteLength));
       if (content.bytes) port.postMessage(bytes, [bytes]);
       else if (content.kept) port.postMessage({ ...content, bytes });
       else port.postMessage(content.text ?? content);
