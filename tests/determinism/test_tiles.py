@@ -23,6 +23,7 @@ from support.tiles import (
 )
 
 import mpsim
+from mpsim.core.cores import usable_cores
 from mpsim.engine.solvers import event_windows
 
 pytestmark = pytest.mark.slow
@@ -88,6 +89,15 @@ def test_every_number_of_workers_finds_the_same_bits(name, figures):
             assert_as_a_whole(sim, name, f"{name} on {workers} workers")
             assert_played_on_tiles(sim)
     figures.note("R1", f"event on up to {workers}", name, "state and counts of one process", "the same")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SCENES)
+def test_sixteen_tiles_have_the_same_bits_on_all_cores_of_the_machine(name):
+    for workers in {5, 7, min(usable_cores(), 16)}:
+        with on_tiles(scene_of(name), (4, 4), workers, dt=DT) as sim:
+            assert_as_a_whole(sim, name, f"{name} on {workers} workers")
+            assert_played_on_tiles(sim)
 
 
 @pytest.mark.long

@@ -5,7 +5,9 @@ import itertools
 import pytest
 from support.compare import assert_same_bits
 from support.processes import assert_clean, run_script
-from support.scenes import digest_after, gas, simulate, state_after
+from support.scenes import ZOO, digest_after, gas, simulate, state_after, zoo
+
+from mpsim.core.cores import usable_cores
 
 COUNT, PACKING, FRAMES = 20_000, 0.7, 60
 SETTINGS = {"dt": 0.02}
@@ -91,3 +93,17 @@ def test_many_runs_on_more_workers_than_cores_agree():
     grid = digest_after(scene, 50, method="grid")
     for run in range(30):
         assert digest_after(scene, 50, method="parallel", workers=6) == grid, f"run {run}"
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of the tail of the speeds
+@pytest.mark.parametrize("name", ZOO)
+def test_every_feature_has_the_bits_of_grid_on_all_cores_of_the_machine(name):
+    scene = zoo(ZOO[name], COUNT, seed=7, side=163.0)
+    settings = {"contact": "impact", "dt": 0.03}
+    with simulate(scene, method="grid", **settings) as sim:
+        assert sim.run(frames=FRAMES).collisions > COUNT
+        grid = sim.digest()
+    for workers in {3, 5, 8, max(usable_cores() - 1, 1), usable_cores()}:
+        assert digest_after(scene, FRAMES, method="parallel", workers=workers, **settings) == grid, f"{workers} workers"
