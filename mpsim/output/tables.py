@@ -81,7 +81,7 @@ def measure_text(measure: Measure) -> str:
     if measure.settled:
         return repr(measure)
     bound = "at most" if measure.upper else "at least"
-    return f"{measure!r} (error {bound} {measure.error:.2g}, not settled: run longer)"
+    return f"{measure!r} (error {bound} {measure.error:.2g}, not settled: run longer or start later)"
 
 
 def terminal_table(table: "Tradeoff", width: int | None = None) -> str:

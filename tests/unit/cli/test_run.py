@@ -251,7 +251,7 @@ def test_a_measure_of_too_few_samples_says_so(tmp_path):
 def test_what_is_not_settled_is_shown_as_such(tmp_path):
     done = mpsim_command("run", "gas", "--frames", 30, "--method", "grid", "--measure", "pressure", "--quiet")
     line = next(line for line in done.stdout.splitlines() if line.startswith("pressure: "))
-    assert re.fullmatch(r"pressure: \S+ \(error at (least|most) \S+, not settled: run longer\)", line)
+    assert re.fullmatch(r"pressure: \S+ \(error at (least|most) \S+, not settled: run longer or start later\)", line)
     out = tmp_path / "run"
     mpsim_command("run", "gas", *SHORT, "--out", out, "--measure", "pressure")
     assert json.loads((out / "run.json").read_text())["parts"][0]["measures"]["pressure"]["settled"] is False

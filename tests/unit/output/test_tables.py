@@ -29,10 +29,13 @@ from mpsim.studies.tradeoff import Row, Tradeoff
         (Measure(2.239912, 0.016, 500), "2.240(16)"),
         (Measure(100 + 3e-14, 2.8e-14, 500), "100(0)"),
         (Measure(12345.678, 210.0, 500), "12346(210)"),
-        (Measure(2.24, 0.016, 500, settled=False), "2.240(>16) (error at least 0.016, not settled: run longer)"),
+        (
+            Measure(2.24, 0.016, 500, settled=False),
+            "2.240(>16) (error at least 0.016, not settled: run longer or start later)",
+        ),
         (
             Measure(0.0, 0.018, 500, settled=False, upper=True),
-            "0(<0.018) (error at most 0.018, not settled: run longer)",
+            "0(<0.018) (error at most 0.018, not settled: run longer or start later)",
         ),
         (Measure(0.3, math.nan, 500, settled=False), "0.3 (error unknown)"),
         (Measure(0.3, math.nan, 3, settled=False), "0.3 (too few samples for an error)"),
