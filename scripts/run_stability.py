@@ -2,7 +2,7 @@
 
 python scripts/run_stability.py                    all axes, under three minutes on two cores once kernels are compiled
 python scripts/run_stability.py --only step map    some of them
-python scripts/run_stability.py --full             also millions of discs and a million frames
+python scripts/run_stability.py --full             also millions of discs and a million frames: a quarter of an hour
 python scripts/run_stability.py --docs docs/stability.md    and renew that page, its pictures and its outcomes.json.gz
 python scripts/run_stability.py --draw docs/stability/outcomes.json.gz    only the pictures, of outcomes that were kept
 python scripts/run_stability.py --cost             only the fraction of a run's time that checks of speeds take
@@ -82,8 +82,8 @@ def run(options: argparse.Namespace) -> int:
 
         outcomes = stability.run_trials(chosen, options.workers, tick)
     machine_now = machine()
-    text = stability.to_json(outcomes, machine=machine_now)
-    (options.out / "stability.json").write_text(text)
+    kept = stability.to_json(outcomes, machine=machine_now)
+    (options.out / "stability.json").write_text(kept)
     stability_map.save(outcomes, options.out)
     table, worst = stability.counts_table(outcomes), stability.findings_table(outcomes)
     made = made_by(machine_now)
@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
     if options.docs:
         pictures = {picture.name: picture for picture in options.out.glob("*.png")}
         fill_page(options.docs, "run_stability", {"counts": table, "findings": worst, "made": made}, pictures)
-        (options.docs.with_suffix("") / "outcomes.json.gz").write_bytes(gzip.compress(text.encode(), mtime=0))
+        (options.docs.with_suffix("") / "outcomes.json.gz").write_bytes(gzip.compress(kept.encode(), mtime=0))
     found = stability.counts(outcomes)
     return int(any(found[kind] for kind in stability.FORBIDDEN))
 
