@@ -22,9 +22,9 @@ C = TypeVar("C")
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
     """A read-only float64 copy of `value` with the given shape (None: any length). `meaning` is the shape in words."""
     try:
-        if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "cmM":
-            raise TypeError(f"of dtype {value.dtype}")
-        array = np.array(value, dtype=np.float64)
+        if (given := np.asarray(value)).dtype.kind in "cmMSU":  # NumPy would make numbers of texts
+            raise TypeError("text" if given.dtype.kind in "SU" else f"of dtype {given.dtype}")
+        array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:  # the last for a whole number beyond float64
         raise InputError(f"{name} must be numbers of shape {meaning}; got {brief(value)} ({error!s:.200}).") from None
     finite = np.isfinite(array)
@@ -156,7 +156,7 @@ def fitting(name: str, array: NDArray[np.float64], precision: str, first: int = 
         row = [first + at[0], *at[1:]]
         raise InputError(
             f"{name} must be at most {largest:.3g} in {precision}, so that squares fit; {name}{row} is "
-            f"{array[at]:g}. Use other units or precision='float64'."
+            f"{array[at]:g}. {_wider(precision)}"
         )
 
 
@@ -173,8 +173,12 @@ def not_vanishing(name: str, value: float, least: float, precision: str) -> None
     if value < least:
         raise InputError(
             f"{name} must be at least {least:.3g} in {precision}, below which it counts as 0; got {brief(value)}. "
-            "Use other units or precision='float64'."
+            f"{_wider(precision)}"
         )
+
+
+def _wider(precision: str) -> str:
+    return "Use other units." if precision == "float64" else "Use other units or precision='float64'."
 
 
 def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
@@ -189,6 +193,14 @@ def _must_be_one_of(name: str, value: Any, words: Iterable[str]) -> str:
     meant = near(value, words)
     hint = f" Did you mean {meant!r}?" if meant else ""
     return f"{name} must be one of {', '.join(map(repr, words))}; got {brief(value)}.{hint}"
+
+
+def known_arguments(function: str, names: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse names that are no argument of a function: the first of them, with one that is similar."""
+    words = list(dict.fromkeys(known))
+    for name in names:
+        if name not in words:
+            raise UnknownArgumentError(_must_be_one_of(f"an argument of {function}", name, words))
 
 
 def names_of(function: Callable[..., Any]) -> tuple[str, ...]:

@@ -147,12 +147,10 @@ def given() -> list[Column]:
     return [column for column in COLUMNS if column.given]
 
 
-def check_names(function: str, names: Iterable[str], known: Iterable[Column]) -> None:
-    """Refuse arguments by name that are no such columns, in the words of Python for those of any function.
+def check_names(function: str, names: Iterable[str], own: Iterable[str], known: Iterable[Column]) -> None:
+    """Refuse arguments by name that are neither a function's `own` nor such columns.
 
     Raises:
-        TypeError: naming the first.
+        UnknownArgumentError: naming the first.
     """
-    unexpected = sorted(set(names) - {column.name for column in known})
-    if unexpected:
-        raise TypeError(f"{function}() got an unexpected keyword argument {unexpected[0]!r}")
+    checks.known_arguments(function, names, [*own, *(column.name for column in known)])

@@ -61,7 +61,7 @@ class State:
     >>> state.position.tolist(), state.present.tolist()
     ([[1.0, 2.0]], [True])
     >>> state
-    <State: 1 discs, float64>
+    <State: 1 disc, float64>
     >>> state.position[0] = 3.0
     Traceback (most recent call last):
         ...
@@ -85,8 +85,10 @@ class State:
         box: Box | None = None,
         **others: Unpack[StateColumns],
     ):
+        columns.check_names("State", others, checks.names_of(State.__init__), columns.in_state())
+        position = _two_each("position", position, None)
         count = len(position)
-        columns.check_names("State.__init__", others, columns.in_state())
+        velocity = _two_each("velocity", velocity, count)
         here = np.ones(count, np.bool_) if present is None else np.asarray(present, np.bool_)
         if here.shape != (count,):
             raise InputError(f"present of a state must have shape ({count},), one per disc; got {here.shape}.")
@@ -180,24 +182,22 @@ class State:
                 known: dict[str, Any] = {name: arrays.read(name).copy() for name in names if name in arrays.names}
                 state = cls(**known)
         except (OSError, *DAMAGE) as error:
-            reason = reason_of(error)
+            reason = reason_of(error).rstrip(".")
             raise InputError(
                 f"a state must be a .npz with position and velocity; {str(source)!r}: {reason:.200}."
             ) from None
-        shapes, kinds = (
-            {getattr(each, name) for each in (state.position, state.velocity)} for name in ("shape", "dtype")
-        )
-        if len(shapes) > 1 or state.position.shape[1:] != (2,) or len(kinds) > 1 or state.position.dtype.kind != "f":
+        kinds = {state.position.dtype, state.velocity.dtype}
+        if len(kinds) > 1 or state.position.dtype.kind != "f":
             raise InputError(
-                f"position and velocity of a state must have one shape, (N, 2), and one floating dtype; "
-                f"{str(source)!r} holds {sorted(map(str, shapes))} of {sorted(map(str, kinds))}."
+                "position and velocity of a state must have one floating dtype; "
+                f"{str(source)!r} holds {sorted(map(str, kinds))}."
             )
         return state
 
     def __repr__(self) -> str:
         """A line; the numbers are in the arrays."""
         count, absent = len(self.position), len(self.present) - int(np.count_nonzero(self.present))
-        words = [f"{count} discs"]
+        words = [f"{count} disc{'s' * (count != 1)}"]
         words += [f"{absent} absorbed"] if absent else []
         words += ["with spins"] if self.spin is not None else []
         if self.box is not None:
@@ -236,7 +236,7 @@ def count_of(discs: Discs) -> int:
     if isinstance(discs, State):
         return len(discs.position)
     if not isinstance(discs, StateInChunks):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
-        raise _no_state("state must be a State", discs)
+        raise no_state("state must be a State", discs)
     return discs.count
 
 
@@ -252,17 +252,28 @@ def states_in(states: State | Iterable[State]) -> list[State]:
     if isinstance(states, State):
         return [states]
     if not isinstance(states, Iterable):  # pyright: ignore[reportUnnecessaryIsInstance] - as above
-        raise _no_state("states must be a State or a list of them", states)
+        raise no_state("states must be a State or a list of them", states)
     found = list(states)
     for index, each in enumerate(found):
         if not isinstance(each, State):  # pyright: ignore[reportUnnecessaryIsInstance] - as above
-            raise _no_state(f"states[{index}] must be a State", each)
+            raise no_state(f"states[{index}] must be a State", each)
     if not found:
         raise InputError("states must be at least one State; got none. Give sim.state, or a list of several.")
     return found
 
 
-def _no_state(rule: str, given: object) -> InputError:
+def _two_each(name: str, value: Any, count: int | None) -> NDArray[np.floating]:
+    """Two numbers of each disc; an array in the precision that it has."""
+    number = "N" if count is None else count
+    if isinstance(value, list | tuple):
+        return checks.finite_array(f"{name} of a state", value, (count, 2), f"({number}, 2)")
+    if np.ndim(value) != 2 or np.shape(value) != (len(value) if count is None else count, 2):
+        raise InputError(f"{name} of a state must have shape ({number}, 2), one row per disc; got {np.shape(value)}.")
+    return value
+
+
+def no_state(rule: str, given: object) -> InputError:
+    """The error for what should be a state, with where to get one."""
     return InputError(
         f"{rule}; got {type(given).__name__}. Use sim.state of a Simulation, frame.state of a Trajectory's frame, and "
         "State(scene.position, scene.velocity) of a Scene."

@@ -207,6 +207,7 @@ P = ParamSpec("P")
 
 def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
     """A method that changes a simulation: for the process that made it, and one thread at a time."""
+    method.__qualname__ = f"Simulation.{method.__name__}"  # as callers know it, not the class that shares the work
     what = f"{method.__name__.strip('_')}()"
 
     @checks.known_names()
@@ -233,6 +234,7 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
 
 def reading(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
     """A method that reads a simulation: for the process that made it, and between two slices of frames."""
+    method.__qualname__ = f"Simulation.{method.__name__}"
 
     @checks.known_names()
     @functools.wraps(method)

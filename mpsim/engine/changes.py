@@ -82,10 +82,10 @@ def checked_set(
 
     Raises:
         InputError: naming the argument, its rule and the value received.
-        TypeError: for the name of no column that can be set.
+        UnknownArgumentError: for the name of no column that can be set.
     """
     settable = [column for column in given() if column is not MASS]
-    check_names("Simulation.set", others, settable)
+    check_names("Simulation.set", others, ("ids", "position", "velocity", "acceleration"), settable)
     numbers = _present_numbers(place.solver, ids)
     count = len(numbers)
     values: dict[str, Any] = {"ids": numbers}
@@ -191,7 +191,7 @@ def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
     numbers = array.astype(np.int64)
     values, times = np.unique(numbers, return_counts=True)
     for twice in values[times > 1].tolist()[:1]:
-        raise InputError(f"ids must hold each disc once; got {twice} {times[values == twice][0]} times.")
+        raise InputError(f"ids must hold each disc once; disc {twice} is in it {times[values == twice][0]} times.")
     if (gone := solver.absorbed[numbers]).any():
         raise InputError(
             f"ids must be discs that are there; disc {numbers[gone][0]} has been removed, or has left through an "

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Unpack
+from typing import NoReturn, Unpack
 
 from numpy.typing import ArrayLike
 
 from mpsim.core.columns import GivenColumns
 from mpsim.core.errors import InputError
+from mpsim.core.read_only import ReadOnly
 from mpsim.engine import changes, insertion
 from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.coordinator import Coordinator
@@ -15,15 +16,23 @@ from mpsim.engine.journal import Journal
 from mpsim.engine.parameters import Parameters, check_names, demand_steps, plain
 
 
-class Changing:
+class Changing(ReadOnly):
     """A simulation, as far as it is changed from outside.
 
     Between two frames: between two calls of `run`, or in a callback of one. A change is made as a whole or, if it is
     refused, not at all. It is an entry of the journal, and the same on any number of workers.
     """
 
+    instead = "Use sim.change(...) for parameters and settings, and sim.set(...) for discs"
+
     _access: Access
     _coordinator: Coordinator
+
+    def __reduce__(self) -> NoReturn:
+        raise InputError(
+            "a Simulation cannot be pickled or copied, as its discs are in shared memory. Pass sim.state on, or a file "
+            "of sim.save(...), from which Simulation.resume(...) continues."
+        )
 
     @exclusive
     def add(

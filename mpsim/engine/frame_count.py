@@ -8,13 +8,21 @@ from mpsim.core.errors import InputError
 MOST_FRAMES_OF_A_RUN = 10**12
 
 
-def frames_until(until: float, dt: float) -> int:
+def frames_until(until: float, dt: float, name: str = "until") -> int:
     """Frames from the start to the first that reaches a time; one that ends within rounding of it does.
 
     >>> frames_until(2.1, 0.3), frames_until(2.2, 0.3)  # 2.1 / 0.3 is 7.000000000000001
     (7, 8)
+
+    Raises:
+        InputError: for more than MOST_FRAMES_OF_A_RUN.
     """
-    return math.ceil(until / dt * (1 - 1e-12))
+    frames = until / dt * (1 - 1e-12)
+    if frames > MOST_FRAMES_OF_A_RUN:
+        raise InputError(
+            f"{name} must be at most {MOST_FRAMES_OF_A_RUN:,} frames of {dt:g}; got {until:g}. Give an earlier time."
+        )
+    return math.ceil(frames)
 
 
 def frames_skipped(
@@ -37,7 +45,7 @@ def frames_skipped(
         raise InputError(
             f"start needs measures, which are taken from then on; got start={start:g} and none. Name them."
         )
-    skipped = max(origin[0] + frames_until(start - origin[1], dt) - frame, 0)
+    skipped = max(origin[0] + frames_until(start - origin[1], dt, "start") - frame, 0)
     if skipped and skipped >= frames:
         end = origin[1] + (frame + frames - origin[0]) * dt
         raise InputError(f"start must lie before the end of the run, at time {end:g}; got {start:g}. Run longer.")

@@ -42,9 +42,9 @@ def checked(
 
     Raises:
         InputError: naming the argument, its rule and the value received.
-        TypeError: for the name of no column that can be given.
+        UnknownArgumentError: for the name of no column that can be given.
     """
-    check_names("Simulation.add", others, given())
+    check_names("Simulation.add", others, ("position", "velocity", "acceleration", "radius", "mass"), given())
     places = checks.finite_array("position", checks.rows(position), (None, 2), "(2,) or (K, 2)")
     count = len(places)
     speeds = checks.finite_array("velocity", checks.rows(velocity), (count, 2), f"({count}, 2), as position has")

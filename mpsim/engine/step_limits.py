@@ -302,10 +302,12 @@ class StepLimits:
         length = f"its radius {speeds.limit:.3g}"
         if speeds.between:
             length = f"its free path {speeds.limit:.3g} between the walls along {speeds.between}"
-        lost = "bounces are lost" if speeds.between else "discs may pass through each other without a collision"
+        lost = "one radius, discs may pass through each other without a collision"
+        if speeds.between:
+            lost = "one free path, bounces are lost"
         return (
             f"{when} {'a disc' if speeds.disc < 0 else f'disc {speeds.disc}'} moves {fraction:.3g} times {length} in "
-            f"one step (speed {speeds.speed:.3g}, step {dt:.3g}); above {BOUND:g} {lost}."
+            f"one step (speed {speeds.speed:.3g}, step {dt:.3g}); beyond {lost}."
         )
 
     def _intervals(self, frame: int, count: int) -> list[int]:

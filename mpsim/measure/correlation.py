@@ -85,7 +85,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     True
     """
     states = states_in(states)
-    demand_scene(scene)
+    demand_scene(scene, *states)
     bins = checks.whole("bins", bins, 1, 1_000_000, "About 100 shells are usual.")
     r_max = checks.positive("r_max", r_max, "[length]")
     radius = _one_radius(scene)

@@ -7,7 +7,7 @@ are. If all discs fit in one chunk, it has the bits of a single sum. Only discs 
 import functools
 import math
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,16 +79,31 @@ def checked_positions(position: NDArray[np.floating]) -> Floats:
     return checks.finite_array("state.position", position, (None, 2), "(N, 2)")
 
 
-def demand_scene(scene: object) -> None:
-    """Refuse what is no scene, such as a state in its place.
+SAME_BOX = 1e-4
+"""Difference of two boxes, as a fraction of a side, that may come from a file."""
+
+
+def demand_scene(scene: object, *states: Discs) -> None:
+    """Refuse what is no scene, such as a state in its place, and a scene in whose box the states are not.
 
     Raises:
-        InputError: naming the type received.
+        InputError: naming the type received, or the boxes.
     """
     if not isinstance(scene, Scene):
         raise InputError(
             f"scene must be a Scene; got {type(scene).__name__}. Use sim.scene of a Simulation; the state comes first."
         )
+    at_rest = [edge for edge in range(4) if scene.moving_wall is None or edge != scene.moving_wall.edge]
+    for found in filter(None, (getattr(state, "box", None) for state in states)):
+        if any(abs(found[edge] - scene.box[edge]) > SAME_BOX * max(scene.width, scene.height) for edge in at_rest):
+            raise InputError(
+                f"scene must be that of the state, whose box is {_sides(found)}; got one of {_sides(scene.box)}. "
+                "Use the scene of the simulation that the state comes from."
+            )
+
+
+def _sides(box: Sequence[float]) -> str:
+    return f"{box[1] - box[0]:g} x {box[3] - box[2]:g}"
 
 
 def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
@@ -97,7 +112,7 @@ def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
     Raises:
         InputError: naming the caller, if the scene does not hold the masses of all discs.
     """
-    demand_scene(scene)
+    demand_scene(scene, discs)
     if scene.mass is None and all(emitter.mass in (None, 1.0) for emitter in scene.emitters):
         return equal_sizes(1.0, count_of(discs))
     return one_of_each(name, "mass", scene.masses, discs)
@@ -105,7 +120,7 @@ def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
 
 def radii_of(name: str, scene: Scene, discs: Discs) -> Floats:
     """Radius of each disc, shape (N,) [length]; otherwise as `masses_of`."""
-    demand_scene(scene)
+    demand_scene(scene, discs)
     if isinstance(scene.radius, float) and scene.smallest_radius == scene.largest_radius:
         return equal_sizes(scene.radius, count_of(discs))
     return one_of_each(name, "radius", scene.radii, discs)

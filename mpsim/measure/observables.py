@@ -133,7 +133,7 @@ def potential_energy(state: Discs, scene: Scene) -> float:
     >>> potential_energy(State(scene.position, scene.velocity), scene)
     20.0
     """
-    demand_scene(scene)
+    demand_scene(scene, state)
     name, gravity, acceleration = "potential_energy", scene.gravity, scene.acceleration
     if has_periodic_field(scene):
         raise InputError(
@@ -223,7 +223,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     Overlap(pairs=1, largest=0.25, mean=0.25, worst=(0, 1))
     """
     count_of(state)  # which refuses what is no state
-    demand_scene(scene)
+    demand_scene(scene, state)
     rounding = TOUCHING * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
     name = "overlap"
     each = radii_of(name, scene, state) if radii is None else one_of_each(name, "radius", radii, state)
@@ -416,7 +416,7 @@ def _difference(state: State, reference: State, discs: NDArray[np.int64], scene:
     a, b = checked_positions(state.position)[discs], checked_positions(reference.position)[discs]
     if scene is None:
         return a - b
-    demand_scene(scene)
+    demand_scene(scene, state, reference)
     return to_nearest_image(a - b, lengths_of(scene))
 
 

@@ -102,7 +102,7 @@ def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k
     ([0.0, 2.0], [2, 4])
     """
     states = states_in(states)
-    demand_scene(scene)
+    demand_scene(scene, *states)
     k_max = checks.positive("k_max", k_max, "[1/length]")
     bins = checks.whole("bins", bins, 1, 1_000_000, "About 50 shells are usual.")
     if not all(scene.periodic):
@@ -161,7 +161,7 @@ def hexatic_order(state: State, scene: Scene) -> HexaticOrder:
     (1.0, 1.0)
     """
     places = _present(state, "hexatic_order", NEIGHBOURS + 1)
-    demand_scene(scene)
+    demand_scene(scene, state)
     i, j = _nearest(places, scene)
     x, y = to_nearest_image(places[j] - places[i], lengths_of(scene)).T
     bonds = np.exp(6j * np.arctan2(y, x))
@@ -192,7 +192,7 @@ def hexatic_correlation(states: State | Sequence[State], scene: Scene, bins: int
     True
     """
     states = states_in(states)
-    demand_scene(scene)
+    demand_scene(scene, *states)
     bins = checks.whole("bins", bins, 1, 1_000_000, "About 50 shells are usual.")
     r_max = checks.positive("r_max", r_max, "[length]")
     if r_max > (most := _half(scene)):
@@ -233,7 +233,7 @@ def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
     ((50, 3), True)
     """
     places = _present(state, "to_freud", 0)
-    demand_scene(scene)
+    demand_scene(scene, state)
     try:
         import freud  # noqa: PLC0415
     except ImportError as error:

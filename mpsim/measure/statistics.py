@@ -68,6 +68,14 @@ class Measure:
         mark = "" if self.settled else "<" if self.upper else ">"
         return with_error(self.value, self.error, mark)
 
+    def __float__(self) -> float:
+        """The value alone."""
+        return self.value
+
+    def __format__(self, spec: str) -> str:
+        """The value alone in a format of numbers, such as f"{pressure:.3f}"; without one, as in `repr`."""
+        return format(self.value, spec) if spec else repr(self)
+
 
 @checks.known_names()
 def block_average(

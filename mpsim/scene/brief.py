@@ -10,7 +10,7 @@ from mpsim.features.restitution import Restitution
 
 def brief(scene: Any) -> str:
     """Number of discs, their sizes, the box, and what else the scene has."""
-    discs = f"{scene.count} discs"
+    discs = f"{scene.count} disc{'s' * (scene.count != 1)}"
     if not np.ndim(scene.radius):
         discs += f" of radius {scene.largest_radius:g}"
     elif scene.count:

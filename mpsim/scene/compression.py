@@ -92,7 +92,7 @@ class Compresses:
                 )
         grown, velocity = _grown(scene, shrink, rate)
         made = copy.copy(scene)
-        made.width, made.height = width, height
+        vars(made).update(width=width, height=height)
         low, high = made.limits(made.radius)
         made.start_anew(np.clip(grown / shrink, low, high), velocity)
         for array in (made.position, made.velocity):

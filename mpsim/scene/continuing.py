@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.core.state import State
+from mpsim.core.state import State, no_state
 from mpsim.features import FEATURES
 from mpsim.features.emitters import check_emitters
 from mpsim.features.fields import check_gravity
@@ -23,6 +23,8 @@ def move_to_state(scene: Any, state: State) -> None:
     Raises:
         InputError: if the number of discs differs, or a number is not finite.
     """
+    if not isinstance(state, State):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
+        raise no_state("state must be a State", state)
     count, shape, meaning = scene.count, (scene.count, 2), f"({scene.count}, 2)"
     if len(state.position) != count:
         raise InputError(
@@ -33,11 +35,11 @@ def move_to_state(scene: Any, state: State) -> None:
     velocity = checks.finite_array("velocity", state.velocity, shape, meaning)
     for feature in [each for each in FEATURES if each.is_in(scene)]:
         if state.box is not None:
-            setattr(scene, feature.argument, feature.continued(scene, state.box))
+            vars(scene)[feature.argument] = feature.continued(scene, state.box)
         for column in feature.columns:
             if column.given and column.in_state and (values := getattr(state, column.name)) is not None:
                 shape = column.rows(count)
-                setattr(scene, column.name, checks.finite_array(column.name, values, shape, f"{shape}"))
+                vars(scene)[column.name] = checks.finite_array(column.name, values, shape, f"{shape}")
     vary(scene, lambda: f"state {state.digest()}")
     _keep(scene, state.present)
     low, high = scene.limits(scene.radius)
@@ -53,14 +55,23 @@ def vary(scene: Any, variation: Callable[[], str]) -> None:
     """Give a scene, a copy that nothing else refers to, other random numbers for its run, derived from a text."""
     for feature in FEATURES:
         if feature.draws and feature.is_in(scene):
-            setattr(scene, feature.argument, feature.redrawn(scene, variation()))
+            vars(scene)[feature.argument] = feature.redrawn(scene, variation())
 
 
-CHANGEABLE = (
-    "gravity", "restitution", "wall_restitution", "friction", "wall_friction", "obstacles", "emitters", "piston",
-    "thermostat", "thermal_walls", "has_gaps",
-)  # fmt: skip
-"""Arguments that `change_to` can change."""
+CHANGEABLE: dict[str, Callable[[Any, Any], Any]] = {
+    "gravity": lambda scene, value: check_gravity(value),
+    "restitution": lambda scene, value: checks.fraction("restitution", value),
+    "wall_restitution": lambda scene, value: checks.fraction("wall_restitution", value),
+    "friction": lambda scene, value: value,
+    "wall_friction": lambda scene, value: value,
+    "obstacles": lambda scene, value: check_obstacles(value, scene.width, scene.height),
+    "emitters": lambda scene, value: check_emitters(value),
+    "piston": lambda scene, value: check_piston(value, scene.boundary, scene.width, scene.height, scene.absorbing),
+    "thermostat": lambda scene, value: value,
+    "thermal_walls": lambda scene, value: value,
+    "has_gaps": lambda scene, value: value,
+}
+"""The arguments that `change_to` can change, and the check of each; the caller has checked those that are kept."""
 
 
 def change_to(scene: Any, values: Mapping[str, Any]) -> None:
@@ -71,20 +82,7 @@ def change_to(scene: Any, values: Mapping[str, Any]) -> None:
     """
     for name, value in values.items():
         checks.choice("an argument of Scene.changed", name, CHANGEABLE)
-        if name == "gravity":
-            scene.gravity = check_gravity(value)
-        elif name == "emitters":
-            scene.emitters = check_emitters(value)
-        elif name == "obstacles":
-            scene.obstacles = check_obstacles(value, scene.width, scene.height)
-        elif name == "has_gaps":
-            scene.has_gaps = value
-        elif name == "piston":
-            scene.piston = check_piston(value, scene.boundary, scene.width, scene.height, scene.absorbing)
-        elif name in ("thermostat", "thermal_walls", "friction", "wall_friction"):
-            setattr(scene, name, value)
-        else:
-            setattr(scene, name, checks.fraction(name, value))
+        vars(scene)[name] = CHANGEABLE[name](scene, value)
 
 
 def _keep(scene: Any, kept: NDArray[np.bool_]) -> None:
@@ -94,4 +92,4 @@ def _keep(scene: Any, kept: NDArray[np.bool_]) -> None:
     for name, each in chain.from_iterable(feature.all_per_disc.items() for feature in FEATURES):
         values = getattr(scene, name)
         if isinstance(values, np.ndarray):
-            setattr(scene, name, each.check(values[kept], int(kept.sum())))
+            vars(scene)[name] = each.check(values[kept], int(kept.sum()))

@@ -107,18 +107,10 @@ class HasDiscs(OldNames):
         """Centres, shape (N, 2), read-only [length]. Those of a lattice are computed when first needed, and kept."""
         return self._start.position
 
-    @position.setter
-    def position(self, value: Floats) -> None:
-        self.start_anew(value, self._start.velocity)
-
     @property
     def velocity(self) -> Floats:
         """Velocities, shape (N, 2), read-only [length/time], as `position`."""
         return self._start.velocity
-
-    @velocity.setter
-    def velocity(self, value: Floats) -> None:
-        self.start_anew(self._start.position, value)
 
     def start_anew(self, position: Floats, velocity: Floats) -> None:
         """Let the scene, a copy that nothing else refers to, start from arrays of shape (N, 2)."""

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
+from mpsim.core.read_only import ReadOnly
 from mpsim.core.state import Box, State
 from mpsim.core.views import view
 from mpsim.features import FEATURES
@@ -44,7 +45,7 @@ LARGEST_COUNT = 100_000_000
 
 
 @checks.known_names_of_methods
-class Scene(HasDiscs, Recommends, Compresses):
+class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
     """Discs in a box. It is checked when made; its arrays are read-only copies. Unused features cost nothing.
 
     Args:
@@ -85,6 +86,7 @@ class Scene(HasDiscs, Recommends, Compresses):
     (2, 0.131)
     """
 
+    instead = "Make another Scene; sim.change(...) changes a simulation that runs"
     friction: float = 0.0
     wall_friction: float = 0.0
     tangential_restitution: float = 0.0
@@ -93,9 +95,9 @@ class Scene(HasDiscs, Recommends, Compresses):
     thermal_walls: ThermalWalls | None = None
     has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
     _redraw: Callable[[int], Scene] | None = None
-    _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
+    _capsules: NDArray[np.float64] | None = None
     _capsule_index: CapsuleIndex | None = None
-    _overlaps: tuple[tuple[Any, ...], str] | None = None  # likewise
+    _overlaps: str | None = None
 
     @checks.known_names()
     def __init__(
@@ -174,8 +176,7 @@ class Scene(HasDiscs, Recommends, Compresses):
         """The same scene with other values of some arguments, for a simulation of it that is changed.
 
         Args:
-            values: by name: gravity, restitution, wall_restitution, friction, wall_friction, obstacles, emitters,
-                piston, thermostat, thermal_walls, has_gaps.
+            values: by name, of mpsim.scene.continuing.CHANGEABLE.
         """
         other = copy.copy(self)
         change_to(other, values)
@@ -300,23 +301,17 @@ class Scene(HasDiscs, Recommends, Compresses):
     @property
     def capsules(self) -> NDArray[np.float64]:
         """Obstacles as capsules (segments with a radius), read-only, shape (K, 5): ax, ay, bx, by, radius [length]."""
-        if self._capsules is None or self._capsules[0] is not self.obstacles:
-            found = capsules_of(self.obstacles)
-            found.flags.writeable = False
-            self._capsules = self.obstacles, found
-        return self._capsules[1]
+        if self._capsules is None:
+            self._capsules = capsules_of(self.obstacles)
+            self._capsules.flags.writeable = False
+        return self._capsules
 
     @property
     def capsule_index(self) -> CapsuleIndex:
         """The obstacles, indexed for repeated queries of overlap."""
-        found, size = self._capsule_index, (self.width, self.height)
-        if (
-            found is None
-            or found.capsules is not self.capsules
-            or (found.size, found.periodic) != (size, self.periodic)
-        ):
-            found = self._capsule_index = CapsuleIndex(self.capsules, size, self.periodic)
-        return found
+        if self._capsule_index is None:
+            self._capsule_index = CapsuleIndex(self.capsules, (self.width, self.height), self.periodic)
+        return self._capsule_index
 
     @property
     def packing(self) -> float:
@@ -355,10 +350,9 @@ class Scene(HasDiscs, Recommends, Compresses):
         >>> Scene(width=9, height=9, position=places, velocity=rest, radius=0.5).overlaps_at_start()
         '1 pair of discs overlaps at the start: discs 0 and 1, by 0.25'
         """
-        depends = self._start, self.radius, self.obstacles, self.width, self.height, self.boundary
-        if self._overlaps is None or any(now is not then for now, then in zip(depends, self._overlaps[0], strict=True)):
-            self._overlaps = depends, overlaps_in_words(self)
-        return self._overlaps[1]
+        if self._overlaps is None:
+            self._overlaps = overlaps_in_words(self)
+        return self._overlaps
 
     def _repr_png_(self) -> bytes:
         """A small picture for notebooks."""

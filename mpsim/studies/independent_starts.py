@@ -104,10 +104,9 @@ def varied(scene: Scene, seed: int) -> Scene:
     energy = float((masses * velocity**2).sum())
     if energy > 0:
         velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / energy)
-    other = scene.starting_from(State(position, velocity))
     common = scene.largest_radius
-    other.emitters = tuple(_varied_emitter(scene, emitter, common, rng) for emitter in scene.emitters)
-    return other
+    emitters = tuple(_varied_emitter(scene, emitter, common, rng) for emitter in scene.emitters)
+    return scene.starting_from(State(position, velocity)).changed(emitters=emitters)
 
 
 def _wall_as_capsule(scene: Scene) -> list[list[float]]:

@@ -100,7 +100,6 @@ def test_a_digest_depends_on_shape_and_field():
         mpsim.State(zeros, ones),
         mpsim.State(ones, zeros),
         mpsim.State(zeros.astype(np.float32), ones.astype(np.float32)),
-        mpsim.State(np.zeros((4, 2)), np.ones((0, 2))),
         mpsim.State(-zeros, ones),
         mpsim.State(np.zeros((1, 2)), np.ones((1, 2))),
     ]
@@ -136,7 +135,7 @@ def test_a_file_that_is_no_state_is_refused(tmp_path):
     with pytest.raises(mpsim.InputError, match=r"must be a \.npz with position and velocity; "):
         mpsim.State.load(tmp_path / "bad.npz")
     np.savez(tmp_path / "other.npz", position=np.zeros((3, 2)), velocity=np.zeros((2, 2)))
-    with pytest.raises(mpsim.InputError, match=r"must have one shape, \(N, 2\), and one floating dtype; .*\(2, 2\)"):
+    with pytest.raises(mpsim.InputError, match=r"velocity of a state must have shape \(3, 2\).*got \(2, 2\)\.$"):
         mpsim.State.load(tmp_path / "other.npz")
     np.savez(tmp_path / "code.npz", position=np.array([print], object), velocity=np.zeros((1, 2)))
     with pytest.raises(mpsim.InputError, match="is not a plain array"):

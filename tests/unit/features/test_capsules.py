@@ -161,5 +161,5 @@ def test_obstacles_that_are_replaced_are_those_that_are_asked():
     scene = mpsim.Scene(**{**pegs_and_emitters(9, 1), "velocity": []})
     place, radius = np.array([[0.5, 0.5]]), np.array([0.1])
     assert scene.capsule_index.depths(place, radius) > 0
-    scene.obstacles = scene.obstacles[1:]
+    scene = scene.changed(obstacles=scene.obstacles[1:])
     assert scene.capsule_index.depths(place, radius) == 0

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.scenes import gas
 
-from mpsim import FixedDisc, InputError, Polyline, Scene
+from mpsim import FixedDisc, InputError, Polyline, Scene, State
 from mpsim.core import pieces
 from mpsim.features.capsules import distance
 from mpsim.scene import placement
@@ -220,13 +220,13 @@ def test_a_giant_among_many_is_found_quickly():
     assert inside.sum() <= pairs <= inside.sum() + 5  # small ones may touch each other by chance
 
 
-def test_overlaps_of_a_scene_are_looked_for_once_until_it_changes(monkeypatch):
+def test_overlaps_of_a_scene_are_looked_for_once_and_again_in_one_that_starts_elsewhere(monkeypatch):
     scene = Scene(width=9, height=9, position=[[2, 2], [2.75, 2]], velocity=np.zeros((2, 2)), radius=0.5)
     looks = []
     look = placement.overlaps
     monkeypatch.setattr(placement, "overlaps", lambda *arguments: (looks.append(arguments), look(*arguments))[1])
     assert [scene.overlaps_at_start()[:7] for _ in range(3)] == ["1 pair "] * 3
     assert len(looks) == 1
-    scene.radius = 0.3
-    assert scene.overlaps_at_start() == ""
+    apart = State(np.array([[2.0, 2.0], [3.5, 2.0]]), scene.velocity)
+    assert scene.starting_from(apart).overlaps_at_start() == ""
     assert len(looks) == 2

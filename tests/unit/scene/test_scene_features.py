@@ -137,8 +137,8 @@ def test_packing_and_repr_are_of_the_box_at_the_start():
     assert repr(scene) == "<Scene: 2 discs of radius 0.5 in 5 x 10 of 20 x 10, packing 0.0314, piston>"
 
 
-def test_what_is_kept_of_obstacles_is_of_those_that_a_scene_has():
-    """Attributes of a scene may be replaced; what was computed of the earlier ones must not stay."""
+def test_what_is_computed_of_obstacles_is_of_those_that_a_scene_has():
+    """A changed scene begins as a copy, in which nothing of what was computed of the other may stay."""
 
     def start(x):
         peg = FixedDisc((x, 2), 0.5)
@@ -147,9 +147,9 @@ def test_what_is_kept_of_obstacles_is_of_those_that_a_scene_has():
     scene, other = start(4), start(6)
     with Simulation(scene, Settings(method="grid")) as sim:
         sim.run(until=4)
-    scene.obstacles = other.obstacles
-    assert scene.capsules.tolist() == other.capsules.tolist()
-    with Simulation(scene, Settings(method="grid")) as sim:
+    changed = scene.changed(obstacles=other.obstacles)
+    assert changed.capsules.tolist() == other.capsules.tolist()
+    with Simulation(changed, Settings(method="grid")) as sim:
         sim.run(until=4)
         replaced = sim.digest()
     with Simulation(other, Settings(method="grid")) as sim:
