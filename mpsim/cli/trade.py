@@ -32,9 +32,15 @@ until_option = click.option(
     type=terminal.Positive("time"),
     help="Length of a run; default: the scene's duration, or chosen by mpsim.",
 )
-replicas_option = click.option(
-    "--replicas", type=terminal.Whole(2, 100_000), default=16, show_default=True, help="Runs per candidate."
-)
+
+
+def replicas_option(most: int) -> Callable[..., Any]:
+    """The option --replicas of a command that takes at most so many."""
+    return click.option(
+        "--replicas", type=terminal.Whole(2, most), default=16, show_default=True, help="Runs per candidate."
+    )
+
+
 starts_option = click.option(
     "--starts",
     type=terminal.Choice(KINDS),
@@ -69,7 +75,7 @@ Examples:
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @_budget_options
 @until_option
-@replicas_option
+@replicas_option(tuning.MOST_REPLICAS)
 @starts_option
 @contact_time_option
 @click.option(
@@ -153,7 +159,7 @@ Examples:
     "--measure", "measures", type=terminal.Choice(ERRORS), multiple=True, help="An error to measure; default: all."
 )
 @until_option
-@replicas_option
+@replicas_option(tradeoffs.MOST_REPLICAS)
 @starts_option
 @contact_time_option
 @click.option(

@@ -35,6 +35,9 @@ from mpsim.studies.replicas import available, demand_available, quietly, starts_
 
 TABLE = "the table of a trade-off study"
 
+MOST_REPLICAS = 100_000
+"""Largest number of runs per candidate."""
+
 SETTINGS = ("method", "contact", "law", "passes", "substeps", "dt", "precision", "workers")
 """Settings that are columns of the table."""
 
@@ -281,7 +284,7 @@ def tradeoff(
     (True, True)
     """
     names = _measures(measures, scene)
-    checks.whole("replicas", replicas, 2, 100_000, "16 will do for most scenes.")
+    checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
     how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts}
     how |= {"replicas": replicas, "seconds": checks.positive("seconds", seconds, "[s]"), "contact_time": contact_time}
     with terminated_by_exit(), shown(checked_progress(progress, "progress(done, of, what)")) as show:

@@ -83,6 +83,16 @@ def test_budgets_out_of_reach_are_exit_code_1(asked):
     assert result.stderr == "Error: max_error must be within reach: ...\n"
 
 
+@pytest.mark.parametrize(("command", "most"), [("tune", 64), ("tradeoff", 100_000)])
+def test_the_range_of_replicas_is_that_of_the_command(asked, command, most):
+    options = ["cradle", *(["--pressure", "1%"] if command == "tune" else [])]
+    assert f"2<=x<={most}]" in "".join(mpsim_command(command, "--help").stdout.split())
+    refused = mpsim_command(command, *options, "--replicas", most + 1)
+    assert f"'{most + 1}' must be a whole number from 2 to {most}." in refused.stderr
+    assert (refused.exit_code, asked) == (2, {})
+    assert mpsim_command(command, *options, "--replicas", most).exit_code == 0
+
+
 # --- tradeoff
 
 
