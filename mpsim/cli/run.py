@@ -367,5 +367,5 @@ def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[s
     if report.workers > 1:
         yield f"{100 * report.waiting:.0f} % of the workers' time was waiting for each other"
     for name, measure in report.measures.items():
-        yield f"{name}: {measure_text(measure)}{over}"
+        yield f"{name}: {measure_text(name, measure)}{over}"
     yield f"digest {sim.digest()}"

@@ -42,7 +42,22 @@ from mpsim.studies.tradeoff import Row, Tradeoff
     ],
 )
 def test_an_error_in_words(measure, text):
-    assert measure_text(measure) == text
+    assert measure_text("pressure", measure) == text
+
+
+@pytest.mark.parametrize(
+    ("name", "samples", "why"),
+    [
+        ("energy_drift", 1, "one number per run, without an error"),
+        ("momentum_drift", 1, "one number per run, without an error"),
+        ("largest_overlap", 5000, "one number per run, without an error"),
+        ("overlap", 0, "no overlaps"),
+        ("overlap", 7, "too few samples for an error"),
+        ("overlap", 5000, "error unknown"),
+    ],
+)
+def test_why_a_measure_has_no_error(name, samples, why):
+    assert measure_text(name, Measure(0.0, math.nan, samples, settled=False)) == f"0 ({why})"
 
 
 COARSE, FINE = Settings(dt=0.1, method="grid"), Settings(dt=0.02, method="grid")
