@@ -63,7 +63,7 @@ Examples:
     multiple=True,
     help="What to measure; default: the scene's own.",
 )
-@click.option("--start", type=terminal.Positive("time"), help="Measure only from this simulated time on.")
+@click.option("--start", type=terminal.NonNegative("time"), help="Measure only from this simulated time on.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.")
 @click.option(
     "--every", type=terminal.Whole(1), help="Write every n-th frame to the trajectory; default: the scene's own."
