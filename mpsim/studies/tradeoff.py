@@ -18,7 +18,7 @@ from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.optional_packages import imported
 from mpsim.core.plain import json_text
 from mpsim.core.progress import checked_progress, shown
-from mpsim.core.table_files import write_parquet, written
+from mpsim.core.table_files import CSV, JSON, write_parquet, written
 from mpsim.core.views import view
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
@@ -136,13 +136,14 @@ class Tradeoff:
         """The table as CSV, one line per candidate; also written to `path`, if given.
 
         Raises:
+            InputError: if the path has the ending of another format.
             OutputError: if the file cannot be written.
         """
         text = io.StringIO()
         writer = csv.DictWriter(text, self.columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(row.record() for row in self.rows)
-        return written(text.getvalue(), path, TABLE)
+        return written(text.getvalue(), path, TABLE, CSV)
 
     def to_pandas(self) -> Any:
         """The table as a pandas.DataFrame, one line for each candidate.
@@ -160,6 +161,7 @@ class Tradeoff:
         """Write the table to `path` as a Parquet file, with the columns of `to_pandas`.
 
         Raises:
+            InputError: if the path does not end in .parquet.
             OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
         """
         write_parquet(self.to_pandas(), path, TABLE)
@@ -179,11 +181,12 @@ class Tradeoff:
         Numbers that are not finite become null.
 
         Raises:
+            InputError: if the path has the ending of another format.
             OutputError: if the file cannot be written.
         """
         values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         values["rows"] = [row.record() for row in self.rows]
-        return written(json_text(values) + "\n", path, TABLE)
+        return written(json_text(values) + "\n", path, TABLE, JSON)
 
     def __str__(self) -> str:
         return view("trade_text", self)

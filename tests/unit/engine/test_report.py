@@ -173,7 +173,7 @@ def test_times_as_parquet_are_those_of_csv(tmp_path):
     assert list(found.columns) == list(rows[0])
     assert found.to_dict("records") == [{name: float(value) for name, value in row.items()} for row in rows]
     assert found.attrs["measures"]["temperature"]["value"] == report.measures["temperature"].value
-    with pytest.raises(mpsim.InputError, match=r"a table of times is text here, and .*Use to_parquet"):
+    with pytest.raises(mpsim.InputError, match=r"a table of times must .*Use 'times\.csv', or to_parquet\."):
         report.to_csv(tmp_path / "times.parquet")
     with pytest.raises(mpsim.OutputError, match="a table of times must be a file that can be written; got "):
         report.to_parquet(tmp_path / "none" / "times.parquet")

@@ -102,9 +102,9 @@ def test_parquet_holds_the_columns_of_csv(tmp_path):
     assert found["cost"].tolist()[:2] == [12345.6, 1.523]
     assert found["pressure"].tolist()[:2] == [0.0192, 0.0004]
     assert found["failure"].isna().tolist() == [True, True, False, True]
-    for write in (table.to_csv, table.to_json, table.to_parquet):
+    for name in ("csv", "json", "parquet"):
         with pytest.raises(mpsim.OutputError, match="the table of a trade-off study must be a file that"):
-            write(tmp_path / "none" / "table")
+            getattr(table, f"to_{name}")(tmp_path / "none" / f"table.{name}")
 
 
 def test_an_error_that_is_not_measurable_is_in_every_form_with_its_reason():
