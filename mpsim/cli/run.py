@@ -360,8 +360,9 @@ def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[s
         yield report.summary
     compiling = f"{part['compile_seconds']:.2f} s compiling, " if part["compile_seconds"] else ""
     yield (
-        f"frame {sim.frame}, time {sim.time:g}, {sim.count} discs; {part['wall_seconds']:.2f} s in all, of them "
-        f"{compiling}{part['frame_seconds']:.2f} s frames and {part['writing_seconds']:.2f} s writing"
+        f"frame {sim.frame}, time {sim.time:g}, {sim.count} disc{'s' * (sim.count != 1)}; "
+        f"{part['wall_seconds']:.2f} s in all, of them {compiling}{part['frame_seconds']:.2f} s frames and "
+        f"{part['writing_seconds']:.2f} s writing"
     )
     over = f", over frames {part['from_frame'] + 1} to {part['to_frame']}" if part["from_frame"] else ""
     if report.workers > 1:

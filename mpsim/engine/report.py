@@ -137,8 +137,8 @@ class Report:
         median = np.median(self.frame_seconds) * 1e6
         compiled = f"{self.compile_seconds:.1f} s of compiling before, " if self.compile_seconds else ""
         return (
-            f"{self.frames} frames by {self.method}{workers}, "
-            f"median {median:.3g} us a frame, {compiled}{self.collisions} collisions"
+            f"{self.frames} frame{'s' * (self.frames != 1)} by {self.method}{workers}, median {median:.3g} us a frame, "
+            f"{compiled}{self.collisions} collision{'s' * (self.collisions != 1)}"
         )
 
     def __repr__(self) -> str:

@@ -69,7 +69,7 @@ def error_text(name: str, error: Deviation) -> str:
 def unresolved_text(errors: Iterable[Deviation]) -> str:
     """What "not resolved" means for some errors, in words: the number of standard errors needed, more for few runs."""
     freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
-    few = f" (with so few runs, {windows.t_from_z(RESOLVED, freedom):.3g})" if freedom + 1 < FEW_RUNS else ""
+    few = f", or {windows.t_from_z(RESOLVED, freedom):.3g} with so few runs" if freedom + 1 < FEW_RUNS else ""
     return f"not resolved, below {RESOLVED:g} standard errors{few}"
 
 

@@ -136,8 +136,8 @@ def test_the_title_says_what_is_not_resolved_and_what_few_runs_need():
     found = made([Row(COARSE, CHEAP, {"pressure": many, "overlap": two})])
     assert "n/m: not measurable" in tables.title(found)
     for text in (tables.title(found), found._repr_html_()):
-        assert re.search(r"not resolved, below 3 standard errors \(with so few runs, \d+\)", html.unescape(text))
-    needed = int(re.search(r"few runs, (\d+)\)", tables.title(found))[1])
+        assert re.search(r"not resolved, below 3 standard errors, or \d+ with so few runs", html.unescape(text))
+    needed = int(re.search(r"or (\d+) with so few runs", tables.title(found))[1])
     assert not Deviation(needed * 0.00099, 0.001, freedom=1).resolved
     assert Deviation(needed * 0.00101, 0.001, freedom=1).resolved
     enough = made([Row(COARSE, CHEAP, {"pressure": many, "overlap": Deviation.unknown("nothing moves")})])

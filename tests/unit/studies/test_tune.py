@@ -152,6 +152,7 @@ def test_the_exact_solver_is_the_answer_where_it_is_cheapest():
     found = faked({"overlap": 0.01}, exact_cost=0.5)
     assert (found.settings, found.cost.median) == (EVENT, 0.5)
     assert found.tighter == 1
+    assert "\nhalving all error budgets would cost no more\n" in str(found)
     assert faked({"overlap": 0.01}).settings.method != "event", "the control"
 
 
