@@ -174,7 +174,7 @@ Examples:
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write to a file: CSV if it ends in .csv, JSON in .json, Parquet in .parquet; any text in .txt.",
+    help="Write to a file: CSV if it ends in .csv or .txt, JSON in .json, Parquet in .parquet.",
 )
 @click.option(
     "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Save finished runs here; continue from it."
