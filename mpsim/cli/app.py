@@ -45,6 +45,12 @@ class Commands(click.Group):
             except (KeyboardInterrupt, Interrupted) as stop:
                 click.echo(str(stop) or "Interrupted.", err=True)
                 ctx.exit(INTERRUPTED)
+            except click.NoSuchOption as error:
+                name = error.option_name
+                if all(name not in option.opts for option in self.params):
+                    raise
+                text = f"{name} stands before the command: mpsim {name} {ctx.invoked_subcommand} ..."
+                raise click.UsageError(text, error.ctx) from None
             except (MpsimError, OSError, MemoryError) as error:
                 if isinstance(error, BrokenPipeError):  # the reader of the output has closed it
                     raise

@@ -63,7 +63,7 @@ Examples:
     multiple=True,
     help="What to measure; default: the scene's own.",
 )
-@click.option("--start", type=terminal.Positive("time"), help="Measure only from this simulated time on.")
+@click.option("--start", type=terminal.NonNegative("time"), help="Measure only from this simulated time on.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.")
 @click.option(
     "--every", type=terminal.Whole(1), help="Write every n-th frame to the trajectory; default: the scene's own."
@@ -360,12 +360,13 @@ def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[s
         yield report.summary
     compiling = f"{part['compile_seconds']:.2f} s compiling, " if part["compile_seconds"] else ""
     yield (
-        f"frame {sim.frame}, time {sim.time:g}, {sim.count} discs; {part['wall_seconds']:.2f} s in all, of them "
-        f"{compiling}{part['frame_seconds']:.2f} s frames and {part['writing_seconds']:.2f} s writing"
+        f"frame {sim.frame}, time {sim.time:g}, {sim.count} disc{'s' * (sim.count != 1)}; "
+        f"{part['wall_seconds']:.2f} s in all, of them {compiling}{part['frame_seconds']:.2f} s frames and "
+        f"{part['writing_seconds']:.2f} s writing"
     )
     over = f", over frames {part['from_frame'] + 1} to {part['to_frame']}" if part["from_frame"] else ""
     if report.workers > 1:
         yield f"{100 * report.waiting:.0f} % of the workers' time was waiting for each other"
     for name, measure in report.measures.items():
-        yield f"{name}: {measure_text(measure)}{over}"
+        yield f"{name}: {measure_text(name, measure)}{over}"
     yield f"digest {sim.digest()}"

@@ -32,6 +32,8 @@ class Positive(click.ParamType):
     0.01
     """
 
+    _zero = False
+
     def __init__(self, what: str = "number", percent: bool = False, below: float = math.inf):
         self.name = what
         self._percent = percent
@@ -45,13 +47,23 @@ class Positive(click.ParamType):
             number = float(text[:-1] if scale != 1 else text) * scale
         except ValueError:
             number = math.nan
-        if not (math.isfinite(number) and number > 0):
+        if not math.isfinite(number) or number < 0 or (number == 0 and not self._zero):
             example = "0.05 or 5%" if self._percent else "0.05"
-            self.fail(f"{value!r} must be a number > 0, such as {example}.", param, ctx)
+            self.fail(f"{value!r} must be a number {'>=' if self._zero else '>'} 0, such as {example}.", param, ctx)
         if number >= self._below:
             self.fail(f"{value!r} must be less than {self._below:.0%}. Give a smaller one, such as 5%.", param, ctx)
         # 7 * 0.01 is 0.07 but for rounding
         return float(f"{number:.15g}")
+
+
+class NonNegative(Positive):
+    """A number that may be 0.
+
+    >>> NonNegative().convert("0", None, None)
+    0.0
+    """
+
+    _zero = True
 
 
 class Whole(click.IntRange):

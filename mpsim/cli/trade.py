@@ -15,7 +15,7 @@ from mpsim.cli.scenes import settings_text
 from mpsim.core import atomic
 from mpsim.core.errors import OutputError
 from mpsim.core.plain import json_text
-from mpsim.core.table_files import PARQUET, demand_parquet
+from mpsim.core.table_files import CSV, JSON, PARQUET, TEXT, demand_parquet
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
@@ -32,9 +32,15 @@ until_option = click.option(
     type=terminal.Positive("time"),
     help="Length of a run; default: the scene's duration, or chosen by mpsim.",
 )
-replicas_option = click.option(
-    "--replicas", type=terminal.Whole(2, 100_000), default=16, show_default=True, help="Runs per candidate."
-)
+
+
+def replicas_option(most: int) -> Callable[..., Any]:
+    """The option --replicas of a command that takes at most so many."""
+    return click.option(
+        "--replicas", type=terminal.Whole(2, most), default=16, show_default=True, help="Runs per candidate."
+    )
+
+
 starts_option = click.option(
     "--starts",
     type=terminal.Choice(KINDS),
@@ -69,7 +75,7 @@ Examples:
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @_budget_options
 @until_option
-@replicas_option
+@replicas_option(tuning.MOST_REPLICAS)
 @starts_option
 @contact_time_option
 @click.option(
@@ -153,7 +159,7 @@ Examples:
     "--measure", "measures", type=terminal.Choice(ERRORS), multiple=True, help="An error to measure; default: all."
 )
 @until_option
-@replicas_option
+@replicas_option(tradeoffs.MOST_REPLICAS)
 @starts_option
 @contact_time_option
 @click.option(
@@ -168,7 +174,7 @@ Examples:
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write to a file: JSON if it ends in .json, Parquet in .parquet, else CSV.",
+    help="Write to a file: CSV if it ends in .csv or .txt, JSON in .json, Parquet in .parquet.",
 )
 @click.option(
     "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Save finished runs here; continue from it."
@@ -193,7 +199,9 @@ def tradeoff(
     """Measure the cost of settings on SCENE, and their errors against the exact solver."""
     if as_csv and as_json:
         raise click.UsageError("Choose one of --csv and --json.")
+    asked = JSON if as_json else CSV if as_csv else None
     if out is not None:
+        _demand_ending(out, asked)
         terminal.existing_refused(out, force)
         _demand_writable(out)  # before the long work, not after
     chosen = scenefile.load(scene).scene
@@ -201,16 +209,27 @@ def tradeoff(
         how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "path": keep}
         how |= {"contact_time": contact_time, "progress": progress}
         table = tradeoffs.tradeoff(chosen, None, until, measures or None, **how)
-    in_json = as_json or (not as_csv and out is not None and out.suffix == ".json")
-    if out is not None:
-        (table.to_json if in_json else table.to_parquet if out.suffix == PARQUET else table.to_csv)(out)
-        click.echo(f"{len(table.rows)} candidates written to {out}", err=True)
-    else:
-        click.echo(table.to_json() if in_json else table.to_csv() if as_csv else str(table), nl=False)
+    if out is None:
+        click.echo(table.to_json() if as_json else table.to_csv() if as_csv else str(table), nl=False)
+        return
+    write = {JSON: table.to_json, PARQUET: table.to_parquet}.get(asked or out.suffix.lower(), table.to_csv)
+    write(out)
+    number = len(table.rows)
+    click.echo(f"{number} candidate{'s' * (number != 1)} written to {out}", err=True)
+
+
+def _demand_ending(out: Path, asked: str | None) -> None:
+    """Refuse a file whose ending is that of another format than the one asked for, or of none."""
+    known = (CSV, JSON, PARQUET, TEXT) if asked is None else (asked, TEXT)
+    if out.suffix.lower() not in known:
+        with_it = f" with --{asked[1:]}" if asked else ""
+        raise click.UsageError(
+            f"--out must end in one of {', '.join(known)}{with_it}; got {str(out)!r}. Use {out.stem}{known[0]}."
+        )
 
 
 def _demand_writable(out: Path) -> None:
-    if out.suffix == PARQUET:
+    if out.suffix.lower() == PARQUET:
         demand_parquet()
     try:
         atomic.check_target(out)

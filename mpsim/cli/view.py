@@ -105,7 +105,10 @@ def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":
             "Open the address of a running view in the browser.",
             param_hint="SCENE",
         )
-    asked = link.read(query)
+    try:
+        asked = link.read(query)
+    except InputError as error:  # of a name in the link, which is no option
+        raise click.BadParameter(str(error), param_hint="SCENE, a link") from None
     given = {name: value for name, value in options.items() if value is not None}
     settings = dataclasses.replace(asked.settings, **given)
     if beside is not None:

@@ -9,26 +9,27 @@ from mpsim.core import atomic, checks
 from mpsim.core.errors import InputError, OutputError
 from mpsim.core.optional_packages import imported
 
-PARQUET = ".parquet"
+CSV, JSON, TEXT, PARQUET = ".csv", ".json", ".txt", ".parquet"
+"""Endings of the files of tables; TEXT may be CSV or JSON."""
 
 StrPath = str | os.PathLike[str]
 
 
-def written(text: str, path: StrPath | None, table: str) -> str:
+def written(text: str, path: StrPath | None, table: str, ending: str) -> str:
     """A table as text, also written to `path`, if given.
 
     Args:
         text: of the table.
         path: of the file; an existing one is replaced.
         table: what it is, such as "the table of a sweep".
+        ending: of files of this format.
 
     Raises:
-        InputError: if it is no path, or ends as a file of another format does.
+        InputError: if it is no path, or ends neither so nor in TEXT.
         OutputError: if it cannot be written.
     """
     if path is not None:
-        if _checked(path, table).suffix == PARQUET:
-            raise InputError(f"{table} is text here, and {os.fspath(path)!r} is not a text file. Use to_parquet.")
+        _demand_ending(path, table, ending, TEXT)
         _write(text.encode(), path, table)
     return text
 
@@ -46,20 +47,27 @@ def write_parquet(frame: Any, path: StrPath, table: str) -> None:
     """Write a pandas.DataFrame without its index as Parquet.
 
     Raises:
-        InputError: if it is no path.
+        InputError: if it is no path, or has another ending.
         OutputError: if pyarrow is not installed, or the file cannot be written.
     """
-    _checked(path, table)
+    _demand_ending(path, table, PARQUET)
     demand_parquet()
     content = io.BytesIO()
     frame.to_parquet(content, engine="pyarrow", index=False)
     _write(content.getvalue(), path, table)
 
 
-def _checked(path: object, table: str) -> Path:
+def _demand_ending(path: object, table: str, *endings: str) -> None:
+    """Refuse what is no path, or one without any of these endings, of which the first is suggested."""
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"the path of {table} must be a str or a Path; got {checks.brief(path)}. Use 'table.csv'.")
-    return Path(os.fsdecode(path))
+    target = Path(os.fsdecode(path))
+    if target.suffix.lower() not in endings:
+        instead = ", or to_parquet" if target.suffix.lower() == PARQUET else ""
+        raise InputError(
+            f"{table} must be a file that ends in {' or '.join(endings)} here; got {str(target)!r}. "
+            f"Use {target.stem + endings[0]!r}{instead}."
+        )
 
 
 def _write(content: bytes, path: StrPath, table: str) -> None:

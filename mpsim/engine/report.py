@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.optional_packages import imported
-from mpsim.core.table_files import write_parquet, written
+from mpsim.core.table_files import CSV, write_parquet, written
 from mpsim.core.views import view
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.run_averages import Measures
@@ -77,6 +77,7 @@ class Report:
             first_frame: number of the first line.
 
         Raises:
+            InputError: if the path has the ending of another format.
             OutputError: if the file cannot be written.
         """
         text = io.StringIO()
@@ -85,7 +86,7 @@ class Report:
         writer.writerow(["frame", *columns])
         numbers = range(first_frame, first_frame + self.frames)
         writer.writerows(zip(numbers, *(column.tolist() for column in columns.values()), strict=True))
-        return written(text.getvalue(), path, TABLE)
+        return written(text.getvalue(), path, TABLE, CSV)
 
     def _columns(self) -> dict[str, NDArray[np.float64]]:
         """Time of each frame, and each phase of each worker, by the names of columns."""
@@ -108,6 +109,7 @@ class Report:
         """Write the columns of `to_csv` to `path` as a Parquet file.
 
         Raises:
+            InputError: if the path does not end in .parquet.
             OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
         """
         write_parquet(self.to_pandas().reset_index(), path, TABLE)
@@ -135,8 +137,8 @@ class Report:
         median = np.median(self.frame_seconds) * 1e6
         compiled = f"{self.compile_seconds:.1f} s of compiling before, " if self.compile_seconds else ""
         return (
-            f"{self.frames} frames by {self.method}{workers}, "
-            f"median {median:.3g} us a frame, {compiled}{self.collisions} collisions"
+            f"{self.frames} frame{'s' * (self.frames != 1)} by {self.method}{workers}, median {median:.3g} us a frame, "
+            f"{compiled}{self.collisions} collision{'s' * (self.collisions != 1)}"
         )
 
     def __repr__(self) -> str:

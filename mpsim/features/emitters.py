@@ -63,9 +63,10 @@ class Emitter:
         object.__setattr__(self, "position", checks.point("position of an Emitter", self.position))
         object.__setattr__(self, "velocity", checks.point("velocity of an Emitter", self.velocity))
         if (self.interval is None) == (self.every is None):
+            both = f"both, {checks.brief(self.interval)} and {checks.brief(self.every)}"
             raise InputError(
                 "an Emitter must have either interval, the time between two discs, or every, the frames between two; "
-                f"got interval={checks.brief(self.interval)}, every={checks.brief(self.every)}."
+                f"got {'neither' if self.interval is None else both}. Give one of them."
             )
         if self.interval is not None:
             object.__setattr__(self, "interval", checks.positive("interval of an Emitter", self.interval, "[time]"))

@@ -76,7 +76,10 @@ class TimeCorrelation:
         return len(self.measures)
 
     def __getitem__(self, index: int) -> Measure:
-        return self.measures[index]
+        try:
+            return self.measures[index]
+        except IndexError:
+            raise IndexError(f"the correlation has {len(self)} lags; got index {index}.") from None
 
 
 @dataclass

@@ -87,7 +87,8 @@ def compressibility(packing: float) -> float:
     >>> [round(compressibility(packing), 5) for packing in (0.01, 0.1, 0.3, 0.5)]
     [1.02032, 1.23614, 2.06326, 4.10624]
     """
-    return 1 + 2 * packing * contact_value(packing)
+    packing = _packing(packing)
+    return 1 + 2 * packing * _at_contact(packing)
 
 
 def finite_size(packing: float, count: int) -> float:
@@ -190,10 +191,10 @@ def enskog_rate(packing: float, radius: float = 0.5, temperature: float = 1.0) -
     >>> [round(enskog_rate(packing), 5) for packing in (0.01, 0.1, 0.3, 0.5)]
     [0.04585, 0.53292, 2.39952, 7.01004]
     """
-    radius = checks.positive("radius", radius, "[length]")
+    packing, radius = _packing(packing), checks.positive("radius", radius, "[length]")
     temperature = checks.non_negative("temperature", temperature, "[length^2/time^2]")
     density = packing / (math.pi * radius**2)
-    return 4 * math.sqrt(math.pi * temperature) * density * radius * contact_value(packing)
+    return 4 * math.sqrt(math.pi * temperature) * density * radius * _at_contact(packing)
 
 
 def enskog_diffusion(packing: float, radius: float = 0.5, temperature: float = 1.0) -> float:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mpsim.core import atomic, checks
 from mpsim.core.errors import InputError, MpsimError, OutputError
 from mpsim.core.progress import checked_progress, is_watched, of_frames
+from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.simulation import Simulation
 from mpsim.output import ffmpeg
 from mpsim.output.colour_scale import SCALES, ColourScale, ScaleName, percentile_scale, sampled
@@ -207,7 +208,7 @@ def pictures_of(
     if frames is not None and (until is not None or seconds is not None):
         raise InputError(f"frames must not come with until or seconds; got {named}. Leave one out.")
     if every is not None:
-        every = checks.whole("every", every, 1, 10**9, "1 shows every frame.")
+        every = checks.whole("every", every, 1, MOST_FRAMES_OF_A_RUN, "1 shows every frame.")
         if until is not None and seconds is not None:
             raise InputError(
                 f"every must not come with both until and seconds; got {named}, every={every}. Leave one out."
@@ -216,6 +217,8 @@ def pictures_of(
     most = MOST_PICTURES if seconds is None else _pictures_in(checks.positive("seconds", seconds, "[s]"), rate)
     between = every or frames_between_pictures(scene, settings) or 1
     end = scene.duration if until is None else until
+    if end is not None and frames is None:
+        _demand_reachable("the scene's duration" if until is None else "until", end, settings.dt)
     if seconds is not None and (every is not None or end is None):
         return most, between
     if end is not None and every is None and (until is not None or seconds is not None):
@@ -223,8 +226,23 @@ def pictures_of(
         between = max(least, math.ceil(end / settings.dt / max(most - 1, 1) - 1e-9))
     if frames is None:
         lasting = PICTURES if end is None else pictures_until(end, between, settings)
-        frames = lasting if until is not None and every is not None else min(lasting, most)
+        if until is None or every is None:
+            return min(lasting, most), between
+        if lasting > LONGEST:
+            raise InputError(
+                f"until must be at most {(LONGEST - 1) * every * settings.dt:g} with every={every}, {LONGEST:,} "
+                f"pictures; got {until:g}. Use a larger every, or stop earlier."
+            )
+        return lasting, between
     return checks.whole("frames", frames, 1, LONGEST, "Ask for at least one picture."), between
+
+
+def _demand_reachable(name: str, end: float, dt: float) -> None:
+    """Refuse a time that no run of this dt reaches."""
+    if end / dt > MOST_FRAMES_OF_A_RUN:
+        raise InputError(
+            f"{name} must be at most {MOST_FRAMES_OF_A_RUN:,} frames of {dt:g}; got {end:g}. Give an earlier time."
+        )
 
 
 def _pictures_in(seconds: float, rate: int) -> int:

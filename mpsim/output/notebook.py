@@ -59,7 +59,7 @@ def report_html(report: Report) -> str:
         rows.append(("phases", ", ".join(shares)))
     if report.compile_seconds:
         rows.append(("compiling before", f"{report.compile_seconds:.1f} s"))
-    rows += [(name, measure_text(measure)) for name, measure in report.measures.items()]
+    rows += [(name, measure_text(name, measure)) for name, measure in report.measures.items()]
     return table(rows, "report.plot() draws it")
 
 

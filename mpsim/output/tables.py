@@ -69,19 +69,27 @@ def error_text(name: str, error: Deviation) -> str:
 def unresolved_text(errors: Iterable[Deviation]) -> str:
     """What "not resolved" means for some errors, in words: the number of standard errors needed, more for few runs."""
     freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
-    few = f" (with so few runs, {windows.t_from_z(RESOLVED, freedom):.3g})" if freedom + 1 < FEW_RUNS else ""
+    few = f", or {windows.t_from_z(RESOLVED, freedom):.3g} with so few runs" if freedom + 1 < FEW_RUNS else ""
     return f"not resolved, below {RESOLVED:g} standard errors{few}"
 
 
-def measure_text(measure: Measure) -> str:
-    """A measure in words such as "2.240(16)"; if its error is not known, the words say so."""
+def measure_text(name: str, measure: Measure) -> str:
+    """A measure in words such as "2.240(16)"; if its error is not known, the words say why."""
     if math.isnan(measure.error):
-        few = measure.samples < FEWEST_BLOCKS
-        return f"{measure.value:.6g} ({'too few samples for an error' if few else 'error unknown'})"
+        return f"{measure.value:.6g} ({_why_no_error(name, measure)})"
     if measure.settled:
         return repr(measure)
     bound = "at most" if measure.upper else "at least"
     return f"{measure!r} (error {bound} {measure.error:.2g}, not settled: run longer or start later)"
+
+
+def _why_no_error(name: str, measure: Measure) -> str:
+    what = OBSERVABLES[name]
+    if what.drift or what.error == "largest":
+        return "one number per run, without an error"
+    if what.error == "depth" and not measure.samples:
+        return "no overlaps"
+    return "too few samples for an error" if measure.samples < FEWEST_BLOCKS else "error unknown"
 
 
 def terminal_table(table: "Tradeoff", width: int | None = None) -> str:

@@ -74,9 +74,13 @@ class Trajectory:
             part._whole = False
             return part
         try:
-            return self._reader.read(self._range[index])
+            number = self._range[index]
         except IndexError:
             raise IndexError(f"the trajectory has {len(self)} frames; got index {index}.") from None
+        except TypeError:
+            got = checks.brief(index)
+            raise TypeError(f"an index of a trajectory must be a whole number or a slice; got {got}.") from None
+        return self._reader.read(number)
 
     def __iter__(self) -> Iterator[Frame]:
         return map(self._reader.read, self._range)

@@ -77,7 +77,7 @@ class Compresses:
         (<Scene: 100 discs of radius 0.5 in 10.2333 x 10.2333, packing 0.75, periodic xy>, '')
         """
         scene: Any = self
-        packing = checks.positive("packing", packing, "(a fraction of the area)")
+        packing = starts.fraction_of_the_area(packing)
         rate = checks.between("rate", rate, SLOWEST, FASTEST)
         _demand_packing(scene, packing)
         _demand_free_flight(scene)

@@ -315,12 +315,12 @@ def box_for(
         width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
         demand_room(largest, width, height, boundary)
         return width, height, area / (width * height)
-    packing = _fraction_of_the_area(packing)
+    packing = fraction_of_the_area(packing)
     side = side_for(packing, area, largest, boundary)
     return side, side, packing
 
 
-def _fraction_of_the_area(given: float | None) -> float:
+def fraction_of_the_area(given: float | None) -> float:
     """A packing, checked; 40, meant as per cent, is answered as such."""
     packing = checks.positive("packing", given, "(a fraction of the area)")
     if 1 < packing < 100:

@@ -50,7 +50,7 @@ class Deviation:
         reason: why it is not measurable, and what to measure instead; "" if it is measurable.
 
     >>> Deviation(-0.0192, 0.0006), Deviation(0.0004, 0.0006)
-    (-0.01920(60), not resolved: 0.00040(60))
+    (-0.01920(60), 0.00040(60) (not resolved))
     >>> Deviation(0.04, 0.01).resolved, Deviation(0.04, 0.01, freedom=7).resolved
     (True, False)
     >>> Deviation.unknown("nothing moves").measurable
@@ -121,9 +121,9 @@ class Deviation:
             text += f", largest in a window {with_error(self.largest.value, self.largest.error)}"
         if self.resolved:
             return text
-        few = self.freedom + 1 < FEW_RUNS
         needed = windows.t_from_z(RESOLVED, self.freedom)
-        return f"not resolved{f' (with so few runs, {needed:.2g} standard errors would be)' if few else ''}: {text}"
+        few = f": with so few runs, {needed:.3g} standard errors are needed" if self.freedom + 1 < FEW_RUNS else ""
+        return f"{text} (not resolved{few})"
 
 
 def deviations(

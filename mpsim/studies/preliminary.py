@@ -52,6 +52,9 @@ RUNS = 20
 FRAMES = 100
 """Frames that are timed to measure the time of a step."""
 
+MOST_CROSSINGS = 1e11
+"""Length of the runs at most, in times in which a disc flies its diameter."""
+
 LYAPUNOV_TIMES = 2.0
 """Length of a short run in Lyapunov times: long enough to show an error, far below the predictability horizon."""
 
@@ -171,6 +174,8 @@ def preliminary_run(
             f"Give it discs with velocities, {drives}."
         )
     crossing = 2 * scene.smallest_radius / speed
+    if until is not None:
+        _demand_reachable(until, crossing)
     exact = earlier is None or earlier.startswith((EXACT, MODEL))
     limit_seconds = _limit_seconds(seconds, contact_time) if earlier is None else math.inf
     settings, reason = Settings(method="event", dt=crossing / 4, contact_time=contact_time), ""
@@ -213,6 +218,15 @@ def preliminary_run(
         step_seconds=step_seconds,
         guard=found.guard,
     )
+
+
+def _demand_reachable(until: float, crossing: float) -> None:
+    longest = MOST_CROSSINGS * crossing
+    if until > longest:
+        raise InputError(
+            f"until must be at most {longest:.3g}, in which a disc flies {MOST_CROSSINGS:g} diameters; got {until:g}. "
+            "Take shorter runs."
+        )
 
 
 def _name_of_exact(found: Observation, contact_time: float | None) -> str:

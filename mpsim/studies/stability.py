@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from mpsim.core.errors import InputError, MpsimError
+from mpsim.core import checks
+from mpsim.core.errors import MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_scene import contact_time_at_rest
@@ -140,9 +141,8 @@ class Outcome:
 def trials(axes: Iterable[str] | None = None, full: bool = False) -> list[Trial]:
     """All trials along some axes (None: all axes, and the map of steps and packings)."""
     names = [*AXES, MAP] if axes is None else list(axes)
-    unknown = [name for name in names if name not in (*AXES, MAP)]
-    if unknown:
-        raise InputError(f"axis must be one of {', '.join([*AXES, MAP])}; got {unknown[0]!r}.")
+    for name in names:
+        checks.choice("axes", name, [*AXES, MAP])
     found = []
     for name in names:
         if name == MAP:

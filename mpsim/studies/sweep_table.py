@@ -16,7 +16,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.optional_packages import imported
 from mpsim.core.plain import json_text
-from mpsim.core.table_files import demand_parquet, write_parquet, written
+from mpsim.core.table_files import CSV, JSON, demand_parquet, write_parquet, written
 
 TABLE = "the table of a sweep"
 
@@ -117,6 +117,7 @@ class Sweep:
         The header of a column whose unit is known is "name [unit]". Missing results of failed runs are empty.
 
         Raises:
+            InputError: if the path has the ending of another format.
             OutputError: if the file cannot be written.
         """
         text = io.StringIO()
@@ -126,7 +127,7 @@ class Sweep:
         for row in self.rows:
             record = row.record()
             writer.writerow([record.get(name) for name in columns])
-        return written(text.getvalue(), path, TABLE)
+        return written(text.getvalue(), path, TABLE, CSV)
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The table as JSON: function, parameters, units, versions, and rows of plain values; also written to `path`.
@@ -134,11 +135,12 @@ class Sweep:
         Numbers that are not finite become null.
 
         Raises:
+            InputError: if the path has the ending of another format.
             OutputError: if the file cannot be written.
         """
         values = {"function": self.function, "parameters": self.parameters, "units": self.units}
         values |= {"versions": self.versions, "rows": [row.record() for row in self.rows]}
-        return written(json_text(values) + "\n", path, TABLE)
+        return written(json_text(values) + "\n", path, TABLE, JSON)
 
     def to_pandas(self) -> Any:
         """The table as a pandas.DataFrame, one line for each run; its `attrs` hold units and versions.
@@ -159,6 +161,7 @@ class Sweep:
         A column that mixes texts with numbers is written as texts.
 
         Raises:
+            InputError: if the path does not end in .parquet.
             OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
         """
         demand_parquet()

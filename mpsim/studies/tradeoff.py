@@ -18,7 +18,7 @@ from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.optional_packages import imported
 from mpsim.core.plain import json_text
 from mpsim.core.progress import checked_progress, shown
-from mpsim.core.table_files import write_parquet, written
+from mpsim.core.table_files import CSV, JSON, write_parquet, written
 from mpsim.core.views import view
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
@@ -34,6 +34,9 @@ from mpsim.studies.independent_starts import StartsGiven
 from mpsim.studies.replicas import available, demand_available, quietly, starts_of
 
 TABLE = "the table of a trade-off study"
+
+MOST_REPLICAS = 100_000
+"""Largest number of runs per candidate."""
 
 SETTINGS = ("method", "contact", "law", "passes", "substeps", "dt", "precision", "workers")
 """Settings that are columns of the table."""
@@ -133,13 +136,14 @@ class Tradeoff:
         """The table as CSV, one line per candidate; also written to `path`, if given.
 
         Raises:
+            InputError: if the path has the ending of another format.
             OutputError: if the file cannot be written.
         """
         text = io.StringIO()
         writer = csv.DictWriter(text, self.columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(row.record() for row in self.rows)
-        return written(text.getvalue(), path, TABLE)
+        return written(text.getvalue(), path, TABLE, CSV)
 
     def to_pandas(self) -> Any:
         """The table as a pandas.DataFrame, one line for each candidate.
@@ -157,6 +161,7 @@ class Tradeoff:
         """Write the table to `path` as a Parquet file, with the columns of `to_pandas`.
 
         Raises:
+            InputError: if the path does not end in .parquet.
             OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
         """
         write_parquet(self.to_pandas(), path, TABLE)
@@ -176,11 +181,12 @@ class Tradeoff:
         Numbers that are not finite become null.
 
         Raises:
+            InputError: if the path has the ending of another format.
             OutputError: if the file cannot be written.
         """
         values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         values["rows"] = [row.record() for row in self.rows]
-        return written(json_text(values) + "\n", path, TABLE)
+        return written(json_text(values) + "\n", path, TABLE, JSON)
 
     def __str__(self) -> str:
         return view("trade_text", self)
@@ -281,7 +287,7 @@ def tradeoff(
     (True, True)
     """
     names = _measures(measures, scene)
-    checks.whole("replicas", replicas, 2, 100_000, "16 will do for most scenes.")
+    checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
     how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts}
     how |= {"replicas": replicas, "seconds": checks.positive("seconds", seconds, "[s]"), "contact_time": contact_time}
     with terminated_by_exit(), shown(checked_progress(progress, "progress(done, of, what)")) as show:

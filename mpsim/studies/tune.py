@@ -412,12 +412,12 @@ def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
             f"max_error must hold at least one budget, as in {{'pressure': 0.01}}; got {max_error!r}. "
             f"Choose from {', '.join(ERRORS)}."
         )
-    budgets = {
-        checks.choice("max_error", name, ERRORS): checks.positive(f"max_error[{name!r}]", budget, "(an error)")
-        for name, budget in max_error.items()
-    }
-    for name, budget in budgets.items():
-        if budget >= 1 and OBSERVABLES[name].error == "relative":
+    budgets: dict[str, float] = {}
+    for name, given in max_error.items():
+        is_relative = OBSERVABLES[checks.choice("max_error", name, ERRORS)].error == "relative"
+        unit = "(0.01 is 1 %)" if is_relative else "(an error)"
+        budgets[name] = budget = checks.positive(f"max_error[{name!r}]", given, unit)
+        if budget >= 1 and is_relative:
             raise InputError(
                 f"max_error[{name!r}] must be less than 1, which is 100 %; got {budget:g}. "
                 f"{budget:g} % is {budget / 100:g}."

@@ -11,6 +11,9 @@ from mpsim.studies.cost import Cost
 from mpsim.studies.deviations import Deviation
 from mpsim.studies.tradeoff import Row, label
 
+NO_DEARER = 1.05
+"""Ratio of costs below which one is no more than the other in words."""
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -90,7 +93,8 @@ class Tuned:
             assert each.row.cost is not None
             lines.append(f"  {each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}")
         lines += [f"  {each.row.label} failed: {each.row.failure}" for each in self.tried if each.row.cost is None]
-        lines.append(f"halving all error budgets would cost about {self.tighter:.2g} times as much")
+        dearer = f"about {self.tighter:.2g} times as much" if self.tighter >= NO_DEARER else "no more"
+        lines.append(f"halving all error budgets would cost {dearer}")
         lines.append(f"errors against {self.reference}; averages over {self.starts}, runs of {self.until:.3g}")
         if self.warning:
             lines.append(f"with these settings mpsim warns: {self.warning} The errors above include it.")

@@ -204,9 +204,18 @@ def _number(kind: type, text: str) -> Any:
 
 
 def _parameter(name: str, text: str) -> Any:
-    """The value of a parameter: a number, or two numbers for gravity."""
+    """The value of a parameter: a number, or two numbers for gravity.
+
+    Raises:
+        InputError: for another gravity.
+    """
     if name == "gravity":
-        return [_number(float, each) for each in text.split(",", 2)]
+        components = [_number(float, each) for each in text.split(",")]
+        if [type(each) for each in components] != [float, float]:
+            raise InputError(
+                f"gravity in a link must be two numbers, such as gravity=0,-5; got {checks.brief(text)}. Give x and y."
+            )
+        return components
     return _number(int if name == "every" else float, text)
 
 

@@ -64,9 +64,10 @@ def listening(host: str, port: int) -> socket.socket:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
     except OSError as error:
+        reason = (error.strerror or str(error)).partition(" (while")[0]  # which repeats the address
         raise ResourceError(
-            f"a view needs a host of this machine and a free port; got {host!r} and {port} "
-            f"({error.strerror or error}). Leave them out for 127.0.0.1 and a port that is free."
+            f"a view needs a host of this machine and a free port; got {host!r}{f' and {port}' if port else ''} "
+            f"({reason}). Leave them out for 127.0.0.1 and a port that is free."
         ) from None
 
 

@@ -74,7 +74,7 @@ WRITERS = {
     "times.csv": table_of_times,
     "measures.csv": table_of_measures,
     "kept.part": kept_results,
-    "trade.csv": lambda path: table_files.written("a,b\n", path, "the table of a trade-off study"),
+    "trade.csv": lambda path: table_files.written("a,b\n", path, "the table of a trade-off study", ".csv"),
     "run.json": lambda path: RunFolder(path.parent, {"a": 1}).save(),
     "picture.png": picture,
     "animation.gif": animation,

@@ -112,9 +112,10 @@ def same_bits(saved: str, method: str) -> str:
     """
     alike = tuple(name for name, each in METHODS.items() if each.by_columns)
     if method != saved and (method not in alike or saved not in alike):
+        auto = "'auto' may choose 'naive', which has other bits. " if "auto" in (saved, method) else ""
         raise InputError(
             f"method must be that of the checkpoint, {saved!r}, or both must be among {', '.join(map(repr, alike))}, "
-            f"which have the same bits; got {method!r}. Leave it out."
+            f"which have the same bits; got {method!r}. {auto}Leave it out."
         )
     return method
 

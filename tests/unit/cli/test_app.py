@@ -52,7 +52,7 @@ def test_wrong_usage_and_input_are_exit_code_2(arguments, text, tmp_path, monkey
         ),
         (
             ["tune", "cradle", "--pressure", "1%", "--replicas", "1"],
-            "'--replicas': '1' must be a whole number from 2 to 100000.",
+            "'--replicas': '1' must be a whole number from 2 to 64.",
         ),
         (["tune"], "Missing argument 'SCENE'."),
         (["tradeoff", "cradle", "--csv", "--json"], "Choose one of --csv and --json."),
@@ -72,6 +72,13 @@ def test_a_mistyped_option_is_answered_with_the_right_one():
     assert (result.exit_code, result.stdout) == (2, "")
     # The marks between these words differ from version to version of click.
     assert re.search(r"No such option:? '?--presure'?\.? Did you mean '?--pressure'?\?", result.stderr)
+
+
+@pytest.mark.parametrize("option", ["-v", "--verbose", "--version"])
+def test_an_option_of_all_commands_is_sent_before_the_command(option):
+    result = mpsim_command("run", "gas", option)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.endswith(f"Error: {option} stands before the command: mpsim {option} run ...\n")
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,25 @@ def test_an_animation_has_a_length_and_a_theme(tmp_path):
     assert (refused.exit_code, "--frames must not come with --until or --seconds" in refused.stderr) == (2, True)
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--until", "1e300"), "--until must be at most 1,000,000,000,000 frames of 0.01; got 1e+300."),
+        (("--until", "1e308"), "--until must be at most 1,000,000,000,000 frames of 0.01; got 1e+308."),
+        (("--until", "1e300", "--seconds", 1), "--until must be at most 1,000,000,000,000 frames of 0.01; got 1e+300."),
+        (("--dt", "1e-300"), "the scene's duration must be at most 1,000,000,000,000 frames of 1e-300; got 100."),
+        (
+            ("--until", "1e9", "--every", 2),
+            "--until must be at most 1999.98 with --every 2, 100,000 pictures; got 1e+09.",
+        ),
+    ],
+)
+def test_a_time_that_no_animation_reaches_is_named(tmp_path, options, said):
+    refused = mpsim_command("animate", "gas", tmp_path / "b.gif", *options)
+    assert refused.exit_code == 2
+    assert f"Error: {said}" in refused.stderr
+
+
 def test_what_cannot_be_animated_is_told_before_any_picture(tmp_path, monkeypatch, ctrl_c):
     monkeypatch.setenv("PATH", str(tmp_path))  # without ffmpeg ...
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)  # ... of any kind

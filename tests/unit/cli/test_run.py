@@ -71,6 +71,12 @@ def test_measures_are_taken_from_a_start_on_also_where_the_run_is_continued(tmp_
     assert parts[-1]["measures"]["collision_rate"]["value"] == expected.value
 
 
+def test_a_start_at_0_is_that_of_the_whole_run():
+    words = ("run", "gas", *SHORT[:4], "--measure", "collision_rate", "--json")
+    whole, same = (json.loads(mpsim_command(*words, *more).stdout)["measures"] for more in ((), ("--start", 0)))
+    assert same == whole
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [

@@ -83,6 +83,16 @@ def test_budgets_out_of_reach_are_exit_code_1(asked):
     assert result.stderr == "Error: max_error must be within reach: ...\n"
 
 
+@pytest.mark.parametrize(("command", "most"), [("tune", 64), ("tradeoff", 100_000)])
+def test_the_range_of_replicas_is_that_of_the_command(asked, command, most):
+    options = ["cradle", *(["--pressure", "1%"] if command == "tune" else [])]
+    assert f"2<=x<={most}]" in "".join(mpsim_command(command, "--help").stdout.split())
+    refused = mpsim_command(command, *options, "--replicas", most + 1)
+    assert f"'{most + 1}' must be a whole number from 2 to {most}." in refused.stderr
+    assert (refused.exit_code, asked) == (2, {})
+    assert mpsim_command(command, *options, "--replicas", most).exit_code == 0
+
+
 # --- tradeoff
 
 
@@ -101,12 +111,27 @@ def test_tradeoff_prints_a_table_csv_or_json(asked):
 def test_tradeoff_writes_a_file_as_its_name_says(asked, tmp_path):
     result = mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.csv"))
     assert (result.exit_code, result.stdout) == (0, "")
-    assert result.stderr == f"1 candidates written to {tmp_path}/a.csv\n"
+    assert result.stderr == f"1 candidate written to {tmp_path}/a.csv\n"
     assert (tmp_path / "a.csv").read_text().startswith("method,contact,law,")
     mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.json"))
     assert json.loads((tmp_path / "a.json").read_text())["reference"] == "event"
     mpsim_command("tradeoff", "cradle", "--json", "--out", str(tmp_path / "a.txt"))
     assert (tmp_path / "a.txt").read_text().startswith("{")
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "said"),
+    [
+        ("t.xlsx", [], "--out must end in one of .csv, .json, .parquet, .txt; got '{}'. Use t.csv.\n"),
+        ("t", [], "--out must end in one of .csv, .json, .parquet, .txt; got '{}'. Use t.csv.\n"),
+        ("t.parquet", ["--json"], "--out must end in one of .json, .txt with --json; got '{}'. Use t.json.\n"),
+        ("t.json", ["--csv"], "--out must end in one of .csv, .txt with --csv; got '{}'. Use t.csv.\n"),
+    ],
+)
+def test_a_file_that_ends_as_no_table_does_is_refused_before_the_work(asked, tmp_path, name, options, said):
+    result = mpsim_command("tradeoff", "cradle", *options, "--out", tmp_path / name)
+    assert said.format(tmp_path / name) in result.stderr
+    assert (result.exit_code, asked) == (2, {})
 
 
 def test_a_table_that_is_there_is_not_overwritten_unasked(asked, tmp_path):

@@ -279,8 +279,8 @@ def test_a_flight_ends_where_it_meets_something_and_the_next_frame_begins_there(
 @pytest.mark.parametrize(
     ("timing", "text"),
     [
-        ({}, "must have either interval, the time between two discs, or every, .*got interval=None, every=None"),
-        ({"interval": 0.5, "every": 3}, "either interval, .*got interval=0.5, every=3"),
+        ({}, "must have either interval, the time between two discs, or every, .*got neither. Give one of them."),
+        ({"interval": 0.5, "every": 3}, "either interval, .*got both, 0.5 and 3. Give one of them."),
         ({"interval": 0}, r"interval of an Emitter must be a finite number > 0 \[time\]; got 0"),
         ({"interval": -0.5}, r"interval of an Emitter must be a finite number > 0 \[time\]; got -0.5"),
         ({"interval": float("nan")}, r"interval of an Emitter must be a finite number > 0 \[time\]; got nan"),

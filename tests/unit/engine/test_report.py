@@ -148,6 +148,14 @@ def test_more_frames_than_fit_the_block_are_all_timed():
     assert (report.frame_seconds > 0).mean() > 0.99
 
 
+def test_one_frame_one_disc_and_one_collision_are_no_plurals(tmp_path):
+    facing = mpsim.Scene(width=4, height=4, position=[(1, 2), (3, 2)], velocity=[(1, 0), (-1, 0)], radius=0.5)
+    with simulate(facing, method="naive", dt=0.55) as sim:
+        report = sim.run(frames=1)
+    assert report.summary.startswith("1 frame by naive, median ")
+    assert report.summary.endswith(" 1 collision")
+
+
 def test_times_as_csv_are_those_of_the_report(tmp_path):
     with simulate(gas(200, 0.4), method="parallel", workers=2) as sim:
         report = sim.run(frames=7)
@@ -173,7 +181,7 @@ def test_times_as_parquet_are_those_of_csv(tmp_path):
     assert list(found.columns) == list(rows[0])
     assert found.to_dict("records") == [{name: float(value) for name, value in row.items()} for row in rows]
     assert found.attrs["measures"]["temperature"]["value"] == report.measures["temperature"].value
-    with pytest.raises(mpsim.InputError, match=r"a table of times is text here, and .*Use to_parquet"):
+    with pytest.raises(mpsim.InputError, match=r"a table of times must .*Use 'times\.csv', or to_parquet\."):
         report.to_csv(tmp_path / "times.parquet")
     with pytest.raises(mpsim.OutputError, match="a table of times must be a file that can be written; got "):
         report.to_parquet(tmp_path / "none" / "times.parquet")

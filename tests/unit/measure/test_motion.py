@@ -105,6 +105,8 @@ def test_a_correlation_function_is_read_by_index_or_as_arrays():
     measures = (Measure(1.0, 0.1, 9), Measure(0.5, 0.2, 8, settled=False))
     found = TimeCorrelation(np.array([0.0, 1.0]), np.zeros(2), measures)
     assert (len(found), found[-1]) == (2, measures[1])
+    with pytest.raises(IndexError, match="the correlation has 2 lags; got index 9999"):
+        found[9999]
     assert (found.value.tolist(), found.error.tolist(), found.settled.tolist()) == (
         [1.0, 0.5],
         [0.1, 0.2],

@@ -222,6 +222,8 @@ def test_published_values():
         (lambda: reference.finite_size(-0.0005, 9), r"packing must be .* got -0\.0005"),
         (lambda: reference.finite_size(0.3, 1), "count must be"),
         (lambda: reference.henderson(math.nan), "packing must be a finite number"),
+        (lambda: reference.enskog_rate("0.4"), "packing must be a number >= 0 .*; got '0.4'"),
+        (lambda: reference.compressibility(None), "packing must be a number >= 0 .*; got None"),
         (lambda: reference.enskog_rate(0.3, radius=0), "radius must be a finite number > 0"),
         (lambda: reference.compressibility_from_rate(1.0, 0.5, 0.0), "temperature must be a finite number > 0"),
         (lambda: reference.shell_factor(0), "degrees must be a whole number"),

@@ -42,7 +42,22 @@ from mpsim.studies.tradeoff import Row, Tradeoff
     ],
 )
 def test_an_error_in_words(measure, text):
-    assert measure_text(measure) == text
+    assert measure_text("pressure", measure) == text
+
+
+@pytest.mark.parametrize(
+    ("name", "samples", "why"),
+    [
+        ("energy_drift", 1, "one number per run, without an error"),
+        ("momentum_drift", 1, "one number per run, without an error"),
+        ("largest_overlap", 5000, "one number per run, without an error"),
+        ("overlap", 0, "no overlaps"),
+        ("overlap", 7, "too few samples for an error"),
+        ("overlap", 5000, "error unknown"),
+    ],
+)
+def test_why_a_measure_has_no_error(name, samples, why):
+    assert measure_text(name, Measure(0.0, math.nan, samples, settled=False)) == f"0 ({why})"
 
 
 COARSE, FINE = Settings(dt=0.1, method="grid"), Settings(dt=0.02, method="grid")
@@ -87,9 +102,9 @@ def test_parquet_holds_the_columns_of_csv(tmp_path):
     assert found["cost"].tolist()[:2] == [12345.6, 1.523]
     assert found["pressure"].tolist()[:2] == [0.0192, 0.0004]
     assert found["failure"].isna().tolist() == [True, True, False, True]
-    for write in (table.to_csv, table.to_json, table.to_parquet):
+    for name in ("csv", "json", "parquet"):
         with pytest.raises(mpsim.OutputError, match="the table of a trade-off study must be a file that"):
-            write(tmp_path / "none" / "table")
+            getattr(table, f"to_{name}")(tmp_path / "none" / f"table.{name}")
 
 
 def test_an_error_that_is_not_measurable_is_in_every_form_with_its_reason():
@@ -121,8 +136,8 @@ def test_the_title_says_what_is_not_resolved_and_what_few_runs_need():
     found = made([Row(COARSE, CHEAP, {"pressure": many, "overlap": two})])
     assert "n/m: not measurable" in tables.title(found)
     for text in (tables.title(found), found._repr_html_()):
-        assert re.search(r"not resolved, below 3 standard errors \(with so few runs, \d+\)", html.unescape(text))
-    needed = int(re.search(r"few runs, (\d+)\)", tables.title(found))[1])
+        assert re.search(r"not resolved, below 3 standard errors, or \d+ with so few runs", html.unescape(text))
+    needed = int(re.search(r"or (\d+) with so few runs", tables.title(found))[1])
     assert not Deviation(needed * 0.00099, 0.001, freedom=1).resolved
     assert Deviation(needed * 0.00101, 0.001, freedom=1).resolved
     enough = made([Row(COARSE, CHEAP, {"pressure": many, "overlap": Deviation.unknown("nothing moves")})])

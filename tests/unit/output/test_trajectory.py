@@ -105,6 +105,8 @@ def test_a_trajectory_is_a_sequence(path):
     assert repr(trajectory[2]) == f"<Frame 2: 5 discs in {gas(5, 0.1).width:g} x {gas(5, 0.1).height:g}, time 0.04>"
     with pytest.raises(IndexError, match=re.escape("the trajectory has 11 frames; got index 11.")):
         trajectory[11]
+    with pytest.raises(TypeError, match="an index of a trajectory must be a whole number or a slice; got 'a'"):
+        trajectory["a"]
 
 
 def test_discs_that_enter_and_leave_change_the_count_and_keep_their_numbers(path):

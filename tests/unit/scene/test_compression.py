@@ -141,6 +141,7 @@ PEG = mpsim.FixedDisc((2.0, 2.0), 0.1)
 CASES = {
     "packing 0": (lambda: few().compressed(0), ["packing must be a finite number > 0", "got 0"]),
     "packing as text": (lambda: few().compressed("0.7"), ["packing must be a number > 0", "'0.7'"]),
+    "packing in per cent": (lambda: few().compressed(82), ["packing must be a fraction of", "82 % is 0.82."]),
     "packing nan": (lambda: few().compressed(math.nan), ["packing must be a finite number > 0", "got nan"]),
     "packing below": (lambda: few().compressed(0.5), ["above that of the scene, 0.62", "got 0.5"]),
     "packing above all": (lambda: few().compressed(0.91), ["below 0.9069", "got 0.91"]),

@@ -229,3 +229,10 @@ def test_short_runs_are_timed_without_starting_workers_a_thousand_times(monkeypa
     found = measure(gas(4, 0.1), Settings(dt=0.2, method="naive"), 1.0)
     assert found["low"] <= found["median"] <= found["high"]
     assert len(started) <= RESTARTS + CHUNKS, "one start for each timed piece, and few more"
+
+
+def test_what_is_not_resolved_says_how_many_standard_errors_few_runs_need():
+    assert repr(Deviation(0.04, 0.01)) == "0.040(10)"
+    assert repr(Deviation(0.004, 0.01)) == "0.004(10) (not resolved)"
+    few = "not resolved: with so few runs, 831 standard errors are needed"
+    assert repr(Deviation(0.00846, 0.00036, freedom=1)) == f"0.00846(36) ({few})"

@@ -58,3 +58,11 @@ def test_a_step_is_timed_along_the_run_where_emitters_let_a_scene_grow():
         min(preliminary._step_seconds(scene, 0.002, until, 10.0) for _ in range(3)) for until in (None, 10.0)
     )
     assert along > 5 * first
+
+
+@pytest.mark.parametrize("until", [1e12, 1e308])
+def test_runs_that_never_end_are_refused_at_once(until):
+    with pytest.raises(
+        mpsim.InputError, match=r"^until must be at most \S+, in which a disc flies 1e\+11 diameters; got 1e"
+    ):
+        preliminary.preliminary_run(gas(20, 0.2), until)

@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
+from support.commands import mpsim_command
 from support.processes import wait_until
 
 import mpsim
@@ -105,8 +106,13 @@ def test_a_trial_of_masses_lasts_until_light_discs_are_fast():
 
 
 def test_an_unknown_axis_is_refused():
-    with pytest.raises(mpsim.InputError, match=r"axis must be one of step, packing, .* got 'stepp'"):
+    with pytest.raises(
+        mpsim.InputError, match=r"axes must be one of 'step', 'packing', .* got 'stepp'. Did you mean 'step'"
+    ):
         stability.trials(["stepp"])
+    refused = mpsim_command("stability", "--only", "stepp")
+    assert refused.exit_code == 2
+    assert "Error: --only must be one of 'step', 'packing', " in refused.stderr
 
 
 def test_outcomes_kept_as_json_are_drawn_again(tmp_path):

@@ -57,6 +57,18 @@ def test_csv_has_a_line_for_each_run_with_units_in_its_head(table, tmp_path):
     assert lines[4][1] == "(1, 2)"
 
 
+def test_a_file_that_ends_as_another_format_does_is_refused(table, tmp_path):
+    with pytest.raises(
+        mpsim.InputError, match=r"a sweep must be a file that ends in \.csv or \.txt here; got .*s\.xlsx"
+    ):
+        table.to_csv(tmp_path / "s.xlsx")
+    with pytest.raises(mpsim.InputError, match=r"must be a file that ends in \.json or \.txt here; .*Use 's\.json'\."):
+        table.to_json(tmp_path / "s.csv")
+    with pytest.raises(mpsim.InputError, match=r"must be a file that ends in \.parquet here; .*Use 's\.parquet'\."):
+        table.to_parquet(tmp_path / "s.csv")
+    assert not list(tmp_path.iterdir())
+
+
 def test_json_has_plain_values(table, tmp_path):
     found = json.loads(table.to_json(tmp_path / "table.json"))
     assert json.loads((tmp_path / "table.json").read_text()) == found
@@ -138,4 +150,4 @@ def test_a_table_that_cannot_be_written_is_an_error(method, table, tmp_path):
     with pytest.raises(
         OutputError, match=r"^the table of a sweep must be a file that can be written; got .*No such file"
     ):
-        getattr(table, method)(tmp_path / "nowhere" / "table")
+        getattr(table, method)(tmp_path / "nowhere" / f"table.{method[3:]}")

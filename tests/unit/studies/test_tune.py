@@ -152,6 +152,7 @@ def test_the_exact_solver_is_the_answer_where_it_is_cheapest():
     found = faked({"overlap": 0.01}, exact_cost=0.5)
     assert (found.settings, found.cost.median) == (EVENT, 0.5)
     assert found.tighter == 1
+    assert "\nhalving all error budgets would cost no more\n" in str(found)
     assert faked({"overlap": 0.01}).settings.method != "event", "the control"
 
 
@@ -336,7 +337,10 @@ def test_where_nothing_can_run_the_reasons_are_named():
         ({"max_error": {"pressure": -0.1}}, r"max_error\['pressure'\] must be a finite number > 0"),
         ({"max_error": {"pressure": float("nan")}}, r"max_error\['pressure'\] must be a finite number > 0"),
         ({"max_error": {"pressure": 2}}, r"max_error\['pressure'\] must be less than 1, .*got 2. 2 % is 0.02\."),
-        ({"max_error": {"pressure": "1 %"}}, r"max_error\['pressure'\] must be a number > 0"),
+        (
+            {"max_error": {"pressure": "1 %"}},
+            r"max_error\['pressure'\] must be a number > 0 \(0.01 is 1 %\); got '1 %'",
+        ),
         ({"candidates": []}, "candidates must hold at least one"),
         ({"candidates": ["grid"]}, "candidates must hold at least one mpsim.Settings; got"),
         ({"candidates": 5}, "candidates must be a list of mpsim.Settings; got 5"),

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 from click.testing import CliRunner
+from support.commands import mpsim_command
 from support.scenes import gas
 from support.trajectories import written
 from support.viewing import Visitor, fetch, viewed
@@ -43,8 +44,9 @@ HOSTILE = {
     "scene=cradle&seed=3": "seed must be left out",
     "scene=gas&method=mpi": "must run in one process",
     "scene=gas&method=events": "Did you mean 'event'",
-    "scene=gas&gravity=1": "gravity must",
-    "scene=gas&gravity=1,2,3": "gravity must",
+    "scene=gas&gravity=5": "gravity in a link must be two numbers, such as gravity=0,-5; got '5'. Give x and y.",
+    "scene=gas&gravity=1,2,3": "gravity in a link must be two numbers",
+    "scene=gas&gravity=0,down": "gravity in a link must be two numbers",
     "scene=gas&gravity=inf,0": "gravity must be finite",
     "scene=gas&restitution=2": "restitution must be",
     "scene=gas&piston_speed=1": "piston_speed can be changed only in a scene with a piston",
@@ -164,6 +166,20 @@ def test_an_address_of_a_running_view_alone_is_no_scene():
     outcome = CliRunner().invoke(command, ["http://127.0.0.1:8000/a-token/"])
     assert outcome.exit_code == 2
     assert "must have a scene behind a question mark" in outcome.output
+
+
+@pytest.mark.parametrize(
+    ("query", "said"),
+    [
+        ("dt=foo", "SCENE, a link: dt must be a number > 0 [time]; got 'foo'."),
+        ("passes=0", "SCENE, a link: passes must be a whole number from 1 to 1000; got 0."),
+        ("gravity=5", "SCENE, a link: gravity in a link must be two numbers"),
+    ],
+)
+def test_a_command_names_no_option_for_what_stands_in_a_link(query, said):
+    outcome = mpsim_command("view", f"?scene=gas&{query}")
+    assert outcome.exit_code == 2
+    assert said in outcome.stderr
 
 
 def state_of(asked):

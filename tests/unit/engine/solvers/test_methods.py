@@ -56,3 +56,5 @@ def test_a_checkpoint_goes_on_by_a_method_with_the_same_bits_only():
     for saved, method in (("grid", "naive"), ("event", "grid"), ("auto", "parallel")):
         with pytest.raises(mpsim.InputError, match=f"{saved}.*which have the same bits; got '{method}'"):
             methods.same_bits(saved, method)
+    with pytest.raises(mpsim.InputError, match=r"got 'grid'\. 'auto' may choose 'naive', which has other bits\. L"):
+        methods.same_bits("auto", "grid")

@@ -196,7 +196,9 @@ WRONG = {
     HEAD
     + "emitters = [{ position = [1, 1], velocity = [1, 0], radius = 1, interval = 1, every = 1 }]": "emitters[0]: an "
     "Emitter must have either interval, the time between two discs, or every, the frames between two; got "
-    "interval=1.0, every=1.",
+    "both, 1.0 and 1. Give one of them.",
+    HEAD + "emitters = [{ position = [1, 1], velocity = [1, 0], radius = 1 }]": "emitters[0]: an Emitter must have "
+    "either interval, the time between two discs, or every, the frames between two; got neither. Give one of them.",
     HEAD + "'' = 1": "'' must be a key of a scene file; this one is unknown, with the value 1. Keys there: "
     f"{', '.join(schema.keys_of(schema.SceneTable))}.",
     HEAD + "about = { title = 'x', '' = 1 }": "about.'' must be a key of a scene file; this one is unknown, with the "
