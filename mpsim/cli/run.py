@@ -16,7 +16,7 @@ from mpsim.cli.runfolder import AVERAGES, CHECKPOINT, MEASURES, PICTURE, STATE, 
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import MpsimError
 from mpsim.core.plain import json_text
-from mpsim.engine.frame_count import frames_skipped, frames_until
+from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN, frames_skipped, frames_until
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import METHODS, capabilities_of
@@ -53,7 +53,11 @@ Examples:
 
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option("--frames", type=terminal.Whole(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
+@click.option(
+    "--frames",
+    type=terminal.Whole(1, MOST_FRAMES_OF_A_RUN),
+    help=f"Number of frames; default: the scene's duration, or {FRAMES}.",
+)
 @click.option("--until", type=terminal.Positive("time"), help="Simulated time at which to stop.")
 @terminal.settings_options
 @click.option(
@@ -107,8 +111,8 @@ def run(
         file = scenefile.load(scene)
         settings = terminal.settings_of(file, options, on_ranks=True)
     watched = promise_of(file.name, file.scene, settings) if _is_as_recommended(file, frames, until, settings) else None
-    until = file.scene.duration if until is None else until
-    target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
+    until, end = (file.scene.duration, "the scene's duration") if until is None else (until, "until")
+    target = frames or (FRAMES if until is None else frames_until(until, settings.dt, end))
     measures = measures or file.scene.observables
     frames_skipped(start, measures, target, settings.dt, 0)  # refused before anything is made
     with one_voice(capabilities_of(settings).on_ranks) as first_rank, Simulation(file.scene, settings) as sim:
@@ -152,7 +156,7 @@ Examples:
 
 @click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--frames", type=terminal.Whole(1), help="Number of further frames.")
+@click.option("--frames", type=terminal.Whole(1, MOST_FRAMES_OF_A_RUN), help="Number of further frames.")
 @click.option("--until", type=terminal.Positive("time"), help="Simulated time at which to stop.")
 @click.option("--method", type=terminal.Choice(SAME_BITS), help="Change to another method with the same bits.")
 @click.option(

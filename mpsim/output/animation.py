@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mpsim.core import atomic, checks
 from mpsim.core.errors import InputError, MpsimError, OutputError
 from mpsim.core.progress import checked_progress, is_watched, of_frames
-from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
+from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN, frames_until
 from mpsim.engine.simulation import Simulation
 from mpsim.output import ffmpeg
 from mpsim.output.colour_scale import SCALES, ColourScale, ScaleName, percentile_scale, sampled
@@ -218,7 +218,7 @@ def pictures_of(
     between = every or frames_between_pictures(scene, settings) or 1
     end = scene.duration if until is None else until
     if end is not None and frames is None:
-        _demand_reachable("the scene's duration" if until is None else "until", end, settings.dt)
+        frames_until(end, settings.dt, "the scene's duration" if until is None else "until")  # refused
     if seconds is not None and (every is not None or end is None):
         return most, between
     if end is not None and every is None and (until is not None or seconds is not None):
@@ -235,14 +235,6 @@ def pictures_of(
             )
         return lasting, between
     return checks.whole("frames", frames, 1, LONGEST, "Ask for at least one picture."), between
-
-
-def _demand_reachable(name: str, end: float, dt: float) -> None:
-    """Refuse a time that no run of this dt reaches."""
-    if end / dt > MOST_FRAMES_OF_A_RUN:
-        raise InputError(
-            f"{name} must be at most {MOST_FRAMES_OF_A_RUN:,} frames of {dt:g}; got {end:g}. Give an earlier time."
-        )
 
 
 def _pictures_in(seconds: float, rate: int) -> int:

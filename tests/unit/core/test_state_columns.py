@@ -116,7 +116,7 @@ def test_a_column_that_is_forgotten_is_noticed(monkeypatch):
 
 
 def test_a_state_takes_no_column_that_is_not_declared():
-    with pytest.raises(InputError, match=r"an argument of State must be one of .*; got 'charge'"):
+    with pytest.raises(mpsim.InputError, match=r"an argument of State must be one of .*; got 'charge'"):
         mpsim.State(VALUES["position"], VALUES["velocity"], charge=np.ones(2))
 
 

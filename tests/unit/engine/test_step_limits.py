@@ -14,8 +14,8 @@ from mpsim.engine.solvers import speeds
 def test_a_disc_that_moves_more_than_its_radius_is_told_with_number_disc_and_remedy():
     text = (
         r"in frame 0 disc 0 moves 1.2 times its radius 0.5 in one step \(speed 6, step 0.1\); beyond one radius, "
-        r"discs may pass through each other without a collision. Use dt=0.042, substeps=3 or on_fast='substep'; method='event' has no "
-        r"such limit."
+        r"discs may pass through each other without a collision. Use dt=0.042, substeps=3 or "
+        r"on_fast='substep'; method='event' has no such limit."
     )
     with pytest.warns(mpsim.FastWarning, match=text):
         mpsim.Simulation(pair(6.0), mpsim.Settings(dt=0.1)).close()
