@@ -16,7 +16,7 @@ from mpsim.cli.runfolder import AVERAGES, CHECKPOINT, MEASURES, PICTURE, STATE, 
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import MpsimError
 from mpsim.core.plain import json_text
-from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN, frames_skipped, frames_until
+from mpsim.engine.frame_count import frames_skipped, frames_until
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import METHODS, capabilities_of
@@ -55,7 +55,7 @@ Examples:
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.option(
     "--frames",
-    type=terminal.Whole(1, MOST_FRAMES_OF_A_RUN),
+    type=terminal.Whole(1),
     help=f"Number of frames; default: the scene's duration, or {FRAMES}.",
 )
 @click.option("--until", type=terminal.Positive("time"), help="Simulated time at which to stop.")
@@ -156,7 +156,7 @@ Examples:
 
 @click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--frames", type=terminal.Whole(1, MOST_FRAMES_OF_A_RUN), help="Number of further frames.")
+@click.option("--frames", type=terminal.Whole(1), help="Number of further frames.")
 @click.option("--until", type=terminal.Positive("time"), help="Simulated time at which to stop.")
 @click.option("--method", type=terminal.Choice(SAME_BITS), help="Change to another method with the same bits.")
 @click.option(

@@ -147,3 +147,28 @@ def test_a_file_that_is_no_state_is_refused(tmp_path):
 def test_a_state_prints_as_a_line():
     state = State(np.zeros((2, 2)), np.zeros((2, 2)), present=np.array([True, False]), box=(0.0, 4.0, 0.0, 3.0))
     assert repr(state) == "<State: 2 discs, 1 absorbed, in 4 x 3, float64>"
+
+
+def test_a_state_may_be_given_as_lists():
+    state = mpsim.State([[1.0, 2.0]], [[0, 3]])
+    assert state.digest() == mpsim.State(np.array([[1.0, 2.0]]), np.array([[0.0, 3.0]])).digest()
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "words"),
+    [
+        ([1, 2], [1, 2], r"position of a state must have shape \(N, 2\); got shape \(2,\)"),
+        (np.ones(2), np.ones(2), r"position of a state must have shape \(N, 2\), one row per disc; got \(2,\)"),
+        (np.ones((2, 2)), np.ones((3, 2)), r"velocity of a state must have shape \(2, 2\), .* got \(3, 2\)"),
+        ([["1", "2"]], [[0, 0]], r"position of a state must be numbers of shape \(N, 2\); got .* \(text\)"),
+    ],
+)
+def test_a_state_of_another_shape_is_refused_by_name(position, velocity, words):
+    with pytest.raises(mpsim.InputError, match=words):
+        mpsim.State(position, velocity)
+
+
+@pytest.mark.parametrize("given", [gas(9, 0.1), "gas", None])
+def test_a_scene_starts_from_states_only(given):
+    with pytest.raises(mpsim.InputError, match=r"state must be a State; got \w+\. Use sim\.state"):
+        gas(9, 0.1).starting_from(given)

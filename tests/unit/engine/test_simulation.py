@@ -116,3 +116,28 @@ def test_values_that_do_not_fit_the_precision_are_refused():
         mpsim.Simulation(scene, mpsim.Settings(precision="float32", method="grid"))
     with simulate(gas(20, 0.2), method="grid", precision="float32") as sim, pytest.raises(mpsim.InputError):
         sim.add([1, 1], [1e300, 0])
+
+
+@pytest.mark.parametrize(
+    "given", [{"until": 1e13}, {"until": 1e308}, {"frames": 9, "measures": ["temperature"], "start": 1e308}]
+)
+def test_times_that_no_run_reaches_are_refused(given):
+    name = "start" if "start" in given else "until"
+    with simulate(gas(9, 0.1)) as sim:
+        with pytest.raises(
+            mpsim.InputError, match=rf"^{name} must be at most 1,000,000,000,000 frames of 0\.01; got 1e\+"
+        ):
+            sim.run(**given)
+        assert sim.run(frames=2).frames == 2
+
+
+def test_only_float32_is_told_to_take_float64():
+    for precision, hint in (
+        ("float32", r"Use other units or precision='float64'\."),
+        ("float64", r"Use other units\."),
+    ):
+        with (
+            simulate(gas(9, 0.1), precision=precision) as sim,
+            pytest.raises(mpsim.InputError, match=f"squares fit; .* {hint}$"),
+        ):
+            sim.set(3, velocity=(1e200, 0))

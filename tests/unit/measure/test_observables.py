@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from support.scenes import gas, simulate
 from support.states import drop, scene_of, state_of
 
+import mpsim
 from mpsim import measure
 from mpsim.core.errors import InputError, TrajectoryError
 from mpsim.core.state import State
@@ -185,3 +187,34 @@ def test_displacement_and_trajectory_error_by_hand():
 def test_bad_input_is_refused_by_name(call, words):
     with pytest.raises(InputError, match=words):
         call()
+
+
+@pytest.mark.parametrize(
+    "measured",
+    [
+        mpsim.measure.temperature,
+        mpsim.measure.kinetic_energy,
+        mpsim.measure.overlap,
+        mpsim.measure.hexatic_order,
+        lambda state, scene: mpsim.measure.pair_correlation(state, scene, bins=5, r_max=3.0),
+        lambda state, scene: mpsim.measure.trajectory_error(state, state, scene),
+    ],
+)
+def test_the_scene_of_another_box_is_refused(measured):
+    scene, other = gas(100, 0.4), gas(100, 0.1)
+    with simulate(scene) as sim:
+        state = sim.state
+    measured(state, scene)  # the control: its own
+    measured(mpsim.State(state.position, state.velocity), scene)  # of unknown box
+    with pytest.raises(
+        mpsim.InputError, match=r"scene must be that of the state, whose box is 14.* x 14.*; got one of 28"
+    ):
+        measured(state, other)
+
+
+def test_the_walls_of_a_piston_are_where_the_state_has_them():
+    scene = mpsim.Scene.load("piston")
+    with mpsim.Simulation(scene) as sim:
+        sim.run(until=30.0)
+        assert sim.state.box != scene.box
+        assert mpsim.measure.temperature(sim.state, sim.scene) > 0

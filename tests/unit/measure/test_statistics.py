@@ -339,3 +339,8 @@ def test_the_tables_of_push_and_impact():
 def test_bad_input_is_refused_by_name(call, words):
     with pytest.raises(InputError, match=words):
         call()
+
+
+def test_a_measure_is_formatted_as_its_value_and_converted_to_it():
+    measure = Measure(2.23991, 0.00163, 24)
+    assert (f"{measure:.3f}", f"{measure}", float(measure)) == ("2.240", "2.2399(16)", 2.23991)

@@ -77,10 +77,14 @@ def test_parts_stay_few_and_keep_the_mean_and_its_error():
 
 
 def test_the_equation_of_state_is_that_of_the_box_now_and_of_equal_discs_without_forces():
-    scene = gas(300, 0.4)
-    state = mpsim.State(scene.position, scene.velocity)
-    left, right, low, high = scene.box
-    wider = mpsim.State(scene.position, scene.velocity, box=(left, 2 * right - left, low, high))
+    start = gas(300, 0.4)
+    side = start.width
+    wall = mpsim.Piston("right", stop=side, speed=-1.0)
+    scene = mpsim.Scene(width=2 * side, height=side, position=start.position, velocity=start.velocity, radius=0.5,
+                        piston=wall)  # fmt: skip
+    state, wider = (
+        mpsim.State(scene.position, scene.velocity, box=(0.0, right, 0.0, side)) for right in (side, 2 * side)
+    )
     assert 0 < bulk_pressure(wider, scene) < 0.4 * bulk_pressure(state, scene)
     heavy = mpsim.Scene(width=6, height=6, radius=0.5, position=[[1, 1]], velocity=[[1, 0]], gravity=(0, -1))
     assert math.isnan(bulk_pressure(mpsim.State(heavy.position, heavy.velocity), heavy))

@@ -236,7 +236,7 @@ def test_a_run_that_fails_pauses_with_the_reason_and_can_be_reset(start, monkeyp
     def run(*_, **__):
         raise broken
 
-    monkeypatch.setattr(session._sim, "run", run)
+    monkeypatch.setitem(vars(session._sim), "run", run)
     do(session, "play")
     watcher.wait(lambda w: w.phase == "paused" and w.told["status"]["note"])
     assert watcher.told["status"]["note"] == str(broken)
