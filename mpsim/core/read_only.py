@@ -12,7 +12,7 @@ class ReadOnly:
     """An object whose public attributes are set by its `__init__`, each once, and by nobody else.
 
     >>> class Box(ReadOnly):
-    ...     instead = "Make another Box"
+    ...     _instead = "Make another Box"
     ...     def __init__(self, width):
     ...         self.width = width
     >>> Box(3).width = 4
@@ -21,13 +21,13 @@ class ReadOnly:
     mpsim.InputError: width of a Box cannot be assigned; got 4. Make another Box.
     """
 
-    instead: ClassVar[str] = ""
+    _instead: ClassVar[str] = ""
     """What to do instead of an assignment."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         if not name.startswith("_") and (name in vars(self) or name not in _set_by_init(type(self))):
             raise InputError(
-                f"{name} of a {type(self).__name__} cannot be assigned; got {brief(value)}. {self.instead}."
+                f"{name} of a {type(self).__name__} cannot be assigned; got {brief(value)}. {self._instead}."
             )
         super().__setattr__(name, value)
 

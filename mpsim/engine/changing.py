@@ -23,7 +23,7 @@ class Changing(ReadOnly):
     refused, not at all. It is an entry of the journal, and the same on any number of workers.
     """
 
-    instead = "Use sim.change(...) for parameters and settings, and sim.set(...) for discs"
+    _instead = "Use sim.change(...) for parameters and settings, and sim.set(...) for discs"
 
     _access: Access
     _coordinator: Coordinator

@@ -86,7 +86,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
     (2, 0.131)
     """
 
-    instead = "Make another Scene; sim.change(...) changes a simulation that runs"
+    _instead = "Make another Scene; sim.change(...) changes a simulation that runs"
     friction: float = 0.0
     wall_friction: float = 0.0
     tangential_restitution: float = 0.0

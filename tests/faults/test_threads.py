@@ -310,7 +310,7 @@ def test_asyncio_runs_in_a_thread_and_reads_in_the_loop(method):
 def test_garbage_that_another_thread_collects_is_closed_there(method):
     sim = simulate(lattice(9, 9), method=method, workers=2)
     sim.run(frames=2)
-    sim.itself = sim  # a cycle: only the collector finds it
+    sim._itself = sim  # a cycle: only the collector finds it
     assert blocks_of(os.getpid())
     del sim
     thread = threading.Thread(target=gc.collect)
