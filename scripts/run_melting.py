@@ -66,13 +66,14 @@ def words(pieces: list[dict[str, float]]) -> str:
     mean = found.measure
     deviation = (mean.value - PUBLISHED.value) / math.hypot(mean.error, PUBLISHED.error)
     orders = [piece["hexatic"] for piece in pieces if "hexatic" in piece]
+    later = orders[len(orders) // 2 :]
     return (
         "| | source | expected | found | deviation |\n|---|---|---|---|---:|\n"
         f"| P (2R)²/kT, {COUNT:,} discs, box 1 : 1, packing {PACKING} | Li 2022 | {PUBLISHED} | {mean} | "
         f"{deviation:+.1f} |\n\n"
         f"One run of length {last:,.0f} (in units of 2R √(m/kT)), of which the first {first - PIECE:,.0f} are left "
-        f"out. The global hexatic order |ψ₆| fell from that of a lattice to between {min(orders):.2f} and "
-        f"{max(orders[len(orders) // 2 :]):.2f} in the second half of the run."
+        f"out. The global hexatic order |ψ₆| fell from that of a lattice to between {min(later):.2f} and "
+        f"{max(later):.2f} in the second half of the run."
     )
 
 
