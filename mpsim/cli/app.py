@@ -49,7 +49,7 @@ class Commands(click.Group):
                 name = error.option_name
                 if all(name not in option.opts for option in self.params):
                     raise
-                text = f"{name} stands before the command: mpsim {name} {ctx.invoked_subcommand} ..."
+                text = f"{name} stands before the command: mpsim {name}{' ...' * (name != '--version')}"
                 raise click.UsageError(text, error.ctx) from None
             except (MpsimError, OSError, MemoryError) as error:
                 if isinstance(error, BrokenPipeError):  # the reader of the output has closed it

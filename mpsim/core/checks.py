@@ -22,8 +22,11 @@ C = TypeVar("C")
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
     """A read-only float64 copy of `value` with the given shape (None: any length). `meaning` is the shape in words."""
     try:
-        if (given := np.asarray(value)).dtype.kind in "cmMSU":  # NumPy would make numbers of texts
-            raise TypeError("text" if given.dtype.kind in "SU" else f"of dtype {given.dtype}")
+        given = np.asarray(value)
+        if given.dtype.kind in "SUT" or (given.dtype == object and any(isinstance(x, str | bytes) for x in given.flat)):
+            raise TypeError("text")  # of which NumPy would make numbers
+        if given.dtype.kind in "cmM":
+            raise TypeError(f"of dtype {given.dtype}")
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:  # the last for a whole number beyond float64
         raise InputError(f"{name} must be numbers of shape {meaning}; got {brief(value)} ({error!s:.200}).") from None

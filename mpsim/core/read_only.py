@@ -1,8 +1,6 @@
 """Objects that refuse assignments, which would be ignored or leave them unchecked."""
 
-import functools
-import inspect
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 from mpsim.core.checks import brief
 from mpsim.core.errors import InputError
@@ -11,8 +9,10 @@ from mpsim.core.errors import InputError
 class ReadOnly:
     """An object whose public attributes are set by its `__init__`, each once, and by nobody else.
 
+    A class outside mpsim that inherits from it may add attributes of its own.
+
     >>> class Box(ReadOnly):
-    ...     _instead = "Make another Box"
+    ...     _instead, _set_once = "Make another Box", frozenset({"width"})
     ...     def __init__(self, width):
     ...         self.width = width
     >>> Box(3).width = 4
@@ -24,15 +24,24 @@ class ReadOnly:
     _instead: ClassVar[str] = ""
     """What to do instead of an assignment."""
 
+    _set_once: ClassVar[frozenset[str]] = frozenset()
+    """The attributes that `__init__` assigns."""
+
     def __setattr__(self, name: str, value: Any) -> None:
-        if not name.startswith("_") and (name in vars(self) or name not in _set_by_init(type(self))):
-            raise InputError(
-                f"{name} of a {type(self).__name__} cannot be assigned; got {brief(value)}. {self._instead}."
-            )
+        if not (name.startswith("_") or self._may_set(name)):
+            self._refuse(name, f"assigned; got {brief(value)}")
         super().__setattr__(name, value)
 
+    def __delattr__(self, name: str) -> None:
+        if not name.startswith("_") and not self._may_set(name):
+            self._refuse(name, "deleted")
+        super().__delattr__(name)
 
-@functools.cache
-def _set_by_init(cls: type) -> frozenset[str]:
-    """Arguments of `__init__` that become attributes: those that are not properties, or have a default in the class."""
-    return frozenset(name for name in inspect.signature(cls).parameters if not hasattr(cls, name))
+    def _may_set(self, name: str) -> bool:
+        if name in self._set_once:
+            return name not in vars(self)
+        own = next(each for each in type(self).__mro__ if each.__module__.startswith("mpsim."))
+        return type(self) is not own and not hasattr(own, name)
+
+    def _refuse(self, name: str, what: str) -> NoReturn:
+        raise InputError(f"{name} of a {type(self).__name__} cannot be {what}. {self._instead}.")

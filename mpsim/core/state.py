@@ -265,7 +265,7 @@ def states_in(states: State | Iterable[State]) -> list[State]:
 def _two_each(name: str, value: Any, count: int | None) -> NDArray[np.floating]:
     """Two numbers of each disc; an array in the precision that it has."""
     number = "N" if count is None else count
-    if isinstance(value, list | tuple):
+    if getattr(getattr(value, "dtype", None), "kind", "") != "f":
         return checks.finite_array(f"{name} of a state", value, (count, 2), f"({number}, 2)")
     if np.ndim(value) != 2 or np.shape(value) != (len(value) if count is None else count, 2):
         raise InputError(f"{name} of a state must have shape ({number}, 2), one row per disc; got {np.shape(value)}.")

@@ -93,13 +93,22 @@ def demand_scene(scene: object, *states: Discs) -> None:
         raise InputError(
             f"scene must be a Scene; got {type(scene).__name__}. Use sim.scene of a Simulation; the state comes first."
         )
-    at_rest = [edge for edge in range(4) if scene.moving_wall is None or edge != scene.moving_wall.edge]
     for found in filter(None, (getattr(state, "box", None) for state in states)):
-        if any(abs(found[edge] - scene.box[edge]) > SAME_BOX * max(scene.width, scene.height) for edge in at_rest):
+        if not _fits(scene, found):
             raise InputError(
                 f"scene must be that of the state, whose box is {_sides(found)}; got one of {_sides(scene.box)}. "
                 "Use the scene of the simulation that the state comes from."
             )
+
+
+def _fits(scene: Scene, box: Sequence[float]) -> bool:
+    """Whether the sides of a box are those of the scene, but along an axis with a wall that moves."""
+    moving = scene.moving_wall
+    return all(
+        abs((box[2 * axis + 1] - box[2 * axis]) / side - 1) <= SAME_BOX
+        for axis, side in enumerate((scene.width, scene.height))
+        if moving is None or axis != moving.axis
+    )
 
 
 def _sides(box: Sequence[float]) -> str:

@@ -70,7 +70,7 @@ class Measure:
 
     def __float__(self) -> float:
         """The value alone."""
-        return self.value
+        return float(self.value)
 
     def __format__(self, spec: str) -> str:
         """The value alone in a format of numbers, such as f"{pressure:.3f}"; without one, as in `repr`."""

@@ -87,6 +87,10 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
     """
 
     _instead = "Make another Scene; sim.change(...) changes a simulation that runs"
+    _set_once = frozenset(
+        ("width", "height", "radius", "mass", "gravity", "acceleration", "restitution", "wall_restitution")
+        + ("boundary", "obstacles", "emitters", "absorbing", "piston")
+    )
     friction: float = 0.0
     wall_friction: float = 0.0
     tangential_restitution: float = 0.0
@@ -176,7 +180,8 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         """The same scene with other values of some arguments, for a simulation of it that is changed.
 
         Args:
-            values: by name, of mpsim.scene.continuing.CHANGEABLE.
+            values: by name: gravity, restitution, wall_restitution, friction, wall_friction, obstacles, emitters,
+                piston, thermostat, thermal_walls, has_gaps.
         """
         other = copy.copy(self)
         change_to(other, values)

@@ -78,7 +78,8 @@ def test_a_mistyped_option_is_answered_with_the_right_one():
 def test_an_option_of_all_commands_is_sent_before_the_command(option):
     result = mpsim_command("run", "gas", option)
     assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.endswith(f"Error: {option} stands before the command: mpsim {option} run ...\n")
+    rest = "" if option == "--version" else " ..."
+    assert result.stderr.endswith(f"Error: {option} stands before the command: mpsim {option}{rest}\n")
 
 
 @pytest.mark.parametrize(

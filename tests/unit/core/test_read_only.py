@@ -20,7 +20,7 @@ def test_a_scene_refuses_assignments_and_so_do_its_copies(name, again):
     assert not hasattr(scene, "gravty")
 
 
-@pytest.mark.parametrize("name", ["dt", "workers", "gravity", "scene", "frame", "state"])
+@pytest.mark.parametrize("name", ["dt", "workers", "gravity", "scene", "frame", "state", "comm"])
 def test_a_simulation_refuses_assignments(name):
     with simulate(gas(20, 0.2)) as sim:
         with pytest.raises(
@@ -28,6 +28,25 @@ def test_a_simulation_refuses_assignments(name):
         ):
             setattr(sim, name, 3)
         assert not hasattr(sim, "dt")
+
+
+class Named(mpsim.Scene):
+    """A scene of a user, with an attribute of its own."""
+
+    def __init__(self, **arguments):
+        super().__init__(**arguments)
+        self.label = "first"
+
+
+def test_a_class_that_inherits_may_have_attributes_of_its_own():
+    scene = Named.random(count=9, packing=0.1, radius=0.5)
+    scene.label = "second"
+    assert scene.label == "second"
+    del scene.label
+    with pytest.raises(mpsim.InputError, match=r"width of a Named cannot be assigned; got 3\. Make another Scene; "):
+        scene.width = 3
+    with pytest.raises(mpsim.InputError, match=r"gravity of a Named cannot be deleted\. Make another Scene; "):
+        del scene.gravity
 
 
 @pytest.mark.parametrize("copied", [pickle.dumps, copy.copy, copy.deepcopy])
