@@ -87,10 +87,10 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
     """
 
     _instead = "Make another Scene; sim.change(...) changes a simulation that runs"
-    _set_once = frozenset(
-        ("width", "height", "radius", "mass", "gravity", "acceleration", "restitution", "wall_restitution")
-        + ("boundary", "obstacles", "emitters", "absorbing", "piston")
-    )
+    _set_once = frozenset({
+        "width", "height", "radius", "mass", "gravity", "acceleration", "restitution", "wall_restitution", "boundary",
+        "obstacles", "emitters", "absorbing", "piston",
+    })  # fmt: skip
     friction: float = 0.0
     wall_friction: float = 0.0
     tangential_restitution: float = 0.0
