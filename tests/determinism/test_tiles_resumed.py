@@ -82,6 +82,7 @@ def test_a_box_that_was_divided_is_resumed_as_a_whole_and_the_other_way_round(tm
     assert_same_bits(state, expected, f"divided into {tilings}")
 
 
+@pytest.mark.slow
 def test_snapshots_of_tiles_hold_what_those_of_the_whole_box_hold(tmp_path):
     """But for the order of discs in memory and for counts of work: so a checkpoint tells nothing of tiles."""
     found = []

@@ -151,6 +151,7 @@ def test_a_death_in_any_phase_is_healed(phase, figures):
     figures.note("R9", "parallel on 2", f"a worker killed in phase '{phase}'", "digest of grid", "the same")
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_while_it_replaces_another_is_replaced_too(monkeypatch, caplog):
     """The first worker dies in its run, and two of the three that replace it before they are ready."""
     starts = []

@@ -61,6 +61,7 @@ def test_windows_by_hand_leave_the_simulation_as_it_is(by_hand, tiled, whole):
     assert by_hand.windows_of(whole).tolist() == [0, 0, 0]
 
 
+@pytest.mark.slow
 def test_own_discs_are_right_where_tiles_agree_and_wrong_where_the_halo_is_too_thin(by_hand, tiled):
     tiles = by_hand.Tiles(tiled)
     border = tiles.edges[0, 1, 0]

@@ -232,6 +232,7 @@ def test_a_temperature_that_is_none_is_refused(name, value, text):
         assert (sim.scene, len(sim.journal)) == (before, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["temperature", "wall_temperature"])
 def test_a_gas_comes_to_a_temperature_that_was_changed(name):
     found = []

@@ -44,6 +44,7 @@ def test_the_same_discs_are_denser_and_do_not_overlap(boundary):
     assert overlap(squeezed).pairs > 10, "negative control: without collisions they overlap"
 
 
+@pytest.mark.slow
 def test_a_mixture_keeps_its_radii_masses_and_features():
     scene = mpsim.Scene.random(**MIXTURE, boundary="periodic", gravity=(0, -1), restitution=0.9, duration=7.0)
     dense = scene.compressed(0.8, rate=0.1)

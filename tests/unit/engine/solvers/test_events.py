@@ -158,6 +158,7 @@ def test_stopping_and_growing_the_exact_solver():
         assert whole.digest() == cut_again
 
 
+@pytest.mark.slow
 def test_a_loss_of_energy_that_would_never_end_is_guarded_and_said():
     position = [[0.5 + k, 0.5] for k in range(3)]
     position[0][0], position[2][0] = 0.5, 5.0
@@ -170,6 +171,7 @@ def test_a_loss_of_energy_that_would_never_end_is_guarded_and_said():
     assert report.guarded > 0
 
 
+@pytest.mark.slow
 def test_a_scene_at_rest_is_said_while_it_runs():
     """From the fifth on its frames take millions of bounces each; 10,000 would take ten minutes."""
     scene = mpsim.Scene(
@@ -236,6 +238,7 @@ def resting(gravity=(0.0, -1.0)):
     return mpsim.Scene(width=4, height=6, position=[[2, 0.5]], velocity=[[0, 0]], radius=0.5, gravity=gravity)
 
 
+@pytest.mark.slow
 def test_a_contact_time_that_throws_discs_at_rest_higher_than_their_radius_is_refused():
     with simulate(resting(), method="event", dt=1.0, contact_time=LONGEST) as sim:
         with pytest.warns(mpsim.GuardWarning):

@@ -75,6 +75,7 @@ def test_sub_steps_follow_a_piston():
     assert fine - plain > 3 * np.hypot(b, c), "the control"
 
 
+@pytest.mark.slow
 def test_what_a_piston_pushes_is_warned_of_at_the_start():
     scene = mpsim.Scene(**WALL, position=[[5, 5]], velocity=[[0, 0]], piston=mpsim.Piston("left", 30, 9))
     text = r"pushed by the piston a disc moves 1.2 times its radius 0.5 in one step \(speed 60, step 0.01\)"
