@@ -53,11 +53,7 @@ Examples:
 
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option(
-    "--frames",
-    type=terminal.Whole(1),
-    help=f"Number of frames; default: the scene's duration, or {FRAMES}.",
-)
+@click.option("--frames", type=terminal.Whole(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
 @click.option("--until", type=terminal.Positive("time"), help="Simulated time at which to stop.")
 @terminal.settings_options
 @click.option(

@@ -300,10 +300,9 @@ class StepLimits:
                 "others are missed."
             )
         length = f"its radius {speeds.limit:.3g}"
-        if speeds.between:
-            length = f"its free path {speeds.limit:.3g} between the walls along {speeds.between}"
         lost = "one radius, discs may pass through each other without a collision"
         if speeds.between:
+            length = f"its free path {speeds.limit:.3g} between the walls along {speeds.between}"
             lost = "one free path, bounces are lost"
         return (
             f"{when} {'a disc' if speeds.disc < 0 else f'disc {speeds.disc}'} moves {fraction:.3g} times {length} in "
