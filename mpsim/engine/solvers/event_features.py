@@ -33,8 +33,8 @@ def absorbed_in(found: dict[str, NDArray[Any]], count: int) -> NDArray[np.bool_]
 def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: NDArray[np.float64]) -> State:
     """The state at a time [time] of discs whose columns are given by name; it takes over these arrays.
 
-    A wall that moves is where it is then, and discs on it, of these radii [length], are not a rounding beyond. Discs
-    that have been absorbed have nothing that does not rest.
+    A wall that moves is where it is then, and present discs on it, of these radii [length], are not a rounding beyond.
+    Absent discs stay where they left, and have nothing that does not rest.
     """
     absorbed = absorbed_in(found, len(radii))
     found = {
@@ -46,7 +46,8 @@ def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: N
     low, high = scene.walls_at(time)
     if (wall := scene.moving_wall) is not None:
         least, most = (limit[..., wall.axis] for limit in scene.limits(radii, time))
-        np.clip(found["position"][:, wall.axis], least, most, out=found["position"][:, wall.axis])
+        along = found["position"][:, wall.axis]
+        np.clip(along, least, most, out=along, where=~absorbed)
     return State(**found, present=~absorbed, box=(float(low[0]), float(high[0]), float(low[1]), float(high[1])))
 
 
