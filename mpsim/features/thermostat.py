@@ -25,7 +25,8 @@ class Thermostat:
 
     Between two frames each disc gets, with probability 1 - exp(-rate dt), a new velocity from the Maxwell distribution
     at the temperature: each component is normally distributed with variance temperature / mass. So the mean energy of
-    an elastic gas relaxes to that of the temperature as exp(-rate t), and momentum is not conserved. Spins stay.
+    an elastic gas relaxes to that of the temperature as exp(-rate t), and momentum is not conserved. Spins stay. Where
+    collisions take energy, results depend on dt also with method `event`: take dt well below 1/rate.
 
     Args:
         temperature: kT of the bath, the mean of m v_x^2 [mass length^2/time^2], > 0.

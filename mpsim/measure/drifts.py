@@ -58,7 +58,8 @@ def _energy_drift(counts: Counts, run: Run, before: Energies, after: Energies) -
 def _momentum_drift(counts: Counts, run: Run, before: Momenta, after: Momenta) -> float:
     """Change of momentum that is not due to walls or gravity, per time, over the sum of m |v| [1/time], >= 0.
 
-    Newton's third law keeps it at rounding; `reflect` violates that law. The larger sum of both states is taken.
+    Newton's third law keeps it at rounding; `reflect` violates that law. The larger sum of both states is taken. Scenes
+    with other external impulses (rough or thermal walls, obstacles, a thermostat) are refused by `run_averages`.
     """
     left, right, bottom, top = counts["wall"].sum(axis=0)
     time, given = run.dt * len(counts), np.array([left - right, bottom - top])

@@ -363,8 +363,10 @@ def two_discs(width: float, height: float, radius: float, energy: float) -> TwoD
         InputError: naming the argument and its rule.
 
     Source: force = kT dlnOmega/da; rates from the densities at the walls and at contact, with the mean of |u| of one
-    component at fixed energy, 4/(3 pi) sqrt(2 energy) [D]; averages over time equal those over configurations, since
-    two discs in a box are ergodic (Simanyi, Ergod. Theory Dyn. Syst. 19, 741, 1999).
+    component at fixed energy, 4/(3 pi) sqrt(2 energy) [D]; averages over time equal those over configurations for
+    almost all starts, since two discs in a box are ergodic (Simanyi, Ergod. Theory Dyn. Syst. 19, 741, 1999). Opposite
+    velocities of equal size, those of `Scene.random(count=2)`, are an exception: the force on the walls of the box
+    below is then 5.1. Draw the velocities of both discs independently, and give them to `Scene`.
 
     >>> found = two_discs(1, 1, 0.2, energy=2)
     >>> round(found.force_x, 6), round(found.wall_rate, 6), round(found.pair_rate, 6)

@@ -117,6 +117,12 @@ _REFUSALS: tuple[_Refusal, ...] = (
         "Use 'overlap'; or in a run 'contact_rate', which counts a resting contact once per step.",
     ),
     _Refusal(
+        ("momentum_drift",),
+        lambda scene: scene.wall_friction > 0 and not all(scene.periodic),
+        "rough walls, whose tangential impulses are not counted",
+        "Measure 'pressure' or 'energy_drift', or give the walls wall_friction=0.",
+    ),
+    _Refusal(
         ("energy_drift",),
         observables.has_periodic_field,
         "fields along periodic axes, along which discs fall without end",

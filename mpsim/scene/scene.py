@@ -391,7 +391,8 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
             mass: likewise [mass], > 0; None: 1 each.
             temperature: kT: the mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0. Velocities are
                 normally distributed, of zero total momentum from 2 discs on, and scaled so that this mean is exact.
-                Two discs therefore have opposite momenta, and only the direction is random. For others use Scene(...).
+                Two discs therefore have opposite momenta, and only the direction is random: between walls a special
+                start, whose averages are not those of `measure.reference.two_discs`. For others use Scene(...).
             seed: of the random numbers, >= 0; the same seed gives the same scene.
             packing: packing fraction, from which the side of a square box follows, 0 < packing <= 0.8.
             width, height: the box, instead of packing.

@@ -83,6 +83,7 @@ def divergence(
     speed, diameter = typical_speed(scene), 2 * scene.smallest_radius
     perturbation = np.random.default_rng(seed).normal(size=(scene.count, 2)) * PERTURBATION * speed
     other = scene.starting_from(State(scene.position, scene.velocity + perturbation))
+    other = other.changed(thermostat=scene.thermostat) if scene.thermostat else other  # the same kicks, by its seed
     # A sample for each twentieth of a diameter of flight: a Lyapunov time is about as long as a free path.
     settings = Settings(method="event", dt=0.05 * diameter / speed if speed else 1.0, contact_time=contact_time)
     times, distances = [], []
@@ -143,7 +144,11 @@ of 1/3); got 5.0. Beyond that two correct solvers differ: compare averages such 
         state = run.state
     reference = Settings(method="event", dt=time) if reference is None else reference
     steps = max(round(time / reference.dt), 1) if capabilities_of(reference).has_steps else 1
-    with Simulation(scene, replace(reference, dt=time / steps)) as exact:
-        report = exact.run(frames=steps, progress=progress)
+    if scene.thermostat is None:
+        reference, frames = replace(reference, dt=time / steps), steps
+    else:  # which acts once a frame: on both alike
+        reference = replace(reference, dt=settings.dt, substeps=-(-steps // frames))
+    with Simulation(scene, reference) as exact:
+        report = exact.run(frames=frames, progress=progress)
         error = trajectory_error(state, exact.state, scene)
     return ShortRun(time, error, (collisions, report.collisions))

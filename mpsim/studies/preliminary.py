@@ -79,6 +79,7 @@ class PreliminaryRun:
         settings: of the run.
         seconds: wall time that the reference takes for a unit of time on one core [s/time].
         step_seconds: wall time of one step with one pass on one core [s].
+        by_frames: whether a thermostat acts once a frame, so that results depend on dt of the exact solver too.
     """
 
     reference: Settings
@@ -93,6 +94,7 @@ class PreliminaryRun:
     seconds: float = 0.0
     step_seconds: float = 0.0
     guard: float = 0.0
+    by_frames: bool = False
 
     @property
     def contact_time(self) -> float | None:
@@ -105,8 +107,12 @@ class PreliminaryRun:
         return capabilities_of(self.reference).is_exact and self.contact_time is None
 
     def is_reference(self, settings: Settings) -> bool:
-        """Whether settings are those of the reference, which has no steps: of the guard's own contact time."""
+        """Whether settings are those of the reference, which has no steps: of the guard's own contact time.
+
+        Where a thermostat acts once a frame, frames must be those of the reference too.
+        """
         alike = self.contact_time == (settings.contact_time if self.guard else None)
+        alike = alike and not (self.by_frames and settings.dt != self.reference.dt)
         return all(capabilities_of(each).is_exact for each in (settings, self.reference)) and alike
 
     def further_starts(self, scene: Scene, first: int) -> tuple[State, ...]:
@@ -178,7 +184,9 @@ def preliminary_run(
         _demand_reachable(until, crossing)
     exact = earlier is None or earlier.startswith((EXACT, MODEL))
     limit_seconds = _limit_seconds(seconds, contact_time) if earlier is None else math.inf
-    settings, reason = Settings(method="event", dt=crossing / 4, contact_time=contact_time), ""
+    by_frames = scene.thermostat is not None  # so the reference needs frames short enough for a bath in time
+    dt = float(f"{PRELIMINARY_STEP * crossing:.2g}") if by_frames else crossing / 4
+    settings, reason = Settings(method="event", dt=dt, contact_time=contact_time), ""
     try:
         if not exact:
             raise _NotUsable
@@ -202,7 +210,9 @@ def preliminary_run(
         dt = _finest(settings, found.seconds, own, until or 0.0, seconds) if earlier is None else _dt_of(earlier)
         reference, cost = replace(settings, dt=dt), found.seconds * settings.dt / dt
     stepped = f"two passes at dt={reference.dt:.3g}, the finest affordable run, because {EXACT} is not usable: {reason}"
-    name = earlier or (_name_of_exact(found, contact_time) if exact else stepped)
+    exactly = _name_of_exact(found, contact_time)
+    exactly += f", dt={reference.dt:.3g} (a thermostat acts once a frame)" if by_frames else ""
+    name = earlier or (exactly if exact else stepped)
     short = min(LYAPUNOV_TIMES / growth, 5 * own)
     return PreliminaryRun(
         reference=reference,
@@ -217,6 +227,7 @@ def preliminary_run(
         seconds=cost,
         step_seconds=step_seconds,
         guard=found.guard,
+        by_frames=by_frames,
     )
 
 

@@ -106,11 +106,12 @@ class Plan:
     memory: float = 0.0
 
 
-def physics_of(settings: Settings, count: int) -> Settings:
+def physics_of(settings: Settings, scene: Scene) -> Settings:
     """The settings, with standard values for those that change only speed: candidates with equal ones share errors."""
-    method = methods.choose(count, settings).method
+    method = methods.choose(scene.count, settings).method
     if not methods.capabilities_of(settings).has_steps:
-        return Settings(method=method, contact_time=settings.contact_time)
+        dt = Settings.dt if scene.thermostat is None else settings.dt  # it acts once a frame
+        return Settings(dt=dt, method=method, contact_time=settings.contact_time)
     plain: dict[str, Any] = {"method": "grid" if method == "parallel" else method, "workers": None}
     return dataclasses.replace(settings, start_method=None, **plain)
 
@@ -178,7 +179,7 @@ def _stopping_progress(stop: threading.Event | None, seconds: float = math.inf) 
 
 
 def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) -> dict[str, Any]:
-    if not methods.capabilities_of(settings).has_steps:  # frames only cut the run into pieces
+    if not methods.capabilities_of(settings).has_steps and scene.thermostat is None:  # frames only cut it into pieces
         settings = dataclasses.replace(settings, dt=plan.until / PIECES)
     counted = [name for name in available(scene) if name in LONG and name in NAMES]
     pieces = min(PIECES, max(int(plan.until / settings.dt), 1))

@@ -231,11 +231,13 @@ def tradeoff(
     rest), the finest affordable stepped run is the reference, and the table says so. With a `contact_time`, the
     reference is the exact solver with that contact time, a model in which discs at rest do not collide without end. A
     reference that is not exact has as many runs as each candidate. Its own uncertainty, found by doubling its step or
-    contact time, is part of each error. A difference below three standard errors (more for few replicas) is "not
-    resolved". On a scene that changes with time, the errors of pressure, collision_rate, overlap and speed_distribution
-    are means over windows along its duration, given with the largest error of a window; energy_drift, momentum_drift
-    and largest_overlap are always taken from whole runs, trajectory and missed_collisions from short ones. An error
-    that is meaningless on the scene is "not measurable", with the reason.
+    contact time, is part of each error. A thermostat acts once a frame: with one, the exact solver runs in frames of a
+    twentieth of the time in which a disc moves its diameter, and `dt` of a candidate with method `event` matters. A
+    difference below three standard errors (more for few replicas) is "not resolved". On a scene that changes with time,
+    the errors of pressure, collision_rate, overlap and speed_distribution are means over windows along its duration,
+    given with the largest error of a window; energy_drift, momentum_drift and largest_overlap are always taken from
+    whole runs, trajectory and missed_collisions from short ones. An error that is meaningless on the scene is "not
+    measurable", with the reason.
 
     pressure, collision_rate
         relative difference of the averages [1]
@@ -293,7 +295,8 @@ def tradeoff(
     with terminated_by_exit(), shown(checked_progress(progress, "progress(done, of, what)")) as show:
         run = Ensemble(scene, until, names, **how, progress=show)
         if candidates is None:
-            settings = default_candidates(scene, run.preliminary.thermal_velocity, contact_time)
+            speed = run.preliminary.thermal_velocity
+            settings = [run.framed(each) for each in default_candidates(scene, speed, contact_time)]
         else:
             settings = _checked(scene, candidates)
         with run:

@@ -180,6 +180,7 @@ class Search:
 
     def longest_step(self, family: Settings) -> None:
         """Search for the longest step of a family inside all budgets."""
+        family = self._run.framed(family)
         others = not self._run.preliminary.exact and not self._is_reference(family)
         if capabilities_of(family).is_exact and others:  # it cannot do the scene
             reason = f"not tried: errors are against {self._run.preliminary.reference_name}"
@@ -230,7 +231,7 @@ class Search:
             best = self._best(attempt)
             if best is None:
                 break
-            if self._is_reference(best.row.settings):
+            if all(error.exact for error in best.row.errors.values()):
                 return self._tuned(best, best.row.errors)
             errors = self._verified(best.row.settings, self._block * (1 + attempt))
             broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]

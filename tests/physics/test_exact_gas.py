@@ -33,6 +33,24 @@ def test_b1_two_discs_in_a_box(figures):
         figures.note("B1", "exact", f"two discs: {quantity}", f"{expected:.6f}", found, note)
 
 
+@pytest.mark.slow
+def test_two_discs_of_opposite_velocities_do_not_reach_the_averages_of_almost_all_starts():
+    """Those of `Scene.random(count=2)`, as `reference.two_discs` says."""
+    scenes = [Scene.random(count=2, width=1, height=1, radius=0.2, seed=seed) for seed in (4, 5)]
+    rng = np.random.default_rng(0)
+    for scene in scenes:
+        velocity = rng.normal(size=(2, 2))
+        velocity *= 2 / np.linalg.norm(velocity)
+        free = Scene(width=1, height=1, radius=0.2, position=scene.position, velocity=velocity)
+        forces = []
+        for each in (scene, free):
+            with simulate(each, method="event", dt=1.0) as sim:
+                forces.append(sim.run(until=2000.0, measures=["pressure"]).measures["pressure"])
+        trapped, ergodic = forces
+        assert abs(trapped.value - 5.1) < 0.15
+        assert abs(ergodic.deviation(reference.two_discs(1, 1, 0.2, energy=2).force_x)) < 3.5
+
+
 def test_b3_two_discs_on_a_torus(figures):
     radius, starts, length, until = 0.2, 48, 1.0, 15_000.0
     rates = []

@@ -12,7 +12,7 @@ from mpsim.features.edges import kinds_of
 from mpsim.kernels import layout
 from mpsim.kernels.events.boundary import COARSE
 from mpsim.kernels.events.cells import worst_overlap
-from mpsim.measure.driving import gravity_strength, thermal_speed
+from mpsim.measure.driving import gravity_strength, is_inelastic, thermal_speed
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -141,12 +141,19 @@ def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> S
 
 def stalled(scene: Scene, dt: float, disc: int, frame: int, contact_time: float) -> StalledError:
     """The error for a disc that collides without end at one instant."""
-    longer = min(max(contact_time_at_rest(scene, dt), 10 * contact_time), longest_contact_time(scene))
+    what = f"disc {disc} collided without end at one instant of frame {frame}. Time must pass between collisions"
     moving = "" if scene.moving_wall is None else f", let the {scene.moving_wall.name} stop earlier"
+    if not is_inelastic(scene) and scene.gravity is None:
+        return StalledError(
+            f"{what}, but the disc touches others or walls on all sides, as in a crystal without gaps, and no "
+            f"collision takes energy. Give the discs more room (a larger box or a smaller radius){moving}, or use "
+            "method='grid'."
+        )
+    longer = min(max(contact_time_at_rest(scene, dt), 10 * contact_time), longest_contact_time(scene))
+    sticky = ", a restitution above 0" if min(scene.restitution, scene.wall_restitution) == 0 else ""
     return StalledError(
-        f"disc {disc} collided without end at one instant of frame {frame}. Time must pass between collisions; the "
-        f"contact time of the guard is {contact_time:.3g}. Give a longer one, such as contact_time={longer:.1g}, a "
-        f"restitution above 0 or the discs more room{moving}, or use method='grid'."
+        f"{what}; the contact time of the guard is {contact_time:.3g}. Give a longer one, such as "
+        f"contact_time={longer:.1g}{sticky} or the discs more room{moving}, or use method='grid'."
     )
 
 

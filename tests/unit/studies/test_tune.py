@@ -52,6 +52,9 @@ class Fake:
     def seconds_for(self, settings, replicas, verify=False):
         return self.seconds * replicas
 
+    def framed(self, settings):
+        return settings
+
     def announce(self, text):
         assert not self.assessed, "before anything is run"
         Fake.announced = text

@@ -277,15 +277,37 @@ def test_a_collapse_without_end_at_one_instant_names_what_ends_it(restitution):
         return Scene(width=15, height=14, position=[[0.6, 9]], velocity=[[-0.1, 1]], radius=0.5, obstacles=end,
                      wall_restitution=restitution)  # fmt: skip
 
+    sticky = "" if restitution else ", a restitution above 0"
     text = (
         r"disc 0 collided without end at one instant of frame \d\. .* contact time of the guard is 4.98e-07\. Give "
-        r"a longer one, such as contact_time=0.01, a restitution above 0 or the discs more room, or use method='grid'"
+        rf"a longer one, such as contact_time=0.01{sticky} or the discs more room, or use method='grid'"
     )
     with simulate(gap(0.0), method="event", dt=1.0) as sim, pytest.raises(mpsim.StalledError, match=text):
         sim.run(frames=20)
     with simulate(gap(0.01), method="event", dt=1.0) as sim:  # the control: more room
         assert sim.run(frames=20).frames == 20
         assert sim.state.position[0, 1] > 12
+
+
+@pytest.mark.slow
+def test_a_jammed_crystal_without_losses_is_told_to_make_room_and_nothing_else():
+    """No contact time and no restitution helps it: no collision takes energy."""
+    place, velocity = (
+        np.array([[0.5, 0.5], [0.5, 1.5], [1.5, 0.5], [1.5, 1.5]]),
+        np.array([[1, 2], [-2, 1], [0, 1], [1, 0]]),
+    )
+
+    def crystal(room):
+        return Scene(width=2 + room, height=2 + room, position=place, velocity=velocity, radius=0.5)
+
+    text = r"no collision takes energy\. Give the discs more room \(a larger box or a smaller radius\), or use method="
+    with simulate(crystal(0.0), method="event", dt=0.1) as sim, pytest.raises(mpsim.StalledError, match=text) as caught:
+        sim.run(frames=2)
+    assert "contact" not in str(caught.value)
+    assert "restitution" not in str(caught.value)
+    for method, room in (("event", 0.01), ("grid", 0.0)):  # what it advises helps
+        with simulate(crystal(room), method=method, dt=0.1) as sim:
+            assert sim.run(frames=2).frames == 2
 
 
 @pytest.mark.slow
