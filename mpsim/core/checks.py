@@ -63,7 +63,7 @@ def rows(value: Any) -> Any:
     return [value] if dimensions(value) == 1 else value
 
 
-def resolution(array: NDArray[np.float64]) -> float:
+def resolution(array: NDArray[np.floating]) -> float:
     """The relative spacing (eps) of the precision in which numbers were computed: float32 if each fits one exactly.
 
     The dtype does not show it: results of a float32 run may come as float64, from a file or through arithmetic.

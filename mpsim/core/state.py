@@ -280,6 +280,34 @@ def no_state(rule: str, given: object) -> InputError:
     )
 
 
+def moved_into(state: State, box: Box, periodic: tuple[bool, bool], corner: tuple[float, float]) -> State:
+    """The same discs seen from the point `corner`, wrapped into their box along periodic axes; image flags follow.
+
+    box: of the state [length]. Discs that are there already keep their bits.
+
+    >>> state = State(np.array([[9.0, 1.0], [15.0, 1.0]]), np.zeros((2, 2)))
+    >>> moved_into(state, (8, 12, 0, 4), (True, False), (8, 0)).position.tolist()
+    [[1.0, 1.0], [3.0, 1.0]]
+    """
+    (x, y), sides, real = corner, (box[1] - box[0], box[3] - box[2]), state.position.dtype
+    if corner == (0, 0) and not any(periodic):
+        return state
+    places = np.subtract(state.position, corner, dtype=np.float64)
+    image = None if state.image is None else state.image.copy()
+    with np.errstate(invalid="ignore"):  # measures refuse what is not finite
+        for axis in np.flatnonzero(periodic):
+            inside = np.mod(places[:, axis], sides[axis]).astype(real)
+            inside[inside >= sides[axis]] = 0  # by rounding
+            if image is not None:
+                image[:, axis] += np.rint((places[:, axis] - inside) / sides[axis]).astype(np.int64)
+            places[:, axis] = inside
+    if corner == (0, 0) and np.array_equal(places, state.position):
+        return state
+    others = {name: value for name, value in vars(state).items() if name not in ("position", "image", "box")}
+    here = None if state.box is None else (box[0] - x, box[1] - x, box[2] - y, box[3] - y)
+    return State(places.astype(real), image=image, box=here, **others)
+
+
 def part_of(state: State, first: int, last: int) -> State:
     """The discs numbered `first` to `last` - 1, whose arrays are views.
 

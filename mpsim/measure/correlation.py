@@ -13,7 +13,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State, states_in
 from mpsim.features import FEATURES
-from mpsim.measure.moments import demand_scene
+from mpsim.measure.moments import checked_positions, placed
 from mpsim.measure.pairs import close_pairs, lengths_of
 from mpsim.measure.statistics import Measure
 from mpsim.scene.scene import Scene
@@ -84,8 +84,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     >>> bool(abs(found.g[-10:].mean() - 1) < 0.05)
     True
     """
-    states = states_in(states)
-    demand_scene(scene, *states)
+    states = [placed(state, scene) for state in states_in(states)]
     bins = checks.whole("bins", bins, 1, 1_000_000, "About 100 shells are usual.")
     r_max = checks.positive("r_max", r_max, "[length]")
     radius = _one_radius(scene)
@@ -103,10 +102,10 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     edges = np.linspace(diameter, r_max, bins + 1)
     counts, variances, references = np.zeros(bins), np.zeros(bins), 0
     for state in states:
-        position = checks.finite_array("state.position", state.position, (None, 2), "(N, 2)")
+        position = checked_positions(state.position)
         inside = np.all((position >= low) & (position <= low + inner), axis=1, keepdims=True)[:, 0]
         references += int(inside.sum())
-        for i, j, distance in close_pairs(position, r_max, lengths_of(scene)):
+        for i, j, distance in close_pairs(position, r_max, lengths_of(scene, state.box)):
             seen = inside[i].astype(float) + inside[j]  # number of reference discs in each pair
             counts += np.histogram(distance, edges, weights=seen)[0]
             variances += np.histogram(distance, edges, weights=seen**2)[0]

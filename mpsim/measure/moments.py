@@ -17,6 +17,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.sizes import equal_sizes
 from mpsim.core.state import Discs, State, count_of, parts_of, present_in
+from mpsim.scene import walls
 from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -99,6 +100,28 @@ def demand_scene(scene: object, *states: Discs) -> None:
                 f"scene must be that of the state, whose box is {_sides(found)}; got one of {_sides(scene.box)}. "
                 "Use the scene of the simulation that the state comes from."
             )
+
+
+def placed(discs: Any, scene: Scene) -> Any:
+    """The discs in the coordinates of their scene, in its box: see `walls.placed`. Those of ranks are there already.
+
+    Raises:
+        InputError: as `demand_scene`; if a disc that is present is not between the walls.
+    """
+    count_of(discs)  # which refuses what is no state
+    demand_scene(scene, discs)
+    if not isinstance(discs, State):
+        return discs
+    found = walls.placed(discs, scene)
+    beyond = np.abs(found.position / (scene.width, scene.height) - 0.5).max(axis=1) > 0.5 + SAME_BOX
+    if (beyond & found.present).any():
+        disc = int(np.flatnonzero(beyond & found.present)[0])
+        raise InputError(
+            f"the discs of a state must be in its box, {_sides(scene.box)}; got disc {disc} at "
+            f"{tuple(found.position[disc].tolist())} in it. Write the Origin of the box into the file, or give the "
+            "state its box."
+        )
+    return found
 
 
 def _fits(scene: Scene, box: Sequence[float]) -> bool:

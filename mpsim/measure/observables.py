@@ -18,7 +18,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import Discs, State, count_of
 from mpsim.measure import moments
-from mpsim.measure.moments import Part, checked_positions, demand_scene, masses_of, one_of_each, radii_of
+from mpsim.measure.moments import Part, checked_positions, masses_of, one_of_each, placed, radii_of
 from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
@@ -133,7 +133,7 @@ def potential_energy(state: Discs, scene: Scene) -> float:
     >>> potential_energy(State(scene.position, scene.velocity), scene)
     20.0
     """
-    demand_scene(scene, state)
+    state = placed(state, scene)
     name, gravity, acceleration = "potential_energy", scene.gravity, scene.acceleration
     if has_periodic_field(scene):
         raise InputError(
@@ -222,9 +222,9 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     >>> overlap(State(scene.position, scene.velocity), scene)
     Overlap(pairs=1, largest=0.25, mean=0.25, worst=(0, 1))
     """
-    count_of(state)  # which refuses what is no state
-    demand_scene(scene, state)
-    rounding = TOUCHING * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
+    found = placed(state, scene)
+    farthest = float(np.abs(state.position).max(initial=max(scene.width, scene.height)))
+    rounding, state = TOUCHING * float(np.finfo(state.position.dtype).eps) * farthest, found
     name = "overlap"
     each = radii_of(name, scene, state) if radii is None else one_of_each(name, "radius", radii, state)
     whole, numbers = Part(slice(None), state), np.flatnonzero(state.present)
@@ -232,7 +232,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     radii = whole.of(each)
     diameter = 2 * float(radii.max(initial=0.0))
     pairs, total, largest, worst = 0, 0.0, 0.0, None
-    for i, j, distance in close_pairs(position, diameter - rounding, lengths_of(scene)):
+    for i, j, distance in close_pairs(position, diameter - rounding, lengths_of(scene, state.box)):
         depth = radii[i] + radii[j] - distance
         deep = (depth > rounding) | (radii[i] + radii[j] == diameter)  # pairs of the largest discs: by close_pairs
         i, j, depth = i[deep], j[deep], depth[deep]  # noqa: PLW2901
@@ -346,6 +346,8 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
     if before.image is None or after.image is None:
         moved = _difference(before, after, common, scene)
     else:
+        if scene is not None:
+            before, after = placed(before, scene), placed(after, scene)
         moved = checked_positions(after.unwrapped)[common] - checked_positions(before.unwrapped)[common]
     return float((moved**2).sum(axis=1).mean())
 
@@ -413,11 +415,10 @@ def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
 
 def _difference(state: State, reference: State, discs: NDArray[np.int64], scene: Scene | None) -> NDArray[np.float64]:
     """Differences of the positions of some discs in two states, to the nearest images along periodic axes."""
+    if scene is not None:
+        state, reference = placed(state, scene), placed(reference, scene)
     a, b = checked_positions(state.position)[discs], checked_positions(reference.position)[discs]
-    if scene is None:
-        return a - b
-    demand_scene(scene, state, reference)
-    return to_nearest_image(a - b, lengths_of(scene))
+    return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene, reference.box))
 
 
 def _demand_discs(name: str, count: int, fewest: int) -> None:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError, NotMeasurableError
-from mpsim.core.state import State, count_of, states_in
-from mpsim.measure.moments import checked_positions, demand_scene
-from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
+from mpsim.core.state import State, states_in
+from mpsim.measure.moments import checked_positions, demand_scene, placed
+from mpsim.measure.pairs import Lengths, close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -120,7 +120,7 @@ def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k
     edges = np.linspace(0, k_max, bins + 1)
     sums, lengths, vectors = np.zeros(bins), np.zeros(bins), np.zeros(bins, np.int64)
     for state in states:
-        places = _present(state, "structure_factor", 1)
+        places = _present(placed(state, scene), "structure_factor", 1)
         up = np.arange(-int(reach[1]), int(reach[1]) + 1)
         along_y = np.exp(1j * steps[1] * up[:, None] * places[:, 1])
         for n in range(int(reach[0]) + 1):
@@ -160,10 +160,10 @@ def hexatic_order(state: State, scene: Scene) -> HexaticOrder:
     >>> round(found.local, 9), round(found.whole, 9)
     (1.0, 1.0)
     """
-    places = _present(state, "hexatic_order", NEIGHBOURS + 1)
-    demand_scene(scene, state)
-    i, j = _nearest(places, scene)
-    x, y = to_nearest_image(places[j] - places[i], lengths_of(scene)).T
+    state = placed(state, scene)
+    places, lengths = _present(state, "hexatic_order", NEIGHBOURS + 1), lengths_of(scene, state.box)
+    i, j = _nearest(places, scene, lengths)
+    x, y = to_nearest_image(places[j] - places[i], lengths).T
     bonds = np.exp(6j * np.arctan2(y, x))
     psi = bonds.reshape(len(places), NEIGHBOURS).sum(axis=1) / NEIGHBOURS
     return HexaticOrder(np.flatnonzero(state.present), psi, float(np.abs(psi).mean()), float(np.abs(psi.mean())))
@@ -195,16 +195,16 @@ def hexatic_correlation(states: State | Sequence[State], scene: Scene, bins: int
     demand_scene(scene, *states)
     bins = checks.whole("bins", bins, 1, 1_000_000, "About 50 shells are usual.")
     r_max = checks.positive("r_max", r_max, "[length]")
-    if r_max > (most := _half(scene)):
+    if r_max > (most := _half(lengths_of(scene))):
         raise InputError(
             f"r_max must be at most half of a periodic axis, {most:g}, as nearest images count; got {r_max!r}. Give a "
             "smaller one."
         )
     edges = np.linspace(0, r_max, bins + 1)
     sums, pairs = np.zeros(bins), np.zeros(bins, np.int64)
-    for state in states:
+    for state in (placed(each, scene) for each in states):
         psi, places = hexatic_order(state, scene).psi, _present(state, "hexatic_correlation", NEIGHBOURS + 1)
-        for i, j, distance in close_pairs(places, r_max, lengths_of(scene)):
+        for i, j, distance in close_pairs(places, r_max, lengths_of(scene, state.box)):
             sums += np.histogram(distance, edges, weights=(psi[i].conj() * psi[j]).real)[0]
             pairs += np.histogram(distance, edges)[0]
     with np.errstate(invalid="ignore"):
@@ -232,8 +232,8 @@ def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
     >>> points.shape, box.is2D
     ((50, 3), True)
     """
+    state = placed(state, scene)
     places = _present(state, "to_freud", 0)
-    demand_scene(scene, state)
     try:
         import freud  # noqa: PLC0415
     except ImportError as error:
@@ -251,24 +251,23 @@ def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
 
 def _present(state: State, name: str, fewest: int) -> Floats:
     """Positions of the discs that are present, shape (K, 2)."""
-    count_of(state)  # which refuses what is no state
     places = checked_positions(state.position)[state.present]
     if len(places) < fewest:
         raise InputError(f"{name} needs at least {fewest} discs; got {len(places)}. Use a larger scene.")
     return places
 
 
-def _half(scene: Scene) -> float:
+def _half(lengths: Lengths) -> float:
     """Half of the shorter periodic axis [length]; infinite without one."""
-    return min((length / 2 for length in lengths_of(scene) if length is not None), default=math.inf)
+    return min((length / 2 for length in lengths if length is not None), default=math.inf)
 
 
-def _nearest(places: Floats, scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _nearest(places: Floats, scene: Scene, lengths: Lengths) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Each disc NEIGHBOURS times, in order, and its nearest neighbours, of equally near ones those of lower number."""
-    count, half = len(places), _half(scene)
+    count, half = len(places), _half(lengths)
     reach = min(math.sqrt(3 * NEIGHBOURS * scene.width * scene.height / (math.pi * count)), half)
     while True:
-        found = list(close_pairs(places, reach, lengths_of(scene)))
+        found = list(close_pairs(places, reach, lengths))
         one, other, distance = (np.concatenate([each[part] for each in found] or [np.zeros(0)]) for part in range(3))
         i, j, r = np.append(one, other).astype(int), np.append(other, one).astype(int), np.tile(distance, 2)
         if (np.bincount(i, minlength=count) >= NEIGHBOURS).all():

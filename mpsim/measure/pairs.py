@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core.state import Box
 from mpsim.scene.scene import Scene
 
 CANDIDATES = 2**21
@@ -17,11 +18,10 @@ Lengths = tuple[float | None, float | None]
 """Lengths of x and y, None for an axis that is not periodic [length]."""
 
 
-def lengths_of(scene: Scene) -> Lengths:
-    """Lengths of the periodic axes of a scene."""
-    width, height = (
-        length if wraps else None for length, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
-    )
+def lengths_of(scene: Scene, box: Box | None = None) -> Lengths:
+    """Lengths of the periodic axes of a scene, or those of the box of a state of it."""
+    sides = (scene.width, scene.height) if box is None else (box[1] - box[0], box[3] - box[2])
+    width, height = (length if wraps else None for length, wraps in zip(sides, scene.periodic, strict=True))
     return width, height
 
 

@@ -145,6 +145,7 @@ def draw_discs(
     colours: Any = DISC_COLOUR,
     radii: NDArray[np.floating] | None = None,
     theme: Theme = LIGHT,
+    corner: tuple[float, float] = (0.0, 0.0),
 ) -> EllipseCollection:
     """Discs at true radius in their box, with obstacles; there are no ticks, and periodic edges are dotted.
 
@@ -155,12 +156,13 @@ def draw_discs(
         colours: one, or one for each disc.
         radii: shape (N,) [length].
         theme: colours of obstacles, and around discs.
+        corner: where the axes have the lower left corner of the box, which has no obstacles if that is not (0, 0).
 
     Returns:
         The discs, to be moved: `set_offsets(with_images(position, scene))`.
     """
     if not axes.collections:
-        _draw_box(axes, scene, theme)
+        _draw_box(axes, scene, theme, corner)
     diameters = 2 * np.asarray(scene.radii if radii is None else radii)
     # Sizes and colours repeat, so that each image has those of its disc.
     discs = EllipseCollection(
@@ -168,7 +170,7 @@ def draw_discs(
         diameters,
         np.zeros(len(diameters)),
         units="xy",
-        offsets=with_images(position, scene),
+        offsets=with_images(position, scene) + corner,
         offset_transform=axes.transData,
     )
     discs.set_facecolor(colours)
@@ -178,8 +180,10 @@ def draw_discs(
     return discs
 
 
-def _draw_box(axes: Axes, scene: Scene, theme: Theme) -> None:
-    axes.set(xlim=(0, scene.width), ylim=(0, scene.height), aspect="equal", xticks=[], yticks=[])
+def _draw_box(axes: Axes, scene: Scene, theme: Theme, corner: tuple[float, float]) -> None:
+    left, low = corner
+    limits = {"xlim": (left, left + scene.width), "ylim": (low, low + scene.height)}
+    axes.set(**limits, aspect="equal", xticks=[], yticks=[])
     axes.grid(False)
     for side, axis in (("left", 0), ("right", 0), ("bottom", 1), ("top", 1)):
         axes.spines[side].set_visible(True)

@@ -24,6 +24,7 @@ from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State, present_in
 from mpsim.engine.simulation import Simulation
 from mpsim.features.edges import boundary_of
+from mpsim.measure.moments import placed
 from mpsim.output.colour_scale import SCALES, SPEED, ScaleName, percentile_scale, speeds_of
 from mpsim.output.drawing import (
     MOST_DISCS,
@@ -56,6 +57,7 @@ class Shown:
 
     Attributes:
         scene: box and obstacles.
+        corner: where the coordinates of the picture have the lower left corner of that box [length].
         walls: where the walls are; None: unknown.
         time: of the moment [time]; None: unknown.
         here: which discs of the state these are: an index of arrays of one row per disc.
@@ -67,6 +69,7 @@ class Shown:
     """
 
     scene: Scene
+    corner: tuple[float, float]
     walls: Box | None
     time: float | None
     here: Any
@@ -138,7 +141,7 @@ def draw(
     with contextlib.nullcontext() if ax is not None else matplotlib.rc_context(fname=STYLE):
         axes = _own_axes(shown.scene) if ax is None else ax
         step = max(math.ceil(len(shown.number) / MOST_DISCS), 1)
-        discs = draw_discs(axes, shown.position[::step], shown.scene, radii=shown.radius[::step])
+        discs = draw_discs(axes, shown.position[::step], shown.scene, radii=shown.radius[::step], corner=shown.corner)
         if values is not None:
             found = percentile_scale(values[::step], scale)
             colour_discs(discs, values[::step], found)
@@ -179,7 +182,7 @@ def _shown_by(state: object, scene: object) -> Shown:
             raise InputError(f"scene must be left out with a {type(state).__name__}, which has its own; got {scene!r}.")
         return _start_of(state) if isinstance(state, Scene) else _now_of(state)
     if isinstance(state, Frame):
-        return _moment_of(state, scene or _empty(state))
+        return _moment_of(state, scene)
     if not isinstance(state, State):
         raise InputError(
             "state must be a State, a frame of a Trajectory, a Simulation or a Scene; "
@@ -199,10 +202,11 @@ def _shown_by(state: object, scene: object) -> Shown:
 
 
 def _of(state: State, scene: Scene, radius: Any, mass: Any, time: float | None) -> Shown:
+    state = placed(state, scene)
     here, given = present_in(state), len(state.position)
     spin = None if state.spin is None else state.spin[here]
     return Shown(
-        scene, state.box, time, here, np.arange(given)[here], state.position[here], state.velocity[here],
+        scene, (0.0, 0.0), state.box, time, here, np.arange(given)[here], state.position[here], state.velocity[here],
         np.asarray(radius)[here], np.asarray(mass)[here], spin, given,
     )  # fmt: skip
 
@@ -216,20 +220,16 @@ def _now_of(sim: Simulation) -> Shown:
     return _of(sim.state, sim.scene, sim.radii, sim.masses, sim.time)
 
 
-def _moment_of(frame: Frame, scene: Scene) -> Shown:
+def _moment_of(frame: Frame, scene: Scene | None) -> Shown:
     """The discs of a frame, which may hold less than a state: what it lacks is an error only if it is needed."""
-    state, known = frame.state, frame.known
+    known, corner = frame.known, (0.0, 0.0)
+    if scene is None:  # its box, with nothing in it
+        (width, height), corner, none = frame.box, frame.origin, np.zeros((0, 2))
+        small, boundary = min(width, height) / 4, boundary_of(frame.periodic)
+        scene = Scene(width=width, height=height, position=none, velocity=none, radius=small, boundary=boundary)
     mass = known.get("mass", np.ones(len(frame.position)))
-    shown = _of(state, scene, frame.radius, mass, known.get("time"))
-    return replace(shown, number=frame.ids)
-
-
-def _empty(frame: Frame) -> Scene:
-    """The box of a frame, with nothing in it."""
-    (width, height), (left, low) = frame.box, frame.origin
-    boundary = boundary_of(frame.periodic)
-    none, small = np.zeros((0, 2)), min(width, height) / 4
-    return Scene(width=left + width, height=low + height, position=none, velocity=none, radius=small, boundary=boundary)
+    shown = _of(frame.state, scene, frame.radius, mass, known.get("time"))
+    return replace(shown, number=frame.ids, corner=corner)
 
 
 def _numbers(colour: Any, shown: Shown) -> tuple[NDArray[np.float64] | None, str]:
@@ -280,6 +280,6 @@ def _write(axes: Axes, shown: Shown, discs: EllipseCollection, texts: list[str])
     luminance = np.resize(np.asarray(discs.get_facecolor())[:, :3] @ LUMINANCE, len(texts))
     points = 72 / figure.dpi * axes.bbox.width / shown.scene.width * 2 * float(np.median(shown.radius, axis=0))
     size = float(np.clip(1.4 * points / max(2, 2, *map(len, texts)), *FONT_SIZES))
-    for (x, y), text, light in zip(shown.position.tolist(), texts, luminance, strict=True):
+    for (x, y), text, light in zip((shown.position + shown.corner).tolist(), texts, luminance, strict=True):
         ink = "white" if light < DARK else "black"
         axes.text(x, y, text, color=ink, fontsize=size, ha="center", va="center", clip_on=True)

@@ -15,6 +15,7 @@ from mpsim.features.emitters import check_emitters
 from mpsim.features.fields import check_gravity
 from mpsim.features.obstacles import check_obstacles
 from mpsim.features.piston import check_piston
+from mpsim.scene.walls import placed
 
 
 def move_to_state(scene: Any, state: State) -> None:
@@ -31,6 +32,7 @@ def move_to_state(scene: Any, state: State) -> None:
             f"a state for starting_from must hold the scene's {count} discs; got {len(state.position)}. "
             "Make a new Scene for another number of discs."
         )
+    written, state = state.position[state.present], placed(state, scene)
     position = checks.finite_array("position", state.position, shape, meaning)
     velocity = checks.finite_array("velocity", state.velocity, shape, meaning)
     for feature in [each for each in FEATURES if each.is_in(scene)]:
@@ -44,7 +46,7 @@ def move_to_state(scene: Any, state: State) -> None:
     _keep(scene, state.present)
     low, high = scene.limits(scene.radius)
     inside = np.clip(position[state.present], low, high)
-    rounding = 8 * checks.resolution(position[state.present]) * max(scene.width, scene.height)
+    rounding = 8 * checks.resolution(written) * np.abs(written).max(initial=max(scene.width, scene.height))
     moved = np.abs(inside - position[state.present])
     scene.start_anew(np.where(moved <= rounding, inside, position[state.present]), velocity[state.present])
     for array in (scene.position, scene.velocity):

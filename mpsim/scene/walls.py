@@ -1,9 +1,10 @@
-"""Where the walls of a scene's box are, and whether discs are between them."""
+"""Where the walls of a scene's box are, and whether discs are between them; states of boxes that lie elsewhere."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
+from mpsim.core.state import State, moved_into
 from mpsim.features import FEATURES
 from mpsim.features.edges import MovingWall, kinds_of
 from mpsim.features.feature import SceneLike
@@ -20,6 +21,24 @@ def the_moving_wall(scene: SceneLike) -> MovingWall | None:
         names = " and ".join(wall.name for wall in walls)
         raise InputError(f"a scene must have at most one wall that moves; got {names}. Leave one of them out.")
     return walls[0] if walls else None
+
+
+def placed(state: State, scene: SceneLike) -> State:
+    """A state in the coordinates of its scene, each disc at its image in the box.
+
+    A state of a file has a box of its own, which may begin anywhere, and discs that other programs have not wrapped.
+    Walls at rest coincide. A state without a box has that of the scene.
+
+    >>> from mpsim import Scene
+    >>> scene = Scene(width=4, height=4, position=[[1, 1]], velocity=[[0, 0]], radius=0.5, boundary="periodic")
+    >>> placed(State(np.array([[-1.0, 11.0]]), np.zeros((1, 2)), box=(-2, 2, 2, 6)), scene).position.tolist()
+    [[1.0, 1.0]]
+    """
+    box = scene.box if state.box is None else state.box
+    corner, wall = [box[0], box[2]], the_moving_wall(scene)
+    if wall is not None and wall.edge % 2 == 0:
+        corner[wall.axis] = box[wall.edge + 1] - (scene.width, scene.height)[wall.axis]
+    return moved_into(state, box, scene.periodic, (corner[0], corner[1]))
 
 
 def limits_at(

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError, TrajectoryError, TrajectoryWarning
-from mpsim.core.state import State
+from mpsim.core.state import State, moved_into
 from mpsim.features.edges import boundary_of
+from mpsim.measure.moments import placed
 from mpsim.output.frames import Frame
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
@@ -74,10 +75,11 @@ class Recording:
                 f"a recording must hold a frame; {str(self._path)!r} holds none yet. Let the run continue for a while."
             )
         first = self._trajectory[0]
-        self._shift = np.zeros(2) if scene is not None else np.minimum(first.origin, 0.0)
+        self._corner = first.origin if scene is None else None  # of the box that is shown
         self._fewest = 0 if scene is None else scene.count
-        self.scene: Scene = _scene_of(first, self._shift) if scene is None else scene
+        self.scene: Scene = _scene_of(first) if scene is None else scene
         self.follow: bool = follow
+        self.at(0)  # which refuses the scene of another box, and a frame that cannot be shown
 
     @property
     def name(self) -> str:
@@ -109,13 +111,13 @@ class Recording:
                 f"frame {index} must be in {str(self._path)!r} to be shown; it no longer exists ({error})."
             ) from None
         numbers, count = _numbers_of(frame, self._fewest)
+        discs = placed(frame.state, self.scene) if self._corner is None else _seen_from(self._corner, frame)
         position = np.zeros((count, 2), frame.position.dtype)
         velocity, radii, present = np.zeros_like(position), np.zeros(count), np.zeros(count, np.bool_)
-        position[numbers] = _inside(frame, self._shift)
-        velocity[numbers], radii[numbers], present[numbers] = frame.velocity, frame.radius, True
-        (width, height), (left, low) = frame.box, np.subtract(frame.origin, self._shift)
-        walls = (float(left), float(left) + width, float(low), float(low) + height)
-        state = State(position, velocity, present=present, box=walls)
+        position[numbers], velocity[numbers] = discs.position, discs.velocity
+        radii[numbers], present[numbers] = frame.radius, True
+        # Without a scene no wall is drawn, and measures take the box of the first frame, though a wall may have moved.
+        state = State(position, velocity, present=present, box=None if self._corner else discs.box)
         return Moment(frame.frame, frame.known.get("time", nan), state, radii)
 
     def close(self) -> None:
@@ -140,26 +142,23 @@ def _numbers_of(frame: Frame, fewest: int) -> tuple[NDArray[np.int64], int]:
     return ids, max(int(ids.max(initial=-1)) + 1, fewest)
 
 
-def _inside(frame: Frame, shift: NDArray[np.float64]) -> NDArray[np.floating]:
-    """Positions relative to `shift`. They are wrapped along periodic axes, because other programs may not do so."""
-    place = frame.position - shift.astype(frame.position.dtype)
-    for axis, length in enumerate(frame.box):
-        if frame.periodic[axis]:
-            np.mod(place[:, axis], place.dtype.type(length), out=place[:, axis])
-    return place
+def _seen_from(corner: tuple[float, float], frame: Frame) -> State:
+    """The discs of a frame from a corner of the box; along periodic axes from that of its own."""
+    x, y = np.where(frame.periodic, frame.origin, corner).tolist()
+    state = frame.state
+    assert state.box is not None  # that of a frame is known
+    return moved_into(state, state.box, frame.periodic, (x, y))
 
 
-def _scene_of(frame: Frame, shift: NDArray[np.float64]) -> Scene:
+def _scene_of(frame: Frame) -> Scene:
     """A scene with the box, boundaries and discs of a frame."""
-    width, height = np.add(frame.origin, frame.box) - shift
-    mass = frame.known.get("mass")
+    (width, height), mass = frame.box, frame.known.get("mass")
     room = np.minimum(frame.radius, min(width, height) / 2)[:, None]
-    place = np.asarray(_inside(frame, shift), np.float64)
-    periodic = np.array(frame.periodic)
-    place = np.where(periodic, place, np.clip(place, room, np.array([width, height]) - room))
+    place = np.asarray(_seen_from(frame.origin, frame).position, np.float64)
+    place = np.where(frame.periodic, place, np.clip(place, room, np.array([width, height]) - room))
     return Scene(
-        width=float(width),
-        height=float(height),
+        width=width,
+        height=height,
         position=place,
         velocity=frame.velocity.astype(np.float64),
         radius=frame.radius,

@@ -65,7 +65,7 @@ def test_files_of_other_programs_are_shown_in_their_box(tmp_path):
     moment = recording.at(0)
     assert recording.scene.periodic == (True, False)
     assert moment.state.position.tolist() == [[9.0, 1.0], [5.0, 4.0]], "from the corner; inside where it is periodic"
-    assert moment.state.box == (0.0, 10.0, 0.0, 6.0)
+    assert (recording.scene.width, recording.scene.height) == (10.0, 6.0)
     assert np.isnan(moment.time)
     foreign(tmp_path / "b.gsd", [[-4, 0, 0], [0, 0, 0]])
     assert Recording(tmp_path / "b.gsd").at(0).state.position.tolist() == [[1.0, 3.0], [5.0, 3.0]]
