@@ -10,7 +10,8 @@ import click
 from mpsim.cli import terminal
 from mpsim.cli.runfolder import RECORD, RunFolder
 from mpsim.core.errors import InputError
-from mpsim.output.frame_file import ENDINGS
+from mpsim.features.edges import BOUNDARIES
+from mpsim.output.frame_file import READERS, ending_of
 from mpsim.scene import scenefile
 from mpsim.scene.settings import Settings
 
@@ -28,6 +29,7 @@ Examples:
   mpsim view '?scene=gas&dt=0.005&seed=3&wait'  a link from the page of another view
   mpsim view run                                the folder of a run, which may still be in progress
   mpsim view trajectory.xyz
+  mpsim view dump.lammpstrj.gz --radius 0.5     what another program left out of its file
   mpsim view gas --port 8000 --no-browser       on a machine without a screen: ssh -L 8000:127.0.0.1:8000 there
 """
 
@@ -44,8 +46,22 @@ Examples:
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser.")
 @click.option("--paused", is_flag=True, help="Start paused, until the page's play button is pressed.")
 @click.option("--beside", metavar="SETTINGS", help="A second stage: a method, or settings such as dt=0.001,passes=2.")
+@click.option("--box", metavar="WIDTH,HEIGHT", help="Of a file whose frames hold none; or X_LOW,X_HIGH,Y_LOW,Y_HIGH.")
+@click.option("--boundary", type=terminal.Choice(BOUNDARIES), help="Of a file whose frames do not say it.")
+@click.option("--radius", type=terminal.Positive("length"), help="Of all discs of a file whose frames hold none.")
 @terminal.settings_options
-def view(scene: str, host: str, port: int, browser: bool, paused: bool, beside: str | None, **options: Any) -> None:
+def view(
+    scene: str,
+    host: str,
+    port: int,
+    browser: bool,
+    paused: bool,
+    beside: str | None,
+    box: str | None,
+    boundary: str | None,
+    radius: float | None,
+    **options: Any,
+) -> None:
     """Show SCENE (default: gas) in the browser while it runs, until Ctrl-C.
 
     SCENE may also be the folder of a run or the file of a trajectory: it is shown with a time line, and followed
@@ -58,11 +74,16 @@ def view(scene: str, host: str, port: int, browser: bool, paused: bool, beside: 
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
     where: dict[str, Any] = {"host": host, "port": port, "browser": browser, "playing": not paused}
+    given = {"box": box, "boundary": boundary, "radius": radius}
+    given = {name: value for name, value in given.items() if value is not None}
+    if given and (link.is_link(scene) or not _is_recording(scene)):
+        raise click.UsageError(f"--{next(iter(given))} can be given only with the file of a trajectory. Leave it out.")
     if link.is_link(scene):
         asked = _link(scene, beside, options)
         live.view(asked, name=asked.scene, **{**where, "playing": not paused and "wait" not in asked.seen})
         return
-    if (recording := _recording(scene, {**options, "beside": beside})) is not None:
+    if _is_recording(scene):
+        recording = _recording(scene, given, {**options, "beside": beside})
         live.view(recording, name=Path(scene).name, **where)
         return
     file = scenefile.load(scene)
@@ -71,27 +92,39 @@ def view(scene: str, host: str, port: int, browser: bool, paused: bool, beside: 
     live.view(file.scene, settings, name=file.name, beside=second, **where)
 
 
-def _recording(path: str, options: dict[str, Any]) -> "Recording | None":
-    """The recording that a path leads to, or None if it leads to none.
+def _is_folder(path: str) -> bool:
+    """Whether a path leads to the folder of a run."""
+    return Path(path).is_dir() and (path not in scenefile.names() or Path(path, RECORD).exists())
+
+
+def _is_recording(path: str) -> bool:
+    """Whether a path leads to the folder of a run or the file of a trajectory."""
+    return _is_folder(path) or ending_of(path) in READERS
+
+
+def _recording(path: str, given: dict[str, Any], options: dict[str, Any]) -> "Recording":
+    """The recording that a path leads to; `given` is for its `Trajectory`.
 
     Raises:
         click.UsageError: for settings beside a recording.
     """
-    folder = Path(path).is_dir() and (path not in scenefile.names() or Path(path, RECORD).exists())
-    if not folder and Path(path).suffix.lower() not in ENDINGS:
-        return None
     from mpsim.viewer.recording import Recording  # noqa: PLC0415 - as above
 
-    given = sorted(name for name, value in options.items() if value is not None)
-    if given:
+    wrong = sorted(name for name, value in options.items() if value is not None)
+    if wrong:
         raise click.UsageError(
-            f"--{given[0].replace('_', '-')} can be given only with a scene; {path!r} is a recording, which is only "
+            f"--{wrong[0].replace('_', '-')} can be given only with a scene; {path!r} is a recording, which is only "
             "shown. Leave it out."
         )
-    if not folder:
-        return Recording(Path(path))
+    if isinstance(given.get("box"), str):
+        try:
+            given["box"] = [float(word) for word in given["box"].split(",")]
+        except ValueError:
+            raise click.BadParameter(f"{given['box']!r} must be numbers, such as 10,8.", param_hint="--box") from None
+    if not _is_folder(path):
+        return Recording(Path(path), **given)
     run = RunFolder.open(path)
-    return Recording(run.trajectory, run.scene, follow=run.record["status"] == "running")
+    return Recording(run.trajectory, run.scene, follow=run.record["status"] == "running", **given)
 
 
 def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":

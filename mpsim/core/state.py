@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -38,13 +38,14 @@ class State:
     `state.position.copy()` can be written; `Simulation.set` changes a simulation.
 
     Args:
-        position, velocity: as below.
+        position, velocity: as below; velocity may be left out where it is unknown.
         present, image, box: as below, by name; None: all present, no counts, unknown.
         others: other arrays with a row for each disc, as below, by name, such as spin; None: there are none.
 
     Attributes:
         position: shape (N, 2) [length], in the precision of the run; in [0, length) along a periodic axis.
-        velocity: shape (N, 2) [length/time].
+        velocity: shape (N, 2) [length/time]. Where it is unknown, as in a frame of a file without velocities, an
+            InputError says so: measures of positions need none.
         present: shape (N,), bool: False for absorbed discs. They rest where they left, and no observable counts them.
         image: shape (N, 2), int64, the image flags: how often each disc has crossed each periodic border since the
             scene began, negative towards lower coordinates, 0 along axes with walls. None where no axis is periodic.
@@ -78,7 +79,7 @@ class State:
     def __init__(
         self,
         position: NDArray[np.floating],
-        velocity: NDArray[np.floating],
+        velocity: NDArray[np.floating] | None = None,
         *,
         present: NDArray[np.bool_] | None = None,
         image: NDArray[np.int64] | None = None,
@@ -88,7 +89,7 @@ class State:
         columns.check_names("State", others, checks.names_of(State.__init__), columns.in_state())
         position = _two_each("position", position, None)
         count = len(position)
-        velocity = _two_each("velocity", velocity, count)
+        velocity = None if velocity is None else _two_each("velocity", velocity, count)
         here = np.ones(count, np.bool_) if present is None else np.asarray(present, np.bool_)
         if here.shape != (count,):
             raise InputError(f"present of a state must have shape ({count},), one per disc; got {here.shape}.")
@@ -104,7 +105,18 @@ class State:
         counts = found.pop("image")  # which comes before `present` in the digest
         values = {"position": position, "velocity": velocity, "image": counts, "present": here, **found, "box": walls}
         for name, value in values.items():
-            object.__setattr__(self, name, _read_only(value) if isinstance(value, np.ndarray) else value)
+            if name != "velocity" or value is not None:
+                object.__setattr__(self, name, _read_only(value) if isinstance(value, np.ndarray) else value)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> object:
+            if name == "velocity":
+                raise InputError(
+                    f"velocity must be in a state for this; got {self!r} without velocities, as of a file that does "
+                    "not hold them. Give State(position, velocity)."
+                )
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @property
     def unwrapped(self) -> NDArray[np.float64]:
@@ -186,7 +198,7 @@ class State:
             raise InputError(
                 f"a state must be a .npz with position and velocity; {str(source)!r}: {reason:.200}."
             ) from None
-        kinds = {state.position.dtype, state.velocity.dtype}
+        kinds = {array.dtype for name, array in vars(state).items() if name in ("position", "velocity")}
         if len(kinds) > 1 or state.position.dtype.kind != "f":
             raise InputError(
                 "position and velocity of a state must have one floating dtype; "

@@ -1,6 +1,7 @@
 """The file of a trajectory while it is written, frame by frame, by one process."""
 
 import logging
+import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -11,31 +12,55 @@ from mpsim.core.errors import OutputError, TrajectoryWarning, level_of_caller
 from mpsim.core.file_lock import FileLock
 from mpsim.engine.simulation import Simulation
 from mpsim.output.continuation import discrepancy, lacking
-from mpsim.output.frames import Frame, Reader, Writer
+from mpsim.output.frames import Frame, Given, Reader, Writer
 from mpsim.output.gsd import GsdReader, GsdWriter
+from mpsim.output.lammps import DumpReader
 from mpsim.output.xyz import XyzReader, XyzWriter
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
 
 class Format(NamedTuple):
-    """A format of trajectories: its usual ending, without the dot, and what reads and writes it.
+    """A format of trajectories that is written: its usual ending, without the dot, and what writes it.
 
     is_joint: whether ranks write it together.
     """
 
     name: str
-    reader: Callable[[Path], Reader]
     writer: Callable[[Path, str], Writer]
     is_joint: bool = False
 
 
-XYZ, GSD = Format("xyz", XyzReader, XyzWriter, is_joint=True), Format("gsd", GsdReader, GsdWriter)
+XYZ, GSD = Format("xyz", XyzWriter, is_joint=True), Format("gsd", GsdWriter)
 
 ENDINGS: dict[str, Format] = {".xyz": XYZ, ".extxyz": XYZ, ".gsd": GSD}
+"""Formats that are written, by the endings of their files."""
+
+READERS: dict[str, Callable[[Path, Given], Reader]] = {
+    ".xyz": XyzReader,
+    ".extxyz": XyzReader,
+    ".gsd": GsdReader,
+    ".lammpstrj": DumpReader,
+    ".dump": DumpReader,
+    ".xyz.gz": XyzReader,
+    ".extxyz.gz": XyzReader,
+    ".lammpstrj.gz": DumpReader,
+    ".dump.gz": DumpReader,
+}
+"""What reads a file, by its ending."""
 
 FORMATS: tuple[str, ...] = tuple(dict.fromkeys(each.name for each in ENDINGS.values()))
-"""Names of all formats."""
+"""Names of all formats that are written."""
+
+
+def ending_of(path: str | os.PathLike[str]) -> str:
+    """The ending of a file, such as .xyz.gz.
+
+    >>> ending_of("run/a.1.XYZ.gz"), ending_of("a.dump"), ending_of("xyz")
+    ('.xyz.gz', '.dump', '')
+    """
+    suffixes = [suffix.lower() for suffix in Path(os.fsdecode(path)).suffixes]
+    return "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
 
 
 class FrameFile:
@@ -133,7 +158,7 @@ class FrameFile:
         """Cut the file back to the frame of the simulation, after a check that it belongs to it."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            reader: Reader = ENDINGS[self._path.suffix.lower()].reader(self._path)
+            reader: Reader = READERS[self._path.suffix.lower()](self._path, Given())
         for each in caught:
             logger.warning("mpsim: %s It is cut off.", each.message)
         try:

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim.core import atomic
+from mpsim.core import atomic, checks
 from mpsim.core.columns import in_state
-from mpsim.core.errors import TrajectoryError
+from mpsim.core.errors import MpsimError, TrajectoryError
 from mpsim.core.optional_packages import imported
-from mpsim.output.frames import Frame
+from mpsim.output.frames import Frame, Given
 
 _PER_DISC = {"position": "position", "velocity": "velocity", "radius": "radius", "mass": "mass", "id": "ids"}
 """Arrays under log/particles/mpsim/, and the attributes of a Frame that they are; further columns go by their names."""
@@ -79,9 +79,11 @@ class GsdWriter:
 class GsdReader:
     """Reads frames of a file that stays open."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, given: Given | None = None):
         self._path = path
+        self._given = given or Given()
         self._file: Any = self._opened()
+        self._later: dict[str, bool] = {}
 
     def _opened(self) -> Any:
         hoomd = _library("gsd.hoomd")
@@ -97,6 +99,7 @@ class GsdReader:
         """Look for frames written since the library opened the file; it knows only the earlier ones."""
         self._file.close()
         self._file = self._opened()
+        self._later = {}
 
     def __len__(self) -> int:
         return len(self._file)
@@ -119,7 +122,7 @@ class GsdReader:
         """
         try:
             return self._read(index)
-        except (TrajectoryError, TimeoutError):
+        except (MpsimError, TimeoutError):
             raise
         except Exception as error:  # likewise
             raise self._damaged(f"frame {index} of", error) from None
@@ -135,21 +138,49 @@ class GsdReader:
         if box is not None:
             return self._of_mpsim(index, *map(float, box))
         found = self._file[index]
-        box = found.configuration.box
-        if box is None or box[:2].min() <= 0 or np.any(box[3:]):
-            raise TrajectoryError(
-                f"frame {index} of {str(self._path)!r} must have an upright rectangular box; got {box!r}."
-            )
-        discs = found.particles
-        known = {
-            "velocity": discs.velocity[:, :2],
-            "radius": discs.diameter.astype(np.float64) / 2,
-            "mass": discs.mass.astype(np.float64),
-            "image": discs.image[:, :2].astype(np.int64),
-        }
-        place = discs.position[:, :2] + box[:2] / 2
+        box, discs, where = found.configuration.box, found.particles, f"frame {index} of {str(self._path)!r}"
+        if box is None or not (0 < box[:2].min() <= box[:2].max() < np.inf) or np.any(box[3:]):
+            raise TrajectoryError(f"{where} must have an upright rectangular box; got {box!r}.")
+        known: dict[str, Any] = {}
+        if self._has(index, "velocity"):
+            known["velocity"] = discs.velocity
+        if self._has(index, "image"):
+            known["image"] = discs.image[:, :2].astype(np.int64)
+        if self._has(index, "mass", discs.N):
+            known["mass"] = discs.mass.astype(np.float64)
+        radius = _radius_of_shapes(discs, where)
+        if radius is None and self._has(index, "diameter", discs.N):
+            radius = discs.diameter.astype(np.float64) / 2
+        if radius is not None:
+            known["radius"] = radius
+        place = np.column_stack([discs.position[:, :2] + box[:2] / 2, discs.position[:, 2]])
+        for name, values in {"position": place, **known}.items():
+            bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+            if len(bad):
+                raise TrajectoryError(
+                    f"{where} must hold finite numbers; got {name} {values[bad[0]]} of disc {bad[0]}."
+                )
         both = float(box[0]), float(box[1])
-        return Frame(int(found.configuration.step), both, (0.0, 0.0), (True, True), place, self._path, known)
+        step = int(found.configuration.step)
+        return self._given.frame(where, step, both, (0.0, 0.0), None, place, self._path, known)
+
+    def _has(self, index: int, name: str, count: int | None = None) -> bool:
+        """Whether the file holds a quantity of the discs of a frame: its own, or that of the first frame.
+
+        HOOMD writes what changes as discs move into the first frame only, unless it is told otherwise: then later
+        frames lack it. It leaves out zeros, so frames lack nothing if any later one has it.
+
+        count: number of the discs, if the quantity stays the same as they move.
+        """
+        file, chunk = self._file.file, f"particles/{name}"
+        if file.chunk_exists(frame=index, name=chunk):
+            return True
+        if count is not None:
+            number = self._chunk(0, "particles/N")
+            return file.chunk_exists(frame=0, name=chunk) and number is not None and int(number[0]) == count
+        if chunk not in self._later:
+            self._later[chunk] = any(file.chunk_exists(frame=each, name=chunk) for each in range(1, len(self)))
+        return self._later[chunk]
 
     def _of_mpsim(self, index: int, width: float, height: float) -> Frame:
         """A frame that mpsim wrote. An earlier version wrote no masses, and no arrays for frames without discs."""
@@ -164,7 +195,8 @@ class GsdReader:
         left, low = (0.0, 0.0) if corner is None else map(float, corner)
         x, y = (bool(wrap) for wrap in self._chunk(index, "log/mpsim/periodic"))
         place = known.pop("position")
-        return Frame(self.number(index), (width, height), (left, low), (x, y), place, self._path, known)
+        where, box = f"frame {index} of {str(self._path)!r}", (width, height)
+        return self._given.frame(where, self.number(index), box, (left, low), (x, y), place, self._path, known)
 
     def _chunk(self, index: int, name: str) -> Any:
         """The data of a frame under a name; None if there are none."""
@@ -174,6 +206,22 @@ class GsdReader:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _radius_of_shapes(discs: Any, where: str) -> NDArray[np.float64] | None:
+    """Radii by the shapes of their types, as hard-particle Monte Carlo has them; None if the types have no shapes."""
+    given = dict(enumerate(discs.type_shapes))
+    shapes = {int(each): given.get(int(each), {}) for each in np.unique(discs.typeid)}
+    if not any(shapes.values()):
+        return None
+    for each, shape in shapes.items():
+        diameter = shape.get("diameter")
+        if shape.get("type") != "Sphere" or not (isinstance(diameter, int | float) and 0 < diameter < np.inf):
+            raise TrajectoryError(
+                f"{where} must hold discs, of shape Sphere with a diameter above 0; got {checks.brief(shape)} of type "
+                f"{each}."
+            )
+    return np.array([shapes[int(each)]["diameter"] / 2 for each in discs.typeid], np.float64)
 
 
 def _chunks_of(frame: Frame) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -62,7 +62,7 @@ class Shown:
         time: of the moment [time]; None: unknown.
         here: which discs of the state these are: an index of arrays of one row per disc.
         number: their numbers, shape (N,).
-        position, velocity: shape (N, 2) [length], [length/time].
+        position, velocity: shape (N, 2) [length], [length/time]; no velocity: unknown.
         radius, mass: shape (N,) [length], [mass].
         spin: shape (N,) [1/time]; None: smooth discs.
         given: discs that the state has, absorbed ones included.
@@ -75,7 +75,7 @@ class Shown:
     here: Any
     number: NDArray[np.int64]
     position: NDArray[np.floating]
-    velocity: NDArray[np.floating]
+    velocity: NDArray[np.floating] | None
     radius: NDArray[np.float64]
     mass: NDArray[np.float64]
     spin: NDArray[np.floating] | None
@@ -83,7 +83,7 @@ class Shown:
 
 
 KINDS: dict[str, tuple[str, Callable[[Shown], Any]]] = {
-    "speed": (SPEED, lambda shown: speeds_of(shown.velocity)),
+    "speed": (SPEED, lambda shown: None if shown.velocity is None else speeds_of(shown.velocity)),
     "radius": ("radius [length]", lambda shown: shown.radius),
     "mass": ("mass [mass]", lambda shown: shown.mass),
     "spin": ("angular velocity [1/time]", lambda shown: shown.spin),
@@ -204,9 +204,9 @@ def _shown_by(state: object, scene: object) -> Shown:
 def _of(state: State, scene: Scene, radius: Any, mass: Any, time: float | None) -> Shown:
     state = placed(state, scene)
     here, given = present_in(state), len(state.position)
-    spin = None if state.spin is None else state.spin[here]
+    spin, velocity = (None if array is None else array[here] for array in (state.spin, vars(state).get("velocity")))
     return Shown(
-        scene, (0.0, 0.0), state.box, time, here, np.arange(given)[here], state.position[here], state.velocity[here],
+        scene, (0.0, 0.0), state.box, time, here, np.arange(given)[here], state.position[here], velocity,
         np.asarray(radius)[here], np.asarray(mass)[here], spin, given,
     )  # fmt: skip
 
@@ -240,7 +240,8 @@ def _numbers(colour: Any, shown: Shown) -> tuple[NDArray[np.float64] | None, str
         label, numbers = KINDS[checks.choice("colour", colour, KINDS)]
         values = numbers(shown)
         if values is None:
-            raise InputError(f"colour must not be {colour!r} of smooth discs, which do not spin. Use 'speed'.")
+            what = "discs whose velocities are unknown" if colour == "speed" else "smooth discs, which do not spin"
+            raise InputError(f"colour must not be {colour!r} of {what}. Use 'radius', or None.")
         return np.asarray(values, np.float64), label
     try:
         given = np.asarray(colour, np.float64)

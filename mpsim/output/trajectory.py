@@ -1,24 +1,27 @@
 """Trajectories: frames of a run in one file, written while it runs and read back one by one.
 
 `.xyz` and `.extxyz` are extended XYZ, which needs no other package; `.gsd` is GSD, which needs the package gsd. OVITO
-opens both. If the process is killed, at most the frame that was being written is lost.
+opens both. If the process is killed, at most the frame that was being written is lost. Text dumps of LAMMPS are read.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, overload
 
+from numpy.typing import ArrayLike
+
 from mpsim.core import checks
-from mpsim.core.errors import InputError, TrajectoryError
+from mpsim.core.errors import InputError, MpsimError, TrajectoryError
 from mpsim.core.joint_file import JointFile
 from mpsim.engine.simulation import Simulation, jointly
+from mpsim.features.edges import BoundaryName
 from mpsim.output.first_rank import FirstRank
-from mpsim.output.frame_file import ENDINGS, FrameFile, unwritable
-from mpsim.output.frames import Frame, Reader, frame_of
+from mpsim.output.frame_file import ENDINGS, READERS, FrameFile, ending_of, unwritable
+from mpsim.output.frames import Frame, Given, Reader, frame_of
 from mpsim.output.ownership import Ownership
 from mpsim.output.xyz import write_jointly
 
@@ -28,14 +31,24 @@ class Trajectory:
     """A trajectory to read: a sequence of frames, each read from the file when it is needed.
 
     Args:
-        path: ends in .xyz, .extxyz or .gsd; written by mpsim or by another program.
+        path: ends in .xyz, .extxyz, .gsd, .lammpstrj or .dump (text dumps of LAMMPS), or, but for GSD, one of these
+            and .gz; written by mpsim or by another program.
+        box: for frames that hold no box, as those of plain XYZ: (width, height), or (x_low, x_high, y_low, y_high)
+            [length].
+        boundary: for frames that do not say which axes are periodic: as of a Scene; None: both are.
+        radius: for frames that hold no radii: that of all discs [length].
+
+    Attributes:
+        path: of the file.
+        given: box, boundary and radius, by name.
 
     Raises:
-        InputError: for another ending.
+        InputError: for another ending; from a frame that holds what was given.
         TrajectoryError: if the file cannot be read; the message says what is missing.
 
     Warns:
-        TrajectoryWarning: if the file ends in the middle of a frame; that frame is left out.
+        TrajectoryWarning: if the file ends in the middle of a frame, which is left out; or in the middle of a line, in
+            a file of another program: that frame is read.
 
     >>> import tempfile, mpsim
     >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
@@ -49,12 +62,26 @@ class Trajectory:
     [0, 40, 80]
     """
 
-    def __init__(self, path: str | os.PathLike[str]):
-        self.path: Path = _path_of(path)
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        box: ArrayLike | None = None,
+        boundary: BoundaryName | Sequence[BoundaryName] | None = None,
+        radius: float | None = None,
+    ):
+        self.path: Path = _path_of(path, READERS)
+        self.given: dict[str, Any] = {"box": box, "boundary": boundary, "radius": radius}
+        given = Given.of(**self.given)
         if not self.path.is_file():
             what = "is not a file" if self.path.exists() else "does not exist"
             raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} {what}.")
-        self._reader: Reader = ENDINGS[self.path.suffix.lower()].reader(self.path)
+        try:
+            self._reader: Reader = READERS[ending_of(self.path)](self.path, given)
+        except MpsimError:
+            raise
+        except OSError as error:
+            raise self._unreadable(error) from None
         self._range = range(len(self._reader))
         self._whole = True
 
@@ -70,8 +97,8 @@ class Trajectory:
     def __getitem__(self, index: int | slice) -> Frame | Trajectory:
         if isinstance(index, slice):
             part = object.__new__(Trajectory)
-            part.path, part._reader, part._range = self.path, self._reader, self._range[index]
-            part._whole = False
+            part.path, part.given, part._reader = self.path, self.given, self._reader
+            part._range, part._whole = self._range[index], False
             return part
         try:
             number = self._range[index]
@@ -113,15 +140,18 @@ class Trajectory:
         try:
             self._reader.refresh()
         except OSError as error:
-            raise TrajectoryError(
-                f"a trajectory must be a file that can be read; {str(self.path)!r} cannot ({error.strerror or error})."
-            ) from None
+            raise self._unreadable(error) from None
         if self._whole:
             self._range = range(len(self._reader))
         return len(self)
 
+    def _unreadable(self, error: OSError) -> TrajectoryError:
+        return TrajectoryError(
+            f"a trajectory must be a file that can be read; {str(self.path)!r} cannot ({error.strerror or error})."
+        )
+
     def close(self) -> None:
-        """Close the file. Not needed for extended XYZ, whose file is open only while a frame is read."""
+        """Close the file. Not needed for text that is not compressed, whose file is open only while a frame is read."""
         self._reader.close()
 
     def __repr__(self) -> str:
@@ -164,7 +194,7 @@ class TrajectoryWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x", comm: object = None):
-        self.path: Path = _path_of(path)
+        self.path: Path = _path_of(path, ENDINGS)
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes every frame.")
         checks.choice("mode", mode, ("x", "w", "a"))
         self.frames: int = 0
@@ -233,17 +263,17 @@ class TrajectoryWriter:
         self._first_rank.close()
 
 
-def _hint(path: Any) -> str:
+def _hint(path: Any, endings: Iterable[str]) -> str:
     """Advice on what to give instead, if the path is the folder of a run."""
     if isinstance(path, str | os.PathLike) and os.path.isdir(path):  # False too for what no path can be
-        found = sorted(p for p in Path(os.fsdecode(path)).glob("*") if p.suffix.lower() in ENDINGS)
+        found = sorted(p for p in Path(os.fsdecode(path)).glob("*") if ending_of(p) in endings)
         if found:
             return f"It is a folder; use {str(found[0])!r}."
     return "Use 'run.xyz'."
 
 
-def _path_of(path: str | os.PathLike[str]) -> Path:
+def _path_of(path: str | os.PathLike[str], endings: Iterable[str]) -> Path:
     """A path that ends as a trajectory does."""
-    if not isinstance(path, str | os.PathLike) or Path(os.fsdecode(path)).suffix.lower() not in ENDINGS:
-        raise InputError(f"a trajectory's path must end in {', '.join(ENDINGS)}; got {path!r}. {_hint(path)}")
+    if not isinstance(path, str | os.PathLike) or ending_of(path) not in endings:
+        raise InputError(f"a trajectory's path must end in {', '.join(endings)}; got {path!r}. {_hint(path, endings)}")
     return Path(os.fsdecode(path))

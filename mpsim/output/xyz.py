@@ -5,27 +5,34 @@ gives the same bits. A frame is complete if all its lines are there, each with i
 file is left from a killed process, and is dropped.
 """
 
-import functools
 import os
 import re
-import warnings
-from collections.abc import Iterator, Sequence
-from itertools import accumulate, islice
+from collections.abc import Iterator
+from itertools import accumulate
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from mpsim.core import untrusted
 from mpsim.core.chunks import ranges
 from mpsim.core.columns import IMAGE, MASS, Column, in_state
-from mpsim.core.errors import TrajectoryError, TrajectoryWarning, level_of_caller
 from mpsim.core.joint_file import JointFile
 from mpsim.core.team import Team, raise_first
 from mpsim.kernels.text_rows import join_rows
-from mpsim.output.frames import Frame, kind_of
+from mpsim.output.frames import ROUNDING, Frame, kind_of
+from mpsim.output.text_frames import (
+    LONGEST_LINE,
+    LONGEST_NUMBER,
+    LineError,
+    Lines,
+    TextReader,
+    changed,
+    real,
+    scan,
+    table,
+)
 
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"
 """Columns that mpsim writes: mass and velo by the names that OVITO knows, masses and momenta by those of ASE."""
@@ -33,14 +40,15 @@ PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:moment
 PART = 20_000
 """Discs whose lines are made at a time."""
 
-_KEY = re.compile(r'([A-Za-z_][\w-]*)\s*=\s*(?:"([^"]*)"|\{([^}]*)\}|(\S+))')
-
 _POSITION, _VELOCITY = Column("position", "centres", (2,)), Column("velocity", "velocities", (2,))
+_MOMENTUM = Column("momentum", "momenta", (2,))
 
 _NAMED: dict[str, Column] = {
     "pos": _POSITION,
     "velo": _VELOCITY,
     "vel": _VELOCITY,
+    "velocity": _VELOCITY,
+    "velocities": _VELOCITY,
     "radius": Column("radius", "radii"),
     "mass": MASS,
     "masses": MASS,
@@ -49,11 +57,8 @@ _NAMED: dict[str, Column] = {
 }
 """Columns that go by the names that OVITO and ASE know; each bears the name of the attribute of a Frame that it is."""
 
-_LONGEST_COUNT = 18
-"""Bytes of the line that holds the number of discs at most: a longer one is no trajectory."""
-
-_LONGEST_LINE = 2**20
-"""Bytes of any other line at most."""
+_BLANK = " \t,;[]{}"
+_BETWEEN = re.compile(r"[\s,;\[\]{}]+")
 
 
 class XyzWriter:
@@ -71,8 +76,7 @@ class XyzWriter:
 
     def truncate(self, frames: int) -> None:
         """Cut the file after its first frames, and after the last complete one."""
-        offsets, _ = scan(self._path)
-        self._file.truncate(offsets[frames])
+        self._file.truncate(scan(self._path, skip_frame).offsets[frames])
 
     @property
     def end(self) -> int:
@@ -90,80 +94,51 @@ class XyzWriter:
             self._file.close()
 
 
-class XyzReader:
+class XyzReader(TextReader):
     """Reads frames at their positions in the file."""
-
-    def __init__(self, path: Path):
-        self._path = path
-        self._offsets, lost = scan(path)
-        if lost:
-            warnings.warn(
-                f"the trajectory {str(path)!r} ends in the middle of a frame, as after a kill; the last {lost} "
-                f"bytes are not read. Its {len(self)} complete frames can be read.",
-                TrajectoryWarning,
-                stacklevel=level_of_caller(),
-            )
-
-    def __len__(self) -> int:
-        return len(self._offsets) - 1
-
-    def refresh(self) -> None:
-        """Look for frames written since the last call; if the file has been replaced, for all frames."""
-        try:
-            self._offsets, _ = scan(self._path, self._offsets)
-        except TrajectoryError:
-            self._offsets, _ = scan(self._path)
 
     def number(self, index: int) -> int:
         """The frame of the simulation that is at an index; the index itself if the file does not say."""
-        with self._path.open("rb") as file:
-            file.seek(self._offsets[index])
-            file.readline()
-            keys = keys_of(file.readline().decode("utf-8", "replace"))
-        return self._number(keys, index)
-
-    def read(self, index: int) -> Frame:
-        """One frame.
-
-        Raises:
-            TrajectoryError: naming what the file lacks.
-        """
         start, end = self._offsets[index : index + 2]
-        with self._path.open("rb") as file:
-            file.seek(start)
-            lines = file.read(end - start).decode("utf-8", "replace").split("\n")
-        where = f"frame {index} of {str(self._path)!r}"
-        if not lines[0].strip().isdecimal() or len(lines) != int(lines[0]) + 3:  # the last line ends, too
-            raise TrajectoryError(
-                f"{where} must be where it was when the file was opened; its first line is {lines[0]!r:.80} now. "
-                "The file has been changed: open it again."
-            )
-        count, keys = int(lines[0]), keys_of(lines[1])
-        if "Lattice" not in keys:
-            raise TrajectoryError(
-                f"{where} must hold the box, the key Lattice of extended XYZ; its second line is {lines[1]!r:.80}. "
-                "Have the program that wrote it write extended XYZ."
-            )
-        known: dict[str, Any] = _columns(lines[2 : 2 + count], keys.get("Properties", "species:S:1:pos:R:3"), where)
+        head = self._bytes(start, min(end, start + 2 * LONGEST_LINE)).lstrip().decode("utf-8", "replace")
+        return _number_of(keys_of("".join(head.split("\n")[1:2])), index)
+
+    def _skip(self, lines: Lines, head: bytes) -> bool:
+        return skip_frame(lines, head)
+
+    def _frame(self, where: str, index: int, lines: list[str]) -> Frame:
+        head = lines[0].strip()
+        count = int(head) if head.isdecimal() and len(head) <= LONGEST_NUMBER else -1
+        if not 0 <= count <= len(lines) - 2 or any(map(str.strip, lines[count + 2 :])):
+            raise changed(lines[0])
+        comment, keys = lines[1], keys_of(lines[1])
+        rows = lines[2 : 2 + count]
+        # a file without names of columns may have more of them than those of the format
+        further = f":_:S:{max(len(rows[0].split()) - 4, 0) if rows else 0}"
+        known = _columns(rows, keys.get("properties", f"species:S:1:pos:R:3{further}"))
         position = known.pop("position")
         if "float32" in keys.get("precision", ""):
             position = position.astype(np.float32)
             reals = ("velocity", *(column.name for column in in_state() if not column.integer))
             known |= {name: known[name].astype(np.float32) for name in reals if name in known}
-        for key in ("Time", "time"):
-            if key in keys:
-                known["time"] = _number(keys[key], where, key)
-        wraps = keys.get("pbc", "T T T").split()
-        periodic = wraps[0] in ("T", "1", "True"), wraps[1:2] in (["T"], ["1"], ["True"])
-        box, origin = _box(keys["Lattice"], where), _origin(keys.get("Origin", "0 0"), where)
-        return Frame(self._number(keys, index), box, origin, periodic, position, self._path, known)
-
-    def close(self) -> None:
-        """Do nothing: the file is open only while a frame is read."""
-
-    def _number(self, keys: dict[str, str], index: int) -> int:
-        text = keys.get("Frame", "")
-        return int(text) if text.isdecimal() and len(text) < _LONGEST_COUNT else index
+        if "time" in keys:
+            known["time"] = real(keys["time"], "Time", 1)
+        box, periodic, origin = _box(keys), _periodic(keys), (0.0, 0.0)
+        if box is None and self._given.box is None:
+            raise LineError(
+                1,
+                f"must hold the box, the key Lattice of extended XYZ; it is {comment.strip()!r:.80}. Have the program "
+                "that wrote it write extended XYZ, or give box=(width, height).",
+            )
+        if "origin" in keys:
+            numbers = _numbers(keys["origin"], "Origin")
+            if len(numbers) < 2:
+                raise LineError(
+                    1, f"must have the corner of its box under Origin, 'x y z'; got {keys['origin']!r:.80}."
+                )
+            origin = numbers[0], numbers[1]
+        number = _number_of(keys, index)
+        return self._given.frame(where, number, box, origin, periodic, position, self._path, known)
 
 
 def write_jointly(file: JointFile, team: Team, frame: Frame, begin: int) -> None:
@@ -263,89 +238,82 @@ def _entries_of(column: NDArray[Any] | str) -> bytes:
     return orjson.dumps(np.ascontiguousarray(column), option=orjson.OPT_SERIALIZE_NUMPY)[1:-1] + b","
 
 
-def scan(path: Path, known: Sequence[int] = (0,)) -> tuple[list[int], int]:
-    """Where each complete frame begins, where the last one ends, and how many bytes follow it.
-
-    The file is streamed, not held.
-
-    Args:
-        path: of the file.
-        known: the result of an earlier scan of it; that part is not read again.
-
-    Raises:
-        TrajectoryError: if it is no XYZ file.
-    """
-    with untrusted.opened(path) as file:
-        size = file.seek(0, os.SEEK_END)
-        offsets = [offset for offset in known if offset <= size]
-        file.seek(offsets[-1])
-        while offsets[-1] < size:
-            head = file.readline(_LONGEST_COUNT + 1)
-            if not head.strip() and not file.read(_LONGEST_COUNT).strip() and file.tell() == size:
-                return offsets, 0  # blank lines at the end, as some programs leave them
-            if not head.endswith(b"\n") and file.tell() == size and head.strip().isdigit():
-                break
-            if not head.strip().isdigit() or len(head) > _LONGEST_COUNT:
-                raise TrajectoryError(
-                    f"a trajectory in XYZ must give the number of discs where a frame begins; {str(path)!r} holds "
-                    f"{head!r} at byte {offsets[-1]}, frame {len(offsets) - 1}. Give a file of extended XYZ."
-                )
-            lines = 1 + int(head)
-            if not _skipped(file, lines, path):
-                break
-            offsets.append(file.tell())
-    return offsets, size - offsets[-1]
+def skip_frame(lines: Lines, head: bytes) -> bool:
+    """Skip a frame, as `text_frames.Skip`; a frame that mpsim wrote is incomplete without its last newline."""
+    if not head.strip().isdigit() or len(head.strip()) > LONGEST_NUMBER:
+        raise LineError(
+            0, f"must give the number of discs where a frame begins; got {head[:80]!r}. Give a file of extended XYZ."
+        )
+    if lines.unended:
+        raise EOFError
+    comment = lines.next()
+    lines.next(int(head))
+    return lines.even and b"precision=" not in comment
 
 
-def _skipped(file: BinaryIO, lines: int, path: Path) -> bool:
-    """Skip so many lines; False if the file ends before that.
+_QUOTED = r'"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\''
 
-    Raises:
-        TrajectoryError: for a line that is longer than any line of a trajectory.
-    """
-    for line in islice(iter(functools.partial(file.readline, _LONGEST_LINE), b""), lines):
-        if not line.endswith(b"\n"):  # as only the last line of a file may
-            if len(line) == _LONGEST_LINE and b"\0" not in line:  # as it is where ranks were killed as they wrote
-                raise TrajectoryError(
-                    f"a trajectory in XYZ must have lines of less than {_LONGEST_LINE:,} bytes; "
-                    f"{str(path)!r} has a longer one at byte {file.tell() - len(line)}. Give a file of extended XYZ."
-                )
-            return False
-        lines -= 1
-    return not lines
+_KEY = re.compile(rf"({_QUOTED}|[^\s=]+)(?:\s*=\s*({_QUOTED}|\{{[^}}]*\}}|\[\[.*?\]\s*\]|\[[^\]]*\]|\S*))?")
+
+
+_COLON = re.compile(r"\b(Timestep|Time): +")
+"""What stands before a value in the plain XYZ of LAMMPS."""
 
 
 def keys_of(comment: str) -> dict[str, str]:
-    """Keys and values of the second line of a frame.
+    """Keys, in lower case, and values of the second line of a frame.
 
-    >>> keys_of('Lattice="1 0 0 0 2 0 0 0 1" Time=0.5 pbc="T F F"')
-    {'Lattice': '1 0 0 0 2 0 0 0 1', 'Time': '0.5', 'pbc': 'T F F'}
+    Values are in quotes or brackets, or are words. Words without a key continue the value of `pbc=T T F`.
+
+    >>> keys_of("Lattice='1 0 0 0 2 0 0 0 1' Time=0.5 PBC=[T, F, F]")
+    {'lattice': '1 0 0 0 2 0 0 0 1', 'time': '0.5', 'pbc': 'T, F, F'}
     """
-    return {name: next(filter(None, values), "") for name, *values in _KEY.findall(comment)}
+    keys, open_key = dict[str, str](), ""
+    for match in _KEY.finditer(_COLON.sub(r"\1=", comment)):
+        name, value = match.groups()
+        if value is None:
+            if open_key:
+                keys[open_key] += f" {name}"
+            continue
+        name = name.strip("\"'").lower()
+        bare = value[:1] not in "\"'{["
+        open_key = name if bare and name in ("pbc", "lattice", "origin") else ""
+        keys[name] = value if bare else value[1:-1]
+    return keys
 
 
-def _columns(lines: list[str], properties: str, where: str) -> dict[str, Any]:
+def _number_of(keys: dict[str, str], index: int) -> int:
+    """The frame of the simulation, or the time step of LAMMPS; the index of a frame whose second line does not say."""
+    text = keys.get("frame", keys.get("timestep", ""))
+    return int(text) if text.isdecimal() and len(text) <= LONGEST_NUMBER else index
+
+
+def _columns(rows: list[str], properties: str) -> dict[str, Any]:
     """The columns that mpsim knows, by their names in mpsim."""
     parts = properties.split(":")
     if len(parts) % 3 or not all(width.isdecimal() and len(width) < 5 for width in parts[2::3]):
-        raise TrajectoryError(
-            f"{where} must name its columns as name:type:width, again and again; got Properties={properties:.80}."
+        raise LineError(
+            1, f"must name its columns as name:type:width, again and again; got Properties={properties:.80}."
         )
-    widths = [int(width) for width in parts[2::3]]
-    tokens = [line.split() for line in lines]
-    if any(len(row) != sum(widths) for row in tokens):
-        row = next(row for row in tokens if len(row) != sum(widths))
-        raise TrajectoryError(
-            f"{where} must have {sum(widths)} columns, as its Properties say; got a line with {len(row)}: "
-            f"{' '.join(row)!r:.80}. The file is damaged, or another program has written it wrongly."
-        )
-    known, found, first = {**_NAMED, **_of_states()}, {}, 0
-    for name, width in zip(parts[::3], widths, strict=True):
-        if name in known:
-            found[known[name].name] = _read_columns(tokens, slice(first, first + width), name, known[name], where)
-        first += width
-    if "position" not in found:
-        raise TrajectoryError(f"{where} must have the column pos:R:3, the places; its Properties are {properties:.80}.")
+    columns = [(name.lower(), int(width)) for name, width in zip(parts[::3], parts[2::3], strict=True)]
+    widths, known = dict(columns), {**_NAMED, **_of_states()}
+    if "momenta" in widths and not any(known.get(name) == _VELOCITY for name in widths):
+        known["momenta"] = _MOMENTUM
+    for name, width in widths.items():
+        least = len(known[name].components) + 1 if name in known else 0
+        if width < least:
+            raise LineError(1, f"must have a column {name} of {least} numbers or more; got {width}.")
+    if "pos" not in widths:
+        raise LineError(1, f"must have the column pos:R:3, the places; its Properties are {properties:.80}.")
+    kinds = {name: int if known[name].integer else float for name in widths if name in known}
+    found = dict[str, Any]()
+    for name, values in table(rows, 2, columns, kinds, "Properties say").items():
+        column = known[name]
+        wide = values if column.name in ("position", "velocity", "momentum") else values[:, :2]
+        found[column.name] = np.ascontiguousarray(wide) if column.components else values[:, 0]
+    momentum = found.pop("momentum", None)
+    if momentum is not None and "mass" in found and (found["mass"] > 0).all():
+        found["velocity"] = momentum / found["mass"][:, None]
     return found
 
 
@@ -355,41 +323,35 @@ def _of_states() -> dict[str, Column]:
     return {names.get(column, column.name): column for column in in_state()}
 
 
-def _read_columns(tokens: list[list[str]], which: slice, name: str, column: Column, where: str) -> NDArray[Any]:
-    """Numbers of shape (N,), or (N, 2) for vectors, of which z is left out."""
-    wide = column.components == (2,)
-    try:
-        values = [(int if column.integer else float)(value) for row in tokens for value in row[which]]
-        table = np.array(values, column.dtype(np.dtype(np.float64)))
-    except (ValueError, OverflowError) as error:
-        raise TrajectoryError(
-            f"{where} must hold numbers in its column {name}; got this error: {error!s:.120}."
-        ) from None
-    shape = (len(tokens), which.stop - which.start)
-    table = table.reshape(shape)
-    if shape[1] < (2 if wide else 1):
-        raise TrajectoryError(f"{where} must have a column {name} of 2 numbers or 3; got {shape[1]}.")
-    return np.ascontiguousarray(table[:, :2]) if wide else table[:, 0]
-
-
-def _box(lattice: str, where: str) -> tuple[float, float]:
-    numbers = [_number(text, where, "Lattice") for text in lattice.split()]
-    if len(numbers) != 9 or any(numbers[index] for index in (1, 2, 3, 5, 6, 7)):
-        raise TrajectoryError(
-            f"{where} must have an upright rectangular box, Lattice='width 0 0 0 height 0 0 0 z'; got {lattice!r:.80}."
+def _box(keys: dict[str, str]) -> tuple[float, float] | None:
+    """Width and height; None if there is no box, or one of zeros, which stands for none."""
+    if "lattice" not in keys:
+        return None
+    numbers = _numbers(keys["lattice"], "Lattice")
+    if len(numbers) == 3:
+        numbers = [numbers[0], 0, 0, 0, numbers[1], 0, 0, 0, numbers[2]]
+    if not any(numbers):
+        return None
+    slanted = max((abs(numbers[index]) for index in (1, 2, 3, 5, 6, 7)), default=0.0) if len(numbers) == 9 else 1.0
+    if len(numbers) != 9 or min(numbers[0], numbers[4]) <= 0 or slanted > ROUNDING * min(numbers[0], numbers[4]):
+        raise LineError(
+            1,
+            "must have an upright rectangular box with sides above 0, Lattice='width 0 0 0 height 0 0 0 z'; got "
+            f"{keys['lattice']!r:.80}.",
         )
     return numbers[0], numbers[4]
 
 
-def _origin(corner: str, where: str) -> tuple[float, float]:
-    numbers = [_number(text, where, "Origin") for text in corner.split()]
-    if len(numbers) < 2:
-        raise TrajectoryError(f"{where} must have the corner of its box under Origin, 'x y z'; got {corner!r:.80}.")
-    return numbers[0], numbers[1]
+def _periodic(keys: dict[str, str]) -> tuple[bool, bool] | None:
+    """Whether x, and whether y, is periodic; None if the frame does not say."""
+    words = _BETWEEN.split(keys.get("pbc", "").strip(_BLANK).lower())
+    if "pbc" not in keys:
+        return None
+    values = [{"t": True, "true": True, "1": True, "f": False, "false": False, "0": False}.get(word) for word in words]
+    if None in values or len(values) > 3:
+        raise LineError(1, f"must say under pbc which axes are periodic, such as pbc='T T F'; got {keys['pbc']!r:.80}.")
+    return bool(values[0]), bool(values[:2][-1])
 
 
-def _number(text: str, where: str, key: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise TrajectoryError(f"{where} must hold numbers under {key}; got {text!r:.80}.") from None
+def _numbers(text: str, key: str) -> list[float]:
+    return [real(word, key, 1) for word in _BETWEEN.split(text.strip(_BLANK)) if word]

@@ -58,7 +58,7 @@ def source_of(
         InputError, TrajectoryError: as `Session` and `Recording`; also if colours are given with a trajectory.
     """
     if isinstance(viewed, Trajectory):
-        viewed = Recording(viewed.path)
+        viewed = Recording(viewed.path, **viewed.given)
     if not isinstance(viewed, Recording):
         own = own_colours(colour, viewed.given.count if isinstance(viewed, Link) else viewed.count)
         options: dict[str, Any] = {"name": name, "playing": playing, "colour": own, "beside": beside}

@@ -5,6 +5,7 @@ import warnings
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ class Recording:
     """The file of a trajectory, which a run may still be writing.
 
     Args:
-        path: path of the file, as for `mpsim.Trajectory`.
+        path: path of the file, as for `mpsim.Trajectory`, and `given`, which it takes by name.
         scene: scene of the trajectory; None: a box with the discs of its first frame, without obstacles and forces.
         follow: whether a view starts at the last frame and continues with new ones.
 
@@ -52,7 +53,7 @@ class Recording:
 
     Raises:
         InputError: if the file has no frame yet.
-        TrajectoryError: if it lacks velocities or radii, or cannot be read.
+        TrajectoryError: if it lacks radii, or cannot be read.
 
     >>> import tempfile, mpsim
     >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
@@ -64,11 +65,11 @@ class Recording:
     (6, 20, 50)
     """
 
-    def __init__(self, path: Path, scene: Scene | None = None, follow: bool = False):
+    def __init__(self, path: Path, scene: Scene | None = None, follow: bool = False, **given: Any):
         self._path = path
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", TrajectoryWarning)  # an incomplete last frame is still being written
-            self._trajectory = Trajectory(path)
+            self._trajectory = Trajectory(path, **given)
         self._seen = self._stamp()
         if not len(self):
             raise InputError(
@@ -114,7 +115,8 @@ class Recording:
         discs = placed(frame.state, self.scene) if self._corner is None else _seen_from(self._corner, frame)
         position = np.zeros((count, 2), frame.position.dtype)
         velocity, radii, present = np.zeros_like(position), np.zeros(count), np.zeros(count, np.bool_)
-        position[numbers], velocity[numbers] = discs.position, discs.velocity
+        position[numbers] = discs.position
+        velocity[numbers] = frame.known.get("velocity", nan)  # which the page shows as unknown
         radii[numbers], present[numbers] = frame.radius, True
         # Without a scene no wall is drawn, and measures take the box of the first frame, though a wall may have moved.
         state = State(position, velocity, present=present, box=None if self._corner else discs.box)
@@ -160,7 +162,7 @@ def _scene_of(frame: Frame) -> Scene:
         width=width,
         height=height,
         position=place,
-        velocity=frame.velocity.astype(np.float64),
+        velocity=np.asarray(frame.known.get("velocity", 0 * place), np.float64),
         radius=frame.radius,
         mass=None if mass is None or (mass == 1).all() else mass,
         boundary=boundary_of(frame.periodic),

@@ -94,9 +94,9 @@ def test_a_file_of_another_program_is_not_continued(tmp_path, ending):
         frame.log = {}
         with hoomd.open(str(path), "w") as file:
             file.append(frame)
-        text = "times, numbers of discs"
+        text = "times, radii, masses, numbers of discs"  # diameters and masses of 1 are not written
     else:
-        path.write_text(path.read_text().replace("id:I:1", "tag:I:1").replace("velo:R:3", "speed:R:3"))
+        path.write_text(path.read_text().replace("id:I:1", "tag:I:1").replace("velo:R:3:momenta", "speed:R:3:push"))
         text = "velocities, numbers of discs"
     with simulate(pair(), method="naive", dt=0.02) as sim:
         sim.run(frames=3)

@@ -50,7 +50,7 @@ def foreign(path, position, **more):
     frame = gsd.hoomd.Frame()
     frame.configuration.box, frame.particles.N = [10, 6, 0, 0, 0, 0], len(position)
     frame.particles.position = position
-    frame.particles.velocity, frame.particles.diameter = np.ones((len(position), 3)), np.ones(len(position))
+    frame.particles.velocity, frame.particles.diameter = [(1, 1, 0)] * len(position), [0.9] * len(position)
     with gsd.hoomd.open(str(path), "w") as file:
         file.append(frame)
 
@@ -76,8 +76,8 @@ def test_what_is_missing_is_named(tmp_path):
     empty.touch()
     with pytest.raises(mpsim.InputError, match=r"a recording must hold a frame; '.*empty.xyz' holds none yet. Let the"):
         Recording(empty)
-    bare.write_text('1\nLattice="10 0 0 0 6 0 0 0 1" Properties=pos:R:3:radius:R:1\n1 1 0 0.5\n')
-    with pytest.raises(mpsim.TrajectoryError, match="velocity must be in a trajectory"):
+    bare.write_text('1\nLattice="10 0 0 0 6 0 0 0 1" Properties=pos:R:3:velo:R:3\n1 1 0 0 0 0\n')
+    with pytest.raises(mpsim.TrajectoryError, match=r"radius must be in a trajectory.*, or give Trajectory\(path, rad"):
         Recording(bare)
     with pytest.raises(mpsim.TrajectoryError, match=r"must be a file that can be read; '.*none.xyz' does not exist\."):
         Recording(tmp_path / "none.xyz")
