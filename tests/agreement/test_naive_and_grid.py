@@ -55,6 +55,16 @@ def test_the_bits_are_equal_as_long_as_no_disc_has_two_contacts_in_a_frame(law, 
     assert contacts > 30, f"only {contacts} contacts before the first disc with two: this tests little"
 
 
+@pytest.mark.parametrize("contact", ["push", "impact"])
+def test_the_bits_of_pairs_at_one_point_are_equal(contact):
+    point = np.stack(np.divmod(np.arange(16), 4), axis=1) * 5.0 + 2.5
+    scene = mpsim.Scene(width=20, height=20, position=np.tile(point, (2, 1)), velocity=np.ones((32, 2)), radius=0.5)
+    naive, grid = (state_after(scene, 3, method=method, contact=contact, dt=0.02) for method in ("naive", "grid"))
+    assert_same_bits(naive, grid, contact)
+    directions = np.round((grid.position[16:] - grid.position[:16]), 6)
+    assert len({tuple(each) for each in directions}) == 16, "pairs of different ids part in the same direction"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_in_one_frame_only_discs_in_groups_with_several_contacts_differ(precision):

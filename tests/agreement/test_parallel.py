@@ -27,6 +27,14 @@ def test_parallel_is_grid_with_every_feature(precision, features):
     assert_parallel_is_grid(scene, workers=(3,), precision=precision, dt=0.02, substeps=2)
 
 
+@pytest.mark.parametrize("contact", ["push", "impact"])
+def test_parallel_is_grid_for_discs_at_one_point(contact):
+    """At rest, in twenty points on the edges of cells, so that groups are shared by two workers as they spread."""
+    point = np.stack(np.divmod(np.arange(20), 5), axis=1) * 6.0 + 3.0
+    scene = mpsim.Scene(width=30, height=30, position=np.tile(point, (9, 1)), velocity=np.zeros((180, 2)), radius=0.5)
+    assert_parallel_is_grid(scene, frames=30, workers=(1, 3), contact=contact)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(2.5, 200.0), (1.0, 200.0), (200.0, 1.5)])
 def test_parallel_is_grid_with_more_workers_than_columns_or_discs_in_them(size):

@@ -264,3 +264,23 @@ def test_a_disc_that_an_impact_throws_at_an_edge_that_absorbs_leaves():
     with simulate(scene, method="naive", dt=1 / 32, contact="impact") as sim:
         sim.run(frames=2)
         assert sim.absorbed.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("contact", ["push", "impact"])
+@pytest.mark.parametrize(("law", "method"), [("elastic", "naive"), ("elastic", "grid"), ("reflect", "grid")])
+@pytest.mark.parametrize("boundary", ["walls", "periodic"])
+def test_discs_at_one_point_part_in_all_directions(boundary, law, method, contact, precision):
+    """Thirty-six, as many as a box 12 wide has no room for in a line, at rest or with the same velocity."""
+    for velocity in ([0.0, 0.0], [1.0, 0.5]):
+        scene = Scene(
+            width=12, height=12, position=[[6.0, 6.0]] * 36, velocity=[velocity] * 36, radius=0.5, boundary=boundary
+        )
+        with simulate(scene, method=method, contact=contact, law=law, precision=precision, dt=0.01) as sim:
+            sim.run(frames=200)
+            position = np.asarray(sim.state.position, float)
+        apart = position[:, None] - position
+        if boundary == "periodic":
+            apart -= 12 * np.round(apart / 12)
+        nearest = np.hypot(*np.moveaxis(apart, -1, 0))[np.triu_indices(36, 1)].min()
+        assert nearest > 0.99, f"two discs are {nearest} apart, of diameter 1"

@@ -37,10 +37,19 @@ def assert_is_its_twin(scene: mpsim.Scene, frames: int, note: str, **settings: A
     return twin
 
 
-def normalised(x: Any, y: Any) -> tuple[Any, Any, Any]:
-    """Unit vector along (x, y), and its length, in the precision of x and y."""
+def normalised(i: int, j: int, x: Any, y: Any) -> tuple[Any, Any, Any]:
+    """Unit vector along (x, y) from disc i to disc j, and its length, in the precision of x and y."""
     length = np.sqrt(x * x + y * y)
-    return (x / length, y / length, length) if length > 0 else (type(x)(1), type(x)(0), length)
+    if length > 0:
+        return x / length, y / length, length
+    nx, ny = direction_of(i, j) if i < j else -direction_of(j, i)
+    return type(x)(nx), type(x)(ny), length
+
+
+def direction_of(i: int, j: int) -> Any:
+    """Where disc j goes from the point at which disc i is, too, i < j: a half circle, by a low-discrepancy sequence."""
+    tangent = 2 * ((i * 0.6180339887498949 + j * 0.7548776662466927) % 1.0) - 1  # of half of the angle
+    return np.array([1 - tangent**2, 2 * tangent]) / (1 + tangent**2)
 
 
 def giant_radius(radii: Any) -> float | None:
@@ -281,13 +290,13 @@ class Twin(Motion):
         if self.settings.contact == "impact" and self.meet_where_they_touched(i, j, image_x, image_y, touching):
             return
         before = [self.p[disc].copy() for disc in (i, j)]
-        nx, ny, distance = normalised(nx, ny)
+        nx, ny, distance = normalised(i, j, nx, ny)
         half = (touching - distance) / self.real(2)
         self.push(i, -nx * (half * self.share(i, j)), -ny * (half * self.share(i, j)))
         self.push(j, nx * (half * self.share(j, i)), ny * (half * self.share(j, i)))
         self.apply_law(i, j, nx, ny)
         if self.settings.contact == "impact" and self.pulled:
-            self.pay(i, j, before, normalised(*self.apart(i, j, image_x, image_y)))
+            self.pay(i, j, before, normalised(i, j, *self.apart(i, j, image_x, image_y)))
 
     def pay(self, i: int, j: int, before: list[Any], direction: tuple[Any, Any, Any]) -> None:
         """Take the work against gravity of a contact from the velocity with which the discs part, or move them less."""
@@ -351,12 +360,12 @@ class Twin(Motion):
         before = [self.p[disc].copy() for disc in (i, j)]
         self.p[i] -= self.v[i] * time
         self.p[j] -= self.v[j] * time
-        nx, ny, _ = normalised(*(np.float64(part) for part in self.apart(i, j, image_x, image_y)))
+        nx, ny, _ = normalised(i, j, *(np.float64(part) for part in self.apart(i, j, image_x, image_y)))
         self.apply_law(i, j, nx, ny)
         self.p[i] += self.v[i] * time
         self.p[j] += self.v[j] * time
         if self.scene.acceleration is not None:
-            self.pay(i, j, before, normalised(*self.apart(i, j, image_x, image_y)))
+            self.pay(i, j, before, normalised(i, j, *self.apart(i, j, image_x, image_y)))
         for disc in (i, j):
             self.rub_walls(disc, [self.keep_inside(disc, axis) for axis in range(2)], wraps=False)
         return True

@@ -25,12 +25,27 @@ def separation(discs, i, j, shift_x, shift_y):
     return discs.x[j] - seen_from(discs.x[i], shift_x), discs.y[j] - seen_from(discs.y[i], shift_y)
 
 
+@linked
+def parting(disc, other):
+    """Direction (cos, sin) in which two discs at one point part, by their ids: no axis of the box, and seldom the same.
+
+    From u, in [0, 1), the fractional part of a sum of irrational multiples: by the rational parametrisation of the
+    circle with t = 2 u - 1, of which half is enough.
+    """
+    low, high = np.float64(min(disc, other)), np.float64(max(disc, other))
+    u = 0.6180339887498949 * low + 0.7548776662466927 * high
+    t = 2.0 * (u - np.floor(u)) - 1.0
+    sign = 1.0 if disc < other else -1.0
+    return sign * (1.0 - t * t) / (1.0 + t * t), sign * 2.0 * t / (1.0 + t * t)
+
+
 @inlined
-def normalised(x, y, one):
-    """Unit vector along (x, y), and its length. Length 0 gives (one, 0): defined, never NaN."""
+def normalised(discs, i, j, x, y, one):
+    """Unit vector along (x, y) from disc i to disc j, and its length. At one point they have a direction by ids."""
     length = math.sqrt(x * x + y * y)
     if length == 0:
-        return one, length, length
+        nx, ny = parting(discs.id[i], discs.id[j])
+        return one * discs.x.dtype.type(nx), one * discs.x.dtype.type(ny), length
     return x / length, y / length, length
 
 
@@ -84,7 +99,7 @@ def push_contact(discs, i, j, shift_x, shift_y, features, parameters, law):
     """
     one = discs.x.dtype.type(1)
     x, y = separation(discs, i, j, shift_x, shift_y)
-    nx, ny, distance = normalised(x, y, one)
+    nx, ny, distance = normalised(discs, i, j, x, y, one)
     half = (touching_distance(discs.radius, i, j, parameters) - distance) / discs.x.dtype.type(2)
     displacement_i = half * mass_fraction(features.mass, discs.id[i], discs.id[j], one)
     displacement_j = half * mass_fraction(features.mass, discs.id[j], discs.id[i], one)
@@ -113,7 +128,7 @@ def conserve_energy(accelerated, discs, i, j, shift_x, shift_y, start_i, start_j
     share_j = mass_fraction(features.mass, discs.id[j], discs.id[i], one)
     gained = two * two * work / (share_i * value_or(features.mass, discs.id[i], one))
     x, y = separation(discs, i, j, shift_x, shift_y)
-    nx, ny, _ = normalised(x, y, one)
+    nx, ny, _ = normalised(discs, i, j, x, y, one)
     along = (discs.vx[j] - discs.vx[i]) * nx + (discs.vy[j] - discs.vy[i]) * ny
     square = along * along
     if (square + gained < 0) & (parameters.half_one_plus_e == one):
@@ -175,7 +190,7 @@ def impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control,
     # In float64 whatever the run's precision. Discs that just touch are all equally far apart, and a float32 root or
     # quotient of that one number is rounded the same way each time: with diameter 1, by 1e-7 of energy per collision.
     x, y = separation(discs, i, j, shift_x, shift_y)
-    nx, ny, _ = normalised(np.float64(x), np.float64(y), 1.0)
+    nx, ny, _ = normalised(discs, i, j, np.float64(x), np.float64(y), 1.0)
     impulse_and_normal = apply_law(discs, i, j, nx, ny, features, parameters, control.law)
     for disc in (i, j):
         discs.x[disc] += discs.vx[disc] * time
