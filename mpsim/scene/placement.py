@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
 from mpsim.core.pieces import in_pieces
+from mpsim.features.capsules import with_images
 from mpsim.kernels.placement import by_cell, overlap_removal
 from mpsim.kernels.placement.placing import EMPTY, sweep
 
@@ -19,6 +20,9 @@ SPARSE_PACKING = 0.4
 
 SWEEPS = 100
 """Monte Carlo moves per disc of a dense start: enough to shuffle a fluid, quick at a million discs."""
+
+REACH = 4
+"""Distance from an obstacle at which discs may feel it while they are enlarged, in radii of the largest."""
 
 GAP = 1e-12
 """Least gap between random discs, as a fraction of the sum of their radii, so that no rounding makes them overlap."""
@@ -137,7 +141,8 @@ def _by_size(
     side = np.maximum(2 * largest, np.sqrt(size[0] * size[1] / np.maximum(counts, 1)))
     # In a thin box, too, no level has more cells than about one per disc.
     columns, rows = (np.clip(length / side, 1, np.maximum(counts, 1)).astype(np.int64) for length in size)
-    cells = columns * rows
+    cells, solid = columns * rows, np.zeros((0, 5)) if capsules is None else np.asarray(capsules, np.float64)
+    images = with_images(solid, size, periodic, REACH * float(largest.max(initial=0.0)))
     return overlap_removal.Crowd(
         x,
         y,
@@ -153,7 +158,7 @@ def _by_size(
         float(size[1]),
         bool(periodic[0]),
         bool(periodic[1]),
-        np.zeros((0, 5)) if capsules is None else np.array(capsules, np.float64),
+        np.column_stack([solid[images.source], images.shift]),
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
+from mpsim.features.capsules import with_images
 from mpsim.features.edges import kinds_of
 from mpsim.scene import placement
 
@@ -46,14 +47,17 @@ class Taken:
         self._new.append(np.column_stack([position, position, radius]))
         self.count += len(position)
 
-    def near(self, room: Region) -> NDArray[np.float64]:
-        """Those of `capsules` that reach into a region, shape (K, 5) [length]."""
+    def near(
+        self, room: Region, size: tuple[float, float], periodic: tuple[bool, bool], reach: float
+    ) -> NDArray[np.float64]:
+        """Those of `capsules`, and of their images, that reach into a region, shape (K, 5) [length]."""
         self.capsules = np.concatenate([self.capsules, *self._new])
         self._new = []
-        (ax, ay, bx, by, radius), (x_low, y_low, x_high, y_high) = self.capsules.T, room
+        every = with_images(self.capsules, size, periodic, reach).capsule
+        (ax, ay, bx, by, radius), (x_low, y_low, x_high, y_high) = every.T, room
         apart_x = (np.maximum(ax, bx) + radius <= x_low) | (np.minimum(ax, bx) - radius >= x_high)
         apart_y = (np.maximum(ay, by) + radius <= y_low) | (np.minimum(ay, by) - radius >= y_high)
-        return self.capsules[~(apart_x | apart_y)]
+        return every[~(apart_x | apart_y)]
 
 
 def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:
@@ -202,19 +206,19 @@ def random_places(
         region: that contains the centres; None: the box.
         taken: what is already in the box.
         rng: source of random numbers.
-        periodic: along x and along y; ignored for a region.
+        periodic: along x and along y. A region then ends a diameter before the images of its discs.
 
     Raises:
         InputError: if they do not fit.
     """
     demand_area("radius", radius)
-    corner, (width, height) = np.zeros(2), box
+    corner, (width, height), largest = np.zeros(2), box, float(np.max(radius, initial=0.0))
+    wraps = periodic
     if region is not None:
         margin = float(np.min(radius, initial=math.inf)) if count else 0.0
-        corner = np.array(region[:2]) - margin
-        width, height = np.array(region[2:]) - corner + margin
-        periodic = (False, False)
-    largest = float(np.max(radius, initial=0.0))
+        corner, beyond = np.array(region[:2]) - margin, np.add(region[:2], box) - 2 * largest
+        width, height = np.where(periodic, np.minimum(region[2:], beyond), region[2:]) - corner + margin
+        wraps = (False, False)
     if min(width, height) < 2 * largest:
         raise InputError(
             f"radius must be at most half the room, {min(width, height) / 2:g} here; got {largest!r}. "
@@ -227,11 +231,12 @@ def random_places(
             f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
             "Use fewer or smaller discs, a larger box or region, or a lattice; a table [compressed] shrinks the box."
         )
-    near = taken.near((corner[0], corner[1], corner[0] + width, corner[1] + height))
-    if isinstance(radius, float) and not len(near) and not any(periodic):
+    room = corner[0], corner[1], corner[0] + width, corner[1] + height
+    near = taken.near(room, box, (False, False) if region is None else periodic, 2 * largest)
+    if isinstance(radius, float) and not len(near) and not any(wraps):
         return placement.random_places(count, width, height, radius, rng) + corner
     near[:, :4] -= np.tile(corner, 2)
-    return placement.random_polydisperse(radii.astype(np.float64), width, height, rng, periodic, near) + corner
+    return placement.random_polydisperse(radii.astype(np.float64), width, height, rng, wraps, near) + corner
 
 
 def thermal_velocities(

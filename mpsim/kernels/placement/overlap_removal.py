@@ -14,7 +14,8 @@ EMPTY = -1
 
 # x, y, radius: shape (N,) [length]. level: of each disc, (N,). head: first disc of every cell of every level, all EMPTY
 # at first; following: next disc in the same cell, (N,). columns, rows, first (index in head), largest (radius): one per
-# level. width, height [length] and periodic_x, periodic_y: the box. capsule: (K, 5): ax, ay, bx, by, radius.
+# level. width, height [length] and periodic_x, periodic_y: the box. capsule: (K, 7): ax, ay, bx, by, radius, and the
+# shift of the image, (0, 0) of the capsule itself.
 Crowd = namedtuple(
     "Crowd",
     "x y radius level head following columns rows first largest width height periodic_x periodic_y capsule",
@@ -114,8 +115,7 @@ def off_capsules(crowd, px, py, radius):
     for k in range(crowd.capsule.shape[0]):
         ax, ay = crowd.capsule[k, 0], crowd.capsule[k, 1]
         bx, by = crowd.capsule[k, 2] - ax, crowd.capsule[k, 3] - ay
-        rx = nearest_image(px - ax, crowd.width, crowd.periodic_x)
-        ry = nearest_image(py - ay, crowd.height, crowd.periodic_y)
+        rx, ry = px - ax - crowd.capsule[k, 5], py - ay - crowd.capsule[k, 6]
         square = bx * bx + by * by
         fraction = min(max((rx * bx + ry * by) / square, 0.0), 1.0) if square > 0.0 else 0.0
         gx, gy = rx - fraction * bx, ry - fraction * by
