@@ -28,8 +28,8 @@ class Run:
         kinetic_energy: at the end, without that of a drift along periodic axes, if a measure needs it
             [mass length^2/time^2].
         speed: root mean square of one velocity component, if a measure needs it [length/time].
-        flow: sums of m v_x v_x, m v_y v_y and m v_x v_y, without those of a drift along periodic axes, shape
-            (samples, 3), if a measure needs them [mass length^2/time^2].
+        flow: `moments.flow_of_momentum` along the run, shape (samples, 3), if a measure needs it
+            [mass length^2/time^2].
         every: number of frames between two of these samples; the first is taken after that many frames.
     """
 
@@ -123,10 +123,11 @@ def pressure_xx(counts: Counts, run: Run) -> Measure:
 
     The virial of one direction, exact for any number of discs of one size: (W - s) H P_xx = sum m v_x v_x +
     sum x dp_x / time, where x dp_x = s |dp| n_x^2 for each collision. If x is periodic, s and the drift along x are
-    left out. If x has walls it is the pressure on them. If only y has walls, P_xx is less than P_yy, which is physical:
-    no centre comes closer to a wall than a radius, so that less momentum flows along it. For 100 discs at packing 0.3
-    between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2; in a larger box they differ less. Valid only
-    without gravity.
+    left out; but with a thermostat or thermal walls the drift is thermal and counts, so that N discs which never
+    collide have N kT / area, not (N - 1) kT / area. If x has walls it is the pressure on them. If only y has walls,
+    P_xx is less than P_yy, which is physical: no centre comes closer to a wall than a radius, so that less momentum
+    flows along it. For 100 discs at packing 0.3 between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2;
+    in a larger box they differ less. Valid only without gravity.
     """
     return _component(counts, counts["virial_xx"], 0, _free(run.scene)[0] * run.scene.height, run)
 

@@ -18,6 +18,7 @@ from mpsim.core.errors import InputError
 from mpsim.core.sizes import equal_sizes
 from mpsim.core.state import Discs, State, count_of, parts_of, present_in
 from mpsim.scene import walls
+from mpsim.measure.driving import is_heated
 from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -250,7 +251,11 @@ def number_and_speed(discs: Discs) -> tuple[int, float]:
 
 
 def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
-    """Sums of m v_x v_x, m v_y v_y, m v_x v_y, without the mean flow along periodic axes [mass length^2/time^2]."""
+    """Sums of m v_x v_x, m v_y v_y, m v_x v_y [mass length^2/time^2], without a mean flow that nothing changes.
+
+    That is the flow along periodic axes; but a heat bath changes the momentum of the whole gas, which then is one more
+    thermal motion, not a flow.
+    """
     masses = masses_of("pressure", scene, discs)
 
     def mass_and_flow(part: Part) -> Floats:
@@ -264,6 +269,7 @@ def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
         )  # no BLAS: its bits follow its threads
 
     mass, *flow = total(discs, mass_and_flow)
-    drift = np.array(flow) * scene.periodic / max(mass, 1e-300)
+    kept = (False, False) if is_heated(scene) else scene.periodic
+    drift = np.array(flow) * kept / max(mass, 1e-300)
     xx, yy, xy = total(discs, squares).tolist()
     return xx, yy, xy

@@ -182,7 +182,7 @@ def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> fl
         state, scene: the state and its scene.
         remove_drift: subtract the velocity of the centre of mass, and divide by N - 1 instead of N. This is correct if
             the total momentum is conserved (periodic boxes, where kT = E/(N - 1) at rest) or if the gas flows. It is
-            wrong in a box with walls, where kT is E/N.
+            wrong in a box with walls or with a thermostat, where kT is E/N.
 
     Raises:
         InputError: if there is no disc (two are needed with `remove_drift`), or the state is not finite, or holds more

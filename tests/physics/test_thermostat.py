@@ -7,7 +7,7 @@ import pytest
 from support.distributions import distance, normal
 from support.scenes import simulate
 
-from mpsim import Scene, Thermostat, measure
+from mpsim import Scene, ThermalWalls, Thermostat, measure
 from mpsim.measure import reference
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
@@ -146,3 +146,31 @@ def test_momentum_of_the_whole_gas_has_the_energy_of_one_disc():
             sim.run(until=sim.time + 2.0)
     assert found[0] < 1e-20
     assert np.mean(found[1:]) == pytest.approx(1.0, abs=4 / math.sqrt(200))
+
+
+# --- momentum of the whole gas: thermal, not a flow
+
+
+@pytest.mark.parametrize(
+    ("bath", "along"),
+    [
+        ({"boundary": "periodic", "thermostat": Thermostat(1.0, 20.0)}, ("pressure_xx", "pressure_yy")),
+        pytest.param(
+            {"boundary": ("walls", "periodic"), "thermal_walls": ThermalWalls(left=1.0, right=1.0)},
+            ("pressure_yy",),
+            marks=pytest.mark.long,
+        ),
+    ],
+)
+def test_three_discs_in_a_bath_press_with_three_kt(bath, along):
+    """They hardly meet. As if their common motion were a flow, they would press with two."""
+    scene = Scene.random(count=3, width=2, height=200, radius=0.01, seed=1, **bath)
+    with simulate(scene, method="grid", **FINE | {"dt": 0.2}) as sim:
+        sim.run(until=50.0)
+        found = sim.run(until=8050.0, measures=["pressure_xx", "pressure_yy"]).measures
+    free = (2 - 0.02 * (not scene.periodic[0])) * 200
+    for name in along:
+        area = free if name == "pressure_xx" else 400
+        pressed, error = found[name].value * area, found[name].error * area
+        assert abs(pressed - 3) < 4 * error < 0.6, (name, pressed, error)
+        assert abs(pressed - 2) > 5 * error, "the control"
