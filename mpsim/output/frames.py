@@ -162,7 +162,7 @@ class Given:
         source: Path,
         known: dict[str, Any],
     ) -> Frame:
-        """A frame of a file; what it lacks, None among these arguments, is taken from here.
+        """A frame of a file, in the order of its ids; what it lacks, None among these arguments, is taken from here.
 
         Args:
             where: its name for error texts.
@@ -172,7 +172,7 @@ class Given:
 
         Raises:
             InputError: if something is given that the frame has.
-            TrajectoryError: if the frame is three-dimensional, or has no box.
+            TrajectoryError: if the frame is three-dimensional, has no box, or an id twice.
         """
         own = {"box": box, "boundary": periodic, "radius": known.get("radius")}
         for name, given in (("box", self.box), ("boundary", self.periodic), ("radius", self.radius)):
@@ -194,6 +194,14 @@ class Given:
         for name in ("radius", "mass"):
             if name in known and (known[name] < 0).any():
                 raise TrajectoryError(f"{where} must hold no {name} below 0; got {known[name].min()}.")
+        if "ids" in known:
+            order = np.argsort(known["ids"], kind="stable")
+            twice = np.flatnonzero(np.diff(known["ids"][order]) == 0)
+            if len(twice):
+                raise TrajectoryError(f"{where} must hold each id once; got {known['ids'][order[twice[0]]]} twice.")
+            if (order[1:] < order[:-1]).any():
+                position = position[order]
+                known = {name: value if np.ndim(value) == 0 else value[order] for name, value in known.items()}
         position = _in_plane("position", position, position[:1, 2:], max(box), where)
         if "velocity" in known:
             speed = known["velocity"]

@@ -141,6 +141,8 @@ class GsdReader:
         box, discs, where = found.configuration.box, found.particles, f"frame {index} of {str(self._path)!r}"
         if box is None or not (0 < box[:2].min() <= box[:2].max() < np.inf) or np.any(box[3:]):
             raise TrajectoryError(f"{where} must have an upright rectangular box; got {box!r}.")
+        if discs.N > 1 and not self._has(index, "position", discs.N):
+            raise TrajectoryError(f"{where} must hold the places of its {discs.N} discs; it does not.")
         known: dict[str, Any] = {}
         if self._has(index, "velocity"):
             known["velocity"] = discs.velocity

@@ -54,12 +54,6 @@ class DumpReader(TextReader):
         low, size, periodic = _box(bounds, lines, items[bounds])
         columns = table(rows, first, [(name, 1) for name in names], READ, "ITEM: ATOMS says")
         found = {name: values[:, 0] for name, values in columns.items()}
-        if "id" in found:
-            order = np.argsort(found["id"], kind="stable")
-            found = {name: values[order] for name, values in found.items()}
-            twice = found["id"][1:][np.diff(found["id"]) == 0]
-            if len(twice):
-                raise LineError(first, f"and the next ones must hold each id once; got id {twice[0]} twice.")
         ending = next((each for each in PLACES if {f"x{each}", f"y{each}"} <= found.keys()), None)
         if ending is None:
             raise LineError(first - 1, f"must name columns x and y, or xs, xu or xsu; got {' '.join(names)!r:.80}.")

@@ -315,6 +315,13 @@ def test_zeros_that_hoomd_leaves_out_are_zeros_where_other_frames_have_more(tmp_
     assert [frame.image.tolist() for frame in mpsim.Trajectory(tmp_path / "a.gsd")] == [[[0, 0]], [[0, 0]], [[1, 0]]]
 
 
+def test_a_gsd_frame_without_places_is_refused(tmp_path):
+    with pytest.raises(mpsim.TrajectoryError, match=r"frame 0 of .* must hold the places of its 2 discs; it does not"):
+        hoomd_file(tmp_path / "a.gsd", [(0, 0, 0)] * 2)[0]
+    centre = hoomd_file(tmp_path / "b.gsd", [(0, 0, 0)])[0]
+    assert centre.position.tolist() == [[3, 3]], "one disc at the centre, which is not written"
+
+
 def test_places_that_are_no_numbers_are_refused_in_gsd(tmp_path):
     with pytest.raises(
         mpsim.TrajectoryError, match=r"frame 0 of .* must hold finite numbers; got position .*nan.* of disc 1"
@@ -478,7 +485,7 @@ def test_flags_of_old_dumps_are_given(tmp_path):
         ("3.5 1 0", "3.5 1 1", "must be two-dimensional"),
         ("3.5 1 0", "3.5 nan 0", "line 10, must hold finite numbers in its column y"),
         ("0.4 2\n", "0.4\n", "line 10, must have 10 columns, as its ITEM: ATOMS says; got a line with 9"),
-        ("2 1 3.5", "1 1 3.5", "line 10, and the next ones must hold each id once; got id 1 twice"),
+        ("2 1 3.5", "1 1 3.5", "must hold each id once; got 1 twice"),
         (
             "2 1 3.5",
             "2.5 1 3.5",
@@ -498,6 +505,30 @@ def test_dumps_are_not_written(tmp_path):
             mpsim.InputError, match=re.escape("a trajectory's path must end in .xyz, .extxyz, .gsd; got")
         ):
             mpsim.Trajectory.write(tmp_path / name)
+
+
+def test_the_number_and_the_order_of_discs_may_change(tmp_path):
+    one = DUMP.replace("ATOMS\n2", "ATOMS\n1").replace("2 1 3.5 1 0 0.5 0.25 0 0.4 2\n", "")
+    turned = DUMP.replace("2 1 3.5", "0 1 3.5")
+    (tmp_path / "a.dump").write_text(DUMP + one + turned)
+    assert [frame.ids.tolist() for frame in mpsim.Trajectory(tmp_path / "a.dump")] == [[1, 2], [1], [0, 1]]
+    assert [frame.position[0].tolist() for frame in mpsim.Trajectory(tmp_path / "a.dump")] == [
+        [-1, 2],
+        [-1, 2],
+        [3.5, 1],
+    ]
+
+
+def test_discs_of_extended_xyz_are_in_the_order_of_their_ids(tmp_path):
+    text = (
+        FRAME.replace("pos:R:3", "pos:R:3:id:I:1:radius:R:1")
+        .replace("1 1 0", "1 1 0 9 .1")
+        .replace("3 2 0", "3 2 0 4 .2")
+    )
+    frame = read(tmp_path, text)
+    assert (frame.ids.tolist(), frame.position.tolist()) == ([4, 9], [[3, 2], [1, 1]])
+    assert frame.radius.tolist() == [0.2, 0.1]
+    refused(tmp_path, text.replace("0 9 ", "0 4 "), "must hold each id once; got 4 twice")
 
 
 # --- compressed

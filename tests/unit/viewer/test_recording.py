@@ -64,7 +64,7 @@ def test_files_of_other_programs_are_shown_in_their_box(tmp_path):
     recording = Recording(path)
     moment = recording.at(0)
     assert recording.scene.periodic == (True, False)
-    assert moment.state.position.tolist() == [[9.0, 1.0], [5.0, 4.0]], "from the corner; inside where it is periodic"
+    assert moment.state.position.tolist() == [[5.0, 4.0], [9.0, 1.0]], "from the corner; inside where it is periodic"
     assert (recording.scene.width, recording.scene.height) == (10.0, 6.0)
     assert np.isnan(moment.time)
     foreign(tmp_path / "b.gsd", [[-4, 0, 0], [0, 0, 0]])
