@@ -214,7 +214,7 @@ def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> N
     """Refuse places outside the box as it is now, or where a feature of the scene leaves no room."""
     solver, scene = place.solver, place.scene
     radius = solver.radii[numbers]
-    scene.check_inside("position", position, radius, solver.scene_time)
+    scene.check_inside("position", position, radius, solver.time)
     others = ~solver.absorbed
     others[numbers] = False
     new = feature.NewDiscs("position", position, radius, solver.radii[others])

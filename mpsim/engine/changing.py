@@ -65,7 +65,7 @@ class Changing(ReadOnly):
         place = self._place()
         brought = {"acceleration": acceleration, **others}
         radii = place.solver.radii[~place.solver.absorbed] if place.scene.loses_discs else place.solver.radii
-        now = place.scene, place.precision, place.solver.scene_time, radii
+        now = place.scene, place.precision, place.solver.time, radii
         new = insertion.checked(*now, position, velocity, radius, mass, brought)
         changes.check_momentum(place.solver, "velocity", new.velocity, new.mass)
         substeps = self._coordinator.look(new)
@@ -248,10 +248,7 @@ class Changing(ReadOnly):
     @property
     @reading
     def origin(self) -> tuple[int, float]:
-        """Frame and time [time] of the last `change` of dt or piston_speed; (0, 0.0) without one.
-
-        From there time is counted in frames of settings.dt, and the piston of the scene began where the scene has it.
-        """
+        """Frame and time [time] of the last `change` of dt, since which frames are counted; (0, 0.0) without one."""
         frame, time = self._coordinator.open_solver().origin
         return frame, time
 

@@ -298,7 +298,7 @@ def _packed(
     once = {name: np.asarray(sizes[0]) for name in SIZES if _are_equal(sizes := np.asarray(arrays[name]))}
     everything |= {f"solver.{name}": value for name, value in sorted({**arrays, **once}.items())}
     if changed.changes:
-        everything[JOURNAL], run = packed(changed.changes), run | changed.place
+        everything[JOURNAL], run = packed(changed.changes), run | {"origin": list(changed.origin)}
     header: dict[str, Any] = {
         "format": FORMAT,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in ("numpy", "numba")},

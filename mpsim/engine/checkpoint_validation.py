@@ -25,7 +25,7 @@ NOT_IN_ALL_FILES = {"image", "winding", event_snapshot.CRUSHING_SPEED}
 def check(found: Checkpoint) -> None:
     """Raise ValueError for a checkpoint in which no simulation can have been, saying why."""
     arrays, changed = found.arrays, found.changed
-    scene, settings = parameters_after(found.scene, found.settings, changed.changes, changed.piston)
+    scene, settings = parameters_after(found.scene, found.settings, changed.changes)
     count = count_in(arrays)
     demand(scene.count <= count <= LARGEST_COUNT, f"it has {count} discs; its scene has {scene.count}")
     solver = METHODS[choose(count, settings).method].solver

@@ -25,7 +25,7 @@ from mpsim.engine.changes import REMOVE, Change, edited, with_wall
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.journal import Changed, parameters_after
 from mpsim.engine.notices import Once, warn
-from mpsim.engine.parameters import in_force, moves_origin
+from mpsim.engine.parameters import in_force
 from mpsim.engine.precision_check import check_precision
 from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
 from mpsim.engine.report import Report, phase_seconds
@@ -94,10 +94,10 @@ class Coordinator:
     def resume(self, snapshot: Snapshot, emission: Progress, changed: Changed) -> None:
         """Start the solver from a checkpoint; if that fails, close it."""
         if changed.changes:
-            scene, settings = parameters_after(self.scene, self.settings, changed.changes, changed.piston)
+            scene, settings = parameters_after(self.scene, self.settings, changed.changes)
             self.solver.assume(scene, settings, changed.origin)
             self.emission = self.emission.under(scene, settings, 0, 0.0)
-            self.step_limits = self.step_limits.under(scene, settings, changed.origin.frame)
+            self.step_limits = self.step_limits.under(scene, settings, changed.origin)
             self.scene, self.settings, self.journal = scene, settings, list(changed.changes)
         self._begin(self.step_limits.at_resume(), lambda: self.restore((snapshot, emission)))
 
@@ -146,8 +146,7 @@ class Coordinator:
     @property
     def changed(self) -> Changed:
         """What has been changed since the start, for a checkpoint."""
-        piston = None if self.scene.piston is None else self.scene.piston.start
-        return Changed(tuple(self.journal), self.solver.origin, piston)
+        return Changed(tuple(self.journal), self.solver.origin)
 
     # --- runs
 
@@ -386,10 +385,8 @@ class Coordinator:
 
     def change_parameters(self, change: Change) -> None:
         """Change parameters of scene or settings, and note it in the journal."""
-        origin, box = self.solver.origin, None
-        if moves_origin(change.values):
-            origin, box = Origin(change.frame, change.time), self.solver.state_between(0, 0).box
-        self._take_over(change, *in_force(self.scene, self.settings, change.values, box), origin)
+        origin = Origin(change.frame, change.time) if "dt" in change.values else self.solver.origin
+        self._take_over(change, *in_force(self.scene, self.settings, change.values, change.time), origin)
 
     def add_wall(self, change: Change) -> None:
         """Add a wall that has been checked, and note it in the journal."""
@@ -400,7 +397,7 @@ class Coordinator:
         solver, notices = self.solver, self._access.notices
         check_precision(scene, settings)
         emission = self.emission.under(scene, settings, solver.frame, solver.time)
-        limits = self.step_limits.under(scene, settings, origin.frame)
+        limits = self.step_limits.under(scene, settings, origin)
         try:
             with interrupts_held_back(), self._access.moving():
                 substeps = limits.check(solver, notices)

@@ -126,7 +126,7 @@ class Emission:
             return
         heapq.heapify(due)
         plan, occupied, now = copy.copy(self), _Occupied(self._scene, solver), solver.time
-        there = solver.scene_time
+        there = solver.time
         plan.progress = self.progress
         entering: list[tuple[Emitter, FlightEnd]] = []
         while due:
@@ -173,7 +173,7 @@ class Emission:
         new = checked(
             scene,
             self._precision,
-            solver.scene_time,
+            solver.time,
             solver.radii,
             positions,
             velocities,

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.state import Box
 from mpsim.engine.columns import columns_of
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.features import FEATURES
@@ -65,16 +64,6 @@ def fill_features(arrays: dict[str, Any], scene: Scene) -> None:
     margin = 0.0 if has_radii(scene) else scene.largest_radius
     for feature in FEATURES:
         feature.fill(scene, arrays, margin)
-
-
-def box_now(scene: Scene, arrays: dict[str, Any]) -> Box:
-    """Where the walls are after the steps done."""
-    edges = list(scene.box)
-    for feature in FEATURES:
-        place, wall = feature.wall_now(scene, arrays), feature.moving_wall(scene)
-        if place is not None and wall is not None:
-            edges[wall.edge] = place
-    return edges[0], edges[1], edges[2], edges[3]
 
 
 def wall_limits(scene: Scene) -> tuple[float, float, float, float]:

@@ -170,18 +170,11 @@ class Changed(NamedTuple):
 
     Attributes:
         changes: all of them, in order.
-        origin: when the parameters in force began to act.
-        piston: where the piston was then, if it has been placed anew [length]; None: where the scene has it.
+        origin: when the length of frames in force began to act.
     """
 
     changes: tuple[Change, ...] = ()
     origin: Origin = Origin()
-    piston: float | None = None
-
-    @property
-    def place(self) -> dict[str, Any]:
-        """What of it a checkpoint has in its header."""
-        return {"origin": list(self.origin), "piston": self.piston}
 
 
 UNCHANGED = Changed()
@@ -221,10 +214,10 @@ def changed_in(run: dict[str, Any], array: NDArray[Any]) -> Changed:
     Raises:
         ValueError, LookupError, TypeError: if they are no such.
     """
-    (frame, time), piston = run["origin"], run["piston"]
+    frame, time = run["origin"]
     if type(frame) is not int or not 0 <= frame <= run["frame"] or not math.isfinite(time) or time < 0:
         raise ValueError(f"the origin must be a frame that is done, and its time; got {run['origin']!r:.60}")
-    return Changed(unpacked(np.asarray(array), run["frame"]), Origin(frame, float(time)), piston)
+    return Changed(unpacked(np.asarray(array), run["frame"]), Origin(frame, float(time)))
 
 
 def unpacked(array: NDArray[Any], frame: Any) -> tuple[Change, ...]:
@@ -245,22 +238,15 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def parameters_after(
-    scene: Scene, settings: Settings, changes: Iterable[Change], piston: float | None
-) -> tuple[Scene, Settings]:
-    """Scene and settings in force after changes; the number of workers is that of the settings.
-
-    piston: where it was at the last change of parameters [length]; None without one.
-    """
+def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]) -> tuple[Scene, Settings]:
+    """Scene and settings in force after changes; the number of workers is that of the settings."""
     for each in changes:
         if each.what == PARAMETERS and (values := without_workers(each.values)):
-            scene, settings = in_force(scene, settings, values, None)
+            scene, settings = in_force(scene, settings, values, each.time)
         if each.what == REMOVE and not scene.loses_discs:
             scene = scene.changed(has_gaps=True)
         if each.what == WALL:
             scene = with_wall(scene, each.values)
-    if piston is not None and scene.piston is not None:
-        scene = scene.changed(piston=dataclasses.replace(scene.piston, start=piston))
     return scene, settings
 
 

@@ -15,12 +15,10 @@ from numpy.typing import ArrayLike
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.core.state import Box
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.features import FEATURES
 from mpsim.features.emitters import Emitter
 from mpsim.features.friction import friction_coefficient
-from mpsim.features.piston import PISTON, Piston
 from mpsim.features.thermal_walls import ThermalWalls
 from mpsim.features.thermostat import Thermostat
 from mpsim.scene.scene import Scene
@@ -92,18 +90,13 @@ def demand_steps(given: Mapping[str, Any], settings: Settings) -> None:
             )
 
 
-def moves_origin(given: Mapping[str, Any]) -> bool:
-    """Whether time, or the place of the piston, is counted anew from such a change."""
-    return "dt" in given or "piston_speed" in given
-
-
-def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Box | None) -> tuple[Scene, Settings]:
+def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], time: float) -> tuple[Scene, Settings]:
     """Scene and settings after a change.
 
     Args:
         scene, settings: in force before.
         given: parameters by name, as `Simulation.change` was given them.
-        box: where the walls are now; None: where the scene has them.
+        time: of the change [time].
 
     Raises:
         InputError: naming the parameter, its rule and the value received.
@@ -112,11 +105,8 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Bo
         raise InputError("gravity must be two numbers in a change; got None. Give (0, 0) for a scene without weight.")
     values = {name: given[name] for name in given if name in ("gravity", "restitution", "wall_restitution")}
     values |= {name: _rubbing(scene, name, given[name]) for name in OF_FRICTION if name in given}
-    piston = scene.piston if box is None else PISTON.continued(scene, box)
     if "piston_speed" in given:
-        piston = _at_speed(piston, given["piston_speed"])
-    if piston is not scene.piston:
-        values["piston"] = piston
+        values |= _at_speed(scene, given["piston_speed"], time)
     counts = {name: given[name] for name in ("interval", "every") if name in given}
     if counts:
         emitters = scene.emitters
@@ -149,13 +139,18 @@ def _rubbing(scene: Scene, name: str, value: Any) -> float:
     return coefficient
 
 
-def _at_speed(piston: Piston | None, speed: Any) -> Piston:
-    if piston is None:
+def _at_speed(scene: Scene, speed: Any, time: float) -> dict[str, Any]:
+    """The piston at another speed from a time on, and this time."""
+    wall = scene.moving_wall
+    if scene.piston is None or wall is None:
         raise InputError(
             f"piston_speed can be changed only in a scene with a piston, and got {checks.brief(speed)}. Give the scene "
             "one; a slow one hardly moves."
         )
-    return dataclasses.replace(piston, speed=speed)
+    return {
+        "piston": dataclasses.replace(scene.piston, speed=speed, start=wall.place(time)),
+        "piston_began": time,
+    }
 
 
 def _at_temperature(thermostat: Thermostat | None, temperature: Any) -> Thermostat:

@@ -20,7 +20,7 @@ from mpsim.core.errors import FastWarning, OverlapWarning, ResolutionWarning, To
 from mpsim.engine.compression import SELDOM, is_crowded, may_be_pressed, pressed
 from mpsim.engine.notices import Notices, Once
 from mpsim.engine.precision_check import coarseness
-from mpsim.engine.solvers.base import NewDiscs, Solver
+from mpsim.engine.solvers.base import NewDiscs, Origin, Solver
 from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.solvers.speeds import Speeds, sides_at, speeds_at_start
 from mpsim.engine.speed_estimates import (
@@ -69,20 +69,23 @@ JUST_ABOVE = 1 + 1e-5
 """Where kernels see a disc, in parts of the bound: rounding of float32 must not let them see what is not above it."""
 
 
+START = Origin()
+
+
 class StepLimits:
     """Looks at the fastest disc, and at collisions in a step, and acts as Settings.on_fast says.
 
     Args:
         scene, settings: of the simulation.
         has_steps: of the solver's capabilities; without steps there is nothing to look for.
-        since: frame from which on they are in force.
+        origin: when the length of frames began to act.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, has_steps: bool, since: int = 0):
+    def __init__(self, scene: Scene, settings: Settings, has_steps: bool, origin: Origin = START):
         self._scene = scene
         self._settings = settings
         self._has_steps = has_steps
-        self._since = since
+        self._origin = origin
         self._fast, self._pressed = Once(given=not has_steps), Once(given=not has_steps)  # so that nobody looks
         self._has_limit = False
         self._acceleration = acceleration_bound(scene)
@@ -91,15 +94,15 @@ class StepLimits:
             for wraps, length in zip(scene.periodic, sides_at(scene, math.inf), strict=True)
         )
         self._often = settings.on_fast == "substep" or narrow
-        self._squeezing, self._squeezed = self._frames_of_moving_wall(since)
+        self._squeezing, self._squeezed = self._frames_of_moving_wall()
 
-    def under(self, scene: Scene, settings: Settings, frame: int) -> "StepLimits":
-        """Those from a frame on, under another scene and settings; what has been warned of is not warned of again."""
-        other = StepLimits(scene, settings, self._has_steps, frame)
+    def under(self, scene: Scene, settings: Settings, origin: Origin) -> "StepLimits":
+        """Those under another scene and settings; what has been warned of is not warned of again."""
+        other = StepLimits(scene, settings, self._has_steps, origin)
         other._fast, other._pressed = self._fast, self._pressed
         return other
 
-    def _frames_of_moving_wall(self, since: int) -> tuple[int, int]:
+    def _frames_of_moving_wall(self) -> tuple[int, int]:
         """Frames in which a wall takes SQUEEZE of the room that is left in the end, and the last of such looks."""
         wall, dt = self._scene.moving_wall, self._settings.dt
         if wall is None:
@@ -108,7 +111,9 @@ class StepLimits:
         displacement = abs(wall.speed) * dt
         # A wall that needs 1e18 frames for it has no effect that can be told from none.
         every = math.ceil(min(max(SQUEEZE * after / displacement, 1.0), 1e18))
-        return every, every * math.ceil((since + (before - after) / displacement) / every)
+        moved_before = abs(wall.speed) * (self._origin.time - wall.began)
+        last = self._origin.frame + (before - after - moved_before) / displacement
+        return every, every * math.ceil(last / every)
 
     def at_start(self) -> Iterator[tuple[str, type[Warning]]]:
         """What to warn of before anything is run: overlaps, lost digits, speeds.
@@ -166,7 +171,7 @@ class StepLimits:
 
         At the first frame they are: a snapshot in which no frame has been done does not tell the sub-steps.
         """
-        return self._has_limit if self._fast.given else frame == self._since or self._is_look(frame, count, 1)
+        return self._has_limit if self._fast.given else frame == self._origin.frame or self._is_look(frame, count, 1)
 
     def _is_look(self, frame: int, count: int, rarer: int) -> bool:
         """Whether this frame is one of every so many looks, for any reason to look."""
@@ -223,7 +228,7 @@ class StepLimits:
         if not self._looks_for_pressed(count) or not self._is_look(frame, count, 1):
             return
         anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
-        if not anyway and not is_crowded(self._scene, solver.radii, solver.scene_time):
+        if not anyway and not is_crowded(self._scene, solver.radii, solver.time):
             return
         text = solver.once(lambda: pressed(solver, self._scene, self._settings))
         if text and self._settings.on_fast == "error":

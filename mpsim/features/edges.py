@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple, cast
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
+from mpsim.kernels import moving_wall
 
 BoundaryName = Literal["walls", "periodic"]
 Edge = Literal["left", "right", "bottom", "top"]
@@ -55,7 +56,7 @@ class MovingWall(NamedTuple):
     """A wall of the box that moves at constant speed from start to stop, and rests there.
 
     name: what it is called in texts. edge: which wall it is, an index of EDGES. start, stop: coordinates [length].
-    speed: [length/time].
+    speed: [length/time]. began: time at which it left start [time].
     """
 
     name: str
@@ -63,16 +64,21 @@ class MovingWall(NamedTuple):
     start: float
     stop: float
     speed: float
+    began: float = 0.0
 
     @property
     def axis(self) -> int:
         """The axis along which it moves."""
         return self.edge // 2
 
-    def at(self, time: float) -> float:
-        """Its coordinate at a time [length]."""
-        place = self.start + self.speed * time
-        return max(place, self.stop) if self.speed < 0 else min(place, self.stop)
+    @property
+    def arrival(self) -> float:
+        """How long it moves [time]."""
+        return (self.stop - self.start) / self.speed
+
+    def place(self, time: float) -> float:
+        """Its coordinate at a time [length]: in float64, as both solvers have it."""
+        return moving_wall.place(self, max(time - self.began, 0.0))
 
 
 def check_boundary(boundary: object) -> tuple[BoundaryName, BoundaryName]:

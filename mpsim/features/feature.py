@@ -42,6 +42,7 @@ class SceneLike(Protocol):
     thermal_walls: Any
     emitters: tuple[Any, ...]
     absorbing: tuple[str, ...]
+    piston_began: float
 
     @property
     def loses_discs(self) -> bool:
@@ -271,12 +272,8 @@ class Feature:
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
         """Write what does not depend on the number of discs. margin: distance of centres from walls [length]."""
 
-    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, first_frame: int) -> None:
-        """Write what depends on the length of frames, dt [time], and on the frame from which they are counted."""
-
-    def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
-        """Coordinate of its wall after the steps done so far, as the kernels have it; None without a wall [length]."""
-        return None
+    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
+        """Write what depends on the length of frames, dt [time], and on the frame and time from which they count."""
 
     # --- people
 

@@ -17,7 +17,7 @@ from mpsim.features.capsules import check_room_among
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
 from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, SceneLike, Shapes
 from mpsim.features.packing_bounds import shortest_box
-from mpsim.kernels.features import piston as kernel
+from mpsim.kernels.records import moving_wall_in
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class PistonFeature(Feature):
             return None
         edge = EDGES.index(piston.wall)
         start = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
-        return MovingWall("piston", edge, start, piston.stop, piston.speed)
+        return MovingWall("piston", edge, start, piston.stop, piston.speed, scene.piston_began)
 
     def continued(self, scene: SceneLike, box: tuple[float, float, float, float]) -> Piston | None:
         """A piston that starts where it is."""
@@ -159,27 +159,22 @@ class PistonFeature(Feature):
         return check_piston(moved, scene.boundary, scene.width, scene.height, scene.absorbing)
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
-        """Its position and speed."""
-        return {} if self.of(scene) is None else {"piston": (real, (kernel.SIZE,))}
+        """Its record."""
+        return {} if self.of(scene) is None else {"piston": (moving_wall_in(real), ())}
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
-        """Write it as a moving limit of centres."""
+        """Write how it moves."""
         wall = self.moving_wall(scene)
         if wall is not None:
-            inward = margin if wall.speed > 0 else -margin
-            arrays["piston"][kernel.WALL] = wall.edge
-            arrays["piston"][kernel.START] = wall.start + inward
-            arrays["piston"][kernel.SPEED] = wall.speed
-            arrays["piston"][kernel.STOP] = wall.stop + inward
+            record = arrays["piston"]
+            record.edge, record.start, record.stop, record.speed = wall[1:5]
+            record.arrival, record.began = wall.arrival, wall.began
+            record.margin = margin if wall.speed > 0 else -margin
 
-    def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
-        """Computed from the number of steps, because the limit in the kernels is that of the next step."""
-        wall = self.moving_wall(scene)
-        if wall is None:
-            return None
-        step = float(arrays["piston"][kernel.SPEED] * arrays["parameters"].dt)
-        place = wall.start + step * int(arrays["control"].steps)
-        return max(place, wall.stop) if step < 0 else min(place, wall.stop)
+    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
+        """Write what its time follows from."""
+        if self.of(scene) is not None:
+            arrays["piston"].dt, arrays["piston"].origin = dt, origin[1]
 
     def description(self, scene: SceneLike) -> str:
         """Wall, speed, and where it starts and stops."""

@@ -121,14 +121,14 @@ class ThermostatFeature(Feature):
         """Temperature, probability and seed."""
         return {} if self.of(scene) is None else {"thermostat": (THERMOSTAT, ())}
 
-    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, first_frame: int) -> None:
+    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
         """Write it."""
         thermostat: Thermostat | None = self.of(scene)
         if thermostat is not None:
             record = arrays["thermostat"]
             record.probability = probability_of(thermostat, dt)
             record.temperature = thermostat.temperature
-            record.seed, record.first_frame = thermostat.seed, first_frame
+            record.seed, record.first_frame = thermostat.seed, origin[0]
 
     def redrawn(self, scene: SceneLike, variation: str) -> Thermostat | None:
         """The same with another seed, which follows from its own."""

@@ -54,13 +54,13 @@ def _setting(sim: Simulation, now: Frame, last: Frame) -> str | None:
     if last.position.dtype != now.position.dtype:
         return f"its precision is {last.position.dtype} and not {now.position.dtype}"
     since, began = sim.origin
-    if last.frame < since:  # dt or the piston's speed has been changed after it
+    if last.frame < since or last.time < sim.scene.piston_began:  # dt or the piston's speed has been changed after it
         return None
     time = began + (last.frame - since) * sim.settings.dt
     if not math.isclose(last.time, time, rel_tol=1e-9):
         return f"its time is {last.time:g} and not {time:g}, as dt = {sim.settings.dt:g} makes it"
     corners = np.array([*last.origin, *np.add(last.origin, last.box)])
-    expected = np.concatenate(sim.scene.walls_at(max(time - began, 0.0)))
+    expected = np.concatenate(sim.scene.walls_at(time))
     if np.abs(corners - expected).max() > _slack(sim.scene, last):
         return f"its box is {_walls(corners)} and not {_walls(expected)}"
     return None

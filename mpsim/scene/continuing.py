@@ -69,6 +69,7 @@ CHANGEABLE: dict[str, Callable[[Any, Any], Any]] = {
     "obstacles": lambda scene, value: check_obstacles(value, scene.width, scene.height),
     "emitters": lambda scene, value: check_emitters(value),
     "piston": lambda scene, value: check_piston(value, scene.boundary, scene.width, scene.height, scene.absorbing),
+    "piston_began": lambda scene, value: value,
     "thermostat": lambda scene, value: value,
     "thermal_walls": lambda scene, value: value,
     "has_gaps": lambda scene, value: value,

@@ -98,6 +98,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
     thermostat: Thermostat | None = None
     thermal_walls: ThermalWalls | None = None
     has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
+    piston_began: float = 0.0  # when the piston left its start in that simulation [time]
     _redraw: Callable[[int], Scene] | None = None
     _capsules: NDArray[np.float64] | None = None
     _capsule_index: CapsuleIndex | None = None
@@ -181,7 +182,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
 
         Args:
             values: by name: gravity, restitution, wall_restitution, friction, wall_friction, obstacles, emitters,
-                piston, thermostat, thermal_walls, has_gaps.
+                piston, piston_began, thermostat, thermal_walls, has_gaps.
         """
         other = copy.copy(self)
         change_to(other, values)
@@ -201,10 +202,8 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         >>> Scene.load("piston").walls_at(float("inf"))[1].tolist()
         [20.0, 20.0]
         """
-        time, low, high = checks.time_to_come("time", time), np.array(self.box[::2]), np.array(self.box[1::2])
-        if (wall := self.moving_wall) is not None:
-            (low, high)[wall.edge % 2][wall.axis] = wall.at(time)
-        return low, high
+        box = self.box_at(checks.time_to_come("time", time))
+        return np.array(box[::2]), np.array(box[1::2])
 
     def limits(
         self, radius: float | NDArray[np.float64], time: float = 0.0
@@ -298,9 +297,13 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
     @property
     def box(self) -> Box:
         """The box: x_low, x_high, y_low, y_high [length]. A wall that moves may start inside it."""
+        return self.box_at(0.0)
+
+    def box_at(self, time: float) -> Box:
+        """The box at a time >= 0 [time]: x_low, x_high, y_low, y_high [length]."""
         edges = [0.0, self.width, 0.0, self.height]
         if (wall := self.moving_wall) is not None:
-            edges[wall.edge] = wall.start
+            edges[wall.edge] = wall.place(time)
         return edges[0], edges[1], edges[2], edges[3]
 
     @property
@@ -343,7 +346,8 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         [[2.0, 2.0]]
         """
         other = copy.copy(self)
-        vars(other).pop("has_gaps", None)  # those that are absent are left out
+        for name in ("has_gaps", "piston_began"):  # what is absent is left out, and time begins anew
+            vars(other).pop(name, None)
         move_to_state(other, state)
         other.check_inside("position", other.position, other.radius)
         return other

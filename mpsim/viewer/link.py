@@ -151,7 +151,7 @@ def read(query: str) -> Link:
     settings = dataclasses.replace(usual, **values)
     _demand_short_frames(settings, usual.dt)
     changed = {each: _parameter(each, texts[each]) for each in VALUES if each in texts}
-    parameters.in_force(scene, settings, changed, None)
+    parameters.in_force(scene, settings, changed, 0.0)
     for each in ("interval", "piston_speed", *parameters.OF_FRICTION, *TEMPERATURES):
         if each in changed:
             _demand_near(each, changed[each], VALUES[each](scene))

@@ -89,7 +89,7 @@ class Motion:
         self.inset = 0.0 if self.has_radii else scene.largest_radius
         self.limits = [[real(self.inset), real(length - self.inset)] for length in size]
         self.wall_speeds = [[real(0), real(0)], [real(0), real(0)]]
-        self.start, self.steps = None, 0
+        self.limits_at_contacts, self.steps = self.limits, 0
         self.gravity = None if scene.gravity is None else scene.gravity.astype(real)
         own = np.zeros((scene.count, 2)) if scene.acceleration is None else scene.acceleration
         self.acceleration = own.astype(real)
@@ -286,19 +286,20 @@ class Motion:
     # --- the piston
 
     def place_piston(self) -> None:
-        """The wall where the next step will meet it, and its speed there."""
+        """The wall where contacts and the next step will meet it, and its speed in the middle of that step."""
         piston = self.scene.piston
         if piston is None:
             return
         axis, side = divmod(EDGES.index(piston.wall), 2)
-        if self.start is None:
-            inwards = -self.inset if side else self.inset
-            self.start = self.limits[axis][side] if piston.start is None else self.real(piston.start + inwards)
-        stop = self.real(piston.stop + (-self.inset if side else self.inset))
-        place = float(self.start) + float(self.real(piston.speed) * self.dt) * (self.steps + 1)
-        arrived = place < stop if piston.speed < 0 else place > stop
-        self.limits[axis][side] = stop if arrived else self.real(place)
-        self.wall_speeds[axis][side] = self.real(piston.speed) * self.real(0 if arrived else 1)
+        start = piston.start if piston.start is not None else (self.scene.width, self.scene.height)[axis] * side
+        inwards, duration = (-self.inset if side else self.inset), (piston.stop - start) / piston.speed
+        now, later = ((self.steps + more) / self.settings.substeps * self.settings.dt for more in (0, 1))
+        self.limits_at_contacts = [list(pair) for pair in self.limits]
+        for limits, time in ((self.limits_at_contacts, now), (self.limits, later)):
+            place = start + piston.speed * time
+            arrived = time >= duration or (place < piston.stop if side else place > piston.stop)
+            limits[axis][side] = self.real((piston.stop if arrived else place) + inwards)
+        self.wall_speeds[axis][side] = self.real(piston.speed if (now + later) / 2 < duration else 0)
 
     def advance_piston(self) -> None:
         self.steps += 1

@@ -323,9 +323,7 @@ class Twin(Motion):
         """Off the wall that an impact has led a disc beyond; at an absorbing edge, on the edge. Returns as `drift`."""
         p, v, inward, time = self.p[i, axis], self.v[i, axis], 1, self.real(0)
         if self.wrap[axis] is None:
-            low, high = (
-                limit - speed * self.dt for limit, speed in zip(self.limits[axis], self.wall_speeds[axis], strict=True)
-            )
+            low, high = self.limits_at_contacts[axis]
             margin = self.radius(i) if self.has_radii else self.real(0)
             limits = low + margin, high - margin
             inward = 1 if p < limits[0] else -1

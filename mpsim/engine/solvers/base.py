@@ -63,9 +63,9 @@ class Columns(NamedTuple):
 
 
 class Origin(NamedTuple):
-    """When the parameters in force began to act: `frame`, frames done, and `time` [time], since the start.
+    """When the length of frames in force began to act: `frame`, frames done, and `time` [time], since the start.
 
-    A solver counts its frames from there, and a wall that moves began there at the start that its scene gives it.
+    A solver counts its frames from there.
     """
 
     frame: int = 0
@@ -237,11 +237,6 @@ class Solver(ABC):
         return self.origin.time + (frame - self.origin.frame) * self._settings.dt
 
     @property
-    def scene_time(self) -> float:
-        """The time for which the scene in force says where its walls are [time]."""
-        return self.time - self.origin.time
-
-    @property
     def half_done(self) -> bool:
         """Whether the last command was left in the middle, so that there is no whole state. Also after `close`."""
         return False
@@ -325,8 +320,8 @@ class Solver(ABC):
         """Continue from here under another scene and settings, with the same discs.
 
         Other may be numbers of the scene, what moves its wall and its emitters, its obstacles, and whether discs can be
-        absent; dt, contact, passes, substeps, workers of the settings. Where dt or the wall's speed is another, the
-        origin is now.
+        absent; dt, contact, passes, substeps, workers of the settings. Where dt is another, the origin is
+        now.
 
         Raises:
             InputError, ResourceError, WorkerDied, WorkerStalled: as `assume` and `add`.

@@ -15,7 +15,7 @@ from mpsim.core.errors import DivergedError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.columns import given_in
-from mpsim.engine.feature_arrays import box_now, feature_specs, fill_features
+from mpsim.engine.feature_arrays import feature_specs, fill_features
 from mpsim.engine.solvers import stepped_snapshot
 from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Result
 from mpsim.engine.solvers.discs import (
@@ -209,13 +209,13 @@ class BlockSolver(SteppedSolver):
 
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
-        return state_in(self._block, self._scene, self.count)
+        return state_in(self._block, self._box, self.count)
 
     def read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
         """What a function gives that reads the discs in the block."""
         count, arrays, discs = self.count, self._block.arrays, live_discs(self._block)
         x, y, vx, vy, number = (column[:count] for column in (discs.x, discs.y, discs.vx, discs.vy, discs.id))
-        absent, box = self.absorbed if "exits" in arrays else None, box_now(self._scene, arrays)
+        absent, box = self.absorbed if "exits" in arrays else None, self._box
         return read(InPlace(x, y, vx, vy, number, absent, box, self.frame, self.time, self._radii))
 
     @property
@@ -388,5 +388,5 @@ class BlockSolver(SteppedSolver):
         """Write the records `parameters` and `control`, which follow from what is simulated now."""
         giant = self._giant_radius(self._radii)
         self._grid = self._grid_of(self.count, giant)
-        now = Present(self._radii, self._grid, giant, self.substeps, self._speed_limit, self.origin.frame)
+        now = Present(self._radii, self._grid, giant, self.substeps, self._speed_limit, self.origin)
         configure(self._block.arrays, self._scene, self._settings, now)

@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
-from mpsim.core.state import State
-from mpsim.engine.feature_arrays import box_now
+from mpsim.core.state import Box, State
 from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.worker import buffers_of
 from mpsim.kernels import layout
 from mpsim.kernels.features.boundary import wrap_places
-from mpsim.scene.scene import Scene
 
 
 def live_discs(block: SharedBlock) -> layout.Discs:
@@ -64,15 +62,15 @@ def absorbed_in(block: SharedBlock, count: int) -> NDArray[np.bool_]:
     return np.zeros(count, bool) if exits is None else exits[0, :count] != 0
 
 
-def state_in(block: SharedBlock, scene: Scene, count: int) -> State:
+def state_in(block: SharedBlock, box: Box, count: int) -> State:
     """Copies in the order of the scene's discs."""
     (position, velocity), arrays = places_and_speeds(block, count), block.arrays
     found = {each.name: arrays[each.name][..., :count].T.copy() for each in columns.in_state() if each.name in arrays}
-    return state_of(scene, arrays, position, velocity, found, absorbed_in(block, count))
+    return state_of(box, arrays, position, velocity, found, absorbed_in(block, count))
 
 
 def state_of(
-    scene: Scene,
+    box: Box,
     arrays: dict[str, Any],
     position: NDArray[np.floating],
     velocity: NDArray[np.floating],
@@ -82,7 +80,7 @@ def state_of(
     """The state of discs whose values are in the order of the scene's; it takes over these arrays.
 
     Args:
-        scene: of the simulation.
+        box: as it is now.
         arrays: of the block: what does not change with the number of discs.
         position, velocity: shape (N, 2).
         found: further columns of a state, a row for each disc.
@@ -95,7 +93,7 @@ def state_of(
     for column in columns.in_state():
         if column.name in found and not column.rests:
             found[column.name][absorbed] = 0
-    return State(position, velocity, present=~absorbed, box=box_now(scene, arrays), **found)
+    return State(position, velocity, present=~absorbed, box=box, **found)
 
 
 def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tuple[float, float]]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
 from mpsim.engine.solvers import collisions, event_features, event_snapshot
+from mpsim.engine.solvers.base import Origin
 from mpsim.engine.solvers.event_scene import refuse_overlap
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.workers.arrays import ArraySpec
@@ -37,7 +38,7 @@ class Plan(NamedTuple):
         units: of sums of impulses and of virials [mass length/time], [mass length^2/time].
         contact_time: of the guard [time].
         crushing_speed: of a disc that a wall crushes [length/time]; None without a wall that moves.
-        first_frame: from which frames are counted.
+        origin: from which frames and the clock count.
         workers: at most, the coordinator included.
         logging: whether collisions are logged.
     """
@@ -47,7 +48,7 @@ class Plan(NamedTuple):
     units: tuple[float, float]
     contact_time: float
     crushing_speed: float | None
-    first_frame: int
+    origin: Origin
     workers: int
     logging: bool
 
@@ -117,5 +118,5 @@ class Plan(NamedTuple):
     def _given(self, count: int) -> dict[str, Any]:
         """What features are given besides arrays of the block."""
         cells = event_snapshot.cells_for(self.scene, count)
-        of_scene = event_features.given(self.scene, cells, self.dt, self.first_frame)
+        of_scene = event_features.given(self.scene, cells, self.dt, self.origin)
         return {"contact_time": self.contact_time, "crushing_speed": self.crushing_speed, **of_scene}

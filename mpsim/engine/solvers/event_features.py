@@ -7,21 +7,26 @@ from numpy.typing import NDArray
 
 from mpsim.core.columns import EXITS, in_state
 from mpsim.core.state import State
+from mpsim.engine.solvers.base import Origin
 from mpsim.features.capsules import lists_of_cells
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.thermostat import probability_of
 from mpsim.kernels.events.features.capsules import Capsules
+from mpsim.kernels.events.features.piston import Wall
 from mpsim.scene.scene import Scene
 
 
-def given(scene: Scene, cells: tuple[int, int], dt: float, first_frame: int) -> dict[str, Any]:
+def given(scene: Scene, cells: tuple[int, int], dt: float, origin: Origin) -> dict[str, Any]:
     """Arrays and records by their names in `hooks.Features`, for so many columns and rows of cells.
 
-    dt: length of a frame [time]. first_frame: from which frames are counted.
+    dt: length of a frame [time]. origin: from which frames and the clock count.
     """
     found: dict[str, Any] = {"capsules": _capsules(scene, cells)} if len(scene.capsules) else {}
     if (bath := scene.thermostat) is not None:
-        found["thermostat"] = (probability_of(bath, dt), bath.temperature, bath.seed, first_frame)
+        found["thermostat"] = (probability_of(bath, dt), bath.temperature, bath.seed, origin.frame)
+    if (wall := scene.moving_wall) is not None:
+        edge, start, stop, speed, began = wall[1:]
+        found["moving_wall"] = Wall(edge, start, stop, speed, wall.arrival, began - origin.time)
     return found
 
 
@@ -43,12 +48,11 @@ def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: N
     for column in in_state():
         if column.name in found and not column.rests:
             found[column.name][absorbed] = 0
-    low, high = scene.walls_at(time)
     if (wall := scene.moving_wall) is not None:
         least, most = (limit[..., wall.axis] for limit in scene.limits(radii, time))
         along = found["position"][:, wall.axis]
         np.clip(along, least, most, out=along, where=~absorbed)
-    return State(**found, present=~absorbed, box=(float(low[0]), float(high[0]), float(low[1]), float(high[1])))
+    return State(**found, present=~absorbed, box=scene.box_at(time))
 
 
 def _capsules(scene: Scene, cells: tuple[int, int]) -> Capsules:

@@ -132,7 +132,7 @@ def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> S
     wall = scene.moving_wall
     assert wall is not None
     return StalledError(
-        f"disc {disc} is crushed in frame {frame}: the {wall.name}, now at {wall.at(time):.6g} and on its way to "
+        f"disc {disc} is crushed in frame {frame}: the {wall.name}, now at {wall.place(time):.6g} and on its way to "
         f"{wall.stop:g}, leaves it no room before an obstacle, a wall or other discs, and has driven it to a speed of "
         f"{speed:.3g}, more than {CRUSHING:g} times any at the start. Let the {wall.name} stop earlier, or make room "
         "for the discs before it."

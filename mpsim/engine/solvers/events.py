@@ -145,7 +145,7 @@ class EventSolver(Solver):
         now = self.state()
         place, velocity = now.position[disc].tolist(), now.velocity[disc].tolist()
         if np.isfinite([place, velocity]).all():
-            return crushed(self._scene, self._present, disc, self.frame, math.hypot(*velocity))
+            return crushed(self._scene, self.time, disc, self.frame, math.hypot(*velocity))
         return DivergedError(disc, self.frame, (place[0], place[1]), (velocity[0], velocity[1]))
 
     def _play_whole(
@@ -241,13 +241,18 @@ class EventSolver(Solver):
         last_event = float(self._system.store.clock.origin + self._system.store.clock.now)
         return max(int(self._progress.frame) * self._settings.dt, last_event, self._stopped)
 
+    @property
+    def _clock_time(self) -> float:
+        """The same since the start [time]."""
+        return self.origin.time + self._present
+
     def reached(self, time: float) -> bool:
         """Whether a time [time] has been reached."""
         return time - self.origin.time <= self._present
 
     def state(self) -> State:
         """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
-        return event_features.state_of(self._scene, self._present, self._found(), self._radii)
+        return event_features.state_of(self._scene, self._clock_time, self._found(), self._radii)
 
     def _found(self) -> dict[str, NDArray[Any]]:
         """Positions, velocities and all columns but radii and masses, by name."""
@@ -278,7 +283,7 @@ class EventSolver(Solver):
     def discs(self) -> NewDiscs:
         """Copies of all discs at the present time."""
         found = self._found()
-        now = event_features.state_of(self._scene, self._present, found, self._radii)
+        now = event_features.state_of(self._scene, self._clock_time, found, self._radii)
         columns = {**found, **vars(now)}
         kept = {each.name: columns[each.name] for each in columns_of(self._scene) if each.name in columns}
         return NewDiscs(now.position, now.velocity, self._radii, {**kept, MASS.name: self._masses})
@@ -475,8 +480,8 @@ class EventSolver(Solver):
     @property
     def _plan(self) -> Plan:
         """What says which arrays a block has now."""
-        guards, first = (self._contact_time, self._crushing_speed), self.origin.frame
-        return Plan(self._scene, self._settings.dt, self._units, *guards, first, self._most_workers, self.logging)
+        guards = self._contact_time, self._crushing_speed
+        return Plan(self._scene, self._settings.dt, self._units, *guards, self.origin, self._most_workers, self.logging)
 
 
 @contextlib.contextmanager

@@ -165,7 +165,7 @@ class MpiSolver(OnRanks):
 
     def _configure(self) -> None:
         """Write what follows from what is simulated now."""
-        now = Present(self._radii, self._grid, None, self.substeps, self._speed_limit, self.origin.frame)
+        now = Present(self._radii, self._grid, None, self.substeps, self._speed_limit, self.origin)
         self._held().configure(now)
 
     def _held(self) -> Part:
@@ -346,7 +346,7 @@ class MpiSolver(OnRanks):
     def speeds(self, new: NewDiscs | None = None) -> Speeds:
         """How fast the discs of all ranks are, those that are about to be added included: of one rank."""
         present = ~self.absorbed if self._scene.loses_discs else None
-        there = There(self._scene, self.scene_time, self._radii, present)
+        there = There(self._scene, self.time, self._radii, present)
         return speeds_on_ranks(there, self.local_state(), new, self._shared())
 
     @property
@@ -386,7 +386,7 @@ class MpiSolver(OnRanks):
     def _by_number(self) -> DiscsByNumber:
         """The discs of all ranks by number; as long as none moves."""
         if self._numbered is None:
-            self._numbered = DiscsByNumber(self._held(), self._scene, self.count, self._told_of)
+            self._numbered = DiscsByNumber(self._held(), self._scene, self._box, self.count, self._told_of)
         return self._numbered
 
     def add(self, new: NewDiscs, choice: Choice) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mpsim.core import columns
 from mpsim.core.chunks import Array, ChunkedArray, ranges
 from mpsim.core.errors import InputError
-from mpsim.core.state import State, digest_of, in_chunks
+from mpsim.core.state import Box, State, digest_of, in_chunks
 from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.solvers.discs import state_of
@@ -47,13 +47,15 @@ class DiscsByNumber:
     Args:
         part: of this rank.
         scene: of the simulation.
+        box: as it is now.
         count: number of all discs.
         ask: what each rank answers, by `own`.
     """
 
-    def __init__(self, part: Part, scene: Scene, count: int, ask: Callable[[Asked], list[tuple[Any, Rows]]]):
+    def __init__(self, part: Part, scene: Scene, box: Box, count: int, ask: Callable[[Asked], list[tuple[Any, Rows]]]):
         self._part = part
         self._scene = scene
+        self._box = box
         self._count = count
         self._ask = ask
         self._sorted: Sorted | None = None
@@ -108,7 +110,7 @@ class DiscsByNumber:
         absorbed = absorbed_in(found, count)
         found.pop(columns.EXITS.name, None)
         position, velocity = found.pop("position"), found.pop("velocity")
-        return state_of(self._scene, self._part.arrays, position, velocity, found, absorbed)
+        return state_of(self._box, self._part.arrays, position, velocity, found, absorbed)
 
     def discs(self, radii: NDArray[np.float64], masses: NDArray[np.float64]) -> NewDiscs:
         """All discs, of these radii and masses, shape (N,) [length], [mass]."""

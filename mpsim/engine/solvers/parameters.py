@@ -26,7 +26,7 @@ class Present(NamedTuple):
         giant: radius above which discs are kept out of it [length]; None: there are no such discs.
         substeps: steps of a frame.
         speed_limit: when a disc is too fast.
-        first_frame: from which frames and steps are counted.
+        origin: frame and time from which frames and steps are counted.
     """
 
     radii: NDArray[np.float64]
@@ -34,7 +34,7 @@ class Present(NamedTuple):
     giant: float | None
     substeps: int
     speed_limit: SpeedLimit
-    first_frame: int
+    origin: tuple[int, float]
 
 
 def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Present) -> None:
@@ -54,8 +54,7 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     parameters.tally_scale = _tally_scale(scene, settings)
     parameters.fast = now.speed_limit.square(dt, common, smallest, settings.precision)
     for feature in FEATURES:
-        feature.begin(scene, arrays, settings.dt, now.first_frame)
-    prepare_first_step(arrays)
+        feature.begin(scene, arrays, settings.dt, now.origin)
     if "giants" in arrays:
         arrays["giants"][0] = np.inf if now.giant is None else now.giant
     control = arrays["control"]
@@ -69,6 +68,7 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     control.passes = settings.passes
     control.race_free = int(not settings.unguarded)
     control.absorbing[:] = [edge in scene.absorbing for edge in EDGES]
+    prepare_first_step(arrays)
 
 
 def _tally_scale(scene: Scene, settings: Settings) -> float:

@@ -74,17 +74,16 @@ class StepLog:
 def _table(rows: NDArray[Any], begun: Begun) -> NDArray[Any]:
     step, origin = rows["span"] - 1, begun.origin
     frame, ended = begun.frame + step // begun.substeps, (step % begun.substeps + 1) / begun.substeps
-    time = (frame - origin.frame + ended) * begun.dt - rows["time"]  # since the origin, as the walls' places are
+    time = origin.time + ((frame - origin.frame + ended) * begun.dt - rows["time"])
     for edge in range(4):
         hit = (rows["kind"] == collision_log.WALL) & (rows["j"] == edge)
         rows["place"][hit, edge // 2] = _wall_at(begun.scene, edge, time[hit])
-    return collisions.table_of(rows, frame + 1, origin.time + time, begun.scene)
+    return collisions.table_of(rows, frame + 1, time, begun.scene)
 
 
 def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDArray[np.float64]:
-    """Where the wall of an edge is at times since the origin [length]."""
+    """Where the wall of an edge is at times [length]."""
     wall = scene.moving_wall
     if wall is None or wall.edge != edge:
         return scene.box[edge]
-    place = wall.start + wall.speed * time
-    return np.maximum(place, wall.stop) if wall.speed < 0 else np.minimum(place, wall.stop)
+    return np.array([wall.place(each) for each in time.tolist()])

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.sizes import kept_sizes
+from mpsim.core.state import Box
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.solvers import slices, stepped_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
@@ -71,6 +72,11 @@ class SteppedSolver(Solver):
         frames, dt, stop = self._frames, self._settings.dt, stop - self.origin.time
         return min(most, max(frames_until(stop, dt) - frames, 1)) if stop < (frames + most) * dt else most
 
+    @property
+    def _box(self) -> Box:
+        """The box after the steps done: inside a frame too, where one is run pass by pass."""
+        return self._scene.box_at(self.origin.time + float(self._control.steps) / self.substeps * self._settings.dt)
+
     # --- steps
 
     def set_speed_limit(self, limit: SpeedLimit) -> None:
@@ -81,8 +87,8 @@ class SteppedSolver(Solver):
     def divide(self, substeps: int) -> None:
         """Divide the frames that follow into so many steps.
 
-        The count of steps becomes what it would be if all frames had had as many: so the place of a moving wall follows
-        from it as before, and a snapshot tells the number of sub-steps.
+        The count of steps becomes what it would be if all frames had had as many: so the time follows from it as
+        before, and a snapshot tells the number of sub-steps.
         """
         if substeps != self.substeps:
             self.substeps = substeps
@@ -95,7 +101,7 @@ class SteppedSolver(Solver):
         if new is not None:
             velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
             present = np.append(present, np.ones(len(new.position), bool))
-        return speeds_of(velocity, radii, scene, self.scene_time, present if scene.loses_discs else None)
+        return speeds_of(velocity, radii, scene, self.time, present if scene.loses_discs else None)
 
     # --- the grid
 

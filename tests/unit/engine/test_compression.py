@@ -46,13 +46,16 @@ def test_a_piston_that_presses_lossy_discs_is_refused_while_they_overlap_little(
 
 @pytest.mark.slow
 def test_a_piston_that_presses_lossless_discs_is_refused_before_they_are_fast():
-    """They were half a diameter deep when the first complaint came, of speeds, at time 25.68."""
+    """They were half a diameter deep when the first complaint came, of speeds, at time 25.68.
+
+    How deep depends on the last bit of a place, as the run is chaotic: 0.17 to 0.43 over eight seeds.
+    """
     text, time, deepest = complaint(closing(1.0), 30)
     assert text is not None
     assert PRESSED in text
     assert "pairs overlap by" in text
     assert time < 25.5
-    assert deepest < 0.3
+    assert deepest < 0.45
 
 
 @pytest.mark.slow

@@ -1,11 +1,12 @@
 """A wall of the box that moves at constant speed until it stops. `side` of an impact on it is MOVING_WALL.
 
-Its place follows from the time since the start of the run. All other times here are counted from the start of the lap;
-`since_start` converts them.
+Its place follows from the time since it began. All other times here are counted from the start of the lap;
+`since_it_began` converts them.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from mpsim.kernels import moving_wall as motion
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.gravity import component
 from mpsim.kernels.events.features.properties import radius_of
@@ -14,25 +15,17 @@ from mpsim.kernels.events.records import MOVING_WALL
 
 
 class Wall(NamedTuple):
-    """edge: LEFT, ...; start, stop: coordinates [length]; speed [length/time]; arrival: when it stops [time]."""
+    """A wall as `moving_wall.py` has it, its edge (LEFT, ...), and when it began on the clock of the solver [time]."""
 
     edge: int
     start: float
     stop: float
     speed: float
     arrival: float
+    began: float = 0.0
 
 
-def moving_wall_of(scene: Any) -> Wall | None:
-    """The moving wall of a scene."""
-    wall = scene.moving_wall
-    if wall is None:
-        return None
-    start, stop, speed = float(wall.start), float(wall.stop), float(wall.speed)
-    return Wall(int(wall.edge), start, stop, speed, (stop - start) / speed)
-
-
-FIELDS = {"moving_wall": moving_wall_of, "crushing_speed": None}
+FIELDS = {"moving_wall": None, "crushing_speed": None}
 """crushing_speed: above it [length/time] a disc that leaves the wall has no room left, or None if nobody asks: between
 the wall and what stands against it a disc meets both ever faster, without end."""
 
@@ -46,9 +39,9 @@ def is_crushed(wall, crushing_speed, disc):
 
 
 @inlined
-def since_start(t, store):
-    """The time since the start of the run, from one that is counted from the start of the lap [time]."""
-    return store.clock.origin + t
+def since_it_began(wall, t, store):
+    """The time since the wall began, from one that is counted from the start of the lap [time]."""
+    return store.clock.origin + t - wall.began
 
 
 @inlined
@@ -57,11 +50,11 @@ def time_to_wall(wall, disc, radius, gravity, store):
     axis = wall.edge >> 1
     inward = -1.0 if wall.edge & 1 else 1.0
     place, speed, pull = disc.position[axis], inward * disc.velocity[axis], inward * component(gravity, axis)
-    present = since_start(disc.last_update, store)
+    present = since_it_began(wall, disc.last_update, store)
     left = wall.arrival - present
     if left <= 0.0:
         return time_to_limit(inward * (place - wall.stop) - radius, speed, pull)
-    ahead = inward * (place - (wall.start + wall.speed * present)) - radius
+    ahead = inward * (place - motion.place(wall, present)) - radius
     t = time_to_limit(ahead, speed - inward * wall.speed, pull)
     if t < left:
         return t
@@ -88,9 +81,7 @@ def surface(wall, i, now, store, box, features):
         return False, 0.0, 0.0, 0.0, 0.0, -1
     axis = wall.edge >> 1
     inward = -1.0 if wall.edge & 1 else 1.0
-    present = since_start(now, store)
-    place, speed = wall.stop, 0.0
-    if present < wall.arrival:
-        place, speed = wall.start + wall.speed * present, inward * wall.speed
-    depth = radius_of(i, box, features) - inward * (store.disc[i].position[axis] - place)
+    present = since_it_began(wall, now, store)
+    speed = inward * motion.velocity(wall, present)
+    depth = radius_of(i, box, features) - inward * (store.disc[i].position[axis] - motion.place(wall, present))
     return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, wall.edge
