@@ -1,5 +1,6 @@
 """Text files of frames, compressed by gzip or not: where each frame lies, and the numbers in its lines."""
 
+import codecs
 import contextlib
 import functools
 import gzip
@@ -24,6 +25,9 @@ from mpsim.output.frames import Frame, Given
 LONGEST_LINE = 2**20
 """Bytes of a line at most."""
 
+MOST_BYTES = 2**31
+"""Bytes of a frame in a compressed file at most, which may unpack to a thousand times its size."""
+
 LONGEST_NUMBER = 17
 """Digits of the number of a frame, or of the number of its discs, at most."""
 
@@ -44,9 +48,9 @@ class Lines:
     def __init__(self, file: BinaryIO):
         self._file = file
         self._row = 0
-        self.begin = 0
-        self.unended = False
-        self.even = True
+        self.begin: int = 0
+        self.unended: bool = False
+        self.even: bool = True
 
     def first(self) -> bytes:
         """The next line that is not blank, or its beginning if it is too long; empty at the end of the file."""
@@ -54,7 +58,7 @@ class Lines:
             pass
         self._row, self.begin = 1, self._file.tell() - len(line)
         self.unended = not line.endswith(b"\n") if line else self.unended
-        return line
+        return line.removeprefix(codecs.BOM_UTF8)
 
     def next(self, count: int = 1) -> bytes:
         """Read that many lines. Returns the last one.
@@ -227,14 +231,13 @@ class TextReader:
             TrajectoryError: naming what the file lacks.
         """
         start, end = self._offsets[index : index + 2]
+        begin, where = start, f"frame {index} of {str(self._path)!r}"
         try:
             content = self._bytes(start, end)
+            begin += len(content) - len(content.lstrip())
+            return self._frame(where, index, content.lstrip().decode("utf-8-sig", "replace").split("\n"))
         except DAMAGED as error:
             raise _damaged(self._path, index, error) from None
-        begin = start + len(content) - len(content.lstrip())
-        where = f"frame {index} of {str(self._path)!r}"
-        try:
-            return self._frame(where, index, content.lstrip().decode("utf-8", "replace").split("\n"))
         except LineError as error:
             raise _located(error, self._path, index, begin) from None
 
@@ -243,6 +246,8 @@ class TextReader:
             with _opened(self._path) as file:
                 file.seek(start)
                 return file.read(end - start)
+        if end - start > MOST_BYTES:
+            raise LineError(0, f"must begin a frame of at most {MOST_BYTES:,} bytes; it has {end - start:,}.")
         if self._content is None:
             self._content = self._held.enter_context(_opened(self._path))
         self._content.seek(start)

@@ -87,6 +87,7 @@ SAME = {
     "exponents of Fortran": FRAME.replace('"8 0', '"0.8d1 0').replace("X 3 2", "X 0.3D+1 20.d-1"),
     "off the axes by rounding": FRAME.replace('"8 0 0', '"8 1e-17 0'),
     "lines that end as on Windows": FRAME.replace("\n", "\r\n"),
+    "a byte order mark": "\ufeff" + FRAME,
     "keys within a text": FRAME.replace("pbc", r"""note="a \" Lattice='1 0 0' pbc=F" pbc"""),
     "a text alone": FRAME.replace("pbc", """"a Lattice='1 0 0' text" it's pbc"""),
     "a name of mpsim's in another case": FRAME.replace("X 1", "disc 1").replace("species", "Type"),
