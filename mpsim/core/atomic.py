@@ -30,6 +30,10 @@ _LONGEST_ENDING = 16
 """Largest length of a file's ending that its draft keeps: libraries that write by name choose the format by it."""
 
 
+class WrittenError(OSError):
+    """A file has its new content and its name, but something after that has failed: the error's strerror says what."""
+
+
 @contextlib.contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """A new file, open for writing, that is renamed to `path` at the end of the block, unless the block raises.
@@ -81,7 +85,11 @@ def draft_of(path: Path) -> Iterator[Path]:
     try:
         yield draft
         draft.replace(path)
-        _sync_folder(path.parent)
+        try:
+            _sync_folder(path.parent)
+        except OSError as error:
+            why = f"it is written, but its folder could not be flushed to the disk ({error.strerror})"
+            raise WrittenError(error.errno, why, str(path)) from error
     finally:
         # After the renaming there is no draft, except where both names were links to one file: that renames nothing.
         with contextlib.suppress(OSError):
@@ -114,8 +122,8 @@ def check_target(path: Path) -> int | None:
         Mode bits of the existing file; None if there is none.
 
     Raises:
-        OSError: if its folder is missing or cannot be written to; if the path is a symbolic link, no regular file, or
-            write-protected.
+        OSError: if its folder is missing or cannot be written to; if the path is a symbolic link, no regular file,
+            write-protected, or mounted.
     """
     if not path.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
@@ -133,7 +141,18 @@ def check_target(path: Path) -> int | None:
         raise OSError(errno.EINVAL, "it is not a regular file", str(path))
     if not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, "it is protected from writing", str(path))
+    if _is_mounted(path):
+        raise OSError(
+            errno.EBUSY, "it is a mounted file, which cannot be replaced: mount its folder instead", str(path)
+        )
     return mode & 0o777
+
+
+def _is_mounted(path: Path) -> bool:
+    """Whether a file is itself a mount, as by `docker run -v FILE:FILE`."""
+    with contextlib.suppress(OSError):  # without /proc nobody knows; the renaming fails then
+        return os.path.realpath(path) in {each.mountpoint for each in psutil.disk_partitions(all=True)}
+    return False
 
 
 def _remove_leftovers(folder: Path) -> None:

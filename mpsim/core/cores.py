@@ -3,7 +3,7 @@
 import math
 import multiprocessing
 import os
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import psutil
 
@@ -30,23 +30,31 @@ def may_start_processes() -> bool:
 
 
 def _cgroup_quotas() -> list[float]:
-    """CPU quotas, in cores, of this process's cgroup and all above it (version 2), or of version 1's controller."""
+    """CPU quotas, in cores, of this process's cgroups of both versions and of all groups above them.
+
+    A container may see its own group mounted at the top, under the path that the host has for it.
+    """
     quotas = []
     try:
-        lines = Path("/proc/self/cgroup").read_text().splitlines()
+        groups = [line.split(":", 2) for line in Path("/proc/self/cgroup").read_text().splitlines()]
+        mounts = [line.split(" - ") for line in Path("/proc/self/mountinfo").read_text().splitlines()]
     except OSError:
         return []
-    for line in lines:
-        _, controllers, path = line.split(":", 2)
-        if controllers == "":
-            folder = Path("/sys/fs/cgroup") / path.lstrip("/")
-            for place in (folder, *folder.parents):
-                quotas += _quota(place / "cpu.max")
-                if place == Path("/sys/fs/cgroup"):
+    for place, system in mounts:
+        (root, mount), (kind, _, options) = place.split()[3:5], system.split()[:3]
+        for _, controllers, path in groups:
+            if kind == "cgroup2" and not controllers:
+                files = ["cpu.max"]
+            elif kind == "cgroup" and "cpu" in controllers.split(",") and "cpu" in options.split(","):
+                files = ["cpu.cfs_quota_us", "cpu.cfs_period_us"]
+            else:
+                continue
+            top, own = Path(mount), PurePath(path)
+            folder = top / (own.relative_to(root) if own.is_relative_to(root) else "")
+            for group in (folder, *folder.parents):
+                quotas += _quota(*(group / file for file in files))
+                if group == top:
                     break
-        elif "cpu" in controllers.split(","):
-            place = Path("/sys/fs/cgroup/cpu") / path.lstrip("/")
-            quotas += _quota(place / "cpu.cfs_quota_us", place / "cpu.cfs_period_us")
     return quotas
 
 

@@ -14,10 +14,10 @@ import platform
 import shutil
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,6 +66,9 @@ DAMAGED_DISK = (errno.EIO, errno.EBADMSG, errno.EUCLEAN)
 _NO_STATE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 """What content raises that is no state of a simulation."""
 
+VERSIONS = {"python": platform.python_version(), "numpy": np.__version__, "numba": numba.__version__}
+"""Of what runs, whatever is installed when a checkpoint is written."""
+
 SIZES = ("radii", "masses")
 """Arrays of a solver that are written as one number, shape (), where all discs have the same; the header has the number
 of discs."""
@@ -107,11 +110,17 @@ def place_of(path: str | os.PathLike[str]) -> Path:
     """The file that a path means, absolute, links followed.
 
     Raises:
-        InputError: if it is no path.
+        InputError: if it is no path, or a relative one in a folder that has been removed.
     """
     if not isinstance(path, str | os.PathLike) or not os.fspath(path) or "\0" in os.fsdecode(path):
         raise InputError(f"the path of a checkpoint must be a file name; got {path!r}. Give one such as 'run.mpsim'.")
-    return Path(os.path.realpath(os.fsdecode(path)))
+    try:
+        return Path(os.path.realpath(os.fsdecode(path)))
+    except FileNotFoundError:
+        raise InputError(
+            f"the relative path {path!r} needs the current folder, which has been removed. Give an absolute path, or "
+            "change to a folder that exists (os.chdir)."
+        ) from None
 
 
 def checked_place(path: str | os.PathLike[str]) -> Path:
@@ -134,10 +143,14 @@ def _as_output_error(target: Path) -> Iterator[None]:
     except OutputError:
         raise
     except OSError as error:
-        failed = OutputError(
-            f"the checkpoint {str(target)!r} must be in a folder that can be written to, with room on its disk; "
-            f"got {error.strerror or error}. What was there before is untouched. Choose another place, or make room."
-        )
+        if isinstance(error, atomic.WrittenError):
+            text = f"the checkpoint {str(target)!r} must be safe on its disk; {error.strerror}. Check that disk."
+        else:
+            text = (
+                f"the checkpoint {str(target)!r} must be in a folder that can be written to, with room on its disk; "
+                f"got {error.strerror or error}. What was there before is untouched. Choose another place, or make room."
+            )
+        failed = OutputError(text)
         failed.__notes__ = getattr(error, "__notes__", [])  # on which rank
         raise failed from error
 
@@ -301,7 +314,7 @@ def _packed(
         everything[JOURNAL], run = packed(changed.changes), run | {"origin": list(changed.origin)}
     header: dict[str, Any] = {
         "format": FORMAT,
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in ("numpy", "numba")},
+        "versions": VERSIONS,
         "settings": dataclasses.asdict(settings),
         "scene": plain,
         "run": run,
@@ -360,9 +373,22 @@ def _kept_as_previous(target: Path) -> Iterator[None]:
     if not _is_complete(target):
         yield
         return
-    with atomic.draft_of(_previous(target)) as second:
-        _link(target, second)
-        yield
+    is_written, unflushed = False, None
+    try:
+        with atomic.draft_of(_previous(target)) as second:
+            _link(target, second)
+            try:
+                yield
+            except atomic.WrittenError as error:  # the new file has its name already, so the old one gets its own too
+                unflushed = error
+            is_written = True
+    except OSError as error:
+        if not is_written:
+            raise
+        why = f"it is written, but the one before it may be lost ({error.strerror})"
+        raise atomic.WrittenError(error.errno, why) from error
+    if unflushed is not None:
+        raise unflushed
 
 
 def _link(target: Path, second: Path) -> None:

@@ -15,6 +15,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,11 @@ def _watch_compiling(dispatcher: Any, turns: Turns | None) -> None:
         with interrupts_held_back(), noted, garbage_collection_paused():
             try:
                 return compile_signature(signature)
+            except FileNotFoundError as error:
+                if os.path.exists("."):
+                    raise
+                why = "compiling needs the current folder, which has been removed; start in one that exists"
+                raise FileNotFoundError(error.errno, why) from error
             finally:
                 if turns is not None:
                     turns.give_back()
@@ -132,19 +138,30 @@ def _type_without_literals(dispatcher: Any) -> None:
 
 
 def _watch_loading(cache: Any, turns: Turns | None) -> None:
-    """If a cache file is damaged (a full disk, a killed process), compile again rather than fail.
+    """If a cache file is damaged (by a killed process) or cannot be written (a full disk), do without it.
 
     Also notice what is not in the cache and will be compiled, by this process or another.
     """
-    load = cache.load_overload
+    load, save = cache.load_overload, cache.save_overload
 
     def load_undamaged(signature: Any, target_context: Any) -> Any:
         try:
             return load(signature, target_context)
         except Exception as error:  # whatever a damaged pickle may raise
             logger.warning("mpsim: a file of the kernel cache is damaged (%r); that kernel is compiled anew.", error)
-            cache.flush()
+            with suppress(OSError):
+                cache.flush()
             return None
+
+    def save_if_possible(signature: Any, result: Any) -> None:
+        try:
+            save(signature, result)
+        except OSError as error:
+            logger.warning(
+                "mpsim: a file of the kernel cache cannot be written (%s); that kernel is compiled anew in every "
+                "process. Make room, or set NUMBA_CACHE_DIR to another folder.",
+                error,
+            )
 
     def load_or_recompile(signature: Any, target_context: Any) -> Any:
         found = load_undamaged(signature, target_context)
@@ -154,7 +171,7 @@ def _watch_loading(cache: Any, turns: Turns | None) -> None:
                 found = turns.load_or_take(signature, lambda: load_undamaged(signature, target_context))
         return found
 
-    cache.load_overload = load_or_recompile
+    cache.load_overload, cache.save_overload = load_or_recompile, save_if_possible
 
 
 def compiled(function: Callable[..., Any]) -> Any:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mpsim.core import atomic, untrusted
-from mpsim.core.errors import InputError
+from mpsim.core.errors import InputError, OutputError
 
 FORMAT = 3
 """Of the file: results of runs that were divided or counted differently must not be mixed."""
@@ -57,7 +57,13 @@ class SavedResults:
         if self._path is not None and self._open:
             results = {key: value for key, value in self._results.items() if "machine" not in value}
             kept = {"title": self._title, "plan": self._plan, "reference": self.reference, "results": results}
-            atomic.write_text(self._path, json.dumps(kept))
+            try:
+                atomic.write_text(self._path, json.dumps(kept))
+            except OSError as error:
+                raise OutputError(
+                    f"path must be a file in a folder that can be written to, with room on its disk; got "
+                    f"{str(self._path)!r} ({error.strerror or error}). Make room, or give another path."
+                ) from error
 
 
 def checked_path(path: str | os.PathLike[str]) -> Path:

@@ -162,16 +162,26 @@ class WorkerPool:
                     daemon=True,
                 )
                 try:
-                    with _main_module_hidden():
-                        process.start()
+                    self._start_process(process)
                 finally:
                     theirs.close()
-            except OSError as error:
-                if not is_of_the_system(error):
+            except (OSError, EOFError) as error:
+                if isinstance(error, OSError) and not is_of_the_system(error) and "AF_UNIX" not in str(error):
                     raise
                 raise refusal_of_process(f"worker {worker}", error) from error
             self._processes.append(process)
             self._pids.append(process.pid)
+
+    def _start_process(self, process: Any) -> None:
+        """Start a process, if need be by a new fork server: one that was killed is noticed only by its silence."""
+        with _main_module_hidden():
+            try:
+                process.start()
+            except (EOFError, ConnectionError, ChildProcessError):
+                if self._context.get_start_method() != "forkserver":
+                    raise
+                _end_fork_server()
+                process.start()
 
     def _await_ready(self, worker: int) -> None:
         connection, deadline = self._connections[worker - 1], time.monotonic() + START_PATIENCE
@@ -273,6 +283,24 @@ class _Hidden(types.ModuleType):
         self.main = main
 
 
+def _end_fork_server() -> None:
+    """End a fork server that no longer answers."""
+    pid = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+    with suppress(ChildProcessError):  # the program has waited for it itself
+        if pid is not None and os.waitpid(pid, os.WNOHANG) == (0, 0):
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+    _forget_fork_server()
+
+
+def _forget_fork_server() -> None:
+    """Have multiprocessing start a fork server of its own for the next process."""
+    server: Any = forkserver._forkserver  # type: ignore[attr-defined]
+    if server._forkserver_pid is not None:
+        os.close(server._forkserver_alive_fd)
+        server._forkserver_pid = server._forkserver_alive_fd = server._forkserver_address = None
+
+
 def _leave_to_the_parent() -> None:
     """In a fork: forget what multiprocessing has of the parent's workers; the fork starts its own.
 
@@ -287,9 +315,7 @@ def _leave_to_the_parent() -> None:
     main = sys.modules.get("__main__")
     if isinstance(main, _Hidden) and main.main is not None:
         sys.modules["__main__"] = main.main
-    if server._forkserver_pid is not None:
-        os.close(server._forkserver_alive_fd)
-        server._forkserver_pid = server._forkserver_alive_fd = server._forkserver_address = None
+    _forget_fork_server()
     # Otherwise the end of the fork would end them, or try to wait for them.
     children = multiprocessing.process._children  # type: ignore[attr-defined]
     children -= {child for child in children if child.name.startswith(NAME)}

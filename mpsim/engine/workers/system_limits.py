@@ -3,6 +3,7 @@
 import errno
 import os
 import resource
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
@@ -65,22 +66,34 @@ def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
 NO_WORKERS = "Use fewer workers, or method='grid', which starts no workers."
 
 
-def refusal_of_process(what: str, error: OSError | RuntimeError, remedy: str = NO_WORKERS) -> ResourceError:
+def refusal_of_process(what: str, error: OSError | RuntimeError | EOFError, remedy: str = NO_WORKERS) -> ResourceError:
     """The error for a process or thread that cannot be started: a worker, say.
 
     Args:
         what: begins the sentence, without a verb.
-        error: of the system, or of Python for a thread.
+        error: of the system, or of Python for a thread; EOFError: the fork server has ended.
         remedy: a sentence.
     """
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return ResourceError(f"{what} needs file descriptors, {_descriptors(error)}")
-    processes = resource.getrlimit(resource.RLIMIT_NPROC)[0]
-    most = "any number" if processes == resource.RLIM_INFINITY else f"{processes:,}"
-    return ResourceError(
-        f"{what} could not be started: {error}. Starting one must be allowed; this user may have {most} of "
-        f"processes and threads (ulimit -u). {remedy}"
-    )
+    why = str(error)
+    if isinstance(error, EOFError | ConnectionError):
+        why = "Python's fork server, which starts workers, ended. It may have been killed, or allowed no process"
+    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+        rule = "There must be memory for one (free, ulimit -v)."
+    elif isinstance(error, OSError) and error.errno != errno.EAGAIN and not isinstance(error, ConnectionError):
+        rule = (
+            "The current folder, a folder for temporary files (TMPDIR, of fewer than 80 characters) and "
+            f"{sys.executable!r} must be there, and may be used."
+        )
+    else:
+        processes = resource.getrlimit(resource.RLIMIT_NPROC)[0]
+        most = "any number" if processes == resource.RLIM_INFINITY else f"{processes:,}"
+        rule = (
+            f"Starting one must be allowed; this user may have {most} of processes and threads (ulimit -u), and a "
+            "container may have fewer."
+        )
+    return ResourceError(f"{what} could not be started: {why}. {rule} {remedy}")
 
 
 def resident_bytes(pid: int) -> int:

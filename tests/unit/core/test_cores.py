@@ -29,8 +29,25 @@ def machine(monkeypatch, tmp_path):
     return pretend
 
 
-V2 = {"/proc/self/cgroup": "0::/user/job\n"}
-V1 = {"/proc/self/cgroup": "5:memory:/job\n3:cpu,cpuacct:/job\n0::/\n"}
+MOUNTED = {
+    1: "30 24 0:26 {} /sys/fs/cgroup/cpu rw,relatime shared:9 - cgroup cgroup rw,cpu,cpuacct\n",
+    2: "30 24 0:26 {} /sys/fs/cgroup rw,relatime - cgroup2 cgroup2 rw,nsdelegate\n",
+}
+
+
+def groups(version, path, mounted="/"):
+    """What a process in a group of this path sees, where the group `mounted` stands at the top."""
+    line = f"5:memory:/\n3:cpu,cpuacct:{path}\n0::/\n" if version == 1 else f"0::{path}\n"
+    mounts = "21 1 8:1 / / rw - ext4 /dev/sda1 rw\n31 24 0:27 / /sys/fs/cgroup/memory rw - cgroup cgroup rw,memory\n"
+    return {"/proc/self/cgroup": line, "/proc/self/mountinfo": mounts + MOUNTED[version].format(mounted)}
+
+
+def quota(folder, cores):
+    """The files of a group of version 1."""
+    return {f"{folder}/cpu.cfs_quota_us": f"{cores}00000\n", f"{folder}/cpu.cfs_period_us": "100000\n"}
+
+
+V1, V2, TOP = groups(1, "/job"), groups(2, "/user/job"), "/sys/fs/cgroup/cpu"
 
 CASES = {
     "no limits": ({}, 8),
@@ -75,6 +92,20 @@ CASES = {
             }
         },
         8,
+    ),
+    "version 1, quota of a parent": ({"files": groups(1, "/pod/own") | quota(f"{TOP}/pod", 2)}, 2),
+    "version 1, own group at the top": ({"files": groups(1, "/pod/own", mounted="/pod/own") | quota(TOP, 2)}, 2),
+    "version 1, below a group at the top": (
+        {"files": groups(1, "/pod/own", mounted="/pod") | quota(f"{TOP}/own", 3) | quota(TOP, 5)},
+        3,
+    ),
+    "version 1, another group of the same name": (
+        {"files": groups(1, "/own", mounted="/pod") | quota(f"{TOP}/own", 1)},
+        8,
+    ),
+    "version 2, own group at the top": (
+        {"files": groups(2, "/docker/a", mounted="/docker/a") | {"/sys/fs/cgroup/cpu.max": "200000 100000\n"}},
+        2,
     ),
     "unreadable quota": ({"files": V2 | {"/sys/fs/cgroup/user/job/cpu.max": "nonsense\n"}}, 8),
 }

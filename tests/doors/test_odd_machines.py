@@ -1,0 +1,254 @@
+"""Machines that lack or forbid something: a sentence that says what, nothing lost, or no need of it."""
+
+import errno
+import json
+import os
+import stat
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+from support.processes import assert_clean, run_script
+from support.scenes import gas, simulate
+
+import mpsim
+
+SCENE = gas(50, 0.2, seed=1)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """A simulation at frame 30 and its path, where checkpoints of frames 20 and 10 lie."""
+    path = tmp_path / "run.mpsim"
+    with simulate(SCENE, method="naive") as sim:
+        for _ in range(2):
+            sim.run(frames=10)
+            sim.save(path)
+        sim.run(frames=10)
+        yield sim, path
+
+
+def frames(path):
+    return [mpsim.Simulation.resume(each).frame for each in (path, f"{path}.previous")]
+
+
+def test_a_checkpoint_asks_no_installed_package_for_its_version(saved, tmp_path, monkeypatch):
+    sim, path = saved
+    other = tmp_path / "numpy-9.9.9.dist-info"
+    other.mkdir()
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 9.9.9\n")
+    for search in ([str(tmp_path), *sys.path], []):  # upgraded while it runs; uninstalled, or frozen
+        monkeypatch.setattr(sys, "path", search)
+        sim.save(path)
+        with np.load(path) as file:
+            versions = json.loads(file["mpsim_checkpoint"].tobytes())["versions"]
+        assert (versions["numpy"], versions["numba"]) == (np.__version__, numba.__version__)
+
+
+def test_a_folder_that_cannot_be_flushed_loses_no_checkpoint_and_the_words_are_true(saved, monkeypatch):
+    sim, path = saved
+    flush = os.fsync
+
+    def fail(descriptor):
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        flush(descriptor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", fail)
+        with pytest.raises(mpsim.OutputError, match=r"it is written, but its folder could not be flushed") as refused:
+            sim.save(path)
+    assert "untouched" not in str(refused.value)
+    assert frames(path) == [30, 20]
+    assert sorted(os.listdir(path.parent)) == ["run.mpsim", "run.mpsim.previous"]
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS])
+@pytest.mark.parametrize("call", ["open", "link", "replace", "fsync", "pwrite"])
+def test_whatever_a_disk_answers_while_a_checkpoint_is_saved_the_words_are_true(call, number, saved, monkeypatch):
+    sim, path = saved
+    real, old = getattr(os, call), {each: each.read_bytes() for each in path.parent.iterdir()}
+    failures = 0
+    for failing in range(9):  # the first call, then the second ...
+        calls = iter(range(100))
+
+        def fail(*arguments, failing=failing, calls=calls, **options):
+            if next(calls) == failing:
+                raise OSError(number, os.strerror(number))
+            return real(*arguments, **options)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, call, fail)
+            try:
+                sim.save(path)
+                expected = [[30, 20]]
+            except mpsim.OutputError as error:
+                untouched, failures = "untouched" in str(error), failures + 1
+                expected = [[20, 10]] if untouched else [[30, 20], [30, 10]] if "it is written" in str(error) else []
+        assert frames(path) in expected
+        for each, content in old.items():
+            each.write_bytes(content)
+        assert set(path.parent.iterdir()) == set(old), "a draft is left"
+    assert failures > 0
+
+
+def test_a_mounted_file_is_refused_at_the_start_by_name(tmp_path):
+    """A renaming cannot replace it: `docker run -v run.mpsim:/run.mpsim`."""
+    script = """
+import mpsim
+with mpsim.Simulation(mpsim.Scene.random(count=9, packing=.2, radius=.5), mpsim.Settings(method="naive")) as sim:
+    run = lambda: sim.run(frames=9, checkpoint="m.mpsim")
+    acts = lambda: sim.save("m.mpsim"), run, lambda: sim.scene.save("m.toml")
+    for act in acts:
+        try:
+            act()
+        except mpsim.OutputError as error:
+            print(sim.frame, error)
+"""
+    for name in ("m.mpsim", "m.toml", "other"):
+        (tmp_path / name).touch()
+    mount = "mount --bind other m.mpsim && mount --bind other m.toml"
+    command = ["unshare", "--mount", "sh", "-c", f'{mount} && exec "$0" "$@"', sys.executable, "-c", script]
+    env = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    ran = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, check=False)
+    if "unshare" in ran.stderr or "mount:" in ran.stderr:
+        pytest.skip(f"no private mount can be made here: {ran.stderr}")
+    lines = ran.stdout.splitlines()
+    assert len(lines) == 3, ran.stderr
+    assert all(
+        line.startswith("0 ") and "it is a mounted file, which cannot be replaced: mount its folder" in line
+        for line in lines
+    )
+    assert (tmp_path / "m.mpsim").read_bytes() == b""
+
+
+IN_NO_FOLDER = """
+import os, tempfile
+folder = tempfile.mkdtemp()
+os.chdir(folder)
+os.rmdir(folder)
+import mpsim
+scene = mpsim.Scene.random(count=50, packing=.2, radius=.5)
+with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
+    report = sim.run(frames=2)
+    acts = {
+        "save": lambda: sim.save("x.mpsim"),
+        "resume": lambda: mpsim.Simulation.resume("x.mpsim"),
+        "run": lambda: sim.run(frames=1, checkpoint="x.mpsim"),
+        "journal": lambda: sim.journal.save("x.toml"),
+        "state": lambda: sim.state.save("x.npz"),
+        "scene": lambda: scene.save("x.toml"),
+        "load": lambda: mpsim.Scene.load("./x.toml"),
+        "csv": lambda: report.to_csv("x.csv"),
+        "animate": lambda: mpsim.animate(scene, sim.settings, "x.gif", frames=2),
+        "write": lambda: mpsim.Trajectory.write("x.xyz", 1).__enter__(),
+        "read": lambda: mpsim.Trajectory("x.xyz"),
+        "sweep": lambda: mpsim.sweep(lambda x: {"y": x}, {"x": [1]}, path="x.jsonl"),
+        "tradeoff": lambda: mpsim.tradeoff(scene, [sim.settings], until=0.1, path="x.json"),
+    }
+    for name, act in acts.items():
+        try:
+            act()
+            print(name, "done")
+        except mpsim.MpsimError as error:
+            print(name, error)
+"""
+
+
+def test_a_removed_current_folder_is_named_at_every_door():
+    outcome = run_script(IN_NO_FOLDER, env={"NUMBA_DISABLE_JIT": "1"})
+    assert_clean(outcome)
+    found = dict(line.split(" ", 1) for line in outcome.out.splitlines())
+    assert len(found) == 13, outcome
+    assert "done" not in found.values()
+    assert all("'x." in text for text in found.values())
+    for name in ("save", "resume", "run"):
+        assert "needs the current folder, which has been removed. Give an absolute path, or " in found[name]
+
+
+STARTED = """
+import os, signal, sys
+import psutil
+import mpsim
+{before}
+scene, settings = mpsim.Scene.lattice(count=100, packing=.2, radius=.5), mpsim.Settings(method="parallel", workers=2)
+for _ in range(2):
+    try:
+        with mpsim.Simulation(scene, settings) as sim:
+            print(sim.run(frames=2).workers)
+    except mpsim.ResourceError as error:
+        print(error)
+    {between}
+print([each.status() for each in psutil.Process().children() if each.status() == "zombie"])
+"""
+"""Two simulations with a worker."""
+
+KILLED = """
+    for server in [each for each in psutil.Process().children() if "forkserver" in " ".join(each.cmdline())]:
+        server.kill()
+"""
+
+
+@pytest.mark.slow
+def test_a_fork_server_that_was_killed_is_started_again():
+    outcome = run_script(STARTED.format(before="", between=KILLED.strip()), bound=170)
+    assert_clean(outcome)
+    assert outcome.out.splitlines()[:2] == ["2", "2"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("before", "says"),
+    {
+        "a limit in the fork server": ("", r"Python's fork server, .*ended.* (ulimit -u)"),
+        "no current folder": (
+            "import tempfile; os.chdir(f := tempfile.mkdtemp()); os.rmdir(f)",
+            "The current folder, ",
+        ),
+        "no temporary folder": ("import tempfile; tempfile.tempdir = '/nowhere'", "(TMPDIR"),
+        "a long temporary folder": (
+            "import tempfile; tempfile.tempdir = tempfile.mkdtemp(suffix='a' * 90)",
+            "AF_UNIX path too long",
+        ),
+    }.values(),
+    ids=str,
+)
+def test_what_keeps_a_worker_from_starting_is_named(before, says, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, sys\nif 'forkserver' in ' '.join(sys.orig_argv):\n"
+        "    def fork():\n        raise BlockingIOError(11, 'no')\n    os.fork = fork\n"
+    )
+    env = {"PYTHONPATH": os.pathsep.join([*([] if before else [str(tmp_path)]), os.environ.get("PYTHONPATH", "")])}
+    outcome = run_script(STARTED.format(before=before, between="pass"), env=env, bound=150)
+    assert outcome.code == 0, outcome
+    refusals = outcome.out.splitlines()[:2]
+    for text in refusals:
+        assert text.startswith("worker 1 could not be started: "), outcome
+        assert all(part in text for part in says.split(".*")), text
+        assert ("ulimit -u" in text) == (not before)
+
+
+FULL = ["unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o size=32k tmpfs "$0" && exec "$@"']
+
+COMPILED = """
+import logging, mpsim
+logging.basicConfig()
+for _ in range(2):
+    print(mpsim.Scene.random(count=30, packing=0.5, radius=0.5, seed=1).digest())
+"""
+
+
+@pytest.mark.slow
+def test_a_full_disk_under_the_cache_is_logged_and_compiled_without(tmp_path):
+    ran = subprocess.run([*FULL, str(tmp_path), "true"], capture_output=True, text=True, check=False)
+    if ran.returncode:
+        pytest.skip(f"no private mount can be made here: {ran.stderr}")
+    command = [sys.executable, "-c", COMPILED]
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    ran = subprocess.run([*FULL, str(tmp_path), *command], env=env, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert "a file of the kernel cache cannot be written ([Errno 28] No space left on device)" in ran.stderr
+    digest = mpsim.Scene.random(count=30, packing=0.5, radius=0.5, seed=1).digest()
+    assert ran.stdout.split() == [digest, digest]
