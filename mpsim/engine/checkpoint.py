@@ -148,7 +148,8 @@ def _as_output_error(target: Path) -> Iterator[None]:
         else:
             text = (
                 f"the checkpoint {str(target)!r} must be in a folder that can be written to, with room on its disk; "
-                f"got {error.strerror or error}. What was there before is untouched. Choose another place, or make room."
+                f"got {error.strerror or error}. What was there before is untouched. Choose another place, or make "
+                "room."
             )
         failed = OutputError(text)
         failed.__notes__ = getattr(error, "__notes__", [])  # on which rank
