@@ -100,6 +100,21 @@ def with_images(capsules: Floats, size: tuple[float, float], periodic: tuple[boo
     return found
 
 
+def next_ends(capsules: Floats) -> NDArray[np.int32]:
+    """For each end, 2 k (a) and 2 k + 1 (b), the next one at its place with its radius, in a circle, shape (2 K,).
+
+    >>> next_ends(np.array([[0.0, 0, 1, 0, 0], [1, 0, 2, 1, 0]])).tolist()
+    [0, 2, 1, 3]
+    """
+    ends = np.column_stack([capsules[:, :4].reshape(-1, 2), np.repeat(capsules[:, 4], 2)])
+    order = np.lexsort(ends.T)
+    begins = np.append(True, (ends[order[1:]] != ends[order[:-1]]).any(axis=1))
+    following, found = np.roll(order, -1), np.empty(len(order), np.int32)
+    following[np.roll(begins, -1)] = order[begins]
+    found[order] = following
+    return found
+
+
 def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> CellLists:
     """A grid whose cells list every capsule that a disc with its centre in the cell can touch.
 

@@ -275,7 +275,7 @@ def _listed(scene: SceneLike) -> dict[str, NDArray[Any]]:
         return {}
     lists = capsules.cell_lists(images.capsule, size, scene.largest_radius)
     grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
-    return {"capsule": images.capsule, **grid}
+    return {"capsule": images.capsule, "next_end": capsules.next_ends(images.capsule), **grid}
 
 
 OBSTACLES = Obstacles()

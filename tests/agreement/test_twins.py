@@ -70,6 +70,24 @@ def test_discs_at_one_point_are_what_the_slow_twin_says(method):
     compare(scene, "twelve discs at one point", at_least=66, method=method, dt=0.01)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("contact", ["push", "impact"])
+@pytest.mark.parametrize("boundary", ["walls", "periodic"])
+def test_joints_of_chains_are_what_the_slow_twin_says(boundary, contact, precision):
+    """Flat ones, through a border, short ones, bends, a ring, and one of three segments given in both directions."""
+    line = mpsim.Polyline([(0, 3), (2, 3.2), (4, 3), (6, 3), (6.3, 3), (6.6, 3), (8, 4.5), (10, 3)], thickness=0.1)
+    ring = mpsim.Polyline([(3, 6), (5, 6), (5.5, 8), (3, 8), (3, 6)])
+    fork = [mpsim.Polyline([(7, 6), (8, 7), (8, 9)]), mpsim.Polyline([(9, 6), (8, 7)])]
+    rng = np.random.default_rng(11)
+    scene = mpsim.Scene(
+        width=10, height=10, position=0.4 + 9.2 * rng.random((12, 2)), velocity=3 * rng.normal(size=(12, 2)),
+        radius=0.35, gravity=(0.5, -3), obstacles=[line, ring, *fork, mpsim.FixedDisc((1, 8), 0.5)], boundary=boundary,
+        wall_friction=0.3, spin=1.0, wall_restitution=0.5,
+    )  # fmt: skip
+    compare(scene, "joints", method="naive", contact=contact, precision=precision, dt=0.03, frames=60)
+
+
 @pytest.mark.parametrize("size", [(1.0, 30.0), (30.0, 1.0), (1.0, 1.0), (2.5, 2.5)])
 @pytest.mark.parametrize("method", ["grid", "naive"])
 def test_boxes_of_one_row_or_column_are_what_the_slow_twin_says(method, size):

@@ -95,6 +95,7 @@ class Motion:
         self.acceleration = own.astype(real)
         exact = capsules_of(scene)
         self.capsules, self.near = exact.astype(real), cells_of(exact, scene)
+        self.arms = [[arms_of(exact, 2 * k + side, real) for side in (0, 1)] for k in range(len(exact))]
         self.obstacle_cells = np.array([cells / length for cells, length in zip(self.near.shape, size, strict=True)])
         self.obstacle_cells = self.obstacle_cells.astype(real)
         self.place_piston()
@@ -312,28 +313,33 @@ class Motion:
         cell = (
             min(max(int(self.p[i, axis] * self.obstacle_cells[axis]), 0), self.near.shape[axis] - 1) for axis in (0, 1)
         )
-        met = [self.meet_capsule(i, self.capsules[k]) for k in self.near[tuple(cell)]]
+        met = [self.meet_capsule(i, self.capsules[k], self.arms[k]) for k in self.near[tuple(cell)]]
         if any(met):
             for axis in range(2):
                 self.p[i, axis] = self.wrap_disc(i, axis, self.confined(i, axis, self.p[i, axis]))
 
-    def meet_capsule(self, i: int, capsule: Any) -> bool:
-        """Bounce off a segment with a radius, or out of it."""
+    def meet_capsule(self, i: int, capsule: Any, arms: list[Any]) -> bool:
+        """Bounce off a segment with a radius, or out of it; not off an end where another segment is nearer.
+
+        arms: at each end, vectors along the segments that end there, its own the first.
+        """
         a, b = capsule[:2], capsule[2:4]
-        r, flat = self.from_segment(self.p[i], a, b)
+        r, end = self.from_segment(self.p[i], a, b)
         reach = self.surface(i) + capsule[4]
         if not _dot(r, r) < reach * reach:
+            return False
+        if end is not None and any(_dot(r, arm) > 0 for arm in arms[end][1:]):
             return False
         r, v = r.astype(np.float64), self.v[i].astype(np.float64)  # whatever the precision of the run
         distance = np.sqrt(_dot(r, r))
         if self.impact and _dot(r, v) < 0:
-            n = r / distance if flat else self.normal_at_touch(r, v, reach)
+            n = r / distance if end is None else self.normal_at_touch(r, v, reach, arms[end])
             pull = [self.pull(i, axis) for axis in range(2)]
             depth, speed = reach - _dot(r, n), max(-_dot(v, n), self.real(0))
             way, inward, time = self.bounced(depth, speed, -_dot(pull, n))
-            way, change = way + depth, inward + -_dot(v, n)
+            way, change = way + depth, max(inward + speed, self.real(0))
         else:
-            n = self.away_from(r, distance, flat, (b - a).astype(np.float64))
+            n = self.away_from(r, distance, (b - a).astype(np.float64))
             along = _dot(v, n)
             way = reach - distance
             change = -(1.0 + np.float64(self.wall_restitution)) * along if along < 0 else self.real(0)
@@ -344,31 +350,47 @@ class Motion:
         return True
 
     @staticmethod
-    def from_segment(p: Any, a: Any, b: Any) -> tuple[Any, bool]:
-        """Offset from the nearest point of a segment, and whether that lies between its ends."""
+    def from_segment(p: Any, a: Any, b: Any) -> tuple[Any, int | None]:
+        """Offset from the nearest point of a segment, and which end that is: 0 is a, 1 is b; None is between them."""
         along = b - a
         part, squared = _dot(p - a, along), _dot(along, along)
         if part <= 0 or squared == 0:
-            return p - a, False
+            return p - a, 0
         if part >= squared:
-            return p - b, False
-        return (p - a) - part / squared * along, True
+            return p - b, 1
+        return (p - a) - part / squared * along, None
 
-    def away_from(self, r: Any, distance: Any, flat: bool, along: Any) -> Any:
+    def away_from(self, r: Any, distance: Any, along: Any) -> Any:
         """Direction out of a segment; for a disc with its centre on it, across it."""
         if distance > 0:
             return r / distance
-        if not flat:
-            return np.array([0.0, 1.0])
         length = np.sqrt(_dot(along, along))
-        return np.array([-along[1] / length, along[0] / length])
+        return np.array([-along[1] / length, along[0] / length]) if length > 0 else np.array([0.0, 1.0])
 
-    def normal_at_touch(self, r: Any, v: Any, reach: Any) -> Any:
-        """Direction from an end to where the disc, flying straight, touched it; if before this step, to where it is."""
+    def normal_at_touch(self, r: Any, v: Any, reach: Any, arms: Any) -> Any:
+        """Direction from an end to where the disc, flying straight, touched it; if before this step, to where it is.
+
+        If it was over one of the segments that end there, it touched that first: the direction is across it.
+        """
         b, c = _dot(r, v), _dot(r, r) - reach * reach
         time = -c / (np.sqrt(b * b - _dot(v, v) * c) - b)
         n = r - v * (time if time <= self.dt else self.real(0))
-        return n / np.sqrt(_dot(n, n))
+        n = n / np.sqrt(_dot(n, n))
+        for arm in arms:
+            if _dot(n, arm) > 0:
+                along = arm.astype(np.float64)
+                left = np.array([-along[1], along[0]]) / np.sqrt(_dot(along, along))
+                n = left if _dot(n, left) >= 0 else -left
+        return n
+
+
+def arms_of(capsules: np.ndarray, own: int, real: Any) -> list[Any]:
+    """Vectors to the other ends of all segments that have the place and radius of an end, counting on from that one."""
+    ends = [(*each[2 * side : 2 * side + 2], each[4]) for each in capsules for side in (0, 1)]
+    others = [capsules[end // 2, 2 - 2 * (end % 2) :][:2] for end in range(len(ends))]
+    here = capsules[own // 2, 2 * (own % 2) :][:2].astype(real)
+    turned = [end % len(ends) for end in range(own, own + len(ends))]
+    return [others[end].astype(real) - here for end in turned if ends[end] == ends[own]]
 
 
 def friction_of(coefficient: float, sticking: float, real: Any) -> tuple[Any, Any] | None:

@@ -2,6 +2,10 @@
 
 A capsule is treated like a wall: right after the motion, for each disc alone, so the order of discs cannot matter and
 every worker can process its own slice. A separate grid tells which capsules are near a place.
+
+Capsules that share an end form one surface, which a disc meets where its distance from the chain has a local minimum:
+across a segment, or at a corner that is ahead along none of the segments there. Other ends lie behind the surface, and
+an impulse from one would stop discs that slide past.
 """
 
 import math
@@ -23,12 +27,14 @@ class Capsules(NamedTuple):
     """Capsules, and which of them are near a place.
 
     capsule: shape (K, 5): ax, ay, bx, by, radius [length].
+    next_end: for ends 2 k (a) and 2 k + 1 (b), the next end at the same corner, in a circle, shape (2 K,).
     near: for each cell of a grid of its own, column-major, where its section of `index` begins, shape (cells + 1,).
     index: numbers of capsules. grid: columns and rows, shape (2,).
     per_length: columns per length along x and rows per length along y, shape (2,) [1/length].
     """
 
     capsule: Any
+    next_end: Any
     near: Any
     index: Any
     grid: Any
@@ -40,29 +46,59 @@ FIELDS = {"capsules": Capsules}
 
 @inlined
 def nearest_offset(x, y, capsule, k):
-    """From the nearest point of segment k to (x, y): the vector, and whether that point lies between the ends."""
+    """From the nearest point of segment k to (x, y): the vector, and which end that point is, or -1 between both."""
     along_x, along_y = capsule[k, 2] - capsule[k, 0], capsule[k, 3] - capsule[k, 1]
     rx, ry = x - capsule[k, 0], y - capsule[k, 1]
     squared = along_x * along_x + along_y * along_y
     fraction = rx * along_x + ry * along_y
     if fraction <= 0 or squared == 0:
-        return rx, ry, False
+        return rx, ry, 2 * k
     if fraction >= squared:
-        return x - capsule[k, 2], y - capsule[k, 3], False
+        return x - capsule[k, 2], y - capsule[k, 3], 2 * k + 1
     fraction /= squared
-    return rx - fraction * along_x, ry - fraction * along_y, True
+    return rx - fraction * along_x, ry - fraction * along_y, -1
 
 
 @inlined
-def normal_of(rx, ry, distance, flat, capsule, k):
+def along_from(end, capsule):
+    """Vector from an end of a segment to the other one."""
+    k = end >> 1
+    along_x, along_y = capsule[k, 2] - capsule[k, 0], capsule[k, 3] - capsule[k, 1]
+    if end & 1:
+        return -along_x, -along_y
+    return along_x, along_y
+
+
+@inlined
+def is_behind_surface(rx, ry, end, capsules):
+    """Whether a disc, r from the end of a segment that is nearest to it, is nearer to another segment of the corner."""
+    other = capsules.next_end[end]
+    while other != end:
+        along_x, along_y = along_from(other, capsules.capsule)
+        if rx * along_x + ry * along_y > 0:
+            return True
+        other = capsules.next_end[other]
+    return False
+
+
+@inlined
+def across(along_x, along_y, left):
+    """Unit vector at right angles to a segment, to its left or right; (0, 1) if it has no length."""
+    length = math.sqrt(along_x * along_x + along_y * along_y)
+    if length == 0:
+        return 0.0, 1.0
+    if left:
+        return -along_y / length, along_x / length
+    return along_y / length, -along_x / length
+
+
+@inlined
+def normal_of(rx, ry, distance, capsule, k):
     """Unit vector from the nearest point of segment k to a disc `distance` away; on the segment itself, across it."""
     if distance > 0:
         return rx / distance, ry / distance
-    if not flat:
-        return 0.0, 1.0
-    along_x, along_y = np.float64(capsule[k, 2] - capsule[k, 0]), np.float64(capsule[k, 3] - capsule[k, 1])
-    length = math.sqrt(along_x * along_x + along_y * along_y)
-    return -along_y / length, along_x / length
+    along_x, along_y = along_from(2 * k, capsule)
+    return across(np.float64(along_x), np.float64(along_y), True)
 
 
 @inlined
@@ -82,27 +118,43 @@ def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
 
 
 @inlined
-def resolve_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, impact):
+def normal_at_corner(nx, ny, end, capsules):
+    """The normal at touch, or that of the side over which the disc then was, which it must have touched before."""
+    other = end
+    while True:
+        along_x, along_y = along_from(other, capsules.capsule)
+        if nx * along_x + ny * along_y > 0:
+            nx, ny = across(np.float64(along_x), np.float64(along_y), along_x * ny - along_y * nx >= 0)
+        other = capsules.next_end[other]
+        if other == end:
+            return nx, ny
+
+
+@inlined
+def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters, impact):
     """Contact of the disc in slot i with capsule k, if they overlap: by impact, or pushed out to its surface.
 
     Impact treats the side of a segment, and the tangent plane at an end, as a wall: `bounce_back` keeps the energy of
     accelerated discs, and lets a disc rest.
     """
-    offset_x, offset_y, flat = nearest_offset(discs.x[i], discs.y[i], capsule, k)
-    reach = radius + capsule[k, 4]
+    offset_x, offset_y, end = nearest_offset(discs.x[i], discs.y[i], capsules.capsule, k)
+    reach = radius + capsules.capsule[k, 4]
     if not offset_x * offset_x + offset_y * offset_y < reach * reach:
+        return False
+    if end >= 0 and is_behind_surface(offset_x, offset_y, end, capsules):
         return False
     # In float64 whatever the run's precision, as between two discs: see `laws.impact_contact`.
     rx, ry, vx, vy = np.float64(offset_x), np.float64(offset_y), np.float64(discs.vx[i]), np.float64(discs.vy[i])
     squared = rx * rx + ry * ry
     distance = np.sqrt(squared)
-    nx, ny = normal_of(rx, ry, distance, flat, capsule, k)
+    nx, ny = normal_of(rx, ry, distance, capsules.capsule, k)
     if impact and rx * vx + ry * vy < 0:
-        if not flat:
+        if end >= 0:
             nx, ny = normal_at_touch(rx, ry, squared, reach, vx, vy, parameters.dt)
+            nx, ny = normal_at_corner(nx, ny, end, capsules)
         depth, speed = reach - (rx * nx + ry * ny), -(vx * nx + vy * ny)
         displacement, inward, time = bounce_back(depth, max(speed, 0.0), -(ax * nx + ay * ny), parameters)
-        displacement, change = displacement + depth, inward + speed
+        displacement, change = displacement + depth, max(inward + speed, 0.0)
     else:
         along = vx * nx + vy * ny
         back = 1.0 + np.float64(parameters.wall_restitution)
@@ -135,7 +187,7 @@ def resolve_capsules(discs, low, high, features, parameters, control):
         met = False
         for entry in range(capsules.near[cell], capsules.near[cell + 1]):
             k = capsules.index[entry]
-            met |= resolve_capsule(discs, i, k, capsules.capsule, radius, ax, ay, features, parameters, impact)
+            met |= resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters, impact)
         if met:
             put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
             wrap_disc(discs, i, features)  # out of a thick capsule it may be far beyond the border, where no cells are

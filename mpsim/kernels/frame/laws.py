@@ -238,7 +238,7 @@ def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control
 def tally_depth(discs, i, j, shift_x, shift_y, parameters, tally, frame):
     """Count a contact and its overlap, as a fraction of the (largest) diameter."""
     x, y = separation(discs, i, j, shift_x, shift_y)
-    _, _, distance = normalised(discs, i, j, x, y, discs.x.dtype.type(1))
+    distance = math.sqrt(x * x + y * y)
     overlap = touching_distance(discs.radius, i, j, parameters) - distance
     depth = np.int64(np.float64(overlap / parameters.diameter) * DEPTH_SCALE)
     tally[frame].met += 1

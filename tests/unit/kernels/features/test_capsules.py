@@ -8,7 +8,7 @@ from support.internals import machine_code, parameters
 import mpsim
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels.features import capsules as capsule_kernels
-from mpsim.kernels.features.capsules import resolve_capsules
+from mpsim.kernels.features.capsules import Capsules, resolve_capsules
 from mpsim.kernels.features.hooks import features_of
 
 resolve_capsule = machine_code(capsule_kernels.resolve_capsule)
@@ -19,9 +19,8 @@ PEG = (0.0, 0.0, 0.0, 0.0, 0.5)
 def after_capsule(place, velocity, capsule=FLOOR, impact=True, pull=(0.0, 0.0), restitution=1.0):
     """Place and velocity of a disc of radius 1/2 after its contact with a capsule, if any."""
     discs = discs_of(np.float64, [place[0]], [place[1]], [velocity[0]], [velocity[1]])
-    met = resolve_capsule(
-        discs, 0, 0, np.array([capsule]), 0.5, *pull, features_of({}), parameters(restitution), impact
-    )
+    capsules = Capsules(np.array([capsule]), np.arange(2, dtype=np.int32), *[None] * 4)
+    met = resolve_capsule(discs, 0, 0, capsules, 0.5, *pull, features_of({}), parameters(restitution), impact)
     return met, (discs.x[0], discs.y[0]), (discs.vx[0], discs.vy[0])
 
 
