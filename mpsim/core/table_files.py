@@ -30,7 +30,7 @@ def written(text: str, path: StrPath | None, table: str, ending: str) -> str:
     """
     if path is not None:
         _demand_ending(path, table, ending, TEXT)
-        _write(text.encode(), path, table)
+        _write(text.encode("utf-8", "backslashreplace"), path, table)  # a lone surrogate, as in names of files
     return text
 
 

@@ -40,6 +40,9 @@ RUN_OPTIONS = ("until", "frames")
 RUN_FIELDS: tuple[str, ...] = (*(field.name for field in dataclasses.fields(Settings)), *RUN_OPTIONS)
 """Names of a grid that vary how a scene is run."""
 
+LONGEST_FAILURE = 1000
+"""Characters of an error in words that are kept: its beginning."""
+
 LONGEST_TRACEBACK = 4000
 """Characters of a traceback that are kept: its end."""
 
@@ -186,12 +189,12 @@ def run_point(
         outcome = {"failure": f"InputError: {error}", "traceback": "", "wrong": True}
     except (Exception, SystemExit) as error:
         text = "".join(traceback.format_exception(error))
-        outcome = {"failure": described(error), "traceback": text[-LONGEST_TRACEBACK:]}
+        outcome = {"failure": described(error), "traceback": _encodable(text[-LONGEST_TRACEBACK:])}
     return {**outcome, "seconds": time.perf_counter() - started, "versions": versions()}
 
 
 def described(error: BaseException) -> str:
-    """An error in words: its class, and its text if it has one.
+    """An error in words: its class, and the beginning of its text if it has one.
 
     >>> described(ValueError("too small")), described(KeyError())
     ('ValueError: too small', 'KeyError')
@@ -200,7 +203,14 @@ def described(error: BaseException) -> str:
         text = str(error)
     except Exception:
         text = "its text cannot be had"
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+    if len(text) > LONGEST_FAILURE:
+        text = f"{text[:LONGEST_FAILURE]} ... ({len(text):,} characters)"
+    return f"{type(error).__name__}: {_encodable(text)}" if text else type(error).__name__
+
+
+def _encodable(text: str) -> str:
+    """A text that every file can hold: lone surrogates, as in names of files that are not UTF-8, are written out."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 @functools.cache
@@ -247,7 +257,9 @@ def _scalar(name: Any, value: Any) -> Scalar:
         value = value[()]
     if isinstance(value, np.number | np.bool_ | np.str_) and not isinstance(value, np.complexfloating):
         value = value.item()
-    if value is None or isinstance(value, bool | str):
+    if isinstance(value, str):
+        return _encodable(value)
+    if value is None or isinstance(value, bool):
         return value
     if isinstance(value, numbers.Integral):
         return int(value)
