@@ -187,7 +187,7 @@ def _wider(precision: str) -> str:
 def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     """One of the allowed words; the error suggests one that is similar."""
     words = list(allowed)
-    if value in words:
+    if isinstance(value, str) and value in words:  # an array would be compared word by word
         return str(value)
     raise InputError(_must_be_one_of(name, value, words))
 
@@ -225,7 +225,7 @@ def known_names(
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """A decorator: keywords that a function does not have raise UnknownArgumentError, which suggests a similar one.
 
-    So does a value without a name, where the function takes it only by name.
+    So do values without a name where the function takes them only by name, arguments that lack, and values too many.
 
     Args:
         further: functions whose arguments it takes as well, as `**others`.
@@ -242,20 +242,21 @@ def known_names(
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        parameters = inspect.signature(function).parameters.values()
+        signature = inspect.signature(function)
+        parameters = signature.parameters.values()
         kinds = [each.kind for each in parameters]
-        if inspect.Parameter.VAR_KEYWORD in kinds and not further:
-            return function  # which checks them itself
+        checks_itself = inspect.Parameter.VAR_KEYWORD in kinds and not further
         every = dict.fromkeys(name for each in (function, *further) for name in names_of(each))
         names = tuple(name for name in every if name not in without)
         known = frozenset(names)
         by_name = [each.name for each in parameters if each.kind is inspect.Parameter.KEYWORD_ONLY]
         first = kinds.index(inspect.Parameter.KEYWORD_ONLY) if by_name else None
-        what = f"an argument of {called or function.__qualname__.removesuffix('.__init__')}"
+        own = called or function.__qualname__.removesuffix(".__init__")
+        what = f"an argument of {own}"
 
         @functools.wraps(function)
         def door(*args: P.args, **kwargs: P.kwargs) -> R:
-            if not kwargs.keys() <= known:
+            if not kwargs.keys() <= known and not checks_itself:
                 unknown = next(name for name in kwargs if name not in known)
                 instead = elsewhere(unknown)
                 hint = f" Use {instead}." if instead else ""
@@ -266,11 +267,35 @@ def known_names(
                 raise UnknownArgumentError(
                     f"{what} must be given with its name, such as {name}=...; got {given} alone."
                 )
-            return function(*args, **kwargs)
+            try:
+                return function(*args, **kwargs)
+            except TypeError as error:
+                known_already = isinstance(error, UnknownArgumentError)
+                if known_already or (wrong := _why_not_bound(own, signature, args, kwargs)) is None:
+                    raise
+            raise UnknownArgumentError(wrong)
 
         return door
 
     return decorate
+
+
+def _why_not_bound(function: str, signature: inspect.Signature, args: Any, kwargs: Any) -> str | None:
+    """Why a function cannot be called with such arguments, in words; None if it can."""
+    every = signature.parameters.values()
+    by_place = [each.name for each in every if each.kind < inspect.Parameter.VAR_POSITIONAL]
+    placed = by_place[: len(args)]
+    if twice := [name for name in placed if name in kwargs]:
+        return f"{twice[0]} of {function} must be given once; got two. Leave one out."
+    open_ended = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+    needed = [each.name for each in every if each.default is inspect.Parameter.empty and each.kind not in open_ended]
+    if missing := [name for name in needed if name not in placed and name not in kwargs]:
+        words = ", ".join(f"{name}=..." for name in missing)
+        return f"{', '.join(missing)} of {function} must be given; got none. Write {function}({words})."
+    if len(args) > len(by_place) and open_ended[0] not in [each.kind for each in every]:
+        names, more = ", ".join(name for name in by_place if name not in ("self", "cls")), len(args) - len(by_place)
+        return f"{function} must be given no more values than {names}; got {more} more. Leave them out."
+    return None
 
 
 def known_names_of_methods(cls: type[C]) -> type[C]:

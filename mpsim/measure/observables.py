@@ -194,6 +194,7 @@ def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> fl
     (2.5, 1.0)
     """
     masses, drift = masses_of("temperature", scene, state), 0.0
+    remove_drift = checks.truth("remove_drift", remove_drift)
     if remove_drift:
         count = moments.number_present(state)
         _demand_discs("temperature", count, 2)
@@ -226,7 +227,10 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     farthest = float(np.abs(state.position).max(initial=max(scene.width, scene.height)))
     rounding, state = TOUCHING * float(np.finfo(state.position.dtype).eps) * farthest, found
     name = "overlap"
-    each = radii_of(name, scene, state) if radii is None else one_of_each(name, "radius", radii, state)
+    if radii is None:
+        each = radii_of(name, scene, state)
+    else:
+        each = one_of_each(name, "radius", checks.finite_array("radii", radii, (None,), "(N,)"), state)
     whole, numbers = Part(slice(None), state), np.flatnonzero(state.present)
     position = whole.position
     radii = whole.of(each)

@@ -253,7 +253,7 @@ def _demand_path(settings: object, path: object) -> None:
         raise InputError(
             f"settings must be mpsim.Settings or None; got {os.fspath(settings)!r}. Write path={os.fspath(settings)!r}."
         )
-    if not path or not isinstance(path, str | os.PathLike):
+    if not isinstance(path, str | os.PathLike) or not path:
         raise InputError(f"animate must be given a path; got {checks.brief(path)}. Write path='animation.gif'.")
 
 

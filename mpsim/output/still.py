@@ -245,7 +245,7 @@ def _numbers(colour: Any, shown: Shown) -> tuple[NDArray[np.float64] | None, str
         return np.asarray(values, np.float64), label
     try:
         given = np.asarray(colour, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         given = np.zeros(())
     if given.shape != (shown.given,):
         raise InputError(
