@@ -55,12 +55,12 @@ def content(path: str | os.PathLike[str], most: int) -> bytes:
 
 
 def text(path: Path, most: int) -> str:
-    """The text of a regular UTF-8 file of at most `most` bytes.
+    """The text of a regular UTF-8 file of at most `most` bytes, without the mark that editors may put before it.
 
     Raises:
         OSError, ValueError: likewise; a UnicodeDecodeError is one of the latter.
     """
-    return content(path, most).decode()
+    return content(path, most).decode("utf-8-sig")
 
 
 def json_value(path: Path, most: int) -> Any:

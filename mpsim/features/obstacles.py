@@ -177,16 +177,16 @@ def owner_of(capsule: int, obstacles: tuple[Obstacle, ...]) -> int:
 def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obstacle, ...]:
     """The obstacles as a tuple, checked; a single one may come without a list."""
     each_of: Any = obstacles
-    chosen = (each_of,) if isinstance(each_of, Obstacle) else tuple(each_of)
+    kinds = OBSTACLES.kinds
+    chosen = (each_of,) if isinstance(each_of, kinds) else tuple(each_of)
     if len(chosen) > LARGEST_OBSTACLES:
         raise InputError(
             f"obstacles must be at most {LARGEST_OBSTACLES:,}; got {len(chosen):,}. Use fewer: a Polyline is one."
         )
     for index, obstacle in enumerate(chosen):
-        if not isinstance(obstacle, Obstacle):
-            raise InputError(
-                f"obstacles[{index}] must be an mpsim.FixedDisc or mpsim.Polyline; got {type(obstacle).__name__}."
-            )
+        if not isinstance(obstacle, kinds):
+            names = " or ".join(f"mpsim.{kind.__name__}" for kind in kinds)
+            raise InputError(f"obstacles[{index}] must be an {names}; got {type(obstacle).__name__}.")
     ends = capsules_of(chosen)[:, :4].reshape(-1, 2)
     outside = (ends < 0).any(axis=1) | (ends[:, 0] > width) | (ends[:, 1] > height)
     if outside.any():
@@ -203,6 +203,7 @@ class Obstacles(Feature):
 
     argument = "obstacles"
     kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)
+    exact: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)  # kinds that are nothing but their capsules
     excludes = True
     invalidates: ClassVar[tuple[Invalidation, ...]] = (
         Invalidation(

@@ -21,19 +21,13 @@ from mpsim.core.errors import InputError, MpsimError
 from mpsim.engine.changes import Change
 from mpsim.engine.journal import Journal
 from mpsim.engine.simulation import Simulation
-from mpsim.features.emitters import Emitter
-from mpsim.features.obstacles import FixedDisc, Polyline
-from mpsim.features.piston import PISTON, Piston
-from mpsim.features.thermal_walls import ThermalWalls
-from mpsim.features.thermostat import Thermostat
+from mpsim.features import FEATURES
+from mpsim.features.piston import PISTON
 from mpsim.scene import recommended, scenefile
 from mpsim.scene.scene import Scene
 
 MOST_WRITTEN_OUT = 2000
 """Largest number of discs whose numbers are written into a program; with more it would be too long to read."""
-
-_PARTS = (FixedDisc, Polyline, Emitter, Piston, Thermostat, ThermalWalls)
-"""Parts of a scene that are written as calls of their class."""
 
 
 class Kept(NamedTuple):
@@ -177,7 +171,7 @@ def _named_or_written_out(scene: Scene, name: str) -> str:
 
 def _text(value: Any) -> str:
     """A value as a Python expression that evaluates to the same bits."""
-    if isinstance(value, _PARTS):
+    if isinstance(value, tuple(kind for feature in FEATURES for kind in feature.kinds)):
         return _call(value)
     if isinstance(value, np.ndarray | np.generic):
         return repr(value.tolist())

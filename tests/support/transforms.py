@@ -71,6 +71,7 @@ class Units:
     def obstacle(self, obstacle: Any) -> Any:
         if isinstance(obstacle, mpsim.FixedDisc):
             return mpsim.FixedDisc(np.multiply(obstacle.position, self.length), obstacle.radius * self.length)
+        assert isinstance(obstacle, mpsim.Polyline)
         return mpsim.Polyline(np.multiply(obstacle.points, self.length), obstacle.thickness * self.length)
 
     def emitter(self, emitter: mpsim.Emitter) -> mpsim.Emitter:
@@ -150,6 +151,7 @@ class Image:
     def obstacle(self, obstacle: Any) -> Any:
         if isinstance(obstacle, mpsim.FixedDisc):
             return mpsim.FixedDisc(self.point(obstacle.position), obstacle.radius)
+        assert isinstance(obstacle, mpsim.Polyline)
         return mpsim.Polyline(self.point(obstacle.points), obstacle.thickness)
 
     def piston(self, piston: mpsim.Piston) -> mpsim.Piston:

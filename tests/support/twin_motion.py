@@ -22,6 +22,7 @@ def segments_of(scene: mpsim.Scene) -> np.ndarray:
         if isinstance(obstacle, mpsim.FixedDisc):
             found.append([*obstacle.position, *obstacle.position, obstacle.radius])
         else:
+            assert isinstance(obstacle, mpsim.Polyline), f"the twin does not know a {type(obstacle).__name__}"
             ends = zip(obstacle.points[:-1], obstacle.points[1:], strict=True)
             found += [[*start, *end, obstacle.thickness / 2] for start, end in ends]
     return np.array(found).reshape(-1, 5)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from mpsim.core.errors import InputError, StalledError
 from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
+from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels import layout
 from mpsim.kernels.events.boundary import COARSE
 from mpsim.kernels.events.cells import worst_overlap
@@ -47,6 +48,7 @@ def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
         "unguarded=True": settings.unguarded,
         **{kind.not_exact: True for kind in kinds_of(scene.boundary) if kind.not_exact},
         **{feature.not_exact: feature.is_in(scene) for feature in FEATURES if feature.not_exact},
+        **{f"a {kind.__name__}": True for kind in {*map(type, scene.obstacles)} - {*OBSTACLES.exact}},
     }
     for what, present in refusals.items():
         if present:

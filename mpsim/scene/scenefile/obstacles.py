@@ -192,8 +192,8 @@ class ObstaclesPart(Part):
         lines: list[str] = []
         for kind, group in groupby(OBSTACLES.of(scene), type):
             alike = list(group)
-            if len(alike) > INLINE:
-                arrays = _discs_together(alike) if kind is FixedDisc else _lines_together(alike)
+            if len(alike) > INLINE and kind in _TOGETHER:
+                arrays = _TOGETHER[kind](alike)
                 lines += ["[[obstacles]]", *array_lines(arrays, target, f"obstacles-{len(files)}.", files), ""]
                 continue
             for obstacle in alike:
@@ -218,3 +218,7 @@ def _lines_together(polylines: list[Any]) -> dict[str, Any]:
     if any(each.thickness for each in polylines):
         arrays["thickness"] = [each.thickness for each in polylines]
     return arrays
+
+
+_TOGETHER = {FixedDisc: _discs_together, Polyline: _lines_together}
+"""Kinds that have a table of many; each obstacle of another kind has a table of its own."""

@@ -46,7 +46,8 @@ _MANY_PARTS = re.compile(rf"(?:\.[^.=,\n\[\]{{}}]*+){{{MOST_PARTS},}}")
 _TOO_DEEP = "the file must be TOML; got tables or lists nested too deeply."
 _TOO_LARGE = "Put long arrays into .npy files beside it, as Scene.save does."
 
-PACKAGED = Path(str(resources.files("mpsim.scene"))) / "named"
+_NAMED = resources.files("mpsim.scene") / "named"  # in an archive, if mpsim is imported from one
+PACKAGED = Path(str(_NAMED))
 
 
 @dataclass(frozen=True)
@@ -82,12 +83,12 @@ class SceneFile:
 
 def names() -> tuple[str, ...]:
     """Names of the scenes that come with mpsim, in alphabetical order."""
-    return tuple(sorted(path.stem for path in PACKAGED.glob("*.toml")))
+    return tuple(sorted(path.name[:-5] for path in _NAMED.iterdir() if path.name.endswith(".toml")))
 
 
 def titles() -> dict[str, str]:
     """Titles of the scenes that come with mpsim, by name; no scene is made."""
-    return {name: tomllib.loads((PACKAGED / f"{name}.toml").read_text())["about"]["title"] for name in names()}
+    return {name: tomllib.loads((_NAMED / f"{name}.toml").read_text())["about"]["title"] for name in names()}
 
 
 def load(source: str | os.PathLike[str]) -> SceneFile:
@@ -142,7 +143,8 @@ def _find(source: Any) -> Path:
 def _parsed(path: Path, label: str) -> dict[str, Any]:
     """The file as nested tables."""
     try:
-        text = untrusted.text(path, MOST_BYTES)
+        packaged = path.parent == PACKAGED
+        text = (_NAMED / path.name).read_text("utf-8") if packaged else untrusted.text(path, MOST_BYTES)
     except UnicodeDecodeError as error:
         raise SceneFileError(
             label, [f"the file must be text in UTF-8; got byte {error.start} ({error.reason})."]
@@ -197,7 +199,7 @@ def _sentence(location: tuple[int | str, ...], kind: str, value: Any, details: A
     name = _path(location[-2:] if location and isinstance(location[-1], int) else location[-1:])
     match kind:
         case "extra_forbidden":
-            hint = _hint(name, str(location[0]) if len(location) > 1 else "", listed)
+            hint = _hint(name, str(location[0]) if len(location) > 1 else "", details["loc"], listed)
             known = f"{name} must be a key of a scene file; this one is unknown, with the value"
             return f"{known} {checks.brief(value)}. {hint}"
         case "missing":
@@ -212,9 +214,17 @@ def _sentence(location: tuple[int | str, ...], kind: str, value: Any, details: A
     return f"{name}: {details['msg']}; got {checks.brief(value)}."
 
 
-def _hint(name: str, level: str, listed: set[str]) -> str:
-    """The key that was meant, or all that there are, once for each level."""
+def _hint(name: str, level: str, location: Iterable[int | str], listed: set[str]) -> str:
+    """The key that was meant, or the kind of table that it belongs to, or all keys that there are, once for each level.
+
+    location: the place as pydantic has it, with the kind of the table.
+    """
     keys = _keys_of(level)
+    if name in keys:
+        tables = next(part.tables for part in PARTS if part.argument == level)
+        others = " or ".join(title.partition(": ")[2] for _, title, table in tables if name in schema.keys_of(table))
+        own = next(schema.keys_of(table) for kind, _, table in tables if kind in location)
+        return f"It is a key of {others}; keys of this table: {', '.join(own)}."
     near = checks.near(name, keys)
     if near:
         return f"Did you mean {near!r}?"
