@@ -263,6 +263,10 @@ class Feature:
         """Speed along one axis that it gives to discs [length/time]."""
         return 0.0
 
+    def exchange_rate(self, scene: SceneLike, temperature: float) -> float:
+        """Rate at which it exchanges the energy of an elastic gas, at most, at kT in the gas [1/time]."""
+        return 0.0
+
     # --- the shared block
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:

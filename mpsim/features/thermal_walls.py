@@ -153,6 +153,19 @@ class ThermalWallsFeature(Feature):
         walls: ThermalWalls | None = self.of(scene)
         return 0.0 if walls is None else math.sqrt(max(walls.temperatures.values()) / mean_mass(scene))
 
+    def exchange_rate(self, scene: SceneLike, temperature: float) -> float:
+        """3/2 of the hits of each disc, as those that hit bring 3/2 kT; in a gas that is as hot everywhere.
+
+        Excluded area makes hits more frequent, by some 1 / (1 - packing)^2 (scaled particle theory).
+        """
+        walls: ThermalWalls | None = self.of(scene)
+        if walls is None:
+            return 0.0
+        area, covered = scene.width * scene.height, float((math.pi * scene.radii**2).sum())
+        length = sum(scene.height if edge in ("left", "right") else scene.width for edge in walls.temperatures)
+        crossing = math.sqrt(temperature / (2 * math.pi * mean_mass(scene)))
+        return 1.5 * length / area * crossing / max(1 - covered / area, 0.1) ** 2
+
     def description(self, scene: SceneLike) -> str:
         """Temperatures and seed."""
         walls: ThermalWalls = self.of(scene)

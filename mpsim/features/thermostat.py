@@ -140,6 +140,11 @@ class ThermostatFeature(Feature):
         thermostat: Thermostat | None = self.of(scene)
         return 0.0 if thermostat is None else math.sqrt(thermostat.temperature / mean_mass(scene))
 
+    def exchange_rate(self, scene: SceneLike, temperature: float) -> float:
+        """That of new velocities."""
+        thermostat: Thermostat | None = self.of(scene)
+        return 0.0 if thermostat is None else thermostat.rate
+
     def description(self, scene: SceneLike) -> str:
         """Temperature, rate and seed."""
         thermostat: Thermostat = self.of(scene)

@@ -16,11 +16,11 @@ from mpsim.measure.multiple_tau import MOST_PARTS
 
 Floats = NDArray[np.float64]
 
-FORMAT = 1
+FORMAT = 2
 """Version of the file."""
 
 _NUMBERS = ("format", "every", "points", "frame", "levels", "samples", "span", "count", "constant")
-_REALS = ("start", "dt", "interval")
+_REALS = ("start", "dt", "interval", "memory")
 
 MOST_LEVELS = 40
 """Levels at most: the longest lag is then beyond any run."""
@@ -74,7 +74,7 @@ def write(
     used, levels = -(-blocks.samples // blocks.span), int(np.log2(motion.correlator.width[-1])) + 1
     own = {"format": FORMAT, "levels": levels, "samples": blocks.samples, "span": blocks.span}
     all_numbers = {**numbers, **own, "constant": int(motion.constant)}
-    all_reals = {**reals, "interval": motion.interval}
+    all_reals = {**reals, "interval": motion.interval, "memory": motion.memory}
     arrays = {
         "numbers": np.array([all_numbers[name] for name in _NUMBERS], np.int64),
         "reals": np.array([all_reals[name] for name in _REALS]),
@@ -122,6 +122,7 @@ def _contents(arrays: Mapping[str, NDArray[Any]]) -> Contents:
     _demand(4 <= points <= 256 and points % 2 == 0 and 1 <= levels <= MOST_LEVELS, "its points or levels are wrong")
     _demand(span >= 1 and 1 <= samples <= span * MOST_PARTS, "its number of samples is wrong")
     _demand(numbers["every"] >= 1 and numbers["frame"] >= 0 and reals["start"] >= 0, "its times are wrong")
+    _demand(0 <= reals["memory"] < np.inf, "its memory is wrong")
     _demand(0 < reals["dt"] < np.inf and 0 < reals["interval"] < np.inf, "its intervals are wrong")
     waves, discs, received = arrays["wave_numbers"], arrays["discs"], arrays["received"]
     _demand(waves.dtype == np.float64 and waves.ndim == 1 and len(waves) <= MOST_WAVE_NUMBERS, "its waves are wrong")
@@ -140,7 +141,8 @@ def _contents(arrays: Mapping[str, NDArray[Any]]) -> Contents:
     found.blocks.samples, found.blocks.span = samples, span
     found.blocks.sums[:used], found.blocks.counts[:used] = sums, counts
     found.received, found.recent = received.tolist(), [each.copy() for each in recent]
-    motion = Motion(found, discs.copy(), latest.copy(), reals["interval"], bool(numbers["constant"]))
+    fixed = reals["interval"], bool(numbers["constant"]), reals["memory"], numbers["count"]
+    motion = Motion(found, discs.copy(), latest.copy(), *fixed)
     return Contents(motion, numbers, reals, waves.copy())
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mpsim.features.edges import EDGES
 from mpsim.measure.driving import has_body_force
-from mpsim.measure.statistics import FEWEST_EVENTS, Measure, block_average, ratio_average
+from mpsim.measure.statistics import FEWEST_EVENTS, Measure, SlowVariable, average_beside, block_average, ratio_average
 from mpsim.scene.scene import Scene
 
 
@@ -31,6 +31,7 @@ class Run:
         flow: `moments.flow_of_momentum` along the run, shape (samples, 3), if a measure needs it
             [mass length^2/time^2].
         every: number of frames between two of these samples; the first is taken after that many frames.
+        slow: the energy along the run, if a heat bath changes it.
     """
 
     scene: Scene
@@ -40,6 +41,7 @@ class Run:
     speed: float = 0.0
     flow: NDArray[np.float64] | None = None
     every: int = 1
+    slow: SlowVariable | None = None
 
     @property
     def walls(self) -> list[int]:
@@ -73,7 +75,7 @@ def pressure(counts: Counts, run: Run) -> Measure:
     hit = (1 + scene.wall_restitution) * mass * run.speed * scale
     hits = counts["wall"][:, run.walls].sum(axis=1) * scale
     alternation = _alternation(float(hits.mean()), mass, run)
-    return block_average(hits, event=hit or None, alternation=alternation, constant=True)
+    return average_beside(run.slow, hits, event=hit or None, alternation=alternation, constant=True)
 
 
 def _alternation(pressure: float, mass: float, run: Run) -> float:
@@ -159,9 +161,9 @@ def _component(counts: Counts, virial: NDArray[np.float64], component: int, area
     given = _diameter(run) * virial / run.dt
     between = given[: len(flow) * run.every].reshape(len(flow), run.every).mean(axis=1)
     alone, enough = run.count < 2, np.count_nonzero(counts["collisions"]) >= FEWEST_EVENTS
-    found = block_average((flow + between) / area, constant=alone)
+    found = average_beside(run.slow, (flow + between) / area, constant=alone)
     found = replace(found, value=float(flow.mean() + given.mean()) / area)
-    if alone or (enough and block_average(flow, constant=True).settled):
+    if alone or (enough and average_beside(run.slow, flow, constant=True).settled):
         return found
     return replace(found, settled=False, upper=False)
 
@@ -187,12 +189,18 @@ def contact_rate(counts: Counts, run: Run) -> Measure:
     each other. `contact_rate` is available in all scenes.
     """
     unit = 2 / (run.dt * max(run.count, 1))
-    return block_average(counts["collisions"] * unit, event=unit, constant=True)
+    return average_beside(run.slow, counts["collisions"] * unit, event=unit, constant=True)
 
 
 def overlap(counts: Counts, run: Run) -> Measure:
     """Mean depth of overlapping pairs when they are detected [length]; 0 with an unknown error if there were none."""
-    return ratio_average(counts["depth"], counts["met"])
+    found, met = ratio_average(counts["depth"], counts["met"]), counts["met"]
+    if run.slow is None or not met.any():
+        return found
+    residues = average_beside(run.slow, counts["depth"] - found.value * met)
+    return replace(
+        found, error=residues.error / met.mean(), settled=found.settled and residues.settled, upper=residues.upper
+    )
 
 
 def largest_overlap(counts: Counts, run: Run) -> Measure:

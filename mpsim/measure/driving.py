@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.features import FEATURES
+from mpsim.features.thermostat import mean_mass
 from mpsim.scene.scene import Scene
 
 
@@ -51,6 +52,21 @@ def is_heated(scene: Scene) -> bool:
 def thermal_speed(scene: Scene) -> float:
     """Speed along one axis that thermostats and thermal walls give to discs; 0 without any [length/time]."""
     return max(each.thermal_speed(scene) for each in FEATURES)
+
+
+def memory_of_baths(scene: Scene, temperature: float) -> float:
+    """Time in which heat baths exchange the energy of a gas, at least; inf without any [time].
+
+    Where contacts lose energy, a gas at T in a bath at B relaxes faster: they lose ~ T^(3/2), which balances the bath.
+
+    Args:
+        scene: the scene.
+        temperature: kT of the gas, > 0 [mass length^2/time^2].
+    """
+    rate = sum(each.exchange_rate(scene, temperature) for each in FEATURES)
+    if has_losses(scene):
+        rate *= max(1.5 * mean_mass(scene) * thermal_speed(scene) ** 2 / temperature - 0.5, 1.0)
+    return 1 / rate if rate else float("inf")
 
 
 def adds_discs(scene: Scene) -> bool:

@@ -92,6 +92,8 @@ class Motion:
         latest: the last sample.
         interval: between two samples [time].
         constant: whether the mean square of the velocities cannot change.
+        memory: that of heat baths at least, 0 without any [time].
+        heated: number of discs in the box, which baths heat.
     """
 
     correlator: MultipleTau
@@ -99,6 +101,13 @@ class Motion:
     latest: Floats
     interval: float
     constant: bool
+    memory: float = 0.0
+    heated: int = 0
+
+    @property
+    def _bath(self) -> tuple[int, float, int] | None:
+        """As `BlockSums.combined` takes it."""
+        return (VELOCITIES, self.memory / self.interval, self.heated) if self.memory else None
 
     @property
     def lags(self) -> Floats:
@@ -114,7 +123,7 @@ class Motion:
         weights = np.zeros(len(self.correlator.lags))
         weights[lag] = 1.0
         constant = self.constant and quantity == VELOCITIES and lag == 0
-        found = self.correlator.blocks.combined(quantity, weights, constant=constant)
+        found = self.correlator.blocks.combined(quantity, weights, constant, self._bath)
         return found if quantity == VELOCITIES else self._if_long_enough(found, lag)
 
     def _if_long_enough(self, found: Measure, lag: int) -> Measure:
@@ -140,7 +149,8 @@ class Motion:
         else:
             fraction = np.clip((lags[high] - lags) / (lags[high] - lags[low]), 0.0, 1.0)[: high + 1]
             weights[: high + 1] = trapezoid(lags[: high + 1]) * fraction / 2
-        found = self.correlator.blocks.combined(SQUARES if route == "displacement" else VELOCITIES, weights)
+        quantity = SQUARES if route == "displacement" else VELOCITIES
+        found = self.correlator.blocks.combined(quantity, weights, bath=self._bath)
         found = self._if_long_enough(found, high) if route == "displacement" else found
         velocity = self.measure(VELOCITIES, low)
         bound = max(DECAYED * self.measure(VELOCITIES, 0).value, 2 * velocity.error)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.measure.statistics import Measure, block_average
+from mpsim.measure.statistics import FEWEST_BLOCKS, Measure, average_beside, energy_in_bath
 
 Floats = NDArray[np.float64]
 
@@ -74,16 +74,20 @@ class BlockSums:
         totals = self.sums[:, :, quantity].sum(axis=0)
         return np.divide(totals, origins, out=np.full(len(origins), np.nan), where=origins > 0)
 
-    def combined(self, quantity: int, weights: Floats, constant: bool = False) -> Measure:
+    def combined(
+        self, quantity: int, weights: Floats, constant: bool = False, bath: tuple[int, float, int] | None = None
+    ) -> Measure:
         """A weighted sum of the means at all lags, with its error; the mean at one lag if one weight is 1.
 
-        The error is that of the mean of a series of parts, `block_average`, in which part j has the value
+        The error is that of the mean of a series of parts, `average_beside`, in which part j has the value
         R + (a_j - R b_j) / mean(b) at each lag: a_j the sum there, b_j the number of origins, R the mean.
 
         Args:
             quantity: its number.
             weights: shape (lags,) [any].
-            constant: as in `block_average`.
+            constant: as in `average_beside`.
+            bath: if there is a heat bath, the quantity whose mean at lag 0 is the energy, the memory of the bath in
+                samples, and the number of discs that it heats.
         """
         used = np.flatnonzero(weights)
         counts = self.counts[: -(-self.samples // self.span), used]
@@ -95,7 +99,13 @@ class BlockSums:
         counts = counts[first:]
         residues = (self.sums[first : first + len(counts), used, quantity] - means * counts) / counts.mean(axis=0)
         series = value + (residues * weights[used]).sum(axis=1)
-        found = block_average(series, constant=constant)
+        slow = None
+        if bath is not None and len(series) >= FEWEST_BLOCKS:
+            energy, memory, discs = bath
+            parts = slice(first, first + len(series))
+            values = self.sums[parts, 0, energy] / self.counts[parts, 0]
+            slow = energy_in_bath(values, memory / (len(series) * self.span), discs)
+        found = average_beside(slow, series, constant=constant)
         return Measure(value, found.error, origins, found.settled, found.upper)
 
 

@@ -18,9 +18,16 @@ from mpsim.features import FEATURES
 from mpsim.kernels import records
 from mpsim.measure import moments, observables
 from mpsim.measure.counted import COMPONENTS, Counts, Run
-from mpsim.measure.driving import adds_discs, has_body_force, has_losses, is_inelastic
+from mpsim.measure.driving import (
+    adds_discs,
+    has_body_force,
+    has_losses,
+    is_heated,
+    is_inelastic,
+    memory_of_baths,
+)
 from mpsim.measure.registry import COUNTED, DRIFTS, NAMES, OBSERVABLES, SAMPLED
-from mpsim.measure.statistics import Measure, block_average
+from mpsim.measure.statistics import FEWEST_BLOCKS, Measure, SlowVariable, average_beside, energy_in_bath
 from mpsim.scene.scene import Scene
 
 OfDiscs = Callable[[Callable[[Discs], Any]], Any]
@@ -231,6 +238,9 @@ class RunAverages:
         self._sampled: dict[str, Callable[[Discs, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
         if any(name in COMPONENTS for name in names):
             self._sampled["flow"] = moments.flow_of_momentum
+        known = is_heated(scene) and refusal("kinetic_energy", scene) is None
+        if known and any(name in COUNTED or name in SAMPLED for name in names):
+            self._sampled["bath"] = observables.kinetic_energy
         self._samples: dict[str, list[Any]] = {name: [] for name in self._sampled}
         self._every = max((frames - skipped) // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
 
@@ -248,7 +258,8 @@ class RunAverages:
         virials = {"pressure_virial", "pressure"} if all(scene.periodic) else {"pressure_virial"}
         self._lost |= {name for name in self._names if name in virials or refusal(name, scene, count)}
         flows = self._lost.issuperset(set(COMPONENTS) & set(self._names))
-        for name in [*self._lost, *(["flow"] if flows else [])]:
+        bath = refusal("kinetic_energy", scene, count) is not None
+        for name in [*self._lost, *(["flow"] if flows else []), *(["bath"] if bath else [])]:
             self._sampled.pop(name, None)
             self._samples.pop(name, None)
 
@@ -290,7 +301,7 @@ class RunAverages:
     def measures(self, run: Run) -> Measures:
         """The measures at the end of the run."""
         counts = np.concatenate(self._counts) if self._counts else np.zeros(0, records.COUNTS)
-        run = self._with_what_is_needed(run)
+        run = replace(self._with_what_is_needed(run), slow=self._slow(run))
         after = self._conserved() if len(counts) else {}
         results = Measures()
         unknown = {name for name, values in self._samples.items() if not values or np.isnan(values).any()}
@@ -301,12 +312,21 @@ class RunAverages:
             elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
             elif name in SAMPLED:
-                results[name] = block_average(self._samples[name], constant=OBSERVABLES[name].constant(run))
+                constant = OBSERVABLES[name].constant(run)
+                results[name] = average_beside(run.slow, np.array(self._samples[name]), constant=constant)
             else:
                 rate = DRIFTS[name].rate
                 value = rate(counts, run, self._before[name], after[name]) if name in after else float("nan")
                 results[name] = Measure(value, float("nan"), 1, settled=False)
         return results
+
+    def _slow(self, run: Run) -> SlowVariable | None:
+        """The energy along the run, which a bath changes slowly; None without one."""
+        energy = np.array(self._samples.get("bath", ()))
+        if len(energy) < FEWEST_BLOCKS or not energy.mean() > 0:
+            return None
+        memory = memory_of_baths(self._scene, energy.mean() / run.count)
+        return energy_in_bath(energy, memory / (len(energy) * self._every * run.dt), run.count)
 
     def _of_all(self, functions: Mapping[str, Callable[[Discs, Scene], Any]]) -> dict[str, Any]:
         """What each of some functions gives of the present state, by name."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,9 +78,44 @@ class Measure:
         return format(self.value, spec) if spec else repr(self)
 
 
+class SlowVariable(NamedTuple):
+    """A variable on which a series depends, and whose memory is known: the energy of a gas in a heat bath.
+
+    Attributes:
+        values: along the series, at equal intervals, shape (k,) [any].
+        error: standard error of their mean.
+        known: whether the series is long enough to know it.
+    """
+
+    values: NDArray[np.float64]
+    error: float
+    known: bool
+
+
+def energy_in_bath(values: NDArray[np.float64], memory: float, count: int) -> SlowVariable:
+    """The energy of discs in a heat bath as a slow variable.
+
+    In a run shorter than its memory it hardly changes, and its scatter says nothing. So the error is at least that of a
+    canonical variance, mean^2 / N, with an exponential memory; for that of the bath, or a longer one that shows.
+
+    Args:
+        values: along the run, at equal intervals, shape (k,), k >= FEWEST_BLOCKS [any].
+        memory: time in which the bath exchanges the energy, as a fraction of the run, > 0 [1].
+        count: number of discs.
+    """
+    memory = max(memory, spectrum.at_zero(values).correlation_time)
+    remembered = 2 * memory * (1 - memory * -math.expm1(-1 / memory))  # variance of the mean, over that of the variable
+    error = abs(_mean(values)) * math.sqrt(max(remembered, 0.0) / max(count, 1))
+    return SlowVariable(values, max(error, block_average(values).error), memory * MEMORIES <= 1)
+
+
 @checks.known_names()
 def block_average(
-    series: ArrayLike, *, event: float | None = None, alternation: float = 0.0, constant: bool = False
+    series: ArrayLike,
+    *,
+    event: float | None = None,
+    alternation: float = 0.0,
+    constant: bool = False,
 ) -> Measure:
     """Mean of a correlated series and its standard error, from the spectrum of averages over blocks.
 
@@ -150,9 +186,9 @@ def block_average(
     steep = found.ordinates == spectrum.LEAST and -found.slope > RISING
     if not still and (steep or n < MEMORIES * alternation):
         return Measure(value, float(block_errors(samples)[-1]), n, settled=False, upper=True)
-    if still or found.ordinates < spectrum.LEAST or found.correlation_time * MEMORIES > 1:
-        return Measure(value, float(block_errors(samples).max()), n, settled=False)
-    return Measure(value, math.sqrt(found.density / len(blocks)), n)
+    short = still or found.ordinates < spectrum.LEAST or found.correlation_time * MEMORIES > 1
+    error = float(block_errors(samples).max()) if short else math.sqrt(found.density / len(blocks))
+    return Measure(value, error, n, settled=not short)
 
 
 def _of_few_events(value: float, events: NDArray[np.float64], n: int, event: float | None) -> Measure:
@@ -168,6 +204,39 @@ def _pairs(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
     """Averages of neighbours; of an odd number the last one is dropped."""
     even = len(blocks) // 2 * 2
     return (blocks[0:even:2] + blocks[1:even:2]) / 2
+
+
+def average_beside(
+    slow: SlowVariable | None,
+    series: NDArray[Any],
+    *,
+    event: float | None = None,
+    alternation: float = 0.0,
+    constant: bool = False,
+) -> Measure:
+    """`block_average` of a series that depends on a slow variable, if there is one.
+
+    What follows the variable at low frequencies is subtracted. The error is that of the rest and that of the variable
+    together, settled only if both are; otherwise it is no upper bound.
+    """
+    found = block_average(series, event=event, alternation=alternation, constant=constant and slow is None)
+    n = len(series)
+    if slow is None or n < FEWEST_BLOCKS or np.count_nonzero(series) < FEWEST_EVENTS or not np.ptp(series):
+        return found if slow is None or slow.known else replace(found, settled=False, upper=False)
+    k, blocks = len(slow.values), np.asarray(series, np.float64) - found.value
+    values = slow.values if n == k else np.interp(np.arange(1, n + 1) / n, np.arange(1, k + 1) / k, slow.values)
+    averages = values - _mean(values)
+    while len(blocks) >= MOST_BLOCKS:
+        blocks, averages = _pairs(blocks), _pairs(averages)
+    ours, its = (np.fft.rfft(each)[1 : spectrum.LEAST + 1] for each in (blocks, averages))
+    power = float((np.abs(its) ** 2).sum())
+    slope = float((ours * its.conj()).real.sum()) / power if power else 0.0
+    blocks -= slope * averages
+    if np.ptp(blocks) <= 1e-9 * np.ptp(series):  # nothing but the variable
+        return replace(found, error=abs(slope) * slow.error, settled=slow.known, upper=False)
+    rest = block_average(blocks, alternation=alternation * len(blocks) / n)
+    error = math.hypot(rest.error, slope * slow.error)
+    return replace(found, error=error, settled=rest.settled and slow.known, upper=rest.upper and slow.known)
 
 
 @checks.known_names()

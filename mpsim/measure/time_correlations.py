@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError, NotRecordedError
+from mpsim.features.thermostat import mean_mass
 from mpsim.measure import correlation_file
-from mpsim.measure.driving import adds_discs, conserves_energy, removes_discs
+from mpsim.measure.driving import adds_discs, conserves_energy, is_heated, memory_of_baths, removes_discs
 from mpsim.measure.motion import (
     MOST_WAVE_NUMBERS,
     SQUARES,
@@ -56,10 +57,10 @@ class Correlations:
     At longer lags, velocities are first averaged over 2, 4, ... samples, so that all samples are used; the value is
     then an average over lags within `TimeCorrelation.width`, at most 2/points of the lag.
 
-    Errors are standard errors of the average over this run, at its energy. They are computed by `block_average` from up
-    to 256 parts of the run, which includes correlations in time and between discs. If a run is too short for a lag,
-    `settled` is False. After a pause between two samples, or a change of discs between two runs, averages continue, but
-    no lag spans the interruption.
+    Errors are standard errors of the average over this run, at its energy, or at that of a heat bath. They are computed
+    by `block_average` from up to 256 parts of the run, which includes correlations in time and between discs. If a run
+    is too short for a lag, or for the memory of a bath, `settled` is False. After a pause between two samples, or a
+    change of discs between two runs, averages continue, but no lag spans the interruption.
 
     Args:
         every: frames between two samples, >= 1. A tenth of the mean free time resolves the decay of velocities.
@@ -191,7 +192,10 @@ class Correlations:
             )
         constant = len(discs) == sim.count and sim.scene.mass is None and conserves_energy(sim.scene)
         found = correlator(self.wave_numbers, self._points, levels)
-        self._motion = Motion(found, discs, np.zeros((2, len(discs), 2)), interval, constant)
+        square = float(np.square(sim.state.velocity, dtype=np.float64).mean())
+        heated = is_heated(sim.scene) and square > 0
+        memory = memory_of_baths(sim.scene, square * mean_mass(sim.scene)) if heated else 0.0
+        self._motion = Motion(found, discs, np.zeros((2, len(discs), 2)), interval, constant, memory, sim.count)
         return self._motion
 
     def _levels(self, interval: float) -> int:

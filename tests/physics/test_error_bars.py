@@ -229,3 +229,43 @@ def test_states_are_sampled_often_enough_for_errors_to_settle():
     assert found["speed_kurtosis"].samples == 200
     assert found["kinetic_energy"].settled
     assert found["kinetic_energy"].error < 1e-10
+
+
+def deviations_in_bath(rate, time, seeds=40):
+    """Mean over starts of the square of (value - mean) / error, of what a run of 16 discs in a bath states."""
+    found = []
+    for seed in range(seeds):
+        bath = mpsim.Thermostat(1.0, rate, seed=seed)
+        scene = mpsim.Scene.random(count=16, packing=0.1, radius=0.5, seed=seed, thermostat=bath)
+        energy = mpsim.measure.Series(mpsim.measure.kinetic_energy, every=5)
+        gathered = mpsim.Correlations(every=5, longest=1)
+        with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.1)) as sim:
+            sim.run(until=2 / rate)
+            names = ["pressure", "contact_rate", "pressure_xx", "kinetic_energy"]
+            run = dict(sim.run(until=2 / rate + time, measures=names, observe=[energy, gathered]).measures)
+        run["velocity"] = gathered.velocity[0]
+        run["control"] = mpsim.measure.block_average(energy.value)
+        found.append(run)
+    control = [run.pop("control") for run in found]
+    assert not any(measure.upper for run in found for measure in run.values())
+    rms = {name: spread([run[name] for run in found]) for name in found[0]}
+    return rms, [[measure.settled for measure in run.values()] for run in found], spread(control)
+
+
+def spread(measures):
+    values, errors = np.array([(each.value, each.error) for each in measures]).T
+    return np.sqrt(np.mean(((values - values.mean()) / errors) ** 2))
+
+
+def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy():
+    """A run of twice the memory of the bath cannot know its error from itself: it said 3 to 8 times too little."""
+    rms, settled, control = deviations_in_bath(rate=0.04, time=50)
+    assert not np.any(settled)
+    assert all(0.65 < each < 1.45 for each in rms.values()), rms
+    assert control > 2.5, "the control: an error from the series alone"
+
+
+def test_errors_in_a_bath_of_many_memories_are_settled():
+    rms, settled, _ = deviations_in_bath(rate=0.5, time=100)
+    assert np.mean(settled) > 0.6
+    assert all(0.65 < each < 1.45 for each in rms.values()), rms

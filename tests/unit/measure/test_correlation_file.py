@@ -44,7 +44,7 @@ def test_a_file_that_was_only_written_again_is_taken(written, tmp_path):
 
 WRONG = {
     "no head": ("numbers", lambda a: None, "numbers"),
-    "another version": ("numbers", lambda a: a + (np.arange(len(a)) == 0), "it is of version 2, and 1 is read"),
+    "another version": ("numbers", lambda a: a + (np.arange(len(a)) == 0), "it is of version 3, and 2 is read"),
     "odd points": ("numbers", lambda a: np.where(np.arange(len(a)) == 2, 9, a), "its points or levels are wrong"),
     "many levels": ("numbers", lambda a: np.where(np.arange(len(a)) == 4, 10**6, a), "its points or levels are wrong"),
     "no samples": ("numbers", lambda a: np.where(np.arange(len(a)) == 5, 0, a), "its number of samples is wrong"),
