@@ -41,6 +41,9 @@ FEWEST = 10
 CHECKPOINT_SECONDS = 30.0
 """Seconds between checkpoints: the time of a run that a kill may cost."""
 
+SHORTEST = 1e-4
+"""Times that are shorter do not appear in the summary [s]."""
+
 RUN_EXAMPLES = """\b
 Examples:
   mpsim run gas                                          with the recommended duration and measures
@@ -353,16 +356,30 @@ def pictures_of(count: int) -> int:
     return min(max(1_000_000 // max(count, 1), FEWEST), 100)
 
 
+def _brief(seconds: float) -> str:
+    """A time with one decimal, or with two digits if it is short [s].
+
+    >>> _brief(117.73), _brief(1.19), _brief(0.0412), _brief(0.0003)
+    ('117.7', '1.2', '0.041', '0.0003')
+    """
+    return f"{seconds:.1f}" if seconds >= 1 else f"{seconds:.2g}"
+
+
 def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[str]:
     """Summary of a run, line by line."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        yield report.summary
-    compiling = f"{part['compile_seconds']:.2f} s compiling, " if part["compile_seconds"] else ""
+        yield dataclasses.replace(report, compile_seconds=0.0).summary  # all compiling is in the next line
+    spent = {
+        "compiling": part["compile_seconds"],
+        "simulating": part["frame_seconds"],
+        "writing": part["writing_seconds"],
+    }
+    spent["other"] = max(part["wall_seconds"] - sum(spent.values()), 0.0)
+    parts = ", ".join(f"{name} {_brief(each)}" for name, each in spent.items() if each >= SHORTEST)
     yield (
         f"frame {sim.frame}, time {sim.time:g}, {sim.count} disc{'s' * (sim.count != 1)}; "
-        f"{part['wall_seconds']:.2f} s in all, of them {compiling}{part['frame_seconds']:.2f} s frames and "
-        f"{part['writing_seconds']:.2f} s writing"
+        f"{_brief(part['wall_seconds'])} s: {parts}"
     )
     over = f", over frames {part['from_frame'] + 1} to {part['to_frame']}" if part["from_frame"] else ""
     if report.workers > 1:

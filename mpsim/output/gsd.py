@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim.core import atomic, checks
+from mpsim.core import atomic, checks, untrusted
 from mpsim.core.columns import in_state
-from mpsim.core.errors import MpsimError, TrajectoryError
+from mpsim.core.errors import MpsimError, TrajectoryError, reason_of
 from mpsim.core.optional_packages import imported
 from mpsim.output.frames import Frame, Given
 
@@ -88,17 +88,18 @@ class GsdReader:
     def _opened(self) -> Any:
         hoomd = _library("gsd.hoomd")
         try:
+            untrusted.opened(self._path).close()  # the library would wait for the other end of a pipe
             return hoomd.open(str(self._path), "r")
         except (RuntimeError, OSError) as error:
             raise TrajectoryError(
                 f"a trajectory that ends in .gsd must be a whole GSD file; {str(self._path)!r} cannot be read: "
-                f"{error}. If it was copied while it was written, copy it again."
+                f"{reason_of(error)}. If it was copied while it was written, copy it again."
             ) from None
 
     def refresh(self) -> None:
         """Look for frames written since the library opened the file; it knows only the earlier ones."""
-        self._file.close()
-        self._file = self._opened()
+        before, self._file = self._file, self._opened()
+        before.close()
         self._later = {}
 
     def __len__(self) -> int:

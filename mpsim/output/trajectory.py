@@ -6,6 +6,7 @@ opens both. If the process is killed, at most the frame that was being written i
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,7 +16,7 @@ from typing import Any, overload
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError, MpsimError, TrajectoryError
+from mpsim.core.errors import InputError, TrajectoryError, reason_of
 from mpsim.core.joint_file import JointFile
 from mpsim.engine.simulation import Simulation, jointly
 from mpsim.features.edges import BoundaryName
@@ -76,12 +77,8 @@ class Trajectory:
         if not self.path.is_file():
             what = "is not a file" if self.path.exists() else "does not exist"
             raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} {what}.")
-        try:
+        with self._unreadable():
             self._reader: Reader = READERS[ending_of(self.path)](self.path, given)
-        except MpsimError:
-            raise
-        except OSError as error:
-            raise self._unreadable(error) from None
         self._range = range(len(self._reader))
         self._whole = True
 
@@ -107,10 +104,11 @@ class Trajectory:
         except TypeError:
             got = checks.brief(index)
             raise TypeError(f"an index of a trajectory must be a whole number or a slice; got {got}.") from None
-        return self._reader.read(number)
+        with self._unreadable():
+            return self._reader.read(number)
 
     def __iter__(self) -> Iterator[Frame]:
-        return map(self._reader.read, self._range)
+        return map(self.__getitem__, range(len(self)))
 
     def __enter__(self) -> Trajectory:
         return self
@@ -137,18 +135,22 @@ class Trajectory:
         >>> before, after
         (3, 6)
         """
-        try:
+        with self._unreadable():
             self._reader.refresh()
-        except OSError as error:
-            raise self._unreadable(error) from None
         if self._whole:
             self._range = range(len(self._reader))
         return len(self)
 
-    def _unreadable(self, error: OSError) -> TrajectoryError:
-        return TrajectoryError(
-            f"a trajectory must be a file that can be read; {str(self.path)!r} cannot ({error.strerror or error})."
-        )
+    @contextlib.contextmanager
+    def _unreadable(self) -> Iterator[None]:
+        """Turn an error of the system into a TrajectoryError, as of a file that was replaced or removed."""
+        try:
+            yield
+        except OSError as error:
+            reason = reason_of(error)
+            raise TrajectoryError(
+                f"a trajectory must be a file that can be read; {str(self.path)!r} cannot ({reason})."
+            ) from None
 
     def close(self) -> None:
         """Close the file. Not needed for text that is not compressed, whose file is open only while a frame is read."""

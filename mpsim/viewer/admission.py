@@ -7,6 +7,7 @@ does not know the token. The browser names its site in `Origin`. And if it makes
 
 import hmac
 import ipaddress
+import re
 import secrets
 import socket
 from collections.abc import Sequence
@@ -14,6 +15,10 @@ from typing import Any
 
 TOKEN_BYTES = 24
 """Random bytes of a token: 192 bits cannot be guessed."""
+
+
+_HOST = re.compile(r"(\[[0-9a-f]*:[0-9a-f:.]+\]|[^\[\]:%]+)(?::[0-9]{1,5})?")
+"""A host and perhaps a port, as browsers write them in `Host`."""
 
 
 class Refusal(Exception):  # noqa: N818 - the answer to a request
@@ -76,25 +81,29 @@ class Admission:
 
     def _demand_host(self, hosts: Sequence[str]) -> None:
         if len(hosts) != 1 or not self._is_here(hosts[0].lower()):
-            raise Refusal(421, "This host name is not accepted. Open the address that mpsim view has printed.")
+            raise Refusal(
+                421,
+                f"A view is opened at localhost or at an IP address; got {', '.join(hosts)[:80]!r}. Other sites can "
+                "make other names lead here. Open the address that mpsim view has printed, with localhost in place of "
+                "its host; where a port is forwarded, with that port; from another machine, with the IP address of "
+                "this one.",
+            )
 
     def _is_here(self, host: str) -> bool:
-        """Whether a request to this host, given as `name:port`, is meant for this view.
+        """Whether a request to this host, given as `name` or `name:port`, is meant for this view.
 
         A numeric address always means itself. A domain name can be made to point to any machine, so only the names of
-        this machine are accepted.
+        this machine are accepted. Any port is, because the port may be forwarded; a page at another port has another
+        origin.
         """
-        name, _, port = host.rpartition(":")
-        if port != str(self._port):
+        found = _HOST.fullmatch(host)
+        if found is None:
             return False
-        name = name.removeprefix("[").removesuffix("]")
-        if self._loopback:
-            return is_loopback(name)
+        name = found[1].strip("[]")
         try:
-            ipaddress.ip_address(name)
+            return not ipaddress.ip_address(name).is_unspecified
         except ValueError:
-            return name in {"localhost", self._host, socket.gethostname().lower()}
-        return True
+            return name in {"localhost", self._host} or (not self._loopback and name == socket.gethostname().lower())
 
 
 def is_loopback(host: str) -> bool:

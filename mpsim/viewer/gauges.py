@@ -92,11 +92,13 @@ class Gauges:
     Args:
         scene: the scene that runs.
         start: state to which the energy drift is relative.
+        law: the law of collisions, as in `Settings`.
     """
 
-    def __init__(self, scene: Scene, start: State):
+    def __init__(self, scene: Scene, start: State, law: str = "elastic"):
         self._scene = scene
         self._before = _energies(start, scene)
+        self._no_maxwell = _why_not_maxwell(scene, law)
         self.energy_note: str | None = _why_energy_changes(scene)
 
     def of(self, state: State) -> dict[str, Any]:
@@ -121,12 +123,8 @@ class Gauges:
             found = measure.speed_distribution(_present(state), bins)
         except InputError:  # nothing moves
             return None
-        mass = self._scene.mass
-        note = None
-        if mass is not None and np.ptp(mass):
-            note = "no Maxwell curve: the discs differ in mass"
-        elif count < FEWEST:
-            note = f"no Maxwell curve: fewer than {FEWEST} discs"
+        reason = self._no_maxwell or (f"fewer than {FEWEST} discs" if count < FEWEST else None)
+        note = None if reason is None else f"no Maxwell curve: {reason}"
         maxwell = found.maxwell if note is None else None
         return {"edges": found.edges, "density": found.density, "maxwell": maxwell, "note": note}
 
@@ -158,6 +156,19 @@ def _why_energy_changes(scene: Scene) -> str | None:
         "contacts take energy": has_losses(scene),
         "discs enter": adds_discs(scene),
         "discs leave": removes_discs(scene),
+        "discs fall through a periodic edge": has_periodic_field(scene),
+    }
+    return next((reason for reason, holds in reasons.items() if holds), None)
+
+
+def _why_not_maxwell(scene: Scene, law: str) -> str | None:
+    """Why the speeds do not come to Maxwell's distribution; None if they do."""
+    walls = scene.thermal_walls
+    reasons = {
+        "the discs differ in mass": scene.mass is not None and np.ptp(scene.mass) > 0,
+        "contacts take energy": has_losses(scene),
+        "law reflect keeps the speed of each disc": law == "reflect",
+        "the walls differ in temperature": walls is not None and len(set(walls.temperatures.values())) > 1,
         "discs fall through a periodic edge": has_periodic_field(scene),
     }
     return next((reason for reason, holds in reasons.items() if holds), None)

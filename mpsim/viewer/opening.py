@@ -9,6 +9,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colouring import own_colours
 from mpsim.viewer.link import Link
@@ -57,6 +58,7 @@ def source_of(
     Raises:
         InputError, TrajectoryError: as `Session` and `Recording`; also if colours are given with a trajectory.
     """
+    name = wire.in_utf8(name)
     if isinstance(viewed, Trajectory):
         viewed = Recording(viewed.path, **viewed.given)
     if not isinstance(viewed, Recording):

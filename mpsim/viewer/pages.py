@@ -46,7 +46,9 @@ class Pages(ABC):
         return self._source
 
     def start(self, source: Source) -> None:
-        """Start the thread; the pages show this source."""
+        """Start the thread, unless it was started before; the pages show this source."""
+        if self._loop is not None:
+            return
         self._source = source
         self._loop = asyncio.new_event_loop()
         self._thread.start()

@@ -120,7 +120,7 @@ class Session(Commanded):
                 self._sim.change(**self._parameters)
         assert self._sim is not None
         state = self._sim.state
-        self._gauges, self._broadcast.scale = Gauges(self.scene, state), scale_of(state)
+        self._gauges, self._broadcast.scale = Gauges(self.scene, state, self._settings.law), scale_of(state)
         self._run += 1
         self._counting.forget()
         self._collisions.begin(self._sim, from_start=self._owned)
@@ -298,7 +298,7 @@ class Session(Commanded):
 
     def _tell_gauges(self, state: State, frame: int, moment: float, collisions: float) -> None:
         if self._gauges is None:  # after a change by hand
-            self._gauges = Gauges(self._simulation.scene, state)
+            self._gauges = Gauges(self._simulation.scene, state, self._settings.law)
         self._broadcast.scale = scale_of(state)
         numbers = self._gauges.of(state)
         workers = self._meter.workers()

@@ -61,8 +61,9 @@ class Source(ABC):
     # --- called by other threads
 
     def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
+        """Start the thread, unless it was started before."""
+        if self._thread.ident is None:
+            self._thread.start()
 
     def submit(self, action: wire.Action, sender: object = None) -> None:
         """Put an action into the inbox; sender: the page that has sent it, None: the program.

@@ -1,11 +1,12 @@
 """Undo: goes back to an earlier moment, by checkpoints."""
 
+import contextlib
 import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from mpsim.core.errors import InputError
+from mpsim.core.errors import InputError, OutputError
 from mpsim.engine.simulation import Simulation
 
 MOST_POINTS = 16
@@ -18,6 +19,8 @@ moments are remembered."""
 
 class Moments:
     """Checkpoints of moments of one simulation, by number, in a temporary folder that `close` removes.
+
+    Something else may remove them before, such as a cleaner of temporary files: these moments are then forgotten.
 
     Attributes:
         sizes: size of each checkpoint in bytes, by number, the oldest first.
@@ -43,8 +46,16 @@ class Moments:
         Raises:
             OutputError: if the checkpoint cannot be written. An earlier moment of this number is then kept.
         """
+        if self._folder is not None and not os.path.isdir(self._folder.name):
+            self.close()
         if self._folder is None:
-            self._folder = tempfile.TemporaryDirectory(prefix="mpsim-view-")
+            try:
+                self._folder = tempfile.TemporaryDirectory(prefix="mpsim-view-", ignore_cleanup_errors=True)
+            except OSError as error:
+                raise OutputError(
+                    f"undo needs a folder for temporary files; got {error.strerror or error}. Make the folder that "
+                    "TMPDIR names, or make room in it."
+                ) from None
         new = sim.save(self._path(number).with_suffix(".new"))
         self.forget(number)
         self.sizes[number] = new.stat().st_size
@@ -58,6 +69,12 @@ class Moments:
         """
         if number not in self.sizes:
             raise InputError("going back needs a remembered moment; got none. Reset starts again.")
+        if not self._path(number).exists():
+            self.forget(number)
+            raise InputError(
+                "going back needs the file of that moment; something has removed it from the folder for temporary "
+                "files. Reset starts again."
+            )
         settings = sim.settings
         again = Simulation.resume(self._path(number), workers=settings.workers, start_method=settings.start_method)
         sim.close()
@@ -66,7 +83,8 @@ class Moments:
     def forget(self, number: int) -> None:
         """Forget a moment, if it is remembered."""
         if self.sizes.pop(number, None) is not None:
-            self._path(number).unlink()
+            with contextlib.suppress(OSError):  # it was removed, or its folder was
+                self._path(number).unlink()
 
     def close(self) -> None:
         """Forget all moments and remove the folder."""

@@ -356,4 +356,17 @@ def text_of(kind: str, values: Mapping[str, Any]) -> str:
     >>> text_of("gauges", {"temperature": float("nan")})
     '{"type":"gauges","temperature":null}'
     """
-    return orjson.dumps({"type": kind, **values}, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+    message = {"type": kind, **values}
+    try:
+        return orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+    except TypeError:  # a text that is not UTF-8, such as the name of a file
+        return orjson.dumps(in_utf8(message), option=orjson.OPT_SERIALIZE_NUMPY).decode()
+
+
+def in_utf8(value: Any) -> Any:
+    """A value whose texts have an escape in place of each character that UTF-8 cannot express."""
+    if isinstance(value, str):
+        return value.encode(errors="backslashreplace").decode()
+    if isinstance(value, Mapping):
+        return {in_utf8(name): in_utf8(each) for name, each in value.items()}
+    return [in_utf8(each) for each in value] if isinstance(value, list | tuple) else value

@@ -28,15 +28,22 @@ def test_tokens_are_long_and_each_is_another():
     assert min(map(len, tokens)) == 32
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1:81", "localhost:81", "LOCALHOST:81", "[::1]:81", "127.0.0.2:81"])
+@pytest.mark.parametrize(
+    "host",
+    ["127.0.0.1:81", "localhost:81", "LOCALHOST:81", "[::1]:81", "127.0.0.2:81", "127.0.0.1", "localhost:9000",
+     "192.168.0.7:9000", "[fe80::1]:9000"],
+)  # fmt: skip
 def test_the_machine_itself_may_ask(host):
     assert asked(Admission("127.0.0.1", 81), host) == "page.js"
 
 
 @pytest.mark.parametrize(
     "host",
-    ["evil.example:81", "127.0.0.1", "127.0.0.1:80", "127.0.0.1.evil.example:81", "192.168.0.7:81", "", ":81", [],
-     ["127.0.0.1:81", "127.0.0.1:81"], "localhost.evil.example:81", "0.0.0.0:81", "x@127.0.0.1:81"],
+    ["evil.example:81", "evil.example", "127.0.0.1.evil.example:81", "", ":81", [], ["127.0.0.1:81", "127.0.0.1:81"],
+     "localhost.evil.example:81", "0.0.0.0:81", "[::]:81", "x@127.0.0.1:81", "[::1%x]:81", "[::1%25lo]:81", "::1:81",
+     "::1%x", "[localhost]:81", "[127.0.0.1]:81", "[::1]x:81", "127.0.0.1:81:81", "127.0.0.1:", "127.0.0.1:x",
+     "127.0.0.1:123456", "localhost.:81", "localhost,evil.example:81", "127.1:81", "2130706433:81", "0x7f.0.0.1:81",
+     "localhost:81\n", "localhost:\uff18\uff11", f"{socket.gethostname()}:81"],
 )  # fmt: skip
 def test_other_names_are_not_answered(host):
     with pytest.raises(Refusal) as refused:
@@ -46,9 +53,9 @@ def test_other_names_are_not_answered(host):
 
 def test_a_view_for_others_is_asked_by_numbers_or_its_own_name():
     admission = Admission("0.0.0.0", 81)
-    for host in ("192.168.0.7:81", "10.0.0.1:81", f"{socket.gethostname()}:81", "localhost:81"):
+    for host in ("192.168.0.7:81", "10.0.0.1:9000", f"{socket.gethostname()}:81", "localhost:81"):
         assert asked(admission, host) == "page.js"
-    for host in ("evil.example:81", "192.168.0.7:80", "192.168.0.7.evil.example:81"):
+    for host in ("evil.example:81", "0.0.0.0:81", "192.168.0.7.evil.example:81"):
         with pytest.raises(Refusal):
             asked(admission, host)
     assert admission.address == f"http://{socket.gethostname()}:81/{admission.token}/"

@@ -107,3 +107,13 @@ def test_parts_of_a_workers_time_add_up_to_one():
     assert found["waiting"] == pytest.approx(report.waiting, abs=0.3)
     assert meter.read(200, 1.0).frames_per_second == 25
     assert meter.workers()["workers"] is None, "since the last reading"
+
+
+GRAINS = ("channel", "cooling", "hopper", "rough-hopper", "rough-sediment", "sediment")
+
+
+@pytest.mark.parametrize("name", ["dense", "gas", "piston", *GRAINS])
+def test_no_heap_of_grains_has_maxwells_curve(name):
+    scene = mpsim.Scene.load(name)
+    moving = mpsim.State(scene.position, np.random.default_rng(1).normal(size=scene.position.shape))
+    assert (Gauges(scene, moving).of(moving)["speeds"]["maxwell"] is None) is (name in GRAINS)
