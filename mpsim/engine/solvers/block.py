@@ -306,7 +306,8 @@ class BlockSolver(SteppedSolver):
         grid = self._grid_of(capacity, self._giant_radius(radii))
         self._capacity = capacity
         arrays = block_arrays(capacity, grid, self._most_workers, precision, features, self.tallied)
-        return SharedBlock(arrays | self._log.specs(capacity, self._most_workers) if self.logging else arrays)
+        arrays |= self._log.specs(capacity, self._most_workers) if self.logging else {}
+        return SharedBlock(arrays, alone=self._most_workers == 1)
 
     def _fill(self, block: SharedBlock) -> None:
         """Make a block, and fill it with what the scene has."""

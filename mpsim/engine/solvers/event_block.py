@@ -62,7 +62,7 @@ class Plan(NamedTuple):
         if tiling != WHOLE:
             laws = packed(self._box(count), features_of(self.scene, self._given(count)))
             specs |= specs_of(count, tiling, self.workers, shapes, laws)
-        return SharedBlock(specs)
+        return SharedBlock(specs, alone=tiling == WHOLE or self.workers == 1)
 
     def placed(
         self,

@@ -272,7 +272,7 @@ class Part:
         features = feature_specs(self._scene, max(capacity, self._count_of_all), self._settings.precision)
         grid = Grid(self._own.last - self._own.before, self._grid.rows)
         specs = block_arrays(capacity, grid, self._workers + 1, self._settings.precision, features, self._tallied)
-        old, new = self._block, SharedBlock(specs)
+        old, new = self._block, SharedBlock(specs, alone=self._workers == 1)
         with new.closed_on_error():
             new.create()
             for name, values in {} if old is None else old.arrays.items():

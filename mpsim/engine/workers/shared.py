@@ -8,6 +8,7 @@ killed as well, the block stays; `remove_stale_blocks` finds it.
 
 import _posixshmem  # type: ignore[import-not-found]
 import ctypes
+import errno
 import fcntl
 import mmap
 import os
@@ -45,6 +46,9 @@ FOLDER = Path("/dev/shm")
 MAP_FIXED = 0x10
 """Of the C function mmap: at that address, in place of what is there. Python's module has not got it."""
 
+_NO_SHARED_MEMORY = {errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSYS, errno.ENOSPC}
+"""Errors of a system that has no shared memory, or not enough."""
+
 _map_memory = ctypes.CDLL(None, use_errno=True).mmap
 _map_memory.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_long]
 _map_memory.restype = ctypes.c_void_p
@@ -64,10 +68,14 @@ class SharedBlock:
         arrays: views by name, arrays and records; they are dropped by `close`, and never handed out of the engine.
     """
 
-    def __init__(self, specs: dict[str, ArraySpec], name: str | None = None):
-        """Holds nothing yet, so that its owner knows of the block before there is anything to give back."""
+    def __init__(self, specs: dict[str, ArraySpec], name: str | None = None, alone: bool = False):
+        """Holds nothing yet, so that its owner knows of the block before there is anything to give back.
+
+        alone: whether no other process attaches, so that memory of this process will do where shared memory is refused.
+        """
         self.name: str = name or f"mpsim-{os.getpid()}-{secrets.token_hex(4)}"
         self.specs = specs
+        self.alone = alone
         self.nbytes: int = _offsets(specs)[-1]
         self.arrays: dict[str, Any] = {}
         self._memory: SharedMemory | None = None
@@ -76,6 +84,8 @@ class SharedBlock:
 
     def create(self) -> None:
         """Create and reserve the block, filled with zeros. Ctrl-C waits so long.
+
+        A block of one process takes private memory where there is enough of it, but not of shared memory.
 
         Raises:
             ResourceError: if the resource tracker, which removes the block after a kill, cannot be started.
@@ -89,7 +99,13 @@ class SharedBlock:
             except OSError as error:
                 if not is_of_the_system(error):
                     raise
-                raise refusal_of_block(self.nbytes, error) from error
+                if not (
+                    self.alone and error.errno in _NO_SHARED_MEMORY and self.nbytes < psutil.virtual_memory().available
+                ):
+                    raise refusal_of_block(self.nbytes, error) from error
+                with self.closed_on_error():
+                    self._memory = _Private(self.nbytes)
+                    self._map(self._memory)
 
     @contextmanager
     def closed_on_error(self) -> Iterator[None]:
@@ -264,6 +280,18 @@ def _make_private(memory: SharedMemory) -> None:
     access, kind = mmap.PROT_READ | mmap.PROT_WRITE, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | MAP_FIXED
     if _map_memory(address, memory.size, access, kind, -1, 0) != address:
         raise OSError(ctypes.get_errno(), "the block of the parent cannot be unmapped in a fork")
+
+
+class _Private(SharedMemory):
+    """Memory of this process alone, which needs no /dev/shm, descriptor or resource tracker."""
+
+    def __init__(self, size: int):
+        self._name, self._size = "private", size
+        self._mmap = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        self._buf = memoryview(self._mmap)
+
+    def unlink(self) -> None:
+        """Nothing: it has no name."""
 
 
 class _Attached(SharedMemory):
