@@ -384,7 +384,7 @@ def _kept_as_previous(target: Path) -> Iterator[None]:
                 unflushed = error
             is_written = True
     except OSError as error:
-        if not is_written:
+        if not is_written or isinstance(error, atomic.WrittenError):
             raise
         why = f"it is written, but the one before it may be lost ({error.strerror})"
         raise atomic.WrittenError(error.errno, why) from error

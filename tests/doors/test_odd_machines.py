@@ -61,6 +61,7 @@ def test_a_folder_that_cannot_be_flushed_loses_no_checkpoint_and_the_words_are_t
         with pytest.raises(mpsim.OutputError, match=r"it is written, but its folder could not be flushed") as refused:
             sim.save(path)
     assert "untouched" not in str(refused.value)
+    assert "may be lost" not in str(refused.value), "the one before has its name, too"
     assert frames(path) == [30, 20]
     assert sorted(os.listdir(path.parent)) == ["run.mpsim", "run.mpsim.previous"]
 
