@@ -14,6 +14,7 @@ import click
 from mpsim.cli import clean, look, machine, run, scenes, stability, trade, view
 from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted, in_options
 from mpsim.core.errors import InputError, MpsimError, SceneFileError
+from mpsim.core.interpreter import ready_for_interrupts
 from mpsim.core.progress import above
 from mpsim.kernels.compile_notice import announced_by
 
@@ -41,6 +42,7 @@ class Commands(click.Group):
         with warnings.catch_warnings(), announced_by(Compiling(ctx.meta)):
             warnings.showwarning = _show_warning
             try:
+                ready_for_interrupts()
                 return super().invoke(ctx)
             except (KeyboardInterrupt, Interrupted) as stop:
                 click.echo(str(stop) or "Interrupted.", err=True)

@@ -1,9 +1,15 @@
-"""Refuses import in a subinterpreter, before NumPy and Numba are imported: they keep state per process.
+"""What comes before NumPy and Numba are imported, which takes a second.
 
-NumPy only warns, or fails with a text of its own; the first compiled kernel would then end the process.
+Refuses import in a subinterpreter: both keep state per process. NumPy only warns, or fails with a text of its own; the
+first compiled kernel would then end the process. And Ctrl-C ends the command `mpsim` at once, without a traceback of
+imports, until `ready_for_interrupts`.
 """
 
 import importlib
+import signal
+import sys
+import threading
+from pathlib import Path
 from typing import Any
 
 
@@ -23,3 +29,21 @@ if not _in_main():
         "mpsim cannot be imported in a subinterpreter: NumPy and Numba, which it uses, belong to the main "
         "interpreter of a process. Use threads, each with a simulation of its own, or processes."
     )
+
+
+def _is_command() -> bool:
+    """Whether this process is the command `mpsim`, in which nothing but the import goes on yet."""
+    handled = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    alone = threading.current_thread() is threading.main_thread()
+    return handled and alone and Path(sys.argv[0]).name == "mpsim" if sys.argv else False
+
+
+def ready_for_interrupts() -> None:
+    """Let Ctrl-C raise KeyboardInterrupt again, once the command is imported and catches it."""
+    if _ends_at_once:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+_ends_at_once = _is_command()
+if _ends_at_once:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

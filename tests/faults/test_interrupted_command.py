@@ -2,6 +2,11 @@
 
 import json
 import math
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -46,3 +51,17 @@ def test_ctrl_c_stops_all_workers_and_leaves_a_run_that_goes_on(tmp_path):
         assert done.exit_code == 0, done.stderr
     assert (out / "trajectory.xyz").read_bytes() == (whole / "trajectory.xyz").read_bytes()
     assert (out / "final.npz").read_bytes() == (whole / "final.npz").read_bytes()
+
+
+@pytest.mark.parametrize("delay", [0.15, 0.4])
+def test_ctrl_c_while_the_command_is_imported_is_no_traceback(delay):
+    """The import takes a second or more. The control: a program of one's own that imports mpsim keeps its handler."""
+    program = Path(sys.executable).with_name("mpsim")
+    with subprocess.Popen([program, "show", "gas"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as run:
+        time.sleep(delay)
+        run.send_signal(signal.SIGINT)
+        errors = run.communicate(timeout=60)[1]
+    assert run.returncode in (-signal.SIGINT, 130)
+    assert "Traceback" not in errors
+    handler = "import signal, mpsim.cli.app; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+    assert run_script(handler).out == "True\n"

@@ -256,7 +256,7 @@ def test_a_read_only_dev_shm_is_an_error_that_says_so_or_is_not_needed():
     except (OSError, subprocess.CalledProcessError) as error:
         pytest.skip(f"no private mount can be made here: {error}")
     outcome = run_script(
-        f"""
+        """
         import os
         import mpsim
         from support.scenes import lattice, simulate
