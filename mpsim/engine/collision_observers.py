@@ -33,8 +33,10 @@ class Collisions:
     - `kind`: 0, two discs; 1, a disc and a wall; 2, a disc and an obstacle;
     - `i`, `j`: numbers of the discs, i < j. With a wall j is 0 left, 1 right, 2 bottom, 3 top; with an obstacle its
       index in `Scene.obstacles`;
-    - `impulse`, shape (2,) [mass length/time]: on disc i, along the normal; that on j is the opposite. It does not
-      include the tangential impulse of friction. With law `reflect`, the mean of both discs';
+    - `impulse`, shape (2,) [mass length/time]: on disc i, along the normal; that on j is the opposite. With law
+      `reflect`, the mean of both discs';
+    - `tangential_impulse`, shape (2,) [mass length/time]: on disc i, across the normal, by friction or a thermal wall;
+      that on j is the opposite. Both together are the change of the momentum of disc i;
     - `place`, shape (2,) [length]: the point at which the surfaces touch.
 
     A contact that changes no velocity does not count as a collision, nor does leaving through an absorbing edge. The
@@ -42,7 +44,7 @@ class Collisions:
 
     Args:
         each: a function, called as each(sim, table) every `every` frames with the collisions since the last call, which
-            are then not stored. None: they are stored, with about 72 bytes each.
+            are then not stored. None: they are stored, with about 90 bytes each.
         every: frames between two calls, >= 1, counted from frame 0. Runs are faster if this is larger.
         between: "discs", "walls" or "obstacles", or several of these: the collisions to record, by what discs collide
             with; None: all three.
@@ -129,7 +131,8 @@ class Collisions:
 class Sensor(Collisions):
     """A counter of the collisions on an obstacle, on a wall or in a region, for `Simulation.run(observe=...)`.
 
-    Give one of obstacle, wall and region. Attributes `frames`, `counts` and `impulse` have an entry for each look.
+    Give one of obstacle, wall and region. `frames`, `counts`, `impulse` and `tangential_impulse` have an entry for each
+    look.
 
     Args:
         obstacle: index in `Scene.obstacles`.
@@ -172,7 +175,7 @@ class Sensor(Collisions):
         )  # fmt: skip
         self._edge = None if wall is None else EDGES.index(checks.choice("wall", wall, EDGES))
         self._region = None if region is None else _region_of(region)
-        self._found: list[tuple[int, int, float]] = []
+        self._found: list[tuple[int, int, float, float]] = []
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -186,8 +189,13 @@ class Sensor(Collisions):
 
     @property
     def impulse(self) -> NDArray[np.float64]:
-        """Sum of the sizes of their impulses, shape (n,) [mass length/time]."""
+        """Sum of the sizes of their impulses along the normal, without those of friction, (n,) [mass length/time]."""
         return np.array([each[2] for each in self._found], np.float64)
+
+    @property
+    def tangential_impulse(self) -> NDArray[np.float64]:
+        """Sum of the sizes of their impulses across the normal, shape (n,) [mass length/time]."""
+        return np.array([each[3] for each in self._found], np.float64)
 
     def begin(self, sim: Simulation) -> None:
         """A run of the simulation `sim` begins.
@@ -205,8 +213,8 @@ class Sensor(Collisions):
     def _hand_over(self, sim: Simulation) -> None:
         table, self._waiting = joined(self._waiting), []
         met = table[self._meets(table)]
-        sizes = np.hypot(met["impulse"][:, 0], met["impulse"][:, 1])
-        self._found.append((sim.frame, len(met), math.fsum(sizes.tolist())))
+        along, across = (math.fsum(np.hypot(*met[name].T).tolist()) for name in ("impulse", "tangential_impulse"))
+        self._found.append((sim.frame, len(met), along, across))
 
     def _meets(self, table: NDArray[Any]) -> NDArray[np.bool_]:
         """Which collisions are counted."""

@@ -18,6 +18,7 @@ _fields: Any = np.dtype(
         ("span", np.int64),  # exact solver: the frame, counted from the start; others: the step, from 1 in each command
         ("time", np.float64),  # exact solver: since the start; others: from then until the end of the step [time]
         ("impulse", np.float64, (2,)),  # along the normal, on disc i [mass length/time]
+        ("tangential_impulse", np.float64, (2,)),  # across it, on disc i [mass length/time]
         ("place", np.float64, (2,)),  # where they touch [length]
         ("i", np.int32),  # a disc
         ("j", np.int32),  # what it met: another disc, an edge of the box, or a capsule
@@ -26,7 +27,7 @@ _fields: Any = np.dtype(
     align=True,
 )
 COLLISION = np.dtype((Record, _fields))
-"""A row of the log, of one cache line."""
+"""A row of the log."""
 
 DISC, WALL, OBSTACLE = range(3)
 
@@ -48,8 +49,8 @@ def log_of(arrays: Mapping[str, Any], worker: int) -> Any:
 
 
 @inlined
-def write(log, kind, i, j, time, impulse_x, impulse_y, place_x, place_y):
-    """Write a collision; a contact without an impulse is not one."""
+def write(log, kind, i, j, time, impulse_x, impulse_y, across_x, across_y, place_x, place_y):
+    """Write a collision; a contact without an impulse along the normal is not one."""
     if log is not None:  # noqa: SIM102 - see optional.py
         if (impulse_x != 0.0) | (impulse_y != 0.0):
             k = log.state[COUNT]
@@ -57,6 +58,7 @@ def write(log, kind, i, j, time, impulse_x, impulse_y, place_x, place_y):
                 row = log.rows[k]
                 row.span, row.time, row.kind, row.i, row.j = log.state[SPAN], time, kind, i, j
                 row.impulse[0], row.impulse[1] = impulse_x, impulse_y
+                row.tangential_impulse[0], row.tangential_impulse[1] = across_x + 0.0, across_y + 0.0  # not -0.0
                 row.place[0], row.place[1] = place_x, place_y
             log.state[COUNT] = k + 1
 

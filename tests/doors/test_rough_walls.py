@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from support.scenes import simulate
 
@@ -47,3 +48,59 @@ def test_a_reference_whose_own_drift_is_not_zero_is_not_called_zero(tmp_path):
     error = mpsim.tradeoff(scene, exact, **study).rows[0].errors["momentum_drift"]
     assert error.value == pytest.approx(4.6e-4, rel=0.02)
     assert "reference itself" not in repr(error)
+
+
+WALLS = {"rough": {"wall_friction": 0.7}, "thermal": {"thermal_walls": mpsim.ThermalWalls(left=2.0)}}
+
+
+def rough(walls):
+    """Rough discs of two masses that meet each other, such walls, and an obstacle."""
+    return mpsim.Scene.random(
+        count=24, width=8, height=8, radius=0.5, seed=2, mass=np.where(np.arange(24) % 2, 1.0, 3.0), friction=0.4,
+        restitution=0.9, obstacles=mpsim.FixedDisc((4, 4), 0.6), **WALLS[walls],
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
+@pytest.mark.parametrize(
+    ("method", "contact", "walls"),
+    [
+        ("event", "impact", "rough"),
+        ("grid", "impact", "rough"),
+        ("naive", "push", "rough"),
+        ("event", "impact", "thermal"),
+        ("grid", "impact", "thermal"),
+    ],
+)
+def test_both_impulses_of_all_collisions_are_the_change_of_each_momentum(method, contact, walls):
+    scene, seen = rough(walls), mpsim.Collisions()
+    sensors = [mpsim.Sensor(wall="bottom"), mpsim.Sensor(wall="left"), mpsim.Sensor(obstacle=0)]
+    with simulate(scene, method=method, contact=contact, dt=0.01) as sim:
+        sim.run(frames=200, observe=[seen, *sensors])
+        gained = scene.masses[:, None] * (sim.state.velocity - scene.velocity)
+    table = seen.table
+    given = {name: np.zeros((scene.count, 2)) for name in ("impulse", "tangential_impulse")}
+    for name, total in given.items():
+        np.add.at(total, table["i"], table[name])
+        discs = table[table["kind"] == 0]
+        np.subtract.at(total, discs["j"], discs[name])
+    assert gained == pytest.approx(given["impulse"] + given["tangential_impulse"], abs=1e-9)
+    assert np.abs(gained - given["impulse"]).max() > 0.1, "the control: without friction it does not add up"
+    across = (table["impulse"] * table["tangential_impulse"]).sum(axis=1)
+    assert np.abs(across).max() < 1e-9, "they are at right angles"
+    chosen = (table["kind"] == 1) & (table["j"] == 2), (table["kind"] == 1) & (table["j"] == 0), table["kind"] == 2
+    for sensor, rows in zip(sensors, chosen, strict=True):
+        for name in given:
+            assert getattr(sensor, name).sum() == pytest.approx(np.hypot(*table[name][rows].T).sum())
+            assert (getattr(sensor, name).sum() > 0) == (name == "impulse" or walls == "rough" or sensor is sensors[1])
+
+
+@pytest.mark.slow
+def test_smooth_discs_have_no_tangential_impulse():
+    seen = mpsim.Collisions()
+    with simulate(oblique(), method="event") as sim:
+        sim.run(until=1.0, observe=seen)
+    assert (len(seen.table), seen.table["impulse"].tolist()) == (1, [[2.0, 0.0]])
+    assert np.signbit(seen.table["tangential_impulse"]).tolist() == [[False, False]]
+    assert not seen.table["tangential_impulse"].any()

@@ -19,6 +19,7 @@ TABLE = np.dtype(
         ("i", np.int64),  # a disc; the lower number of two
         ("j", np.int64),  # the other disc, the edge of the box (an index of EDGES), or the index of the obstacle
         ("impulse", np.float64, (2,)),  # along the normal, on disc i [mass length/time]
+        ("tangential_impulse", np.float64, (2,)),  # across it, on disc i [mass length/time]
         ("place", np.float64, (2,)),  # where they touch [length]
     ]
 )
@@ -71,7 +72,7 @@ def table_of(rows: NDArray[Any], frame: Any, time: Any, scene: Scene) -> NDArray
     """
     table = np.zeros(len(rows), TABLE)
     table["frame"], table["time"] = frame, time
-    for name in ("kind", "i", "j", "impulse", "place"):
+    for name in ("kind", "i", "j", "impulse", "tangential_impulse", "place"):
         table[name] = rows[name]
     _name_obstacles(table, scene)
     _put_lower_disc_first(table)
@@ -114,6 +115,7 @@ def _put_lower_disc_first(table: NDArray[Any]) -> None:
     swapped = (table["kind"] == log.DISC) & (table["i"] > table["j"])
     table["i"][swapped], table["j"][swapped] = table["j"][swapped], table["i"][swapped]
     table["impulse"][swapped] *= -1
+    table["tangential_impulse"][swapped] *= -1
 
 
 def no_collisions() -> NDArray[Any]:

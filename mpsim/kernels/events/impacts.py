@@ -105,10 +105,10 @@ def hit_wall(i, now, side, store, box, features):
         return
     speed = -inward * disc.velocity[axis]
     leaving = speed_off_wall(i, speed, axis, inward, disc.last_contact, now, store, box, features)
-    leaving = thermal_speed_off_wall(i, side, leaving, store, features)
+    leaving, sliding = thermal_speed_off_wall(i, side, leaving, store, features)
     disc.position[axis] = length - radius if high else radius
     disc.velocity[axis] = inward * leaving
-    on_wall(i, axis, inward, speed + leaving, store, box, features)
+    on_wall(i, axis, inward, speed + leaving, sliding, store, box, features)
     disc.last_contact = now
     store.event[i].collision_count += 1
     store.counter.walls += counts(store.region)

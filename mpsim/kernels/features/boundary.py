@@ -42,7 +42,8 @@ class WallContact(NamedTuple):
     """The result of a motion along an axis.
 
     position [length], velocity [length/time]: now. low_change, high_change: changes of the velocity by the low and the
-    high wall, inwards. time: since then; 0 if no wall has reflected the disc [time].
+    high wall, inwards. time: since then; 0 if no wall has reflected the disc [time]. sliding: change of the velocity
+    along that wall, by the wall.
     """
 
     position: Any
@@ -50,12 +51,13 @@ class WallContact(NamedTuple):
     low_change: Any
     high_change: Any
     time: Any
+    sliding: Any
 
 
 @inlined
 def no_contact(p, v, zero):
     """The `WallContact` of a disc that has touched no wall."""
-    return WallContact(p, v, zero, zero, zero)
+    return WallContact(p, v, zero, zero, zero, zero)
 
 
 @inlined
@@ -105,7 +107,7 @@ def reach_boundary(p, v, acceleration, accelerated, walls, wrap, parameters):
         place, turned, time = reach_wall_on_parabola(p, v, acceleration, walls, parameters)
     low_change = turned - v if p < walls.low else zero
     high_change = v - turned if p > walls.high else zero
-    return WallContact(place, turned, low_change, high_change, time)
+    return WallContact(place, turned, low_change, high_change, time, zero)
 
 
 @inlined

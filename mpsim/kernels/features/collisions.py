@@ -35,22 +35,24 @@ def touching_point(discs, i, j, shift_x, shift_y, since, parameters):
 
 
 @inlined
-def between_discs(log, discs, i, j, touched, impulse, nx, ny):
+def between_discs(log, discs, i, j, touched, impulse, nx, ny, across):
     """Contact of discs i and j, with such an impulse along the unit vector n from i to j.
 
-    touched: how long before the end of the step [time], and where (x, y) [length].
+    touched: how long before the end of the step [time], and where (x, y) [length]. across: impulse on i along
+    (-ny, nx).
     """
     if log is not None:
         since, x, y = touched
-        along = -np.float64(impulse)
-        write(log, DISC, discs.id[i], discs.id[j], since, along * nx, along * ny, x, y)
+        along, slide = -np.float64(impulse), np.float64(across)
+        write(log, DISC, discs.id[i], discs.id[j], since, along * nx, along * ny, -slide * ny, slide * nx, x, y)
 
 
 @linked
-def write_walls(log, discs, i, x, y, features, parameters, control):
+def write_walls(log, discs, i, x, y, sliding, features, parameters, control):
     """`on_walls` for a disc that has hit a wall."""
     mass = np.float64(value_or(features.mass, discs.id[i], 1.0))
     ax, ay = accelerations_of(discs, i, features)
+    along_x, along_y = np.float64(x.sliding + sliding[0]), np.float64(y.sliding + sliding[1])
     for edge, met, change in (
         (LEFT, x, x.low_change), (RIGHT, x, x.high_change), (BOTTOM, y, y.low_change), (TOP, y, y.high_change),
     ):  # fmt: skip
@@ -58,26 +60,31 @@ def write_walls(log, discs, i, x, y, features, parameters, control):
             since = np.float64(met.time if control.contact == IMPACT else met.time - met.time)
             inward = -mass * change if (edge == RIGHT) | (edge == TOP) else mass * change
             impulse_x, impulse_y = (inward, 0.0) if edge < BOTTOM else (0.0, inward)
+            across_x, across_y = (0.0, mass * along_x) if edge < BOTTOM else (mass * along_y, 0.0)
             px = x.position - since * (x.velocity - 0.5 * ax * since)
             py = y.position - since * (y.velocity - 0.5 * ay * since)
-            write(log, WALL, discs.id[i], edge, since, impulse_x, impulse_y, px, py)
+            write(log, WALL, discs.id[i], edge, since, impulse_x, impulse_y, across_x, across_y, px, py)
 
 
 @inlined
-def on_walls(log, discs, i, x, y, features, parameters, control):
+def on_walls(log, discs, i, x, y, sliding, features, parameters, control):
     """Contact of disc i with walls, as its motion along x and y has led it to them, two of `WallContact`.
 
-    The coordinate normal to a wall is not that of the wall.
+    The coordinate normal to a wall is not that of the wall. sliding: changes of its velocity by friction, along the
+    wall met along x, and along that met along y.
     """
     if log is not None:
         met = (x.low_change != x.high_change) | (y.low_change != y.high_change)
         if met and not is_absent(features.exits, discs.id[i]):
-            write_walls(log, discs, i, x, y, features, parameters, control)
+            write_walls(log, discs, i, x, y, sliding, features, parameters, control)
 
 
 @inlined
-def on_capsule(log, discs, i, k, nx, ny, change, time, features, parameters):
-    """Contact of disc i with capsule k, so long ago, which has changed its velocity by so much along n from there."""
+def on_capsule(log, discs, i, k, nx, ny, change, sliding, time, features, parameters):
+    """Contact of disc i with capsule k, so long ago, which has changed its velocity by so much along n from there.
+
+    sliding: change of its velocity along (ny, -nx).
+    """
     if log is not None:  # noqa: SIM102
         if change > 0:
             since = min(np.float64(time), np.float64(parameters.dt))
@@ -85,5 +92,6 @@ def on_capsule(log, discs, i, k, nx, ny, change, time, features, parameters):
             radius = np.float64(value_or(discs.radius, i, parameters.diameter / 2))
             x = discs.x[i] - since * (discs.vx[i] - 0.5 * ax * since) - radius * nx
             y = discs.y[i] - since * (discs.vy[i] - 0.5 * ay * since) - radius * ny
-            impulse = np.float64(value_or(features.mass, discs.id[i], 1.0)) * change
-            write(log, OBSTACLE, discs.id[i], k, since, impulse * nx, impulse * ny, x, y)
+            mass = np.float64(value_or(features.mass, discs.id[i], 1.0))
+            impulse, across = mass * change, mass * sliding
+            write(log, OBSTACLE, discs.id[i], k, since, impulse * nx, impulse * ny, across * ny, -across * nx, x, y)

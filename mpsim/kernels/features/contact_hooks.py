@@ -12,8 +12,9 @@ def between_discs(discs, i, j, nx, ny, normal_change, features, parameters):
     """Contact of two discs along the unit vector n from i to j.
 
     normal_change: of the velocities along n, to be multiplied by each disc's `mass_fraction`; < 0 if they approach.
+    Returns the impulse on i along (-ny, nx) [mass length/time].
     """
-    friction.between_discs(features.friction, discs, i, j, nx, ny, normal_change, features, parameters)
+    return friction.between_discs(features.friction, discs, i, j, nx, ny, normal_change, features, parameters)
 
 
 @inlined
@@ -32,8 +33,8 @@ def on_walls(discs, i, x, y, in_flight, features, parameters, control):
     x, y: its contacts along each axis, of `WallContact`. in_flight: None while contacts are resolved, when coordinates
     along periodic axes are left unchanged.
     """
-    collisions.on_walls(features.log, discs, i, x, y, features, parameters, control)
-    friction.on_walls(features.wall_friction, discs, i, x, y, in_flight, features, parameters, control)
+    sliding = friction.on_walls(features.wall_friction, discs, i, x, y, in_flight, features, parameters, control)
+    collisions.on_walls(features.log, discs, i, x, y, sliding, features, parameters, control)
 
 
 @inlined
@@ -42,14 +43,15 @@ def on_capsule(discs, i, k, nx, ny, normal_change, time, features, parameters):
 
     normal_change: of its velocity along n. time: since the contact [time].
     """
-    collisions.on_capsule(features.log, discs, i, k, nx, ny, normal_change, time, features, parameters)
-    friction.on_fixed(features.wall_friction, discs, i, nx, ny, normal_change, time, features, parameters)
+    sliding = friction.on_fixed(features.wall_friction, discs, i, nx, ny, normal_change, time, features, parameters)
+    collisions.on_capsule(features.log, discs, i, k, nx, ny, normal_change, sliding, time, features, parameters)
 
 
 @inlined
-def note_contact(discs, i, j, touched, impulse, nx, ny, features):
+def note_contact(discs, i, j, touched, impulse, nx, ny, across, features):
     """Contact of two discs that has been resolved, with such an impulse along the unit vector n from i to j.
 
-    touched: how long before the end of the step [time], and where (x, y) [length]; None if there is no log.
+    touched: how long before the end of the step [time], and where (x, y) [length]; None if there is no log. across:
+    impulse on i along (-ny, nx).
     """
-    collisions.between_discs(features.log, discs, i, j, touched, impulse, nx, ny)
+    collisions.between_discs(features.log, discs, i, j, touched, impulse, nx, ny, across)

@@ -35,7 +35,7 @@ def tangential_change(law, slip, normal_change):
 
 @inlined
 def between_discs(friction, discs, i, j, nx, ny, normal_change, features, parameters):
-    """Friction of two discs in contact: arguments as in `contact_hooks`."""
+    """Friction of two discs in contact: arguments as in `contact_hooks`. Returns the impulse on i along (-ny, nx)."""
     if friction is not None:  # noqa: SIM102 - see optional.py
         if normal_change < 0:
             one, two = real(parameters, 1), real(parameters, 2)
@@ -52,6 +52,8 @@ def between_discs(friction, discs, i, j, nx, ny, normal_change, features, parame
             vy[j] -= change_j * nx
             spin[disc] += two * change_i / radius_i
             spin[other] += two * change_j / radius_j
+            return change_i * value_or(features.mass, disc, one)
+    return discs.vx.dtype.type(0)
 
 
 @inlined
@@ -59,7 +61,7 @@ def on_fixed(friction, discs, i, nx, ny, normal_change, time, features, paramete
     """Friction of a disc on something at rest, along the unit vector n from there to the disc.
 
     normal_change: of its velocity along n. time: since the contact; the disc is moved by the change of its tangential
-    velocity times this [time].
+    velocity times this [time]. Returns that change, along (ny, -nx).
     """
     if friction is not None:  # noqa: SIM102 - see optional.py
         if normal_change > 0:
@@ -74,33 +76,42 @@ def on_fixed(friction, discs, i, nx, ny, normal_change, time, features, paramete
             discs.x[i] += change * ny * time
             discs.y[i] -= change * nx * time
             features.spin[disc] += two * change / radius
+            return change
+    return nx - nx
 
 
 @linked
 def on_walls_met(friction, discs, i, x, y, in_flight, features, parameters, control):
-    """`on_walls` for a disc that has hit a wall: along each axis at most one, which has changed its velocity inward."""
+    """`on_walls` for a disc that has hit a wall: along each axis at most one, which has changed its velocity inward.
+
+    Returns the changes of its velocity along the wall met along x, and along that met along y.
+    """
     zero, one = real(parameters, 0), real(parameters, 1)
     side_x = one if x.low_change > zero else -one
     side_y = one if y.low_change > zero else -one
     time_x, time_y = x.time, y.time
     if control.contact != IMPACT:
         time_x, time_y = zero, zero
-    on_fixed(friction, discs, i, side_x, zero, max(x.low_change, x.high_change), time_x, features, parameters)
-    on_fixed(friction, discs, i, zero, side_y, max(y.low_change, y.high_change), time_y, features, parameters)
+    met_x, met_y = max(x.low_change, x.high_change), max(y.low_change, y.high_change)
+    sliding_x = -side_x * on_fixed(friction, discs, i, side_x, zero, met_x, time_x, features, parameters)
+    sliding_y = side_y * on_fixed(friction, discs, i, zero, side_y, met_y, time_y, features, parameters)
     put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
     if in_flight is not None:
         wrap_disc(discs, i, features)
+    return sliding_x, sliding_y
 
 
 @inlined
 def on_walls(wall_friction, discs, i, x, y, in_flight, features, parameters, control):
     """Friction of a disc on the walls that have changed its velocity: arguments as in `contact_hooks`.
 
-    Under contact `push`, it acts at the position at the end of the frame.
+    Under contact `push`, it acts at the position at the end of the frame. Returns what `on_walls_met` does.
     """
     if wall_friction is not None:  # noqa: SIM102 - see optional.py
         if (x.low_change != x.high_change) | (y.low_change != y.high_change):
-            on_walls_met(wall_friction, discs, i, x, y, in_flight, features, parameters, control)
+            return on_walls_met(wall_friction, discs, i, x, y, in_flight, features, parameters, control)
+    zero = real(parameters, 0)
+    return zero, zero
 
 
 @inlined

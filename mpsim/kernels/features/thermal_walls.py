@@ -44,8 +44,8 @@ def redraw(thermal_walls, discs, i, edge, inward, met, other, features, paramete
     position = place + leaves * time + across * time * time / two
     shifted = other.position + (slides - slid) * time
     return (
-        WallContact(position, leaves + across * time, low_change, high_change, met.time),
-        WallContact(shifted, slides + along * time, other.low_change, other.high_change, other.time),
+        WallContact(position, leaves + across * time, low_change, high_change, met.time, slides - slid),
+        WallContact(shifted, slides + along * time, other.low_change, other.high_change, other.time, other.sliding),
     )
 
 

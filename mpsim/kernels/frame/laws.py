@@ -53,14 +53,15 @@ def normalised(discs, i, j, x, y, one):
 def elastic(discs, i, j, nx, ny, along_i, along_j, features, parameters):
     """Discs that approach separate with e times their normal velocity; momentum is kept (e = 1: energy too).
 
-    With friction their tangential velocities and spins change here; the changes of normal velocities are returned.
+    With friction their tangential velocities and spins change here. Returns the changes of normal velocities, and the
+    tangential impulse on i along (-ny, nx).
     """
     one, approach = discs.vx.dtype.type(1), along_j - along_i
     normal_change = approach * parameters.half_one_plus_e if approach < 0 else discs.vx.dtype.type(0)
     change_i = normal_change * mass_fraction(features.mass, discs.id[i], discs.id[j], one)
     change_j = -(normal_change * mass_fraction(features.mass, discs.id[j], discs.id[i], one))
-    between_discs(discs, i, j, nx, ny, normal_change, features, parameters)
-    return change_i, change_j
+    across = between_discs(discs, i, j, nx, ny, normal_change, features, parameters)
+    return change_i, change_j, across
 
 
 @inlined
@@ -73,22 +74,24 @@ def reflect(along_i, along_j, two):
 def apply_law(discs, i, j, nx, ny, features, parameters, law):
     """Change the velocities of two discs in contact along the unit vector n from i to j, by a law of `layout.LAWS`.
 
-    Returns the impulse [mass length/time] (for `reflect`, which has two of them, their mean) and the unit vector.
+    Returns the impulse [mass length/time] (for `reflect`, which has two of them, their mean), the unit vector, and the
+    tangential impulse on i along (-ny, nx).
     """
     vx, vy = discs.vx, discs.vy
     one, two = vx.dtype.type(1), vx.dtype.type(2)
     along_i = vx[i] * nx + vy[i] * ny
     along_j = vx[j] * nx + vy[j] * ny
     if law == ELASTIC:
-        change_i, change_j = elastic(discs, i, j, nx, ny, along_i, along_j, features, parameters)
+        change_i, change_j, across = elastic(discs, i, j, nx, ny, along_i, along_j, features, parameters)
     else:
         change_i, change_j = reflect(along_i, along_j, two)
+        across = one - one
     vx[i] += change_i * nx
     vy[i] += change_i * ny
     vx[j] += change_j * nx
     vy[j] += change_j * ny
     impulse_i = abs(change_i) * value_or(features.mass, discs.id[i], one)
-    return (impulse_i + abs(change_j) * value_or(features.mass, discs.id[j], one)) / two, nx, ny
+    return (impulse_i + abs(change_j) * value_or(features.mass, discs.id[j], one)) / two, nx, ny, across
 
 
 @inlined
@@ -174,16 +177,16 @@ def time_since_impact(discs, i, j, shift_x, shift_y, parameters):
 def impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control, tally, frame):
     """Contact `impact`: back to the instant of contact, the law along the normal found there, and on again.
 
-    Discs that do not approach, or that overlapped before this step, are pushed apart instead. Returns the impulse and
-    the normal, as `apply_law`.
+    Discs that do not approach, or that overlapped before this step, are pushed apart instead. Returns what
+    `apply_law` does.
     """
     time = time_since_impact(discs, i, j, shift_x, shift_y, parameters)
     start_i, start_j = (discs.x[i], discs.y[i]), (discs.x[j], discs.y[j])
     if not (time >= 0) & (time <= parameters.dt):
-        impulse_and_normal = push_contact(discs, i, j, shift_x, shift_y, features, parameters, control.law)
+        impulses = push_contact(discs, i, j, shift_x, shift_y, features, parameters, control.law)
         accelerated = any_present(features.gravity, features.acceleration)
         conserve_energy(accelerated, discs, i, j, shift_x, shift_y, start_i, start_j, features, parameters)
-        return impulse_and_normal
+        return impulses
     for disc in (i, j):
         discs.x[disc] -= discs.vx[disc] * time
         discs.y[disc] -= discs.vy[disc] * time
@@ -191,14 +194,14 @@ def impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control,
     # quotient of that one number is rounded the same way each time: with diameter 1, by 1e-7 of energy per collision.
     x, y = separation(discs, i, j, shift_x, shift_y)
     nx, ny, _ = normalised(discs, i, j, np.float64(x), np.float64(y), 1.0)
-    impulse_and_normal = apply_law(discs, i, j, nx, ny, features, parameters, control.law)
+    impulses = apply_law(discs, i, j, nx, ny, features, parameters, control.law)
     for disc in (i, j):
         discs.x[disc] += discs.vx[disc] * time
         discs.y[disc] += discs.vy[disc] * time
     conserve_energy(features.acceleration, discs, i, j, shift_x, shift_y, start_i, start_j, features, parameters)
     for disc in (i, j):
         keep_inside(discs, disc, features, parameters, control, tally, frame)
-    return impulse_and_normal
+    return impulses
 
 
 @inlined
@@ -221,10 +224,11 @@ def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control
         tally_depth(discs, i, j, shift_x, shift_y, parameters, tally, frame)
     before = touched(features.log, discs, i, j, shift_x, shift_y, parameters, control)
     if control.contact == IMPACT:
-        impulse, nx, ny = impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control, tally, frame)
+        impulses = impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control, tally, frame)
     else:
-        impulse, nx, ny = push_contact(discs, i, j, shift_x, shift_y, features, parameters, control.law)
-    note_contact(discs, i, j, before, impulse, nx, ny, features)
+        impulses = push_contact(discs, i, j, shift_x, shift_y, features, parameters, control.law)
+    impulse, nx, ny, across = impulses
+    note_contact(discs, i, j, before, impulse, nx, ny, across, features)
     if tally is not None:
         relative = touching_distance(discs.radius, i, j, parameters) / parameters.diameter
         virial = impulse * relative * np.float64(parameters.tally_scale)

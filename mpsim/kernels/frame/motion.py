@@ -98,7 +98,7 @@ def log_walls(log, discs, low, high, features, parameters, control):
         zero = real(parameters, 0)
         for i in range(low, high):
             x, y = flight_of(discs, i, zero, zero, None, features, parameters)
-            on_walls(log, discs, i, x, y, features, parameters, control)
+            on_walls(log, discs, i, x, y, (zero, zero), features, parameters, control)
 
 
 @inlined

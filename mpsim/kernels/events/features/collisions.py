@@ -13,43 +13,51 @@ FIELDS = {"log": None}
 
 
 @inlined
-def between_discs(log, i, j, rx, ry, impulse, store, box, features):
-    """Impact of discs i and j, r = r_i - r_j apart, whose stored states are current."""
+def between_discs(log, i, j, rx, ry, impulse, across, store, box, features):
+    """Impact of discs i and j, r = r_i - r_j apart, whose stored states are current.
+
+    impulse, across: on i, along r and along r rotated to the left.
+    """
     if log is not None:  # noqa: SIM102 - see optional.py
         if counts(store.region) != 0:
             disc, distance = store.disc[i], math.sqrt(rx * rx + ry * ry)
             share = radius_of(i, box, features) / (radius_of(i, box, features) + radius_of(j, box, features))
             x, y = disc.position[0] - share * rx, disc.position[1] - share * ry
             time = store.clock.origin + disc.last_update
-            along = impulse / distance
-            write(log, DISC, store.event[i].number, store.event[j].number, time, along * rx, along * ry, x, y)
+            along, slide, other = impulse / distance, across / distance, store.event[j].number
+            write(log, DISC, store.event[i].number, other, time, along * rx, along * ry, -slide * ry, slide * rx, x, y)
 
 
 @inlined
-def on_fixed(log, kind, i, met, nx, ny, change, store, box, features):
-    """Impact of disc i on a wall or an obstacle that changed its velocity by so much along the unit vector n."""
+def on_fixed(log, kind, i, met, nx, ny, change, sliding, store, box, features):
+    """Impact of disc i on a wall or an obstacle that changed its velocity by so much along the unit vector n.
+
+    sliding: its change along (-ny, nx).
+    """
     if log is not None:  # noqa: SIM102
         if counts(store.region) != 0:
             disc, radius = store.disc[i], radius_of(i, box, features)
-            impulse = mass_of(i, features) * change
+            impulse, across = mass_of(i, features) * change, mass_of(i, features) * sliding
             x, y = disc.position[0] - radius * nx, disc.position[1] - radius * ny
             time = store.clock.origin + disc.last_update
-            write(log, kind, store.event[i].number, met, time, impulse * nx, impulse * ny, x, y)
+            number = store.event[i].number
+            write(log, kind, number, met, time, impulse * nx, impulse * ny, -across * ny, across * nx, x, y)
 
 
 @inlined
-def on_wall(log, i, axis, inward, change, store, box, features):
-    """Impact of disc i on a wall at rest."""
+def on_wall(log, i, axis, inward, change, sliding, store, box, features):
+    """Impact of disc i on a wall at rest; sliding: change of its velocity along the wall."""
     edge = 2 * axis + (inward < 0.0)
     nx, ny = (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0)
-    on_fixed(log, WALL, i, edge, nx, ny, change, store, box, features)
+    sliding *= inward if axis == 0 else -inward
+    on_fixed(log, WALL, i, edge, nx, ny, change, sliding, store, box, features)
 
 
 @inlined
-def on_surface(log, i, nx, ny, change, moving_wall, store, box, features):
+def on_surface(log, i, nx, ny, change, sliding, moving_wall, store, box, features):
     """Impact of disc i on a capsule or a moving wall, according to `side` of its event."""
     side = store.event[i].side
     if side >= FIRST_CAPSULE:
-        on_fixed(log, OBSTACLE, i, side - FIRST_CAPSULE, nx, ny, change, store, box, features)
+        on_fixed(log, OBSTACLE, i, side - FIRST_CAPSULE, nx, ny, change, sliding, store, box, features)
     elif moving_wall is not None:
-        on_fixed(log, WALL, i, moving_wall.edge, nx, ny, change, store, box, features)
+        on_fixed(log, WALL, i, moving_wall.edge, nx, ny, change, sliding, store, box, features)

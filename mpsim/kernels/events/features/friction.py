@@ -50,7 +50,7 @@ def tangential_impulse(law, slip, mass, normal_impulse):
 
 @inlined
 def between_discs(friction, i, j, rx, ry, normal_impulse, store, box, features):
-    """Friction of discs i and j, r = r_i - r_j apart."""
+    """Friction of discs i and j, r = r_i - r_j apart. Returns the impulse on i along r rotated to the left."""
     if friction is not None:
         one, other, spin = store.disc[i], store.disc[j], features.spin
         distance = math.sqrt(rx * rx + ry * ry)
@@ -66,11 +66,16 @@ def between_discs(friction, i, j, rx, ry, normal_impulse, store, box, features):
         other.velocity[1] -= impulse / mass_j * ty
         spin[i] -= 2.0 * impulse / (mass_i * radius_i)
         spin[j] -= 2.0 * impulse / (mass_j * radius_j)
+        return impulse
+    return 0.0
 
 
 @inlined
 def on_surface(wall_friction, i, nx, ny, normal_change, store, box, features):
-    """Friction of disc i on a fixed surface that changed its velocity by so much along n, the unit vector to it."""
+    """Friction of disc i on a fixed surface that changed its velocity by so much along n, the unit vector to it.
+
+    Returns the change of its velocity along (-ny, nx).
+    """
     if wall_friction is not None:
         velocity, spin, radius = store.disc[i].velocity, features.spin, radius_of(i, box, features)
         slip = velocity[1] * nx - velocity[0] * ny - radius * spin[i]
@@ -78,11 +83,16 @@ def on_surface(wall_friction, i, nx, ny, normal_change, store, box, features):
         velocity[0] -= impulse * ny
         velocity[1] += impulse * nx
         spin[i] -= 2.0 * impulse / radius
+        return impulse
+    return 0.0
 
 
 @inlined
 def on_wall(wall_friction, i, axis, inward, normal_change, store, box, features):
-    """Friction of disc i on a wall at right angles to an axis, which has changed its velocity inward by so much."""
+    """Friction of disc i on a wall at right angles to an axis, which has changed its velocity inward by so much.
+
+    Returns the change of its velocity along the wall.
+    """
     if wall_friction is not None:
         velocity, spin, radius = store.disc[i].velocity, features.spin, radius_of(i, box, features)
         along = 1 - axis
@@ -91,3 +101,5 @@ def on_wall(wall_friction, i, axis, inward, normal_change, store, box, features)
         impulse = tangential_impulse(wall_friction, slip, 1.0, max(normal_change, 0.0))
         velocity[along] += sign * impulse
         spin[i] -= 2.0 * impulse / radius
+        return sign * impulse
+    return 0.0

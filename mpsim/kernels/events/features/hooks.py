@@ -107,7 +107,10 @@ def approach(i, j, b, rx, ry, box, features):
 
 @inlined
 def thermal_speed_off_wall(i, side, leaving, store, features):
-    """Speed inward of disc i after its impact on `side`: `leaving`, or drawn anew at a thermal wall."""
+    """Speed inward of disc i after its impact on `side`, `leaving`, and its change along the wall, 0.
+
+    At a thermal wall its velocity is drawn anew.
+    """
     return thermal_walls.speed_off_wall(features.thermal_walls, i, side, leaving, store, features)
 
 
@@ -174,22 +177,25 @@ def before_border(i, store, box, features):
 @inlined
 def between_discs(i, j, rx, ry, normal_impulse, store, box, features):
     """After the normal impulse of discs i and j, r = r_i - r_j apart [mass length/time]."""
-    friction.between_discs(features.friction, i, j, rx, ry, normal_impulse, store, box, features)
-    collisions.between_discs(features.log, i, j, rx, ry, normal_impulse, store, box, features)
+    across = friction.between_discs(features.friction, i, j, rx, ry, normal_impulse, store, box, features)
+    collisions.between_discs(features.log, i, j, rx, ry, normal_impulse, across, store, box, features)
 
 
 @inlined
-def on_wall(i, axis, inward, normal_change, store, box, features):
-    """After disc i has hit a wall at right angles to an axis, which has changed its velocity inward by so much."""
-    friction.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
-    collisions.on_wall(features.log, i, axis, inward, normal_change, store, box, features)
+def on_wall(i, axis, inward, normal_change, sliding, store, box, features):
+    """After disc i has hit a wall at right angles to an axis, which has changed its velocity inward by so much.
+
+    sliding: change along the wall so far.
+    """
+    sliding += friction.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
+    collisions.on_wall(features.log, i, axis, inward, normal_change, sliding, store, box, features)
 
 
 @inlined
 def on_surface(i, nx, ny, normal_change, store, box, features):
     """After disc i has hit a surface that has changed its velocity by so much along n, the unit vector from there."""
-    friction.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
-    collisions.on_surface(features.log, i, nx, ny, normal_change, features.moving_wall, store, box, features)
+    sliding = friction.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
+    collisions.on_surface(features.log, i, nx, ny, normal_change, sliding, features.moving_wall, store, box, features)
 
 
 @inlined

@@ -22,20 +22,21 @@ FIELDS = {"thermal_walls": thermal_walls_of}
 
 @linked
 def redraw(thermal_walls, i, side, leaving, store, features):
-    """Draw the velocity of disc i after its impact on `side`. Returns its speed inward."""
+    """Draw the velocity of disc i after its impact on `side`. Returns its speed inward, its change along the wall."""
     temperatures, seed = thermal_walls
     velocity, position, axis = store.disc[i].velocity, store.disc[i].position, side >> 1
     if temperatures[side] <= 0.0:
-        return leaving
+        return leaving, 0.0
     speed = math.sqrt(temperatures[side] / mass_of(i, features))
     normal, across = wall_velocity(seed, store.event[i].number, position[1 - axis], velocity[axis], velocity[1 - axis])
+    sliding = speed * across - velocity[1 - axis]
     velocity[1 - axis] = speed * across
-    return speed * normal
+    return speed * normal, sliding
 
 
 @inlined
 def speed_off_wall(thermal_walls, i, side, leaving, store, features):
     """`redraw`, if there are such walls."""
     if thermal_walls is None:
-        return leaving
+        return leaving, 0.0
     return redraw(thermal_walls, i, side, leaving, store, features)
