@@ -39,7 +39,25 @@ PARTS = ("fixed", "growth", "repeat", "scaling")
 SIZES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 QUICK_SIZES = (100, 1_000, 10_000)
 
+BUSY = 1.25
+"""Time of a loop, median over least, from which on other work takes so much of the machine that no ratio is printed."""
+
 console = Console()
+
+
+def slowed() -> float:
+    """How much other work slows this process down: a loop of a millisecond, timed for 0.3 s, median over least."""
+    times, end = [], time.perf_counter() + 0.3
+    while time.perf_counter() < end:
+        started = time.perf_counter()
+        sum(range(50_000))
+        times.append(time.perf_counter() - started)
+    return float(np.median(times) / np.min(times))
+
+
+def is_busy(machine_now: dict[str, Any]) -> bool:
+    """Whether other work disturbs the times, by the load before, or by what it does to a loop before and after."""
+    return machine_now["load_before"] > machine_now["usable_cores"] / 2 or max(machine_now["slowed"]) > BUSY
 
 
 def arguments() -> argparse.Namespace:
@@ -98,6 +116,7 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "versions": {"mpsim": mpsim.__version__} | {name: version(name) for name in ("numpy", "numba", "llvmlite")},
         "load_before": psutil.getloadavg()[0],
+        "slowed": [slowed()],
     }
 
 
@@ -109,7 +128,10 @@ def _processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def comparison_table(title: str, timings: dict[str, benchmark.Timing], report_ms: dict[str, float]) -> Table:
+def comparison_table(
+    title: str, timings: dict[str, benchmark.Timing], report_ms: dict[str, float], busy: bool = False
+) -> Table:
+    """Times beside the report's; ratios only if the machine was not busy."""
     caption = "times of a frame in microseconds; the first frame is in the means, compilation and warm-up are not"
     table = Table(title=title, caption=caption, title_justify="left", caption_justify="left", box=box.SIMPLE_HEAD)
     for column in ("method", "workers", "median", "mean", "report's mean", "report / mpsim", "mean / grid's"):
@@ -118,12 +140,13 @@ def comparison_table(title: str, timings: dict[str, benchmark.Timing], report_ms
         report = report_ms[method] * 1e3
         mean = timing.mean * 1e6
         to_grid = timing.mean / timings["grid"].mean
-        cells = (timing.median * 1e6, mean, report, report / mean, to_grid)
-        table.add_row(method, str(timing.workers), *(f"{cell:.4g}" for cell in cells))
+        ratios = ["-", "-"] if busy else [f"{report / mean:.4g}", f"{to_grid:.4g}"]
+        cells = (timing.median * 1e6, mean, report)
+        table.add_row(method, str(timing.workers), *(f"{cell:.4g}" for cell in cells), *ratios)
     return table
 
 
-def scaling_table(timings: list[benchmark.Timing]) -> Table:
+def scaling_table(timings: list[benchmark.Timing], busy: bool = False) -> Table:
     caption = "median nanoseconds per disc and frame, packing 0.4, warm; bytes: of the shared block, per disc"
     table = Table(title="Scaling", caption=caption, title_justify="left", caption_justify="left", box=box.SIMPLE_HEAD)
     methods = (*benchmark.METHODS, "auto")
@@ -136,19 +159,20 @@ def scaling_table(timings: list[benchmark.Timing]) -> Table:
         table.add_row(
             f"{discs:,}",
             *costs,
-            f"{of['grid'].median / of['parallel'].median:.2f}",
-            f"{of['auto'].median / best:.2f}",
+            "-" if busy else f"{of['grid'].median / of['parallel'].median:.2f}",
+            "-" if busy else f"{of['auto'].median / best:.2f}",
             f"{of['parallel'].bytes_per_disc:.0f}",
         )
     return table
 
 
-def show(results: dict[str, Any], settings: mpsim.Settings, out: Path) -> None:
+def show(results: dict[str, Any], settings: mpsim.Settings, out: Path, busy: bool) -> None:
     """Tables on the terminal, pictures in the folder."""
     frames = results["frames"]
     if "fixed" in results:
         fixed: benchmark.Fixed = results["fixed"]
-        console.print(comparison_table(f"Fixed: 100 discs, {frames} frames", fixed.timings, benchmark.REPORT_FIXED_MS))
+        title = f"Fixed: 100 discs, {frames} frames"
+        console.print(comparison_table(title, fixed.timings, benchmark.REPORT_FIXED_MS, busy))
         for what, distance in fixed.distances.items():
             console.print(f"  distance {what}: {distance / (2 * fixed.scene.radius):.3g} diameters")
         figures.fixed(fixed.timings, benchmark.REPORT_FIXED_MS, out / "fixed.png")
@@ -158,7 +182,7 @@ def show(results: dict[str, Any], settings: mpsim.Settings, out: Path) -> None:
     if "growth" in results:
         growth = results["growth"]
         title = f"Growth: one disc more after every frame, from 1 disc to {len(growth['grid'].frame_seconds):,}"
-        console.print(comparison_table(title, growth, benchmark.REPORT_GROWTH_MS))
+        console.print(comparison_table(title, growth, benchmark.REPORT_GROWTH_MS, busy))
         figures.growth(growth, benchmark.REPORT_GROWTH_MS, out / "growth.png")
     if "repeat" in results:
         repeat: benchmark.Repeat = results["repeat"]
@@ -170,8 +194,11 @@ def show(results: dict[str, Any], settings: mpsim.Settings, out: Path) -> None:
     if "scaling" in results:
         timings = results["scaling"]
         crossover = benchmark.crossover(timings)
-        console.print(scaling_table(timings))
-        console.print(f"  parallel is faster than grid from {crossover:,} discs on" if crossover else "  no crossover")
+        console.print(scaling_table(timings, busy))
+        if not busy:
+            console.print(
+                f"  parallel is faster than grid from {crossover:,} discs on" if crossover else "  no crossover"
+            )
         figures.scaling(timings, crossover, out / "scaling.png")
 
 
@@ -198,7 +225,7 @@ def save(results: dict[str, Any], settings: mpsim.Settings, machine_now: dict[st
         record["scaling"] = [_figures_of(timing) for timing in results["scaling"]]
         names = list(record["scaling"][0])
         _write_csv(out / "scaling.csv", names, ([row[name] for name in names] for row in record["scaling"]))
-    if {"fixed", "growth", "scaling"} <= results.keys() and not results["quick"]:
+    if {"fixed", "growth", "scaling"} <= results.keys() and not results["quick"] and not is_busy(machine_now):
         (out / "summary.md").write_text(summary(results, machine_now))
     (out / "bench.json").write_text(json.dumps(record, indent=1, default=str) + "\n")
 
@@ -234,7 +261,7 @@ def summary(results: dict[str, Any], machine_now: dict[str, Any]) -> str:
     for method in ("grid", "parallel"):
         cost = f"{large[method].nanoseconds_per_disc:.1f} ns a disc"
         name = f"parallel, {large[method].workers} workers" if method == "parallel" else method
-        rows.append(f"| 100,000 discs, packing 0.4 | {name} | - | {cost} | - |")
+        rows.append(f"| 100,000 discs, packing 0.4, steps of 0.01 diameters | {name} | - | {cost} | - |")
     versions = machine_now["versions"]
     rows.append("")
     rows.append(
@@ -316,14 +343,26 @@ def main() -> int:
             (options.out / "features.md").write_text(text)
             console.print(text, highlight=False, markup=False, soft_wrap=True)
             return 0
+        expected = "10 s" if options.quick else "a minute"
+        console.print(
+            f"At most {expected} on two idle cores; where kernels must be compiled first, half a minute more."
+        )
         results = run(options, settings)
+        machine_now["slowed"].append(slowed())
     except (mpsim.MpsimError, OSError) as error:
         console.print(f"run_bench: {error}", style="red", highlight=False, soft_wrap=True)
         return 2 if isinstance(error, mpsim.InputError | OSError) else 1
     results["seconds"] = time.perf_counter() - started
     same = "the report's" if settings.law == "reflect" else "the report has reflect"
     console.print(f"Collision law: {settings.law} ({same}); contact: {settings.contact}")
-    show(results, settings, options.out)
+    busy = is_busy(machine_now)
+    if busy:
+        console.print(
+            f"The machine was busy; no verdict. Load before: {machine_now['load_before']:.2g} on "
+            f"{machine_now['usable_cores']} cores; a loop took {max(machine_now['slowed']):.2g} times its shortest "
+            "time. Times below hold for now only, and their ratios are left out. Repeat when nothing else runs."
+        )
+    show(results, settings, options.out, busy)
     save(results, settings, machine_now, options.out)
     console.print(f"{time.perf_counter() - started:.1f} s; tables and pictures are in {options.out}/")
     return 0

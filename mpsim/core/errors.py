@@ -178,7 +178,7 @@ class EmitterWarning(UserWarning):
 
 
 class FastWarning(UserWarning):
-    """Discs may pass through each other in a step, or are pressed into each other: the result is degraded."""
+    """Discs may pass through each other in a step, are pressed together, or lose energy: the result is degraded."""
 
 
 class GuardWarning(UserWarning):

@@ -62,7 +62,9 @@ class Observers(Generic[Observed]):
         for each in self._observers:
             if not callable(getattr(each, "look", None)):
                 raise InputError(
-                    f"observe must be one observer or several, such as mpsim.Trajectory.write(...); got {each!r}."
+                    "observe must be one observer or several: objects with a number `every`, the frames between two "
+                    "calls, and a method look(sim, collisions), such as mpsim.Trajectory.write(...); "
+                    f"got {checks.brief(each)}."
                 )
             if hasattr(each, "take_collisions"):
                 self._of_collisions.append(each)

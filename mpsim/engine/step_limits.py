@@ -31,7 +31,7 @@ from mpsim.engine.speed_estimates import (
     speeds_of_pushed,
 )
 from mpsim.kernels.layout import LAWS
-from mpsim.measure.driving import acceleration_bound
+from mpsim.measure.driving import acceleration_bound, is_inelastic
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -41,6 +41,9 @@ it is too fast."""
 
 COLLISIONS = 1.0
 """Collisions of a disc in one step, on average, from which on too many are missed: those that follow from others."""
+
+LOST = 0.01
+"""Fraction of its energy that `push` takes from a disc at a bounce under gravity, from which on it is said."""
 
 AIM = 0.5
 """Fraction of both bounds kept by on_fast="substep" where it looks."""
@@ -129,6 +132,14 @@ class StepLimits:
         yield from self.at_resume()
         if not self._has_steps:
             return
+        lost = self._lost_at_a_bounce()
+        if lost > LOST:
+            text = (
+                f"contact='push' takes {lost:.2g} of its energy or more from a disc at each bounce under gravity or "
+                "acceleration, on average (g dt / speed), though the restitution is 1. Use contact='impact', which "
+                "keeps the energy, or a smaller dt."
+            )
+            yield text, FastWarning
         if self.adapts:
             self.substeps_for(speeds_at_start(scene), 0)
             return
@@ -143,6 +154,21 @@ class StepLimits:
         coarse = coarseness(self._scene, self._settings)
         if coarse:
             yield f"in {self._settings.precision} {coarse}", ResolutionWarning
+
+    def _lost_at_a_bounce(self) -> float:
+        """Fraction of its energy that the fastest disc loses at a bounce by `push`, where no restitution takes any.
+
+        A step conserves v^2/2 + g y - g dt v/2; a bounce at v, beyond the wall by v dt/2 on average, takes g dt v/2.
+        """
+        scene, settings = self._scene, self._settings
+        if settings.contact != "push" or is_inelastic(scene) or not self._acceleration or all(scene.periodic):
+            return 0.0
+        return (
+            self._acceleration
+            * settings.dt
+            / settings.substeps
+            / speeds_after_fall(speeds_at_start(scene), scene).speed
+        )
 
     def forecast(self) -> str | None:
         """The complaint about speeds at the start, or about those that are certain to come; None: they are low."""

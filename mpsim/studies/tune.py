@@ -55,6 +55,9 @@ SEARCH, LEAST_SEARCH = 0.6, 0.25
 """Fraction of the available time for trials, the rest being for verification and timing; and the smallest fraction, if
 the reference has taken longer than forecast."""
 
+SHORTER = 0.7
+"""The next step, at most, after one of which mpsim warns."""
+
 AIM = 0.9
 """Fraction of the budget that the next step aims at."""
 
@@ -87,7 +90,8 @@ def tune(
 
     For each family of settings the longest step inside the budgets is searched, guided by the order of the errors found
     so far; the cheapest family wins, and is verified by new runs from new starts. Two standard errors are added to each
-    error. `tradeoff` describes which runs each error comes from. On a scene that changes with time, no single window
+    error. Settings of which mpsim warns are chosen only if no others are inside. `tradeoff` describes which runs each
+    error comes from. On a scene that changes with time, no single window
     may be significantly outside a budget.
 
     Args:
@@ -196,7 +200,7 @@ class Search:
         reference = self._run.preliminary.reference
         if capabilities_of(reference).has_steps:  # it resolves only errors far above its own
             shortest = max(shortest, LEAST_RATIO * reference.dt)
-        inside, outside = 0.0, math.inf
+        inside, outside, warned = 0.0, math.inf, math.inf
         found: list[tuple[float, float]] = []  # step, and largest ratio of error to budget
         for _ in range(MOST_STEPS):
             settings = dataclasses.replace(family, dt=dt)
@@ -205,10 +209,11 @@ class Search:
             trial = self._try(settings)
             if not _is_measurable(trial):
                 break
-            if trial.inside:
+            if trial.inside and not trial.warning:
                 inside = max(inside, dt)
             else:
                 outside = min(outside, dt)
+                warned = min(warned, dt) if trial.warning else warned
                 if self._is_too_costly(trial):
                     break
             ratio = _worst(trial.row, self._budgets)
@@ -216,7 +221,7 @@ class Search:
                 found.append((dt, ratio))
             if outside < inside * CLOSE or inside >= longest or outside <= shortest:
                 break
-            dt = self._next(dt, found, inside, outside, (shortest, longest))
+            dt = self._next(dt, found, inside, outside, (shortest, max(min(longest, SHORTER * warned), shortest)))
             if dataclasses.replace(family, dt=dt) in self._trials:
                 break
         self._orders[label(dataclasses.replace(family, dt=1.0))] = _order(found)
@@ -243,7 +248,7 @@ class Search:
     def _best(self, attempt: int) -> Trial | None:
         """The cheapest trial inside all budgets; the exact solver if there is no time for one more verification."""
         inside = [trial for trial in self._trials.values() if trial.inside]
-        best = min(inside, key=_cost, default=None)
+        best = min(inside, key=lambda trial: (bool(trial.warning), _cost(trial)), default=None)
         if best is None or not attempt or self._is_reference(best.row.settings):
             return best
         if attempt < self._attempts and self._is_time_for(best.row.settings, self._verifying, last=True):
@@ -298,7 +303,9 @@ class Search:
         row = dataclasses.replace(row_of(self._run, settings), errors=errors)
         broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
         verdict = _words(broken[0], errors, self._budgets) if broken else "inside all budgets"
-        self._trials[settings] = Trial(row, verdict, not broken)
+        warning = "" if broken or not capabilities_of(settings).has_steps else self._run.warning_of(settings)
+        verdict += f", but mpsim warns: {warning}" if warning else ""
+        self._trials[settings] = Trial(row, verdict, not broken, warning)
         return self._trials[settings]
 
     def _is_time_for(self, settings: Settings, replicas: int = 0, last: bool = False) -> bool:
@@ -317,7 +324,7 @@ class Search:
 
     def _is_too_costly(self, trial: Trial) -> bool:
         """Whether a trial inside the budgets is cheaper than this one, which is outside."""
-        inside = [_cost(each) for each in self._trials.values() if each.inside]
+        inside = [_cost(each) for each in self._trials.values() if each.inside and not each.warning]
         return bool(inside) and _cost(trial) > min(inside)
 
     def _next(
@@ -353,7 +360,7 @@ class Search:
             tighter=tighter,
             starts=starts_of(self._budgets, run.starts.name),
             until=run.plan.until,
-            warning=run.warning_of(settings),
+            warning=best.warning,
             contact_time=run.preliminary.contact_time,
         )
 

@@ -23,11 +23,13 @@ class Trial:
         row: its settings, cost and errors.
         verdict: "inside all budgets", or the budget that it exceeds and by how much.
         inside: whether all budgets are met, standard errors included.
+        warning: what mpsim warns of with these settings, if they are inside; or "".
     """
 
     row: Row
     verdict: str
     inside: bool
+    warning: str = ""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ class Tuned:
         reference: of the errors, in words.
         starts: of the runs, in words.
         until: length of the runs [time].
-        warning: the warning that mpsim raises when these settings are used on the scene, or "".
+        warning: the warning that mpsim raises when these settings are used on the scene; "" where others are inside
+            all budgets without one.
         tried: every candidate of the search with its verdict, cheapest first.
         tighter: estimated cost for half of every budget, from the fitted order, over the cost of these settings [1].
         contact_time: that was given for the reference, which makes it a model, not exact [time]; None if none was
@@ -86,7 +89,9 @@ class Tuned:
             of_reference = "exact" if self.contact_time is None else "which is a model, not exact"
             claim = of_reference if error.exact else "verified with new runs"
             lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim}{_where(error, self.until)})")
-        cheaper = [each for each in self.tried if not each.inside and each.row.cost is not None]
+        cheaper = [
+            each for each in self.tried if (each.warning or not each.inside) and each.row.settings != self.settings
+        ]
         cheaper = [each for each in cheaper if each.row.cost and each.row.cost.median < self.cost.median]
         lines += ["cheaper, but not chosen:"] if cheaper else ["nothing cheaper was found"]
         for each in cheaper:

@@ -302,7 +302,8 @@ def claim(record: dict[str, Any]) -> str:
         return ""
     costs = [f"{nanoseconds(timing, CLAIM_COUNT)[1]:.0f}" for timing in (one, two)]
     text = (
-        f"{costs[0]} ns per disc and frame on one core and {costs[1]} ns on two ({CLAIM_COUNT:,} discs), "
+        f"{costs[0]} ns per disc and frame on one core and {costs[1]} ns on two ({CLAIM_COUNT:,} discs, "
+        f"steps of {MAIN[1]:g} diameters), "
         f"{about(quartiles(ratios(yardstick, one))[1])} times as fast as the report's algorithm in C++ on one core"
     )
     best = next_best(record)
