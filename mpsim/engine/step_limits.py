@@ -42,7 +42,7 @@ it is too fast."""
 COLLISIONS = 1.0
 """Collisions of a disc in one step, on average, from which on too many are missed: those that follow from others."""
 
-LOST = 0.01
+LOST = 0.001
 """Fraction of its energy that `push` takes from a disc at a bounce under gravity, from which on it is said."""
 
 AIM = 0.5

@@ -34,8 +34,8 @@ def test_the_warning_names_the_contact_gravity_and_what_to_do(compiled_when_run)
     ("settings", "features"),
     [
         ({"contact": "impact", "dt": 0.02}, {}),
-        ({"contact": "push", "dt": 0.002}, {}),
-        ({"contact": "push", "dt": 0.02, "substeps": 10}, {}),
+        ({"contact": "push", "dt": 0.0005}, {}),
+        ({"contact": "push", "dt": 0.02, "substeps": 40}, {}),
         ({"contact": "push", "dt": 0.02}, {"wall_restitution": 0.5}),
         ({"contact": "push", "dt": 0.02}, {"boundary": "periodic"}),
     ],
