@@ -1,7 +1,7 @@
 // One disc: its label under the pointer, following it, and its trail; or the trails of all discs, if they are few.
 
 import { $, ABSORBED, KNEE, FASTEST, digits, isText, state } from "./common.js";
-import { discAt, nearest, onCanvas, placeOf, say, toBox } from "./hands.js";
+import { discAt, held, nearest, onCanvas, placeOf, say, toBox } from "./hands.js";
 import { legendShows } from "./legend.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
@@ -21,9 +21,9 @@ const pointed = () => (pointer && state.picture && state.radii ? discAt(toBox(po
 
 function showLabel() {
   asked = false;
-  const disc = followed ?? pointed(), box = $("disc-label");
-  box.hidden = disc === null;
-  if (disc === null) return;
+  const of = held(), disc = of === null ? followed ?? pointed() : of, box = $("disc-label"); // in a gesture that of its disc
+  box.hidden = disc === null || !(disc < state.picture?.count);
+  if (box.hidden) return;
   const ratio = window.devicePixelRatio || 1, [x, y] = camera.pixel(...placeOf(disc));
   box.textContent = label(disc);
   box.style.left = `${Math.max(Math.min(x / ratio + 12, stage.clientWidth - box.offsetWidth - 4), 4)}px`;
@@ -34,7 +34,10 @@ function askLabel() {
   asked = true;
   requestAnimationFrame(showLabel);
 }
-stage.addEventListener("pointermove", (event) => { pointer = event.target.closest("button") ? null : onCanvas(event); askLabel(); });
+addEventListener("pointermove", (event) => { // before the tools, which keep it to themselves
+  pointer = stage.contains(event.target) && !event.target.closest("button") ? onCanvas(event) : null;
+  askLabel();
+}, true);
 stage.addEventListener("pointerleave", () => { pointer = null; askLabel(); });
 
 document.addEventListener("keydown", (event) => {

@@ -14,6 +14,9 @@ const NOTE_SECONDS = 4;
 
 let tool = "hand", gesture = null, cross = null, notes = 0;
 
+/** The disc that is held, undefined during another gesture; null: there is no gesture. */
+export const held = () => (gesture ? gesture.disc : null);
+
 const ready = () => state.scene && !state.scene.recording && state.picture && ["playing", "paused"].includes(state.status.phase);
 
 /** Call a function at most every EVERY ms, with the last arguments. */

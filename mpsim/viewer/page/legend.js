@@ -55,14 +55,19 @@ function drawLegend() {
   for (let k = 0; k < classes; k++) {
     c.fillText(colours.by === "column" ? ["even columns", "odd columns"][k] : `worker ${k}`, (k + 0.5) * width / classes, bar + 1.3 * size);
   }
-  for (const [place, value, note, align] of ticksOf(picture)) {
+  c.textAlign = "left";
+  const room = [width, width]; // in each line of text, left of what was written: long numbers do not run into each other
+  for (const [place, value, note, align] of ticksOf(picture).reverse()) {
     const x = place * width;
-    c.textAlign = align;
     c.fillStyle = "#16191d";
     c.fillRect(bound(x - ratio / 2, 0, width - ratio), bar, ratio, 0.4 * size);
-    c.fillText(digits(value), x, bar + 1.3 * size);
-    c.fillStyle = "#4d5661";
-    c.fillText(note, x, bar + 2.5 * size);
+    [digits(value), note].forEach((text, line) => {
+      const long = c.measureText(text).width, from = { left: x, center: x - long / 2, right: x - long }[align];
+      const at = Math.min(from, room[line] - long);
+      c.fillStyle = line ? "#4d5661" : "#16191d";
+      c.fillText(text, at, bar + (1.3 + 1.2 * line) * size);
+      if (text) room[line] = at - size / 2;
+    });
   }
 }
 afterDrawing.push(drawLegend);

@@ -100,5 +100,6 @@ new ResizeObserver(() => { forgetLegend(); requestDraw(); drawGauges(); }).obser
 new ResizeObserver(requestDraw).observe(stage);
 stage.dataset.drawnBy = renderer.constructor.name;
 if (new Uint8Array(new Uint16Array([1]).buffer)[0] !== 1) refuse("This page needs a little-endian machine.");
+else if (location.protocol === "https:") refuse("mpsim view speaks http. Forward its port by ssh -L, and open http://localhost:PORT/ with the rest of the printed address.");
 else connect();
 showStatus();
