@@ -141,11 +141,12 @@ class FrameFile:
     def close(self) -> None:
         """Close the file. May be called again."""
         try:
-            self._writer.close()
+            try:
+                self._writer.close()
+            finally:
+                self._lock.release()  # which fails, too, where a network disk is gone
         except OSError as error:
             raise unwritable(self._path, error) from error
-        finally:
-            self._lock.release()
 
     def _is_due(self, sim: Simulation, now: Frame, every: int) -> bool:
         """Whether the file does not have the present frame yet; arguments as of `append`."""

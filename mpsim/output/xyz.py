@@ -90,8 +90,8 @@ class XyzWriter:
     def close(self) -> None:
         """Close the file, after forcing its content to the disk."""
         if not self._file.closed:
-            os.fsync(self._file.fileno())
-            self._file.close()
+            with self._file:
+                os.fsync(self._file.fileno())
 
 
 class XyzReader(TextReader):

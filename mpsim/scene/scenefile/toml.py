@@ -1,6 +1,6 @@
 """Values as lines of TOML, large arrays as files beside it."""
 
-import functools
+import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +23,9 @@ def array_lines(arrays: dict[str, Any], target: Path, prefix: str, files: Files)
             lines.append(f"{name} = {text_of(numbers)}")
             continue
         file = target.with_name(f"{target.stem}.{prefix}{name}.npy")
-        files.append((file, functools.partial(np.save, arr=numbers.astype("<f8"), allow_pickle=False)))
+        content = io.BytesIO()  # numpy itself does not say why a file on a disk cannot be written
+        np.save(content, numbers.astype("<f8"), allow_pickle=False)
+        files.append((file, lambda out, content=content: out.write(content.getbuffer())))
         lines.append(f"{name} = {text(file.name)}")
     return lines
 
