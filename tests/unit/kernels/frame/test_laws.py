@@ -69,10 +69,12 @@ def test_elastic_leaves_discs_at_rest_to_each_other_as_they_are():
 
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("law", [ELASTIC, REFLECT])
-def test_centres_at_one_point_are_separated_along_x(law, real):
-    places, velocities = pair(real, law, (0, 0), [(1, 2), (-1, 3)])
-    assert places == [(-3, 0), (3, 0)]
-    assert velocities == ([(-1, 2), (1, 3)])
+def test_centres_at_one_point_are_separated_by_a_diameter_in_opposite_directions(law, real):
+    places, velocities = np.array(pair(real, law, (0, 0), [(1, 2), (-1, 3)]))
+    assert (places[0] == -places[1]).all()
+    assert np.hypot(*places[1]) == pytest.approx(3, rel=1e-6)
+    assert (places != 0).all(), "no axis of the box"
+    assert (velocities**2).sum() == pytest.approx(15, rel=1e-6)
 
 
 @pytest.mark.parametrize("real", REALS)
