@@ -45,7 +45,7 @@ class Client:
         self._picture: Shown | None = None
         self._radii: list[bytes | None] = [None, None]  # of each stage
         self._in_flight: int | None = None
-        self._twice: int | None = None  # a picture that was sent again, and may be acknowledged again
+        self._sent_again = 0  # pictures up to this number may be acknowledged late, and more than once
         self._last = 0
         self._news = asyncio.Event()
         self._allowance, self._asked = BURST, 0.0
@@ -89,8 +89,7 @@ class Client:
         Raises:
             InputError: if no picture with this number was sent.
         """
-        if serial != self._in_flight and serial == self._twice:
-            self._twice = None
+        if serial != self._in_flight and 0 < serial <= self._sent_again:
             return
         if serial != self._in_flight:
             raise InputError(f"serial of an ack must be that of the last picture; got {serial}. Send one for each.")
@@ -101,7 +100,8 @@ class Client:
         """Send everything again, because a message was lost; texts: the last message of each kind."""
         self._texts = {**texts}
         self._radii = [None, None]
-        self._last, self._in_flight, self._twice = 0, None, self._in_flight
+        self._sent_again = max(self._sent_again, self._in_flight or 0)
+        self._last, self._in_flight = 0, None
         self._news.set()
 
     def needs_picture(self) -> bool:

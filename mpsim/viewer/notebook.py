@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -187,7 +187,7 @@ class NotebookPages(Pages):
             self._named[page].note(silent=True)
         for page in self._named.keys() - self._asked:
             self._asked.add(page)
-            self._widget.send({"page": page, "ping": True, "sent": self._connections[page].sent})
+            self.post(page, {"ping": True, "sent": self._connections[page].sent})
         self._count()
 
     def _heard(self, page: str) -> None:
@@ -227,8 +227,8 @@ class NotebookPages(Pages):
                 self._refuse(page, LATER, f"at most {MOST_PAGES} pages at a time: close another one")
                 return
             self._end_of(silent, LATER, "it did not answer, and another page needed its place")
-        self._widget.send({"page": page, "opened": True})
-        self._connections[page] = _Connection(self._widget, page)
+        self.post(page, {"opened": True})
+        self._connections[page] = _Connection(self, page)
         self._named[page] = self._join(self._connections[page])
 
     def _obey(self, page: str, act: Callable[[Client], None]) -> None:
@@ -269,33 +269,42 @@ class NotebookPages(Pages):
         self._refuse(page, code, reason)
 
     def _refuse(self, page: str, code: int, reason: str) -> None:
-        self._widget.send({"page": page, "closed": {"code": code, "reason": reason}})
+        self.post(page, {"closed": {"code": code, "reason": reason}})
+
+    def post(self, page: str, content: Mapping[str, Any], buffers: Sequence[bytes | bytearray] = ()) -> None:
+        """Send a message to a page. If the notebook's connection fails, the page is silent until it is heard again."""
+        try:
+            self._widget.send({"page": page, **content}, list(buffers))
+        except Exception:  # whatever the notebook's packages raise, such as for a kernel that is ending
+            if page in self._named:
+                self._named[page].note(silent=True)
+                self._count()
 
 
 class _Connection:
-    """Sends to one page of a widget.
+    """Sends to one page.
 
     Attributes:
         sent: number of messages sent.
     """
 
-    def __init__(self, widget: Any, page: str):
+    def __init__(self, pages: NotebookPages, page: str):
         self.sent: int = 0
-        self._widget = widget
+        self._pages = pages
         self._page = page
 
     async def send(self, message: str | bytes | bytearray) -> None:
         """Send a text, or bytes."""
         self.sent += 1
         if isinstance(message, str):
-            self._widget.send({"page": self._page, "text": message})
+            self._pages.post(self._page, {"text": message})
         else:
-            self._widget.send({"page": self._page, "bytes": True}, [message])
+            self._pages.post(self._page, {"bytes": True}, [message])
 
     def send_file(self, about: dict[str, str], *content: bytes) -> None:
         """Send a file that the page has asked for, or the reason why there is none."""
         self.sent += 1
-        self._widget.send({"page": self._page, **about}, list(content))
+        self._pages.post(self._page, about, content)
 
 
 @cache

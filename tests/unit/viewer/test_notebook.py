@@ -274,8 +274,8 @@ class Sink:
         self.sent.append(message)
 
 
-def test_a_picture_that_came_although_others_were_lost_may_be_acknowledged_twice():
-    """The page answers a picture late, and the same one is sent again meanwhile."""
+def test_a_picture_that_came_although_others_were_lost_may_be_acknowledged_again():
+    """The page answers pictures late, as after a long cell, and the same ones are sent again meanwhile."""
     sink = Sink()
     client = Client(sink)
 
@@ -288,14 +288,36 @@ def test_a_picture_that_came_although_others_were_lost_may_be_acknowledged_twice
         await asyncio.sleep(0.01)
         client.send_again({"status": "again"})
         await asyncio.sleep(0.01)
-        client.acknowledge(1)
-        client.acknowledge(2)
-        with pytest.raises(mpsim.InputError, match="serial of an ack must be that of the last picture; got 1"):
-            client.acknowledge(1)
+        client.send_again({"status": "again"})
+        await asyncio.sleep(0.01)
+        for serial in (1, 1, 2, 2):
+            client.acknowledge(serial)
+        with pytest.raises(mpsim.InputError, match="serial of an ack must be that of the last picture; got 3"):
+            client.acknowledge(3)
         sending.cancel()
 
     asyncio.run(lose())
-    assert sink.sent == [b"radii", b"picture 1", "again", b"radii", b"picture 2"]
+    assert sink.sent == [b"radii", b"picture 1", *["again", b"radii", b"picture 2"] * 2]
+
+
+def test_a_connection_that_fails_lets_the_run_rest_and_one_that_works_again_is_used(monkeypatch):
+    monkeypatch.setattr(notebook, "PING_SECONDS", 0.2)
+    with mpsim.live(SCENE, GRID) as live:
+        page = seen(front := FrontEnd(live))
+        page.until(lambda p: p.frame > 5)
+        working, sim = live.widget.send, live._session._sim
+
+        def fail(content, buffers=None):
+            raise RuntimeError("the kernel is ending")
+
+        live.widget.send = fail
+        time.sleep(0.6)
+        frame = sim.frame
+        time.sleep(0.4)
+        assert sim.frame == frame
+        live.widget.send = working
+        front.say({"page": "a", "pong": True, "lost": True})  # as the page does that has heard nothing for long
+        page.until(lambda p: p.frame > frame + 5)
 
 
 def test_closing_ends_its_threads_and_says_so():
