@@ -2,7 +2,7 @@
 
 For each kind of run: the scatter of a measure over independent starts, divided by the root mean square of the errors
 that the runs themselves claim. 1: right; 2: half of what it should be. What a run calls "not settled" claims no error:
-it is left out, and its share is shown.
+it is left out, and its share is shown; with a heat bath, the ratio of these runs, too.
 
 python scripts/run_calibration.py                          about two minutes on two cores: 100 starts of each kind
 python scripts/run_calibration.py --docs docs/accuracy.md  the same, and renew the table of the page
@@ -15,9 +15,10 @@ import time
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pages import fill_page, made_by
@@ -26,7 +27,9 @@ from run_bench import machine
 
 import mpsim
 from mpsim.core.cores import usable_cores
+from mpsim.features.edges import EDGES
 from mpsim.measure import Measure, reference
+from mpsim.measure.driving import memory_of_baths
 from mpsim.scene.settings import MethodName
 
 COUNT = 64
@@ -153,20 +156,83 @@ def table(seeds: int, lengths: dict[str, float], pool: ProcessPoolExecutor) -> l
     return lines
 
 
+BATHS: dict[str, dict[str, Any]] = {
+    **{
+        f"thermostat, rate {rate:g}, {name}": {"boundary": boundary, "thermostat": mpsim.Thermostat(1.0, rate)}
+        for rate in (0.01, 0.1, 1.0)
+        for name, boundary in BOUNDARIES.items()
+    },
+    **{
+        f"thermal walls, {', '.join(edges)}": {"thermal_walls": mpsim.ThermalWalls(**dict.fromkeys(edges, 1.0))}
+        for edges in (EDGES[:1], EDGES[:2], EDGES[:3], EDGES)
+    },
+}
+"""Heat baths at kT 1, by name."""
+
+MEMORIES = 8, 60
+"""Lengths of runs with a bath, in memories of it."""
+
+IN_BATHS = ("pressure", "pressure_xx", "contact_rate", "kinetic_energy", "velocity at lag 0", "displacement")
+
+
+def in_bath(features: dict[str, Any], memories: float, seed: int) -> dict[str, Measure]:
+    """The measures of one run of a quarter of the discs in a bath, which begins after three memories of it."""
+    scene = mpsim.Scene.random(count=COUNT // 4, packing=0.2, radius=0.5, seed=seed, **features).redrawn(seed)
+    memory, names = memory_of_baths(scene, 1.0), list(IN_BATHS[:-2])
+    if all(scene.periodic):
+        names.remove("pressure")
+    frame = memories * memory / FRAMES
+    gathered = mpsim.Correlations(every=max(round(0.2 / frame), 1), start=3 * memory, points=8, longest=30)
+    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=frame)) as sim:
+        sim.run(until=3 * memory)
+        found = dict(sim.run(frames=FRAMES, measures=names, observe=gathered).measures)
+    return found | {"velocity at lag 0": gathered.velocity[0], "displacement": gathered.msd[10]}
+
+
+def of_both(found: Sequence[Measure]) -> tuple[str, bool | None]:
+    """As `text_of`, followed by the ratio of the runs that are not settled."""
+    text, good = text_of(found)
+    others = [replace(measure, settled=True) for measure in found if not measure.settled]
+    value, _ = ratio(others) if others else (float("nan"), 0.0)
+    return text if np.isnan(value) else f"{text}: {value:.2f}", good
+
+
+def table_of_baths(seeds: int, pool: ProcessPoolExecutor) -> list[str]:
+    """Markdown rows, and a line that counts those that are right."""
+    lines = [f"| bath | memories | {' | '.join(IN_BATHS).replace('_', ' ')} |", f"|{'---|' * (2 + len(IN_BATHS))}"]
+    right = []
+    for name, features in BATHS.items():
+        for memories in MEMORIES:
+            runs = list(pool.map(partial(in_bath, features, memories), range(seeds), chunksize=5))
+            texts = {each: of_both([run[each] for run in runs]) for each in runs[0]}
+            right += [good for _, good in texts.values() if good is not None]
+            lines.append(f"| {name} | {memories} | {' | '.join(texts.get(each, ('',))[0] for each in IN_BATHS)} |")
+            console.print(lines[-1], highlight=False, markup=False)
+    return [
+        *lines,
+        "",
+        f"{COUNT // 4} discs at packing 0.2, {seeds} starts of each kind. After the colon: the ratio of the runs that "
+        f"are not settled. Of the settled ones {sum(right)} of {len(right)} lie between {RIGHT[0]} and {RIGHT[1]}.",
+    ]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true")
     parser.add_argument("--seeds", type=int)
+    parser.add_argument("--baths", action="store_true", help="those with heat baths alone")
     parser.add_argument("--docs", type=Path, help="page whose table is renewed")
     options = parser.parse_args()
     seeds = options.seeds or (400 if options.full else 100)
     lengths = LENGTHS | ({"longest": 20_000.0} if options.full else {})
     with ProcessPoolExecutor(usable_cores()) as pool:
-        lines = table(seeds, lengths, pool)
-    console.print(lines[-1], highlight=False)
-    if options.docs is not None:
+        tables = {} if options.baths else {"table": table(seeds, lengths, pool)}
+        tables["baths"] = table_of_baths(seeds, pool)
+    for lines in tables.values():
+        console.print(lines[-1], highlight=False)
         lines += ["", made_by(machine())]
-        fill_page(options.docs, "run_calibration", {"table": "\n".join(lines)}, {})
+    if options.docs is not None:
+        fill_page(options.docs, "run_calibration", {name: "\n".join(lines) for name, lines in tables.items()}, {})
     return 0
 
 

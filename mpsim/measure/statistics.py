@@ -231,11 +231,13 @@ def average_beside(
     ours, its = (np.fft.rfft(each)[1 : spectrum.LEAST + 1] for each in (blocks, averages))
     power = float((np.abs(its) ** 2).sum())
     slope = float((ours * its.conj()).real.sum()) / power if power else 0.0
+    doubt = float((np.abs(ours - slope * its) ** 2).sum()) / (2 * len(ours) - 1) / power if power else 0.0
+    steepness = math.sqrt(slope**2 + doubt)  # in a short run the slope is hardly known
     blocks -= slope * averages
     if np.ptp(blocks) <= 1e-9 * np.ptp(series):  # nothing but the variable
-        return replace(found, error=abs(slope) * slow.error, settled=slow.known, upper=False)
+        return replace(found, error=steepness * slow.error, settled=slow.known, upper=False)
     rest = block_average(blocks, alternation=alternation * len(blocks) / n)
-    error = math.hypot(rest.error, slope * slow.error)
+    error = math.hypot(rest.error, steepness * slow.error)
     return replace(found, error=error, settled=rest.settled and slow.known, upper=rest.upper and slow.known)
 
 
