@@ -26,6 +26,9 @@ MEMORIES = 30.0
 RISING = 4.0
 """Rise of log S over the least number of ordinates above which S(0) is too small a fraction of S to be resolved."""
 
+BY_CHANCE = 1.5
+"""Factor by which an error from a series, which is known to 20 %, may be too large by chance."""
+
 FEWEST_EVENTS = 16
 """Number of events (samples that are not zero) from which on their scatter says more than their number; and number of
 changes of a series from which on it may have shown its variation."""
@@ -95,8 +98,9 @@ class SlowVariable(NamedTuple):
 def energy_in_bath(values: NDArray[np.float64], memory: float, count: int) -> SlowVariable:
     """The energy of discs in a heat bath as a slow variable.
 
-    In a run shorter than its memory it hardly changes, and its scatter says nothing. So the error is at least that of a
-    canonical variance, mean^2 / N, with an exponential memory; for that of the bath, or a longer one that shows.
+    In a run shorter than its memory it hardly changes, and its scatter says nothing. So the error is that of a canonical
+    variance, mean^2 / N, with an exponential memory: that of the bath, or a longer one that shows. Where the error from
+    the series itself is larger by more than chance, as of a gas that is not in equilibrium, it counts instead.
 
     Args:
         values: along the run, at equal intervals, shape (k,), k >= FEWEST_BLOCKS [any].
@@ -106,7 +110,8 @@ def energy_in_bath(values: NDArray[np.float64], memory: float, count: int) -> Sl
     memory = max(memory, spectrum.at_zero(values).correlation_time)
     remembered = 2 * memory * (1 - memory * -math.expm1(-1 / memory))  # variance of the mean, over that of the variable
     error = abs(_mean(values)) * math.sqrt(max(remembered, 0.0) / max(count, 1))
-    return SlowVariable(values, max(error, block_average(values).error), memory * MEMORIES <= 1)
+    seen = block_average(values).error
+    return SlowVariable(values, seen if seen > BY_CHANCE * error else error, memory * MEMORIES <= 1)
 
 
 @checks.known_names()
@@ -237,8 +242,9 @@ def average_beside(
     if np.ptp(blocks) <= 1e-9 * np.ptp(series):  # nothing but the variable
         return replace(found, error=steepness * slow.error, settled=slow.known, upper=False)
     rest = block_average(blocks, alternation=alternation * len(blocks) / n)
-    error = math.hypot(rest.error, steepness * slow.error)
-    return replace(found, error=error, settled=rest.settled and slow.known, upper=rest.upper and slow.known)
+    follows = steepness * slow.error
+    upper = rest.upper and slow.known and follows < rest.error
+    return replace(found, error=math.hypot(rest.error, follows), settled=rest.settled and slow.known, upper=upper)
 
 
 @checks.known_names()

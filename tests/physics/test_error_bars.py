@@ -231,9 +231,9 @@ def test_states_are_sampled_often_enough_for_errors_to_settle():
     assert found["kinetic_energy"].error < 1e-10
 
 
-def deviations_in_bath(rate, time, seeds=40):
-    """Mean over starts of the square of (value - mean) / error, of what a run of 16 discs in a bath states."""
-    found = []
+def runs_in_bath(rate, time, seeds=40):
+    """What runs of 16 discs in a bath state, and the errors of their energies from these series alone."""
+    found, control = [], []
     for seed in range(seeds):
         bath = mpsim.Thermostat(1.0, rate, seed=seed)
         scene = mpsim.Scene.random(count=16, packing=0.1, radius=0.5, seed=seed, thermostat=bath)
@@ -242,30 +242,34 @@ def deviations_in_bath(rate, time, seeds=40):
         with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.1)) as sim:
             sim.run(until=2 / rate)
             names = ["pressure", "contact_rate", "pressure_xx", "kinetic_energy"]
-            run = dict(sim.run(until=2 / rate + time, measures=names, observe=[energy, gathered]).measures)
-        run["velocity"] = gathered.velocity[0]
-        run["control"] = mpsim.measure.block_average(energy.value)
-        found.append(run)
-    control = [run.pop("control") for run in found]
-    assert not any(measure.upper for run in found for measure in run.values())
-    rms = {name: spread([run[name] for run in found]) for name in found[0]}
-    return rms, [[measure.settled for measure in run.values()] for run in found], spread(control)
+            run = sim.run(until=2 / rate + time, measures=names, observe=[energy, gathered]).measures
+        found.append({**run, "velocity": gathered.velocity[0]})
+        control.append(mpsim.measure.block_average(energy.value))
+    return found, control
 
 
-def spread(measures):
+def rms_deviation(measures):
+    """Of (value - mean) / error."""
     values, errors = np.array([(each.value, each.error) for each in measures]).T
     return np.sqrt(np.mean(((values - values.mean()) / errors) ** 2))
 
 
 def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy():
-    """A run of twice the memory of the bath cannot know its error from itself: it said 3 to 8 times too little."""
-    rms, settled, control = deviations_in_bath(rate=0.04, time=50)
-    assert not np.any(settled)
-    assert all(0.65 < each < 1.45 for each in rms.values()), rms
-    assert control > 2.5, "the control: an error from the series alone"
+    """A run of twice the memory of the bath cannot know its error from itself: it said 3 to 8 times too little.
+
+    Its error may be too large, as how the measures follow the energy is hardly known either.
+    """
+    found, control = runs_in_bath(rate=0.04, time=50)
+    assert not any(measure.settled or measure.upper for run in found for measure in run.values())
+    rms = {name: rms_deviation([run[name] for run in found]) for name in found[0]}
+    assert all(0.4 < each < 1.45 for each in rms.values()), rms
+    assert rms_deviation(control) > 2.5, "the control: an error from the series alone"
 
 
 def test_errors_in_a_bath_of_many_memories_are_settled():
-    rms, settled, _ = deviations_in_bath(rate=0.5, time=100)
-    assert np.mean(settled) > 0.6
-    assert all(0.65 < each < 1.45 for each in rms.values()), rms
+    found, _ = runs_in_bath(rate=0.5, time=100)
+    for name in ("contact_rate", "pressure_xx", "kinetic_energy", "velocity"):
+        settled = [run[name] for run in found if run[name].settled]
+        assert len(settled) > 20, name
+        assert 0.65 < rms_deviation(settled) < 1.45, name
+    assert rms_deviation([run["pressure"] for run in found]) < 1.45, "upper bounds among them"
