@@ -98,9 +98,9 @@ class SlowVariable(NamedTuple):
 def energy_in_bath(values: NDArray[np.float64], memory: float, count: int) -> SlowVariable:
     """The energy of discs in a heat bath as a slow variable.
 
-    In a run shorter than its memory it hardly changes, and its scatter says nothing. So the error is that of a canonical
-    variance, mean^2 / N, with an exponential memory: that of the bath, or a longer one that shows. Where the error from
-    the series itself is larger by more than chance, as of a gas that is not in equilibrium, it counts instead.
+    In a run shorter than its memory it hardly changes, and its scatter says nothing. So the error is that of a
+    canonical variance, mean^2 / N, with an exponential memory: that of the bath, or a longer one that shows. Where the
+    error from the series is larger by more than chance, as of a gas that is not in equilibrium, it counts instead.
 
     Args:
         values: along the run, at equal intervals, shape (k,), k >= FEWEST_BLOCKS [any].
