@@ -70,7 +70,6 @@ class Moments:
         if number not in self.sizes:
             raise InputError("going back needs a remembered moment; got none. Reset starts again.")
         if not self._path(number).exists():
-            self.forget(number)
             raise InputError(
                 "going back needs the file of that moment; something has removed it from the folder for temporary "
                 "files. Reset starts again."

@@ -168,7 +168,7 @@ def test_without_token_or_by_another_name_nothing_is_told(view):
         answer = fetch(f"http://{where.netloc}{path}")
         assert answer.status == 404
         assert b"Open the complete address" in answer.body
-    for host in ("evil.example", f"evil.example:{where.port}", "127.0.0.1"):
+    for host in ("evil.example", f"evil.example:{where.port}", "127.0.0.1.evil.example"):
         assert fetch(view.address, Host=host).status == 421
     for method in ("POST", "HEAD", "OPTIONS", "CONNECT"):
         with contextlib.suppress(OSError):
