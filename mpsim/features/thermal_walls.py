@@ -161,10 +161,10 @@ class ThermalWallsFeature(Feature):
         walls: ThermalWalls | None = self.of(scene)
         if walls is None:
             return 0.0
-        area, covered = scene.width * scene.height, float((math.pi * scene.radii**2).sum())
-        length = sum(scene.height if edge in ("left", "right") else scene.width for edge in walls.temperatures)
-        crossing = math.sqrt(temperature / (2 * math.pi * mean_mass(scene)))
-        return 1.5 * length / area * crossing / max(1 - covered / area, 0.1) ** 2
+        covered = float((math.pi * scene.radii**2).sum()) / (scene.width * scene.height)
+        lengths = [scene.width if edge in ("left", "right") else scene.height for edge in walls.temperatures]
+        hits = sum(1 / max(length - 2 * scene.largest_radius, 1e-3 * length) for length in lengths)
+        return 1.5 * hits * math.sqrt(temperature / (2 * math.pi * mean_mass(scene))) / max(1 - covered, 0.1) ** 2
 
     def description(self, scene: SceneLike) -> str:
         """Temperatures and seed."""

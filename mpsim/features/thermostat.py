@@ -31,7 +31,8 @@ class Thermostat:
     Args:
         temperature: kT of the bath, the mean of m v_x^2 [mass length^2/time^2], > 0.
         rate: new velocities per disc and time [1/time], > 0.
-        seed: of the random numbers, >= 0. They depend only on the seed, the number of the disc and that of the frame.
+        seed: of the random numbers, >= 0. They depend only on the seed, the number of the disc and that of the frame:
+            runs of other starts need other seeds to be independent, such as those of `Scene.redrawn`.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
