@@ -254,6 +254,7 @@ def rms_deviation(measures):
     return np.sqrt(np.mean(((values - values.mean()) / errors) ** 2))
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy():
     """A run of twice the memory of the bath cannot know its error from itself: it said 3 to 8 times too little.
 
@@ -266,6 +267,7 @@ def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy():
     assert rms_deviation(control) > 2.5, "the control: an error from the series alone"
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_errors_in_a_bath_of_many_memories_are_settled():
     found, _ = runs_in_bath(rate=0.5, time=100)
     for name in ("contact_rate", "pressure_xx", "kinetic_energy", "velocity"):
