@@ -64,7 +64,7 @@ function acknowledge() {
 afterDrawing.push(() => { if (due) acknowledge(); });
 
 export function showStatus() {
-  const { phase, speed, note } = state.status, open = state.socket?.readyState === WebSocket.OPEN;
+  const { phase, speed, note } = state.status, open = state.socket?.readyState === WebSocket.OPEN && !quiet;
   const ready = open && (phase === "playing" || phase === "paused");
   $("phase").textContent = open ? { over: "ended" }[phase] ?? phase : state.refused ? "not connected" : "connecting";
   $("play").textContent = phase === "playing" ? "Pause" : "Play";
@@ -98,6 +98,7 @@ export function send(message) {
   if (state.socket?.readyState === WebSocket.OPEN) state.socket.send(JSON.stringify(message));
 }
 
+let quiet = false; // a notebook's kernel has said nothing for long
 export let patience = 500;
 export function connect() {
   const socket = (state.socket = openSocket());
@@ -108,7 +109,9 @@ export function connect() {
     tellVisible();
     showStatus();
   };
+  socket.onquiet = () => { quiet = true; showStatus(); };
   socket.onmessage = ({ data }) => {
+    if (quiet) { quiet = false; showStatus(); }
     try {
       if (typeof data === "string") take(JSON.parse(data)); else takeBytes(data);
     } catch (error) {

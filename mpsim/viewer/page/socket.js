@@ -24,6 +24,7 @@ class PortSocket {
       this.onopen();
     } else if (data.closed) this.end(data.closed);
     else if (data.kept) this.files.get(data.kept)?.(data);
+    else if (data.quiet) this.onquiet();
     else if (data.lost) this.giveUp("The notebook has lost a message. Try again.");
     else this.onmessage({ data });
   }

@@ -10,7 +10,13 @@ export default {
     frame.style.cssText = `display: block; width: 100%; height: ${model.get("height")}px; border: 0;`;
     let page = null, port = null, opened = false, received = 0, heard = 0;
 
-    const close = () => { if (page) model.send({ page, close: true }); };
+    const say = (content) => {
+      try { model.send({ page, ...content }); } catch { // the kernel has ended, or was restarted
+        clearInterval(asking);
+        port?.postMessage({ quiet: true });
+      }
+    };
+    const close = () => { if (page) say({ close: true }); };
     /** Each load, as when the notebook moves the output, counts as a new page. */
     const open = () => {
       close();
@@ -19,9 +25,9 @@ export default {
       [page, port] = [crypto.getRandomValues(new Uint32Array(2)).join("-"), channel.port1];
       [opened, received, heard] = [false, 0, Date.now()];
       const own = page;
-      port.onmessage = ({ data }) => model.send({ page: own, ...data });
+      port.onmessage = ({ data }) => say({ page: own, ...data });
       frame.contentWindow.postMessage({ mpsim: "port" }, "*", [channel.port2]);
-      model.send({ page, open: true });
+      say({ open: true });
     };
     const ready = (event) => { if (event.source === frame.contentWindow && event.data?.mpsim === "ready") open(); };
     const take = (content, buffers) => {
@@ -34,7 +40,7 @@ export default {
       if (content.opened) return;
       if (content.ping) { // answered here, because a hidden page is slow
         const lost = received !== content.sent;
-        model.send({ page, pong: true, lost });
+        say({ pong: true, lost });
         if (lost) port.postMessage({ lost });
         received = content.sent;
         return;
@@ -48,7 +54,8 @@ export default {
     const asking = setInterval(() => {
       if (!page || Date.now() - heard < QUIET) return;
       heard = Date.now();
-      try { model.send({ page, pong: true, lost: true }); } catch { clearInterval(asking); } // the kernel has ended
+      port.postMessage({ quiet: true });
+      say({ pong: true, lost: true });
     }, QUIET / 6);
     addEventListener("message", ready);
     model.on("msg:custom", take);

@@ -1,11 +1,14 @@
-"""The widget in a real JupyterLab: shown, played, dragged, scrolled away, shown twice, and its browser killed."""
+"""The widget in a real JupyterLab: shown, played, dragged, scrolled away, shown twice; its browser or kernel killed."""
 
+import os
+import signal
 import time
 from pathlib import Path
 
 import pytest
 from support.browser import browser, kill_browsers, until
 from support.jupyterlab import Lab, jupyterlab, write_notebook
+from support.processes import blocks_of, descendants_of, is_gone
 
 pytestmark = pytest.mark.long  # a server, a kernel and a browser: half a minute
 
@@ -143,3 +146,29 @@ def test_a_killed_browser_lets_the_run_rest(tmp_path):
             assert len(set(moves)) == 10, "negative control: a page that answers is watched"
             kill_browsers()
         until(lambda: len(set(frames()[-10:])) == 1, 30)
+
+
+WORKERS = (
+    SHOW.replace('method="grid"', 'method="parallel", workers=2')
+    + """
+import os
+print("process", os.getpid())"""
+)
+
+
+def test_a_killed_kernel_leaves_nothing_and_its_page_says_so(tmp_path):
+    write_notebook(tmp_path / "a.ipynb", WORKERS, AGAIN)
+    with jupyterlab(tmp_path) as address, browser() as opened:
+        lab = Lab(opened, address.format("a.ipynb"))
+        lab.run(0)
+        process = int(until(lambda: "process" in lab.output(0) and lab.output(0)).split()[-1])
+        lab.run(1)
+        frame = lab.frame
+        until(lambda: shown(frame) > 10)
+        workers = descendants_of(process)
+        assert workers
+        assert blocks_of(process)
+        os.kill(process, signal.SIGKILL)
+        until(lambda: not blocks_of(process) and all(map(is_gone, workers)), 10)
+        until(lambda: frame.inner_text("#notice").startswith("Python does not answer"), 60)
+        assert frame.inner_text("#phase") == "connecting"
