@@ -109,12 +109,12 @@ class Commanded(Source):
             self._sim.close()
             self._sim = None
 
-    def _is_over(self) -> bool:
-        """Whether there is no simulation left that could run."""
+    def _why_over(self) -> str | None:
+        """Why no simulation is left that could run; None where one is."""
         try:
-            return self._sim is None or self._sim.count < 0
-        except ClosedError:
-            return True
+            return "There is no simulation." if self._sim is None or self._sim.count < 0 else None
+        except ClosedError as error:
+            return str(error)
 
     @property
     def _simulation(self) -> Simulation:

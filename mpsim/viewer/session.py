@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import MpsimError
+from mpsim.core.errors import BusyError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation, read_in_place
 from mpsim.engine.solvers.in_place import InPlace
@@ -165,7 +165,10 @@ class Session(Commanded):
         self._tell()
 
     def _refused(self, error: MpsimError) -> None:
-        self._playing, self._steps, self._note, self._over = False, 0, str(error), self._is_over()
+        why_over = self._why_over()
+        self._playing, self._steps, self._over = False, 0, why_over is not None
+        # a run that met the close of its program was refused as "busy", which is over by now
+        self._note = why_over if why_over and isinstance(error, BusyError) else str(error)
         self._tell()
 
     def _advance(self) -> None:

@@ -81,7 +81,7 @@ def test_without_a_look_where_dt_was_changed_they_would_be_others(tmp_path, monk
     monkeypatch.setattr(
         step_limits.StepLimits,
         "is_due",
-        lambda self, frame, count: not (frame == self._since > 0) and looks(self, frame, count),
+        lambda self, frame, count: not (frame == self._origin.frame > 0) and looks(self, frame, count),
     )
     uncut, resumed, replayed = resumed_after_a_change(tmp_path)
     assert uncut == replayed != resumed
