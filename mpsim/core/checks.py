@@ -225,7 +225,7 @@ def known_names(
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """A decorator: keywords that a function does not have raise UnknownArgumentError, which suggests a similar one.
 
-    So do values without a name where the function takes them only by name, arguments that lack, and values too many.
+    So do values without a name where the function takes them only by name, missing arguments, and surplus values.
 
     Args:
         further: functions whose arguments it takes as well, as `**others`.

@@ -35,7 +35,7 @@ def _is_command() -> bool:
     """Whether this process is the command `mpsim`, in which nothing but the import goes on yet."""
     handled = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     alone = threading.current_thread() is threading.main_thread()
-    return handled and alone and Path(sys.argv[0]).name == "mpsim" if sys.argv else False
+    return handled and alone and Path(*sys.argv[:1]).name == "mpsim"
 
 
 def ready_for_interrupts() -> None:

@@ -115,11 +115,13 @@ def _watch_compiling(dispatcher: Any, turns: Turns | None) -> None:
         with interrupts_held_back(), noted, garbage_collection_paused():
             try:
                 return compile_signature(signature)
-            except FileNotFoundError as error:
-                if os.path.exists("."):
-                    raise
-                why = "compiling needs the current folder, which has been removed; start in one that exists"
-                raise FileNotFoundError(error.errno, why) from error
+            except FileNotFoundError:
+                try:
+                    os.getcwd()
+                except FileNotFoundError as error:
+                    why = "compiling needs the current folder, which has been removed; start in one that exists"
+                    raise FileNotFoundError(error.errno, why) from error
+                raise
             finally:
                 if turns is not None:
                     turns.give_back()

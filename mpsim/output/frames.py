@@ -226,8 +226,8 @@ def _in_plane(name: str, vectors: NDArray[Any], z: ArrayLike, scale: float, wher
     if len(off):
         raise TrajectoryError(
             f"{where} must be two-dimensional, with the same z for all discs, and no velocity along z; got a {name} "
-            f"with z = {vectors[off[0], 2]:g} of disc {off[0]}, and {vectors[0, 2]:g} of disc 0. Write one layer: "
-            "mpsim has no third dimension."
+            f"with z = {vectors[off[0], 2]:g} of disc {off[0]}, not {np.max(z):g}. Write one layer: mpsim has no third "
+            "dimension."
         )
     return np.ascontiguousarray(vectors[:, :2])
 

@@ -126,13 +126,29 @@ def test_discs_beyond_walls_are_refused_where_places_count(tmp_path):
 
 def test_single_precision_far_away_is_no_overlap(tmp_path):
     """Touching discs at 100,000 lie on a grid of 1/128: overlaps of that size are those of the numbers in the file."""
-    place = np.stack([np.arange(9) % 3, np.arange(9) // 3], axis=1) * 1.0 + 0.3
-    scene = mpsim.Scene(width=3, height=3, position=place, velocity=0 * place, radius=0.5, boundary="periodic")
+    place = np.stack([np.arange(9) % 3, np.arange(9) // 3], axis=1) * 0.3 + 0.1
+    scene = mpsim.Scene(width=0.9, height=0.9, position=place, velocity=0 * place, radius=0.15, boundary="periodic")
     frame = frame_of(tmp_path / "a.xyz", scene, corner=(100_000.3, 7.7), precision=" precision=float32")
     assert frame.position.dtype == np.float32
     assert measure.overlap(frame.state, scene).pairs == 0
     deeper = mpsim.State(scene.position, scene.velocity)
-    assert measure.overlap(deeper, scene, radii=np.full(9, 0.51)).pairs == 18, "the control: all neighbours"
+    assert measure.overlap(deeper, scene, radii=np.full(9, 0.151)).pairs == 18, "the control: all neighbours"
+
+
+def test_across_borders_the_sides_of_a_box_are_those_of_its_state():
+    """Files round boxes: the sides of the scene would make neighbours across a border overlap."""
+    place, wider = np.stack(np.divmod(np.arange(16), 4), axis=1) + 0.5, 1 + 5e-5
+    scene = mpsim.Scene(width=4, height=4, position=place, velocity=0 * place, radius=0.5, boundary="periodic")
+
+    def scaled(scene, factor):
+        box = tuple(factor * side for side in scene.box)
+        return mpsim.State(factor * scene.position, scene.velocity, box=box)
+
+    assert measure.overlap(scaled(scene, wider), scene).pairs == 0
+    assert measure.overlap(scaled(scene, 1 / wider), scene).pairs == 32, "the control: all neighbours"
+    assert measure.pair_correlation(scaled(scene, wider), scene, bins=1, r_max=1.2).g * 0.44 * np.pi == pytest.approx(4)
+    psi = measure.hexatic_order(scaled(SCENE, wider), SCENE).psi
+    assert psi == pytest.approx(measure.hexatic_order(scaled(SCENE, 1.0), SCENE).psi, abs=1e-9)
 
 
 def test_displacements_follow_image_flags_and_the_box(tmp_path):

@@ -169,6 +169,34 @@ def test_a_removed_current_folder_is_named_at_every_door():
         assert "needs the current folder, which has been removed. Give an absolute path, or " in found[name]
 
 
+COMPILED_IN_NO_FOLDER = """
+import os, tempfile
+os.chdir(folder := tempfile.mkdtemp())
+os.rmdir(folder)
+import mpsim
+acts = (
+    lambda: mpsim.Scene.random(count=30, packing=0.5, radius=0.5),
+    lambda: mpsim.Simulation(mpsim.Scene.lattice(count=9, packing=.2, radius=.5), mpsim.Settings(method="grid")),
+)
+for act in acts:
+    try:
+        act()
+        print("done")
+    except OSError as error:
+        print(type(error).__name__, error)
+"""
+
+
+@pytest.mark.slow
+def test_kernels_that_must_be_compiled_in_a_removed_folder_say_so(tmp_path):
+    outcome = run_script(COMPILED_IN_NO_FOLDER, env={"NUMBA_CACHE_DIR": str(tmp_path)}, bound=120)
+    assert_clean(outcome)
+    why = "[Errno 2] compiling needs the current folder, which has been removed; start in one that exists"
+    placed, started = outcome.out.splitlines()
+    assert placed == f"FileNotFoundError {why}"
+    assert started.startswith(f"ResourceError the system refuses what a simulation needs: {why}. ")
+
+
 STARTED = """
 import os, signal, sys
 import psutil
