@@ -14,9 +14,8 @@ def usable_cores() -> int:
     The least of: the machine's cores, the CPU affinity, the cgroup's CPU quota (rounded up), and PYTHON_CPU_COUNT.
     """
     limits = [psutil.cpu_count() or 1]
-    process = psutil.Process()
-    if hasattr(process, "cpu_affinity"):
-        limits.append(len(process.cpu_affinity() or [0]))
+    if hasattr(os, "sched_getaffinity"):  # which needs no file descriptor, as that of psutil does
+        limits.append(len(os.sched_getaffinity(0)))
     limits.extend(math.ceil(quota) for quota in _cgroup_quotas())
     wanted = os.environ.get("PYTHON_CPU_COUNT", "")
     if wanted.isdecimal() and len(wanted) < 10:

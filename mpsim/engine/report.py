@@ -35,7 +35,8 @@ class Report:
         collisions: contacts resolved.
         method, workers: those used ("auto" is resolved).
         memory_bytes: resident memory of each process at the end of the run, the coordinator first; 0 for a process that
-            has died since its last frame. The shared block is included for each process that has used it.
+            has died since its last frame, or where the system does not say. The shared block is included for each
+            process that has used it.
         block_bytes: size of the shared block.
         measures: name -> Measure(value, error, samples), for the measures that `run` was given.
         guarded: number of collisions in which the exact solver suppressed the energy loss (see `contact_time`).

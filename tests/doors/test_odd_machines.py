@@ -1,8 +1,10 @@
 """Machines that lack or forbid something: a sentence that says what, nothing lost, or no need of it."""
 
+import contextlib
 import errno
 import json
 import os
+import resource
 import stat
 import subprocess
 import sys
@@ -281,3 +283,21 @@ def test_a_full_disk_under_the_cache_is_logged_and_compiled_without(tmp_path):
     assert "a file of the kernel cache cannot be written ([Errno 28] No space left on device)" in ran.stderr
     digest = mpsim.Scene.random(count=30, packing=0.5, radius=0.5, seed=1).digest()
     assert ran.stdout.split() == [digest, digest]
+
+
+@pytest.mark.parametrize("method", ["naive", "event"])
+def test_a_run_without_a_free_descriptor_returns_its_report(method):
+    """A run that began needs none; what the report says of memory is all that is lost."""
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with simulate(SCENE, method=method) as sim, simulate(SCENE, method=method) as other, contextlib.ExitStack() as held:
+        expected = other.run(frames=10, measures="kinetic_energy").measures["kinetic_energy"], other.digest()
+        held.callback(resource.setrlimit, resource.RLIMIT_NOFILE, limits)
+        first = os.open(os.devnull, os.O_RDONLY)
+        held.callback(os.close, first)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (first + 1, limits[1]))
+        with pytest.raises(OSError, match="Too many"):
+            while True:
+                held.callback(os.close, os.open(os.devnull, os.O_RDONLY))
+        report = sim.run(frames=10, measures="kinetic_energy")
+        assert (report.measures["kinetic_energy"], sim.digest()) == expected
+    assert report.memory_bytes == (0,)

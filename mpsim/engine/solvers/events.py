@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from mpsim.core.columns import MASS
@@ -35,6 +34,7 @@ from mpsim.engine.solvers.event_windows import Windows
 from mpsim.engine.solvers.slices import MOST_COUNTED, Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.shared import SharedBlock
+from mpsim.engine.workers.system_limits import resident_bytes
 from mpsim.kernels import collision_log, layout
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
@@ -402,7 +402,7 @@ class EventSolver(Solver):
 
     def resources(self) -> tuple[tuple[int, ...], int]:
         """Resident bytes of this process, and the size of the block."""
-        return tuple(psutil.Process(pid).memory_info().rss for pid in (os.getpid(), *self.pids)), self._block.nbytes
+        return tuple(map(resident_bytes, (os.getpid(), *self.pids))), self._block.nbytes
 
     @property
     def pids(self) -> list[int]:

@@ -252,11 +252,13 @@ class WorkerPool:
 
 
 def _lives(pid: int | None) -> bool:
-    """Whether a process runs, or is stopped; a zombie does not."""
+    """Whether a process runs, or is stopped; a zombie does not. If the system does not say, the next look tells."""
     try:
         return psutil.Process(pid).status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
     except psutil.NoSuchProcess:
         return False
+    except (psutil.Error, OSError):  # as without descriptors
+        return True
 
 
 @contextmanager

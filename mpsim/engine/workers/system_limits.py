@@ -97,10 +97,10 @@ def refusal_of_process(what: str, error: OSError | RuntimeError | EOFError, reme
 
 
 def resident_bytes(pid: int) -> int:
-    """Resident memory of a process [bytes]; none of one that has ended."""
+    """Resident memory of a process [bytes]; 0 if it has ended, or the system does not say, as without descriptors."""
     try:
         return psutil.Process(pid).memory_info().rss
-    except psutil.NoSuchProcess:
+    except (psutil.Error, OSError):
         return 0
 
 

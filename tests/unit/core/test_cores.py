@@ -14,15 +14,11 @@ def machine(monkeypatch, tmp_path):
     """A pretended machine: `machine(cores=..., affinity=..., files={path: text})`."""
 
     def pretend(machine_cores=8, affinity=8, files=None):
-        class Process:
-            def cpu_affinity(self):
-                return list(range(affinity))
-
         for path, text in (files or {}).items():
             (tmp_path / path.lstrip("/")).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / path.lstrip("/")).write_text(text)
         monkeypatch.setattr(cores.psutil, "cpu_count", lambda: machine_cores)
-        monkeypatch.setattr(cores.psutil, "Process", Process)
+        monkeypatch.setattr(cores.os, "sched_getaffinity", lambda pid: set(range(affinity)), raising=False)
         monkeypatch.setattr(cores, "Path", lambda path: tmp_path / str(path).lstrip("/"))
         monkeypatch.delenv("PYTHON_CPU_COUNT", raising=False)
 
