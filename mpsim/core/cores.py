@@ -35,12 +35,12 @@ def _cgroup_quotas() -> list[float]:
     """
     quotas = []
     try:
-        groups = [line.split(":", 2) for line in Path("/proc/self/cgroup").read_text().splitlines()]
-        mounts = [line.split(" - ") for line in Path("/proc/self/mountinfo").read_text().splitlines()]
+        groups = [line.split(":", 2) for line in _lines("/proc/self/cgroup")]
+        mounts = [line.split(" - ", 1) for line in _lines("/proc/self/mountinfo")]
     except OSError:
         return []
     for place, system in mounts:
-        (root, mount), (kind, _, options) = place.split()[3:5], system.split()[:3]
+        (root, mount), (kind, *_, options) = place.split()[3:5], system.split()  # some have no source
         for _, controllers, path in groups:
             if kind == "cgroup2" and not controllers:
                 files = ["cpu.max"]
@@ -55,6 +55,11 @@ def _cgroup_quotas() -> list[float]:
                 if group == top:
                     break
     return quotas
+
+
+def _lines(file: str) -> list[str]:
+    """Lines of a file of the system, in which paths may have any bytes."""
+    return Path(file).read_text(errors="surrogateescape").split("\n")[:-1]
 
 
 def _quota(*files: Path) -> list[float]:

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import json
 import os
+import re
 import resource
 import stat
 import subprocess
@@ -300,3 +301,74 @@ def test_a_run_without_a_free_descriptor_returns_its_report(method):
         report = sim.run(frames=10, measures="kinetic_energy")
         assert (report.measures["kinetic_energy"], sim.digest()) == expected
     assert report.memory_bytes == (0,)
+
+
+REAPED = """
+import os, signal
+import mpsim
+from support.scenes import lattice, simulate
+
+def reap(*_):
+    try:
+        while os.waitpid(-1, os.WNOHANG) != (0, 0):
+            pass
+    except ChildProcessError:
+        pass
+
+signal.signal(signal.SIGCHLD, {handler})
+for kill in (False, True):
+    try:
+        with simulate(lattice(20, 20), method="parallel", workers=2, start_method={start!r}) as sim:
+            if kill:
+                os.kill(sim.pids[0], signal.SIGKILL)
+            print(sim.run(frames=10**6 if kill else 3).workers)
+    except mpsim.WorkerDied as death:
+        print(death)
+print(len([name for name in os.listdir("/dev/shm") if name.startswith(f"mpsim-{{os.getpid()}}-")]))
+"""
+
+
+@pytest.mark.parametrize("handler", ["signal.SIG_IGN", "reap"])
+@pytest.mark.parametrize("start", ["spawn", "fork"])
+def test_workers_whose_ends_the_program_takes_for_itself_are_closed_and_named(start, handler):
+    """A server that is process 1, or was started with SIGCHLD ignored: Python then takes dead children for alive."""
+    outcome = run_script(REAPED.format(start=start, handler=handler))
+    assert_clean(outcome)
+    workers, death, blocks = outcome.out.splitlines()
+    assert (workers, blocks) == ("2", "0")
+    assert re.match(r"worker 1 \(process \d+\) ended by (an unknown cause|signal 9)", death)
+
+
+@pytest.mark.parametrize("method", ["naive", "grid", "event"])
+def test_a_limit_of_file_sizes_concerns_no_method_of_one_process(method):
+    """`ulimit -f`. It counts for shared memory, too."""
+    with simulate(SCENE, method=method) as sim:
+        sim.run(frames=3)
+        digest = sim.digest()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        with simulate(SCENE, method=method) as sim:
+            sim.run(frames=3)
+            assert sim.digest() == digest
+        with pytest.raises(mpsim.SharedMemoryError, match=r"bytes in one file; .* files of 4,096\. .* \(ulimit -f\)"):
+            simulate(SCENE, method="parallel", workers=2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_mounts_without_a_source_and_names_that_are_not_utf8_keep_nobody_from_counting_cores(tmp_path):
+    """The kernel writes such lines; programs that read mounts fall over them."""
+    script = """
+import mpsim
+with mpsim.Simulation(mpsim.Scene.random(count=9, packing=.2, radius=.5), mpsim.Settings(method="parallel")) as sim:
+    print(sim.run(frames=1).frames)
+"""
+    mounts = 'mkdir a b && mount -t tmpfs "" a && mount -t tmpfs - b && c=$(printf "\\351") && mkdir $c && '
+    command = ["unshare", "--mount", "sh", "-c", f'{mounts} mount -t tmpfs x $c && exec "$0" "$@"']
+    env = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    command += [sys.executable, "-c", script]
+    ran = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, check=False)
+    if "unshare" in ran.stderr or "mount:" in ran.stderr:
+        pytest.skip(f"no private mount can be made here: {ran.stderr}")
+    assert (ran.stdout, ran.stderr) == ("1\n", "")

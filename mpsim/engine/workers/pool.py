@@ -32,6 +32,9 @@ LOOK = 0.05
 START_PATIENCE = 1200.0
 """Seconds in which a worker must be ready: it may have to compile every kernel, on a busy machine."""
 
+UNKNOWN = 255
+"""Exit code of a worker whose own nobody can tell any more; multiprocessing takes it for the same."""
+
 ENOUGH_DESCRIPTORS = 24
 """Descriptors that are open at once, at most, while a worker is started, and with the first the fork server."""
 
@@ -130,11 +133,11 @@ class WorkerPool:
         if self._connections:
             add_to_word(self._control.signals, layout.MAIL, 1)
         for process in self._processes:
-            process.join(PATIENCE)
+            _join(process)
             for end in (process.terminate, process.kill):
                 if process.is_alive():
                     end()
-                    process.join(PATIENCE)
+                    _join(process)
             if _lives(process.pid):  # without its fork server, `process` knows nothing of it
                 with suppress(ProcessLookupError):
                     os.kill(process.pid, signal.SIGKILL)
@@ -206,9 +209,9 @@ class WorkerPool:
 
     def _death(self, worker: int, phase: str | None = None, text: str | None = None) -> WorkerDied:
         process, mine = self._processes[worker - 1], self._team[worker]
-        process.join(PATIENCE)
+        _join(process)
         code = process.exitcode
-        cause = f"exit code {code}"
+        cause = "an unknown cause" if code == UNKNOWN else f"exit code {code}"
         if code is not None and code < 0:
             cause = f"signal {-code} ({signal.Signals(-code).name})"
         connection = self._connections[worker - 1]
@@ -259,6 +262,16 @@ def _lives(pid: int | None) -> bool:
         return False
     except (psutil.Error, OSError):  # as without descriptors
         return True
+
+
+def _join(process: Any) -> None:
+    """Wait for a worker to end, for a time.
+
+    Where SIGCHLD is ignored, or the program waits for all children itself, multiprocessing takes it for alive for ever.
+    """
+    process.join(PATIENCE)
+    if process.exitcode is None and not _lives(process.pid):
+        process._popen.returncode = UNKNOWN
 
 
 @contextmanager

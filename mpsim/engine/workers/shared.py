@@ -46,7 +46,7 @@ FOLDER = Path("/dev/shm")
 MAP_FIXED = 0x10
 """Of the C function mmap: at that address, in place of what is there. Python's module has not got it."""
 
-_NO_SHARED_MEMORY = {errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSYS, errno.ENOSPC}
+_NO_SHARED_MEMORY = {errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSYS, errno.ENOSPC, errno.EFBIG}
 """Errors of a system that has no shared memory, or not enough."""
 
 _map_memory = ctypes.CDLL(None, use_errno=True).mmap

@@ -51,6 +51,11 @@ def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
             f"{psutil.Process().memory_info().vms:,}. Use fewer discs or precision='float32', or raise the limit "
             "(ulimit -v)."
         )
+    if error.errno == errno.EFBIG:
+        return SharedMemoryError(
+            f"{need} in one file; this process may make files of {resource.getrlimit(resource.RLIMIT_FSIZE)[0]:,}. Use "
+            "fewer discs or precision='float32', or raise the limit (ulimit -f)."
+        )
     if error.errno in (errno.ENOSPC, errno.ENOMEM):
         return SharedMemoryError(
             f"{need}, and {_free()}. Shared memory must hold the whole block. Use fewer discs or precision='float32', "

@@ -16,7 +16,7 @@ def machine(monkeypatch, tmp_path):
     def pretend(machine_cores=8, affinity=8, files=None):
         for path, text in (files or {}).items():
             (tmp_path / path.lstrip("/")).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / path.lstrip("/")).write_text(text)
+            (tmp_path / path.lstrip("/")).write_text(text, errors="surrogateescape")
         monkeypatch.setattr(cores.psutil, "cpu_count", lambda: machine_cores)
         monkeypatch.setattr(cores.os, "sched_getaffinity", lambda pid: set(range(affinity)), raising=False)
         monkeypatch.setattr(cores, "Path", lambda path: tmp_path / str(path).lstrip("/"))
@@ -103,6 +103,18 @@ CASES = {
         {"files": groups(2, "/docker/a", mounted="/docker/a") | {"/sys/fs/cgroup/cpu.max": "200000 100000\n"}},
         2,
     ),
+    "other mounts without a source, with a dash for one, with a name that is not UTF-8": (
+        {
+            "files": V2
+            | {
+                "/proc/self/mountinfo": "40 24 0:30 / /a rw - tmpfs  rw\n41 24 0:31 / /b rw shared:2 - tmpfs - rw\n"
+                "42 24 0:32 / /caf\udce9\x85 rw - tmpfs none rw\n" + MOUNTED[2].format("/"),
+                "/sys/fs/cgroup/user/job/cpu.max": "200000 100000\n",
+            }
+        },
+        2,
+    ),
+    "an empty file of a quota": ({"files": V2 | {"/sys/fs/cgroup/user/job/cpu.max": ""}}, 8),
     "unreadable quota": ({"files": V2 | {"/sys/fs/cgroup/user/job/cpu.max": "nonsense\n"}}, 8),
 }
 
