@@ -26,6 +26,10 @@ MOST_VECTORS = 2_000_000
 """Wave vectors of a structure factor at most."""
 
 
+EDGE = 1e-12
+"""Relative distance beyond the edge of a shell of a wave vector that lies on it but for rounding."""
+
+
 @dataclass(frozen=True)
 class StructureFactor:
     """Static structure factor, averaged over shells of wave vectors.
@@ -82,7 +86,8 @@ class HexaticCorrelation:
 def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k_max: float) -> StructureFactor:
     """Static structure factor S(k) = |sum over discs of exp(i k.r)|^2 / K in a periodic box, in shells from 0 to k_max.
 
-    Wave vectors are those of the box, k = 2 pi (n_x/width, n_y/height), all of them except 0.
+    Wave vectors are those of the box, k = 2 pi (n_x/width, n_y/height), all of them except 0. A shell includes its upper
+    edge.
 
     Args:
         states: of discs in the scene's box, absorbed ones left out; independent ones lower the noise.
@@ -111,13 +116,13 @@ def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k
             "walls. Use Scene(..., boundary='periodic'), or pair_correlation."
         )
     steps = 2 * math.pi / np.array([scene.width, scene.height])
-    reach = k_max / steps
+    edges = np.linspace(0, k_max, bins + 1) * (1 + EDGE)
+    reach = edges[-1] / steps
     if not math.pi * reach.prod() / 2 <= MOST_VECTORS:
         raise InputError(
             f"k_max must be small enough for at most {MOST_VECTORS:,} wave vectors; got {k_max!r}, which gives "
             f"{math.pi * reach.prod() / 2:.3g}. Give a smaller one."
         )
-    edges = np.linspace(0, k_max, bins + 1)
     sums, lengths, vectors = np.zeros(bins), np.zeros(bins), np.zeros(bins, np.int64)
     for state in states:
         places = _present(placed(state, scene), "structure_factor", 1)
@@ -128,7 +133,7 @@ def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k
             density = (along_y[rows] * np.exp(1j * steps[0] * n * places[:, 0])).sum(axis=1)
             k = np.hypot(steps[0] * n, steps[1] * up[rows])
             shell = np.minimum(np.searchsorted(edges, k, side="left") - 1, bins - 1)
-            inside = k <= k_max
+            inside = k <= edges[-1]
             for total, values in ((sums, np.abs(density) ** 2 / len(places)), (lengths, k), (vectors, np.ones(len(k)))):
                 np.add.at(total, shell[inside], values[inside].astype(total.dtype))
     with np.errstate(invalid="ignore", divide="ignore"):

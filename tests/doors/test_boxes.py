@@ -246,3 +246,18 @@ def test_freud_agrees_on_the_neighbours_of_a_frame_from_elsewhere(tmp_path):
     order = freud.order.Hexatic(k=6).compute((box, points), neighbors={"num_neighbors": 6})
     psi = measure.hexatic_order(frame.state, SCENE).psi
     assert np.abs(order.particle_order) == pytest.approx(np.abs(psi), abs=1e-3)
+
+
+@pytest.mark.parametrize("side", np.linspace(3, 8, 11).tolist())
+def test_wave_vectors_on_the_edge_of_a_shell_belong_to_it_whatever_the_rounding(side):
+    """The last Bragg peak of a lattice was lost in every seventh box."""
+    lattice = (np.indices((6, 6)).reshape(2, -1).T + 0.5) * side / 6
+    scene = mpsim.Scene(
+        width=side, height=side, position=lattice, velocity=0 * lattice, radius=0.1, boundary="periodic"
+    )
+    state = mpsim.State(scene.position, scene.velocity)
+    for m in range(1, 20):
+        inside = sum(0 < a * a + b * b <= m * m for a in range(-m, m + 1) for b in range(-m, m + 1)) // 2
+        found = measure.structure_factor(state, scene, bins=m, k_max=2 * np.pi * m / side)
+        assert found.vectors.sum() == inside
+        assert found.vectors[0] == 2, "of length 1"
