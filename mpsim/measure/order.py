@@ -86,8 +86,8 @@ class HexaticCorrelation:
 def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k_max: float) -> StructureFactor:
     """Static structure factor S(k) = |sum over discs of exp(i k.r)|^2 / K in a periodic box, in shells from 0 to k_max.
 
-    Wave vectors are those of the box, k = 2 pi (n_x/width, n_y/height), all of them except 0. A shell includes its upper
-    edge.
+    Wave vectors are those of the box, k = 2 pi (n_x/width, n_y/height), all of them except 0. A shell includes its
+    upper edge.
 
     Args:
         states: of discs in the scene's box, absorbed ones left out; independent ones lower the noise.
