@@ -95,7 +95,7 @@ def test_a_disc_that_rounding_puts_at_the_border_is_not_off_by_a_period():
 
 
 def final_state(scene, pieces=(60,), **how):
-    with simulate(scene, dt=0.05, **how) as sim:
+    with simulate(scene, dt=0.04, **how) as sim:
         for frames in pieces:
             sim.run(frames=frames)
         return sim.state

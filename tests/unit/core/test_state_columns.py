@@ -192,7 +192,7 @@ MADE_ANEW = {
                                                        "next_arrival"},
     "times that are measured": {"times"},
     "from scene and settings": {"parameters", "gravity", "giants", "wrap_x", "piston", "friction", "wall_friction",
-                                "capsules.capsule",
+                                "capsules.capsule", "capsules.next_end",
                                 "capsules.near", "capsules.index", "capsules.grid", "capsules.per_length"},
     "what a prediction notes": {"near", "approach"},
     "the calendar, from the next events of the discs": {"entry", "step_head", "heap"},
