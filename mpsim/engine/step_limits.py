@@ -163,12 +163,8 @@ class StepLimits:
         scene, settings = self._scene, self._settings
         if settings.contact != "push" or is_inelastic(scene) or not self._acceleration or all(scene.periodic):
             return 0.0
-        return (
-            self._acceleration
-            * settings.dt
-            / settings.substeps
-            / speeds_after_fall(speeds_at_start(scene), scene).speed
-        )
+        fastest = speeds_after_fall(speeds_at_start(scene), scene).speed
+        return self._acceleration * settings.dt / settings.substeps / fastest
 
     def forecast(self) -> str | None:
         """The complaint about speeds at the start, or about those that are certain to come; None: they are low."""

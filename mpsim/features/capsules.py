@@ -103,8 +103,8 @@ def with_images(capsules: Floats, size: tuple[float, float], periodic: tuple[boo
 def next_ends(capsules: Floats) -> NDArray[np.int32]:
     """For each end, 2 k (a) and 2 k + 1 (b), the next one at its place with its radius, in a circle, shape (2 K,).
 
-    >>> next_ends(np.array([[0.0, 0, 1, 0, 0], [1, 0, 2, 1, 0]])).tolist()
-    [0, 2, 1, 3]
+    >>> next_ends(np.array([[0.0, 0, 1, 0, 0], [1, 0, 2, 1, 0], [1, 0, 3, 0, 0.5]])).tolist()
+    [0, 2, 1, 3, 4, 5]
     """
     ends = np.column_stack([capsules[:, :4].reshape(-1, 2), np.repeat(capsules[:, 4], 2)])
     order = np.lexsort(ends.T)

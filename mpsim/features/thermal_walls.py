@@ -154,7 +154,7 @@ class ThermalWallsFeature(Feature):
         return 0.0 if walls is None else math.sqrt(max(walls.temperatures.values()) / mean_mass(scene))
 
     def exchange_rate(self, scene: SceneLike, temperature: float) -> float:
-        """3/2 of the hits of each disc, as those that hit bring 3/2 kT; in a gas that is as hot everywhere.
+        """3/2 of the hits per disc, because a disc leaves the wall with 3/2 kT on average; for a uniform temperature.
 
         Excluded area makes hits more frequent, by some 1 / (1 - packing)^2 (scaled particle theory).
         """

@@ -51,8 +51,10 @@ for method, precision in itertools.product(("naive", "grid", "event"), ("float64
         sim.change(dt=0.07)
         sim.run(frames=9)
         check(sim, slower)
-        pushed = sim.state.position[2, 0]
-        assert pushed <= numpy.dtype(precision).type(place(sim.time, slower) - 0.5)  # the control: discs feel it there
+        sim.set(2, position=(sim.state.box[1] - 0.501, 7), velocity=(0, 0))  # discs feel it there, after every change
+        sim.run(frames=2)
+        assert numpy.isclose(sim.state.velocity[2, 0], 2 * SLOWER), sim.state.velocity
+        assert sim.state.position[2, 0] <= numpy.dtype(precision).type(place(sim.time, slower) - 0.5)
         onward = sim.scene.starting_from(sim.state)
         assert onward.box == sim.state.box and onward.walls_at(1.0)[1][0] == place(sim.time, slower) + SLOWER
         sim.run(until=40)

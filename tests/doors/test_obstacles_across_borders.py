@@ -49,9 +49,15 @@ def test_random_discs_keep_clear_of_all_images(name, boundary, count):
 @pytest.mark.parametrize("boundary", BOUNDARIES, ids=str)
 def test_discs_of_a_region_keep_clear_of_images_and_of_each_other(boundary, tmp_path):
     """A region that reaches to a border: what is beyond it counts, and the other side of the region itself."""
-    group = '[[discs]]\nplaces = "random"\ncount = 50\nradius = 0.5\nregion = [0.5, 0.5, 19.5, 19.5]\nseed = {}\n'
+    group = '[[discs]]\nplaces = "random"\ncount = 90\nradius = 0.5\nregion = {}\nseed = {}\n'
+    wraps = [each == "periodic" for each in ([boundary] * 2 if isinstance(boundary, str) else boundary)]
+    region = [0.5 * (not wrap) for wrap in wraps] + [20 - 0.5 * (not wrap) for wrap in wraps]
     words = f'"{boundary}"' if isinstance(boundary, str) else str(list(boundary)).replace("'", '"')
-    text = f"schema = 1\nwidth = 20.0\nheight = 20.0\nboundary = {words}\n" + group.format(1) + group.format(2)
+    text = (
+        f"schema = 1\nwidth = 20.0\nheight = 20.0\nboundary = {words}\n"
+        + group.format(region, 1)
+        + group.format(region, 2)
+    )
     path = tmp_path / "a.toml"
     path.write_text(
         text + "[[obstacles]]\nposition = [10.0, 0.0]\nradius = 2.0\n[[obstacles]]\nposition = [0, 10]\nradius = 2.0\n"

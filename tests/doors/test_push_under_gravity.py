@@ -24,10 +24,11 @@ def energy_of(settings, until, scene):
             return mpsim.measure.kinetic_energy(sim.state, scene) + mpsim.measure.potential_energy(sim.state, scene)
 
 
-def test_the_warning_names_the_contact_gravity_and_what_to_do(compiled_when_run):
+@pytest.mark.parametrize("dt", [0.02, 0.002])
+def test_the_warning_names_the_contact_gravity_and_what_to_do(dt, compiled_when_run):
     text = r"contact='push' takes 0\.\d+ of its energy or more .* under gravity .* Use contact='impact'"
     with pytest.warns(mpsim.FastWarning, match=text):
-        mpsim.Simulation(ball(), mpsim.Settings(dt=0.02, contact="push", method="naive")).close()
+        mpsim.Simulation(ball(), mpsim.Settings(dt=dt, contact="push", method="naive")).close()
 
 
 @pytest.mark.parametrize(

@@ -231,18 +231,17 @@ def test_states_are_sampled_often_enough_for_errors_to_settle():
     assert found["kinetic_energy"].error < 1e-10
 
 
-def runs_in_bath(rate, time, seeds=40):
+def runs_in_bath(bath, before, time, seeds=40):
     """What runs of 16 discs in a bath state, and the errors of their energies from these series alone."""
     found, control = [], []
     for seed in range(seeds):
-        bath = mpsim.Thermostat(1.0, rate, seed=seed)
-        scene = mpsim.Scene.random(count=16, packing=0.1, radius=0.5, seed=seed, thermostat=bath)
+        scene = mpsim.Scene.random(count=16, packing=0.1, radius=0.5, seed=seed, **bath).redrawn(seed)
         energy = mpsim.measure.Series(mpsim.measure.kinetic_energy, every=5)
         gathered = mpsim.Correlations(every=5, longest=1)
         with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.1)) as sim:
-            sim.run(until=2 / rate)
+            sim.run(until=before)
             names = ["pressure", "contact_rate", "pressure_xx", "kinetic_energy"]
-            run = sim.run(until=2 / rate + time, measures=names, observe=[energy, gathered]).measures
+            run = sim.run(until=before + time, measures=names, observe=[energy, gathered]).measures
         found.append({**run, "velocity": gathered.velocity[0]})
         control.append(mpsim.measure.block_average(energy.value))
     return found, control
@@ -255,12 +254,20 @@ def rms_deviation(measures):
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
-def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy():
-    """A run of twice the memory of the bath cannot know its error from itself: it said 3 to 8 times too little.
+@pytest.mark.parametrize(
+    ("bath", "memory", "memories"),
+    [
+        ({"thermostat": mpsim.Thermostat(1.0, 0.04)}, 25, 2),
+        ({"thermal_walls": mpsim.ThermalWalls(left=1.0)}, 14, 1),  # a disc hits it every 21 on average
+    ],
+    ids=["thermostat", "thermal wall"],
+)
+def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy(bath, memory, memories):
+    """A run of one or two memories of the bath cannot know its error from itself: it said 3 to 10 times too little.
 
     Its error may be too large, as how the measures follow the energy is hardly known either.
     """
-    found, control = runs_in_bath(rate=0.04, time=50)
+    found, control = runs_in_bath(bath, before=3 * memory, time=memories * memory)
     assert not any(measure.settled or measure.upper for run in found for measure in run.values())
     rms = {name: rms_deviation([run[name] for run in found]) for name in found[0]}
     assert all(0.4 < each < 1.45 for each in rms.values()), rms
@@ -269,7 +276,7 @@ def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy():
 
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_errors_in_a_bath_of_many_memories_are_settled():
-    found, _ = runs_in_bath(rate=0.5, time=100)
+    found, _ = runs_in_bath({"thermostat": mpsim.Thermostat(1.0, 0.5)}, before=4, time=100)
     for name in ("contact_rate", "pressure_xx", "kinetic_energy", "velocity"):
         settled = [run[name] for run in found if run[name].settled]
         assert len(settled) > 20, name

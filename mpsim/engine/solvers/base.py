@@ -320,8 +320,7 @@ class Solver(ABC):
         """Continue from here under another scene and settings, with the same discs.
 
         Other may be numbers of the scene, what moves its wall and its emitters, its obstacles, and whether discs can be
-        absent; dt, contact, passes, substeps, workers of the settings. Where dt is another, the origin is
-        now.
+        absent; dt, contact, passes, substeps, workers of the settings. Where dt is another, the origin is now.
 
         Raises:
             InputError, ResourceError, WorkerDied, WorkerStalled: as `assume` and `add`.
