@@ -261,3 +261,15 @@ def test_wave_vectors_on_the_edge_of_a_shell_belong_to_it_whatever_the_rounding(
         found = measure.structure_factor(state, scene, bins=m, k_max=2 * np.pi * m / side)
         assert found.vectors.sum() == inside
         assert found.vectors[0] == 2, "of length 1"
+
+
+def test_displacements_across_borders_of_a_box_that_changed_are_refused():
+    """Frames at constant pressure: a disc at rest in the tenth image of a box that grows by 1 had moved by 10."""
+
+    def state(side, image):
+        return mpsim.State(np.array([[1.0, 5.0]]), image=np.array([[image, 0]]), box=(0, side, 0, 10))
+
+    with pytest.raises(mpsim.InputError, match=r"needs states of one box; got boxes of 10 x 10 and 11 x 10\."):
+        measure.mean_squared_displacement(state(10, 10), state(11, 10))
+    assert measure.mean_squared_displacement(state(10, 10), state(10, 9)) == 100
+    assert measure.mean_squared_displacement(state(10, 0), state(11, 0)) == 0, "a wall that moves"

@@ -372,3 +372,24 @@ with mpsim.Simulation(mpsim.Scene.random(count=9, packing=.2, radius=.5), mpsim.
     if "unshare" in ran.stderr or "mount:" in ran.stderr:
         pytest.skip(f"no private mount can be made here: {ran.stderr}")
     assert (ran.stdout, ran.stderr) == ("1\n", "")
+
+
+def test_a_resource_tracker_that_was_killed_complains_of_no_block():
+    """It was started anew without the name of the block, and printed a traceback when that was taken off its list."""
+    script = """
+import os, signal
+from multiprocessing import resource_tracker
+import mpsim
+scene = mpsim.Scene.random(count=9, packing=.2, radius=.5)
+with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
+    sim.run(frames=1)
+    tracker = resource_tracker._resource_tracker._pid
+    os.kill(tracker, signal.SIGKILL)
+    os.waitpid(tracker, 0)
+print([name for name in os.listdir("/dev/shm") if name.startswith(f"mpsim-{os.getpid()}-")])
+"""
+    env = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    ran = subprocess.run([sys.executable, "-c", script], env=env, capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stdout) == (0, "[]\n"), ran.stderr
+    assert "process died unexpectedly" in ran.stderr, "the control: Python has started another"
+    assert "Error" not in ran.stderr

@@ -182,6 +182,7 @@ class SharedBlock:
                 memory.close()
         if self._owner and os.getpid() == self._creator:  # a fork of the coordinator must not take its block away
             self._owner = False
+            resource_tracker.register(f"/{self.name}", "shared_memory")  # a tracker that was started anew has no name
             try:
                 _posixshmem.shm_unlink(f"/{self.name}")
             except OSError:
