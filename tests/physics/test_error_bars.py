@@ -240,7 +240,7 @@ def runs_in_bath(bath, before, time, seeds=40):
         gathered = mpsim.Correlations(every=5, longest=1)
         with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.1)) as sim:
             sim.run(until=before)
-            names = ["pressure", "contact_rate", "pressure_xx", "kinetic_energy"]
+            names = ["pressure", "contact_rate", "pressure_xx", "kinetic_energy", "overlap"]
             run = sim.run(until=before + time, measures=names, observe=[energy, gathered]).measures
         found.append({**run, "velocity": gathered.velocity[0]})
         control.append(mpsim.measure.block_average(energy.value))
@@ -272,6 +272,14 @@ def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy(bath, memor
     rms = {name: rms_deviation([run[name] for run in found]) for name in found[0]}
     assert all(0.4 < each < 1.45 for each in rms.values()), rms
     assert rms_deviation(control) > 2.5, "the control: an error from the series alone"
+
+
+def test_a_bath_leaves_no_upper_bound_where_hardly_anything_has_happened():
+    for bath in (None, mpsim.Thermostat(1.0, 0.01)):
+        scene = mpsim.Scene.random(count=4, width=200, height=200, radius=0.5, seed=1, thermostat=bath)
+        with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.1)) as sim:
+            found = sim.run(until=20, measures=["pressure", "contact_rate"]).measures
+        assert [(each.settled, each.upper) for each in found.values()] == [(False, bath is None)] * 2
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
