@@ -115,6 +115,34 @@ def next_ends(capsules: Floats) -> NDArray[np.int32]:
     return found
 
 
+def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -> Floats:
+    """Halves of the segments on which ends of others lie, each from such an end, to be joined by `next_ends`.
+
+    A wall below a floor has its end on it, as ends that differ by rounding lie on each other: neither sticks out.
+
+    Args:
+        capsules: images included, shape (K, 5) [length].
+        lists: `cell_lists` of them.
+        size: width and height of the box [length].
+    """
+    straight, found = (capsules[:, :2] != capsules[:, 2:4]).any(axis=1), [np.zeros((0, 5))]
+    if straight.any():
+        ends = np.column_stack([capsules[:, :4].reshape(-1, 2), np.repeat(capsules[:, 4], 2)])
+        slack = 8 * np.finfo(np.float64).eps * max(size)
+        low, high = (bound(capsules[:, :2], capsules[:, 2:4]) for bound in (np.minimum, np.maximum))
+        for end, index in _listed_pairs(ends[:, :2], lists):
+            near = straight[index] & (ends[end, 2] == capsules[index, 4])
+            for axis in range(2):
+                near &= (ends[end, axis] >= low[index, axis] - slack) & (ends[end, axis] <= high[index, axis] + slack)
+            place, line = ends[end[near]], capsules[index[near]]
+            on = distance(place[:, :2], line * (1, 1, 1, 1, 0)) <= slack
+            on &= (place[:, :2] != line[:, :2]).any(axis=1) & (place[:, :2] != line[:, 2:4]).any(axis=1)
+            for other in (line[on, :2], line[on, 2:4]):
+                half = np.column_stack([place[on, :2], other, place[on, 2]])
+                found.append(half[np.hypot(*(half[:, 2:4] - half[:, :2]).T) > slack])
+    return np.unique(np.concatenate(found), axis=0)
+
+
 def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> CellLists:
     """A grid whose cells list every capsule that a disc with its centre in the cell can touch.
 

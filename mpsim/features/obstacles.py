@@ -276,7 +276,8 @@ def _listed(scene: SceneLike) -> dict[str, NDArray[Any]]:
         return {}
     lists = capsules.cell_lists(images.capsule, size, scene.largest_radius)
     grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
-    return {"capsule": images.capsule, "next_end": capsules.next_ends(images.capsule), **grid}
+    every = np.concatenate([images.capsule, capsules.cut_at_ends(images.capsule, lists, size)])  # these are not listed
+    return {"capsule": every, "next_end": capsules.next_ends(every), **grid}
 
 
 OBSTACLES = Obstacles()

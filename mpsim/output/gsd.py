@@ -158,7 +158,7 @@ class GsdReader:
             known["radius"] = radius
         place = np.column_stack([discs.position[:, :2] + box[:2] / 2, discs.position[:, 2]])
         for name, values in {"position": place, **known}.items():
-            bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+            bad = np.unique(np.nonzero(~np.isfinite(values))[0])
             if len(bad):
                 raise TrajectoryError(
                     f"{where} must hold finite numbers; got {name} {values[bad[0]]} of disc {bad[0]}."

@@ -314,6 +314,11 @@ def test_zeros_that_hoomd_leaves_out_are_zeros_where_other_frames_have_more(tmp_
     assert [frame.image.tolist() for frame in mpsim.Trajectory(tmp_path / "a.gsd")] == [[[0, 0]], [[0, 0]], [[1, 0]]]
 
 
+def test_a_gsd_frame_without_discs_is_read(tmp_path):
+    frame = hoomd_file(tmp_path / "a.gsd", np.zeros((0, 3)))[0]
+    assert (frame.box, frame.position.shape, frame.known) == ((6.0, 6.0), (0, 2), {})
+
+
 def test_a_gsd_frame_without_places_is_refused(tmp_path):
     with pytest.raises(mpsim.TrajectoryError, match=r"frame 0 of .* must hold the places of its 2 discs; it does not"):
         hoomd_file(tmp_path / "a.gsd", [(0, 0, 0)] * 2)[0]

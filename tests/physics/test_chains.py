@@ -74,6 +74,29 @@ def test_a_level_chain_moves_discs_as_one_segment_does_rough_ones_too(method, co
 
 
 @pytest.mark.parametrize(("method", "contact"), STEPPED)
+@pytest.mark.parametrize("thickness", [0.0, 0.2])
+def test_walls_that_end_on_a_floor_do_not_stick_out_of_it(thickness, method, contact):
+    """Below it, or in line with it and joined but for rounding, whichever is given first."""
+    for angle, side in ((0.0, 1), (0.3, -1), (2.5, 1)):
+        floor, t, n = along(angle, 1, side)
+        places = np.array(floor.points[0]) + np.linspace(0.2, 26.5, 58)[:, None] * t
+        below = [mpsim.Polyline([place, place - 4 * n + t], thickness) for place in places]
+        cut = np.stack([places[:-1], places[1:] + 1e-15 * np.sign(n)], axis=1)  # which rounds some of them only
+        for number, obstacles in enumerate(
+            (
+                [*below, mpsim.Polyline(floor.points, thickness)],
+                [mpsim.Polyline(floor.points, thickness), *below],
+                [mpsim.Polyline(each, thickness) for each in [*cut, (floor.points[0], places[0]), places[-2:]]],
+            )
+        ):
+            state = slide(
+                obstacles, t, n, lift=thickness / 2, method=method, contact=contact, until=3.0,
+                more={"wall_restitution": 0.5},
+            )  # fmt: skip
+            assert abs(state.velocity[0] @ t / SPEED - 1) < 1e-9, (angle, number)
+
+
+@pytest.mark.parametrize(("method", "contact"), STEPPED)
 def test_there_is_no_joint_where_a_ring_or_a_line_through_a_border_closes(method, contact):
     """Nor where two Polylines meet, in whichever direction each is given."""
     ring = mpsim.Polyline([(20, 15), (39, 15), (39, 25), (1, 25), (1, 15), (20, 15)])

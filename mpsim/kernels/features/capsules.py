@@ -3,9 +3,9 @@
 A capsule is treated like a wall: right after the motion, for each disc alone, so the order of discs cannot matter and
 every worker can process its own slice. A separate grid tells which capsules are near a place.
 
-Capsules that share an end form one surface, which a disc meets where its distance from the chain has a local minimum:
-across a segment, or at a corner that is ahead along none of the segments there. Other ends lie behind the surface, and
-an impulse from one would stop discs that slide past.
+Capsules that share an end, or have one on another, form one surface, which a disc meets where its distance from the
+chain has a local minimum: across a segment, or at a corner that is ahead along none of the segments there. Other ends
+lie behind the surface, and an impulse from one would stop discs that slide past.
 """
 
 import math
@@ -26,7 +26,8 @@ from mpsim.kernels.optional import value_or
 class Capsules(NamedTuple):
     """Capsules, and which of them are near a place.
 
-    capsule: shape (K, 5): ax, ay, bx, by, radius [length].
+    capsule: shape (K, 5): ax, ay, bx, by, radius [length]. The last ones, which are in no cell, are halves of segments
+        on which ends of others lie.
     next_end: for ends 2 k (a) and 2 k + 1 (b), the next end at the same corner, in a circle, shape (2 K,).
     near: for each cell of a grid of its own, column-major, where its section of `index` begins, shape (cells + 1,).
     index: numbers of capsules. grid: columns and rows, shape (2,).
