@@ -34,7 +34,8 @@ class PairCorrelation:
         r: shape (bins,), middle of each shell, from one diameter to r_max [length].
         g: shape (bins,), density at that distance from a disc, over the mean density [1].
         error: shape (bins,), its standard error, a relative error of 1/sqrt(pairs) from the number of pairs counted
-            [1].
+            [1]. Between walls the density has an error too, at most 1/sqrt(references), which all shells share and
+            which is not included.
         contact: g at one diameter, extrapolated; its error comes from the counts [1].
         density: number density of the region of the reference discs [1/length^2].
         references: number of reference discs, over all states.

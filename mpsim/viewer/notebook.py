@@ -136,7 +136,8 @@ class Live:
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """For Jupyter."""
-        return self.widget._repr_mimebundle_(**options)
+        show = self.widget._repr_mimebundle_  # None of a widget that was closed, here or by the notebook
+        return show(**options) if show else {"text/plain": f"{self!r} is closed; mpsim.live shows another."}
 
     def _display_(self) -> Any:
         """For marimo."""

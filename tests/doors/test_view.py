@@ -192,3 +192,15 @@ def test_maxwells_curve_is_drawn_where_speeds_come_to_it(words, capsys, compiled
         speeds = visitor.last["gauges"]["speeds"]
     assert speeds["note"] == (reason and f"no Maxwell curve: {reason}")
     assert (speeds["maxwell"] is None) is (reason is not None)
+
+
+@pytest.mark.parametrize(
+    "close", [lambda live: live.close(), lambda live: live.widget.close()], ids=["here", "by the notebook"]
+)
+def test_a_closed_view_in_a_cell_says_so(close):
+    """A cell that is run again, or `Widget.close_all`: a traceback took the place of the page."""
+    live = mpsim.live(SCENE, name="gas")
+    assert "application/vnd.jupyter.widget-view+json" in live._repr_mimebundle_()[0], "the control"
+    close(live)
+    assert live._repr_mimebundle_() == {"text/plain": "<Live: 'gas'> is closed; mpsim.live shows another."}
+    live.close()
