@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mpsim.core.errors import InputError, TrajectoryError, TrajectoryWarning
 from mpsim.core.state import State, moved_into
 from mpsim.features.edges import boundary_of
-from mpsim.measure.moments import placed
+from mpsim.measure.moments import SAME_BOX, placed
 from mpsim.output.frames import Frame
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
@@ -103,7 +103,7 @@ class Recording:
         """The frame of an index, 0 <= index < len.
 
         Raises:
-            TrajectoryError: if it cannot be read, or no longer exists.
+            TrajectoryError: if it cannot be read, no longer exists, or has other periods than the first one.
         """
         try:
             frame = self._trajectory[index]
@@ -111,6 +111,13 @@ class Recording:
             raise TrajectoryError(
                 f"frame {index} must be in {str(self._path)!r} to be shown; it no longer exists ({error})."
             ) from None
+        sides, ours = np.array(frame.box), np.array([self.scene.width, self.scene.height])
+        if self._corner is not None and ((np.abs(sides / ours - 1) > SAME_BOX) & frame.periodic).any():
+            raise TrajectoryError(
+                f"frame {index} of {str(self._path)!r} must have the periods of the box that is shown, "
+                f"{ours[0]:g} x {ours[1]:g}; it has {sides[0]:g} x {sides[1]:g}. Draw it alone, by "
+                f"mpsim.draw(trajectory[{index}])."
+            )
         numbers, count = _numbers_of(frame, self._fewest)
         discs = placed(frame.state, self.scene) if self._corner is None else _seen_from(self._corner, frame)
         position = np.zeros((count, 2), frame.position.dtype)
