@@ -182,13 +182,13 @@ class SharedBlock:
                 memory.close()
         if self._owner and os.getpid() == self._creator:  # a fork of the coordinator must not take its block away
             self._owner = False
-            resource_tracker.register(f"/{self.name}", "shared_memory")  # a tracker that was started anew has no name
             try:
                 _posixshmem.shm_unlink(f"/{self.name}")
             except OSError:
                 if (FOLDER / self.name).exists():
                     return  # it may not be removed; the tracker says so when the program ends
                 # Never made; or a foreign Python before 3.13 that attached took the name for a leak on its exit.
+            resource_tracker.register(f"/{self.name}", "shared_memory")  # a tracker that was started anew has no name
             resource_tracker.unregister(f"/{self.name}", "shared_memory")
 
 
