@@ -13,44 +13,24 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import mpsim.core.interpreter  # noqa: F401  # pyright: ignore[reportUnusedImport]  # isort: skip
-from mpsim import measure
+from mpsim import errors, measure
 from mpsim.core import views
-from mpsim.core.errors import (
-    BudgetError,
-    BusyError,
-    CheckpointError,
-    CheckpointWarning,
-    ClosedError,
-    DivergedError,
-    EmitterWarning,
-    FastWarning,
-    ForkedError,
-    GuardWarning,
-    InputError,
-    MpsimError,
-    NotMeasurableError,
-    NotRecordedError,
-    OutputError,
-    OverlapWarning,
-    ResolutionWarning,
-    ResourceError,
-    SceneFileError,
-    SharedMemoryError,
-    StalledError,
-    SweepWarning,
-    TooFastError,
-    TrajectoryError,
-    TrajectoryWarning,
-    UnknownArgumentError,
-    WorkerDied,
-    WorkerStalled,
-)
 from mpsim.core.state import State
 from mpsim.core.units import Units
 from mpsim.core.version import __version__ as __version__
 from mpsim.engine.collision_observers import Collisions, Sensor
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import (
+    CheckpointError,
+    DivergedError,
+    FastWarning,
+    InputError,
+    MpsimError,
+    OverlapWarning,
+    TooFastError,
+    WorkerDiedError,
+)
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline, ThermalWalls, Thermostat
 from mpsim.measure.time_correlations import Correlations
 from mpsim.scene.scene import Scene
@@ -118,57 +98,38 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
-    "BudgetError",
-    "BusyError",
     "CheckpointError",
-    "CheckpointWarning",
-    "ClosedError",
     "Collisions",
     "Correlations",
     "DivergedError",
     "Emitter",
-    "EmitterWarning",
     "FastWarning",
     "Findings",
     "FixedDisc",
-    "ForkedError",
-    "GuardWarning",
     "InputError",
     "MpsimError",
-    "NotMeasurableError",
-    "NotRecordedError",
-    "OutputError",
     "OverlapWarning",
     "Piston",
     "Polyline",
     "Report",
-    "ResolutionWarning",
-    "ResourceError",
     "Scene",
-    "SceneFileError",
     "Sensor",
     "Settings",
-    "SharedMemoryError",
     "Simulation",
-    "StalledError",
     "State",
     "Sweep",
-    "SweepWarning",
     "ThermalWalls",
     "Thermostat",
     "TooFastError",
     "Tradeoff",
     "Trajectory",
-    "TrajectoryError",
-    "TrajectoryWarning",
     "Tuned",
     "Units",
-    "UnknownArgumentError",
     "View",
-    "WorkerDied",
-    "WorkerStalled",
+    "WorkerDiedError",
     "animate",
     "draw",
+    "errors",
     "findings",
     "live",
     "measure",

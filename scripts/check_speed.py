@@ -16,7 +16,7 @@ from pathlib import Path
 
 import feature_cost
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 
 SCENES = {
     "bare, grid": {"method": "grid", "precision": "float32"},

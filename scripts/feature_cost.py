@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from mpsim.core.errors import FastWarning, InputError
 from mpsim.engine.collision_observers import Collisions
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import FastWarning, InputError
 from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

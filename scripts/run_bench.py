@@ -284,7 +284,7 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise mpsim.OutputError(
+        raise mpsim.errors.OutputError(
             f"--out must be a folder that can be made and written to; got {str(path)!r} ({error.strerror}). "
             "Choose another place."
         ) from None

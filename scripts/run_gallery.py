@@ -153,7 +153,7 @@ def main() -> int:
     for found in scenes:
         started = time.perf_counter()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", mpsim.EmitterWarning)
+            warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
             show(found, options.out)
         size = sum((options.out / f"{found.name}.{ending}").stat().st_size for ending in ("gif", "png")) / 1000
         console.print(f"{found.name}: {time.perf_counter() - started:.1f} s, {size:.0f} kB", highlight=False)

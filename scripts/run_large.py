@@ -136,7 +136,7 @@ def main() -> int:
     parser.add_argument("--page", type=Path, default=PAGE, help=f"default: {PAGE.name} of the docs")
     options = parser.parse_args()
     console = Console(soft_wrap=True, highlight=False)
-    for kind in (mpsim.FastWarning, mpsim.ResolutionWarning):  # of float32, which this is about
+    for kind in (mpsim.FastWarning, mpsim.errors.ResolutionWarning):  # of float32, which this is about
         warnings.simplefilter("ignore", kind)
     with tempfile.TemporaryDirectory(dir=options.page.parent) as name:
         try:

@@ -265,7 +265,7 @@ def main() -> int:
     if min(options.discs) < options.workers:
         parser.error(f"argument --discs: must be at least {options.workers}, a disc for each worker")
     console = Console(soft_wrap=True, highlight=False)
-    for kind in (mpsim.FastWarning, mpsim.ResolutionWarning):  # of float32, which this is about
+    for kind in (mpsim.FastWarning, mpsim.errors.ResolutionWarning):  # of float32, which this is about
         warnings.simplefilter("ignore", kind)
     try:
         barriers = line = 0.0

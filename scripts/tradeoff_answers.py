@@ -97,7 +97,7 @@ def tuned(scene: mpsim.Scene, budgets: dict[str, float], effort: Effort, *famili
     """What `mpsim.tune` answers, as plain values."""
     try:
         found = mpsim.tune(scene, budgets, candidates=families or None, replicas=effort.replicas)
-    except mpsim.BudgetError as error:
+    except mpsim.errors.BudgetError as error:
         return {"budgets": budgets, "refused": str(error)}
     errors = {name: error_text(name, each) for name, each in found.errors.items()}
     return {

@@ -183,7 +183,7 @@ def haff(share: float) -> Rows:
             settings = mpsim.Settings(dt=5 / nu, method="event", workers=1)
             with warnings.catch_warnings(), mpsim.Simulation(scene, settings) as sim:
                 roots = []
-                warnings.simplefilter("ignore", mpsim.GuardWarning)  # one contact in millions
+                warnings.simplefilter("ignore", mpsim.errors.GuardWarning)  # one contact in millions
                 for time in (5 / nu, max(share, 0.4) * until / nu):
                     sim.run(until=time)
                     roots.append((sim.time, math.sqrt(count / kinetic_energy(sim.state, scene))))

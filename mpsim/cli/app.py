@@ -13,9 +13,9 @@ import click
 
 from mpsim.cli import clean, look, machine, run, scenes, stability, trade, view
 from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted, in_options
-from mpsim.core.errors import InputError, MpsimError, SceneFileError
 from mpsim.core.interpreter import ready_for_interrupts
 from mpsim.core.progress import above
+from mpsim.errors import InputError, MpsimError, SceneFileError
 from mpsim.kernels.compile_notice import announced_by
 
 ELSEWHERE = {

@@ -7,8 +7,8 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.cli.runfolder import MEASURES, RunFolder
-from mpsim.core.errors import InputError
 from mpsim.core.plain import json_text
+from mpsim.errors import InputError
 from mpsim.scene import scenefile
 
 PLOT_EXAMPLES = """\b

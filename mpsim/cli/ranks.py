@@ -13,8 +13,8 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.core.deferred_signals import Noted
-from mpsim.core.errors import InputError
 from mpsim.engine.solvers.mpi_ranks import library
+from mpsim.errors import InputError
 from mpsim.output.first_rank import FirstRank
 
 PATIENCE = 2.0

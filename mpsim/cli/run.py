@@ -14,12 +14,12 @@ from mpsim.cli import terminal
 from mpsim.cli.ranks import interrupts_agreed, one_voice
 from mpsim.cli.runfolder import AVERAGES, CHECKPOINT, MEASURES, PICTURE, STATE, TIMINGS, RunFolder, part_of
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import MpsimError
 from mpsim.core.plain import json_text
 from mpsim.engine.frame_count import frames_skipped, frames_until
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import METHODS, capabilities_of
+from mpsim.errors import MpsimError
 from mpsim.measure.registry import NAMES
 from mpsim.output.first_rank import FirstRank
 from mpsim.output.frame_file import FORMATS
@@ -112,7 +112,7 @@ def run(
     watched = promise_of(file.name, file.scene, settings) if _is_as_recommended(file, frames, until, settings) else None
     until, end = (file.scene.duration, "the scene's duration") if until is None else (until, "until")
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt, end))
-    measures = measures or file.scene.observables
+    measures = measures or file.scene.measures
     frames_skipped(start, measures, target, settings.dt, 0)  # refused before anything is made
     with one_voice(capabilities_of(settings).on_ranks) as first_rank, Simulation(file.scene, settings) as sim:
         if out is None:

@@ -24,11 +24,11 @@ from pathlib import Path
 from typing import Any
 
 from mpsim.core import atomic, untrusted
-from mpsim.core.errors import InputError, MpsimError, OutputError, reason_of
 from mpsim.core.state import State
 from mpsim.engine import checkpoint, checkpoint_validation
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError, MpsimError, OutputError, reason_of
 from mpsim.output.first_rank import FirstRank
 from mpsim.output.frame_file import FORMATS
 from mpsim.output.trajectory import Trajectory

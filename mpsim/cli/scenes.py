@@ -69,8 +69,8 @@ def description(file: SceneFile) -> dict[str, str]:
     words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
     if scene.picture_interval is not None:
         words["pictures"] = f"every {scene.picture_interval:g}"
-    if scene.observables:
-        words["measures"] = ", ".join(scene.observables)
+    if scene.measures:
+        words["measures"] = ", ".join(scene.measures)
     words["settings"] = settings_text(file.settings)
     words["read from"] = ", ".join(map(str, file.read))
     return words
@@ -103,7 +103,7 @@ def record(file: SceneFile) -> dict[str, Any]:
         **{name: getattr(scene, name) for name in NUMBERS},
         "duration": scene.duration,
         "picture_interval": scene.picture_interval,
-        "observables": scene.observables,
+        "measures": scene.measures,
         "settings": None if file.settings is None else dataclasses.asdict(file.settings),
         "read": [str(path) for path in file.read],
         "digest": scene.digest(),

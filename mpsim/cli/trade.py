@@ -13,9 +13,9 @@ from mpsim.cli import terminal
 from mpsim.cli.run import run
 from mpsim.cli.scenes import settings_text
 from mpsim.core import atomic
-from mpsim.core.errors import OutputError
 from mpsim.core.plain import json_text
 from mpsim.core.table_files import CSV, JSON, PARQUET, TEXT, demand_parquet
+from mpsim.errors import OutputError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile

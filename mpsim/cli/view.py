@@ -9,7 +9,7 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.cli.runfolder import RECORD, RunFolder
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.edges import BOUNDARIES
 from mpsim.output.frame_file import READERS, ending_of
 from mpsim.scene import scenefile

@@ -12,7 +12,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError, UnknownArgumentError
+from mpsim.errors import InputError, UnknownArgumentError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -238,7 +238,7 @@ def known_names(
     >>> draw(color="red")
     Traceback (most recent call last):
         ...
-    mpsim.UnknownArgumentError: an argument of draw must be one of 'colour'; got 'color'. Did you mean 'colour'?
+    mpsim.errors.UnknownArgumentError: an argument of draw must be one of 'colour'; got 'color'. Did you mean 'colour'?
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -307,7 +307,7 @@ def known_names_of_methods(cls: type[C]) -> type[C]:
     >>> Run().save(file="run.csv")
     Traceback (most recent call last):
         ...
-    mpsim.UnknownArgumentError: an argument of Run.save must be one of 'path'; got 'file'.
+    mpsim.errors.UnknownArgumentError: an argument of Run.save must be one of 'path'; got 'file'.
     """
     for name, value in list(vars(cls).items()):
         if name.startswith("_") and name != "__init__":

@@ -6,7 +6,7 @@ import weakref
 from contextlib import suppress
 from pathlib import Path
 
-from mpsim.core.errors import OutputError
+from mpsim.errors import OutputError
 
 
 class FileLock:

@@ -3,7 +3,7 @@
 import importlib
 from typing import Any
 
-from mpsim.core.errors import OutputError
+from mpsim.errors import OutputError
 
 
 def imported(module: str, what: str, extra: str, instead: str) -> Any:

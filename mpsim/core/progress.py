@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 from mpsim.core import checks
 from mpsim.core.durations import duration
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 
 Show = Callable[[int, int, str], None]
 """Called as show(done, of, what)."""

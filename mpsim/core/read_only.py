@@ -3,7 +3,7 @@
 from typing import Any, ClassVar, NoReturn
 
 from mpsim.core.checks import brief
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 
 
 class ReadOnly:

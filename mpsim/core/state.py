@@ -20,7 +20,7 @@ from mpsim.core import atomic, checks, columns, untrusted
 from mpsim.core.archive import DAMAGE, ArrayFile
 from mpsim.core.chunks import ChunkedArray, chunks_of, ranges
 from mpsim.core.columns import StateColumns
-from mpsim.core.errors import InputError, OutputError, reason_of
+from mpsim.errors import InputError, OutputError, reason_of
 
 Box = tuple[float, float, float, float]
 """Where the walls are: x_low, x_high, y_low, y_high [length]."""

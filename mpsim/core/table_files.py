@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from mpsim.core import atomic, checks
-from mpsim.core.errors import InputError, OutputError
 from mpsim.core.optional_packages import imported
+from mpsim.errors import InputError, OutputError
 
 CSV, JSON, TEXT, PARQUET = ".csv", ".json", ".txt", ".parquet"
 """Endings of the files of tables; TEXT may be CSV or JSON."""

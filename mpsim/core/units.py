@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 
 BOLTZMANN = 1.380649e-23
 """Boltzmann's constant [J/K], exact by the definition of the kelvin (SI brochure, 9th edition, 2019)."""

@@ -17,8 +17,8 @@ from contextlib import contextmanager
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 from mpsim.core import checks
-from mpsim.core.errors import BusyError, ForkedError
 from mpsim.engine.notices import Notices
+from mpsim.errors import BusyError, ForkedError
 
 R = TypeVar("R")
 

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import EXITS, MASS, SPIN, check_names, given
-from mpsim.core.errors import InputError
 from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.base import NewDiscs, Solver
+from mpsim.errors import InputError
 from mpsim.features import FEATURES, feature
 from mpsim.features.obstacles import Polyline
 from mpsim.scene.scene import Scene

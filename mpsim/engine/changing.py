@@ -7,13 +7,13 @@ from typing import NoReturn, Unpack
 from numpy.typing import ArrayLike
 
 from mpsim.core.columns import GivenColumns
-from mpsim.core.errors import InputError
 from mpsim.core.read_only import ReadOnly
 from mpsim.engine import changes, insertion
 from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.coordinator import Coordinator
 from mpsim.engine.journal import Journal
 from mpsim.engine.parameters import Parameters, check_names, demand_steps, plain
+from mpsim.errors import InputError
 
 
 class Changing(ReadOnly):

@@ -25,14 +25,6 @@ from mpsim.core import atomic, joint_file, untrusted
 from mpsim.core.archive import DAMAGE, ArrayFile, Arrays
 from mpsim.core.archive_layout import laid_out
 from mpsim.core.chunks import Array
-from mpsim.core.errors import (
-    CheckpointError,
-    CheckpointWarning,
-    InputError,
-    OutputError,
-    is_of_the_system,
-    level_of_caller,
-)
 from mpsim.core.joint_archive import piece_of, write_around, write_contents
 from mpsim.core.joint_file import write_at
 from mpsim.core.sizes import of_each_disc
@@ -41,6 +33,14 @@ from mpsim.engine.checkpoint_digest import digest_of, joined_digest
 from mpsim.engine.checkpoint_scene import ARRAYS, scene_from, scene_parts
 from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed
 from mpsim.engine.older_formats import in_this_format
+from mpsim.errors import (
+    CheckpointError,
+    CheckpointWarning,
+    InputError,
+    OutputError,
+    is_of_the_system,
+    level_of_caller,
+)
 from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

@@ -32,7 +32,7 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
         plain["duration"] = scene.duration
     if scene.settings is not None:
         plain["settings"] = dataclasses.asdict(scene.settings)
-    plain |= {name: value for name in ("picture_interval", "observables") if (value := getattr(scene, name))}
+    plain |= {name: value for name in ("picture_interval", "measures") if (value := getattr(scene, name))}
     if lattice is not None:
         plain["lattice"] = {name: getattr(lattice, name) for name in OF_LATTICE} | {"digest": lattice.digest_of_some()}
     return plain, arrays

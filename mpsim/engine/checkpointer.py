@@ -8,8 +8,8 @@ from typing import Any
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import Noted
-from mpsim.core.errors import InputError
 from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
+from mpsim.errors import InputError
 
 
 class Checkpointer:

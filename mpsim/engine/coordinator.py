@@ -10,14 +10,6 @@ from typing import Any
 import numpy as np
 
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import (
-    BusyError,
-    ClosedError,
-    GuardWarning,
-    TooFastError,
-    WorkerDied,
-    WorkerStalled,
-)
 from mpsim.core.state import Discs, StateInChunks
 from mpsim.engine.access import Access
 from mpsim.engine.batch_size import BatchSizer
@@ -37,6 +29,14 @@ from mpsim.engine.solvers.snapshots import Snapshot, count_in
 from mpsim.engine.step_limits import StepLimits
 from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.engine.workers.system_limits import refusals_named
+from mpsim.errors import (
+    BusyError,
+    ClosedError,
+    GuardWarning,
+    TooFastError,
+    WorkerDiedError,
+    WorkerStalledError,
+)
 from mpsim.kernels.compile_notice import compile_seconds
 from mpsim.measure.run_averages import Run, RunAverages
 from mpsim.scene.scene import Scene
@@ -216,7 +216,7 @@ class Coordinator:
             )
             workers, size = self._batch_sizer.next_slice(int(min(most, ahead)))
             part = solver.advance(size, workers, self.emission.next_time)
-        except WorkerDied as death:
+        except WorkerDiedError as death:
             try:
                 if recovery is None or not self.alive:
                     raise
@@ -325,7 +325,9 @@ class Coordinator:
             try:
                 retried_on_new_workers(action, renew, self._access.notices)
             except BaseException as error:
-                if self.solver.half_done or isinstance(error, (BusyError, WorkerDied, WorkerStalled)):  # left halfway
+                if self.solver.half_done or isinstance(
+                    error, (BusyError, WorkerDiedError, WorkerStalledError)
+                ):  # left halfway
                     self.end()
                 raise
 

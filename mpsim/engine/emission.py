@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from mpsim.core.columns import IMAGE
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import EmitterWarning, InputError
 from mpsim.engine.entry_flight import FlightEnd, end_of_flight
 from mpsim.engine.insertion import checked, hindrance
 from mpsim.engine.notices import Notices, Once
 from mpsim.engine.solvers.base import NewDiscs, Solver
+from mpsim.errors import EmitterWarning, InputError
 from mpsim.features.emitters import Emitter
 from mpsim.features.masses import has_masses
 from mpsim.features.radii import has_radii

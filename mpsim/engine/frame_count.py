@@ -3,7 +3,7 @@
 import math
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 
 MOST_FRAMES_OF_A_RUN = 10**12
 

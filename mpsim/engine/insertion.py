@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import MASS, Column, check_names, given
-from mpsim.core.errors import InputError
 from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.base import NewDiscs
+from mpsim.errors import InputError
 from mpsim.features import FEATURES, feature
 from mpsim.features.masses import has_masses
 from mpsim.features.radii import has_radii

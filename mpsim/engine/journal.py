@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import atomic, checks, untrusted
-from mpsim.core.errors import InputError, OutputError, reason_of
 from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALL, Change, with_wall
 from mpsim.engine.parameters import in_force
 from mpsim.engine.solvers.base import Origin
+from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

@@ -9,7 +9,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
-from mpsim.core.errors import level_of_caller
+from mpsim.errors import level_of_caller
 
 logger: logging.Logger = logging.getLogger("mpsim")
 

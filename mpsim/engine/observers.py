@@ -7,7 +7,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 
 
 class HasFrame(Protocol):

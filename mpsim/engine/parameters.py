@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.emitters import Emitter
 from mpsim.features.friction import friction_coefficient

@@ -6,8 +6,8 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.columns import given
-from mpsim.core.errors import InputError
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError
 from mpsim.features import VECTORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

@@ -4,9 +4,9 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from mpsim.core.errors import WorkerDied
 from mpsim.engine.notices import Notices
 from mpsim.engine.run_record import Mark, RunRecord
+from mpsim.errors import WorkerDiedError
 
 SNAPSHOT_FRACTION = 0.01
 """Fraction of the running time that in-memory snapshots may take: the next one waits until the last one's time is so
@@ -19,7 +19,7 @@ MOST_DEATHS = 5
 """Deaths of workers without a snapshot in between after which there is no use in trying again."""
 
 
-def log_death(death: WorkerDied, what_now: str, notices: Notices) -> None:
+def log_death(death: WorkerDiedError, what_now: str, notices: Notices) -> None:
     """Log a death from which the run recovers."""
     notices.log(
         "mpsim: worker %d (process %s) ended with exit code %s in frame %d, phase '%s'; %s, on new workers.",
@@ -41,7 +41,7 @@ def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | 
         notices: which take a line for each death.
 
     Raises:
-        WorkerDied: if that does not help.
+        WorkerDiedError: if that does not help.
     """
     died = False
     for chances in range(MOST_DEATHS, -1, -1):
@@ -50,7 +50,7 @@ def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | 
                 renew()
             act()
             return
-        except WorkerDied as death:
+        except WorkerDiedError as death:
             if renew is None or not chances:
                 raise
             log_death(death, "trying again", notices)
@@ -104,11 +104,11 @@ class RecoverySnapshots:
             self._due = now + max(SNAPSHOT_SECONDS, (now - started) / SNAPSHOT_FRACTION)
             self._deaths = 0
 
-    def go_back(self, death: WorkerDied) -> None:
+    def go_back(self, death: WorkerDiedError) -> None:
         """Restore the last snapshot.
 
         Raises:
-            WorkerDied: the death itself, if workers die faster than snapshots can be taken.
+            WorkerDiedError: the death itself, if workers die faster than snapshots can be taken.
         """
         while True:
             self._deaths += 1
@@ -121,5 +121,5 @@ class RecoverySnapshots:
             try:
                 self._restore(snapshot)
                 return
-            except WorkerDied as another:  # a new worker, before it was ready
+            except WorkerDiedError as another:  # a new worker, before it was ready
                 death = another

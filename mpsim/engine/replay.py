@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.engine.changes import PARAMETERS, Change
 from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.journal import Journal, without_workers
 from mpsim.engine.solvers.methods import same_bits
+from mpsim.errors import InputError
 
 
 class Replayable(Protocol):

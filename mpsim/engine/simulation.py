@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import CheckpointError, InputError
 from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import State
 from mpsim.core.team import Team
@@ -38,6 +37,7 @@ from mpsim.engine.solvers.in_place import InPlace
 from mpsim.engine.solvers.methods import capabilities_of, check_comm, on_ranks, same_bits
 from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together
 from mpsim.engine.solvers.passes import Pass, frame_in_passes
+from mpsim.errors import CheckpointError, InputError
 from mpsim.features import FEATURES
 from mpsim.measure.run_averages import checked
 from mpsim.scene.recommended import settings_for
@@ -59,7 +59,7 @@ class Simulation(Changing):
     Raises:
         InputError: if the numbers of the scene do not fit the precision of the run.
         TooFastError: with on_fast="error", or "substep" if too many were needed; also during a run, which can go on.
-        ResourceError, WorkerDied: if the block (SharedMemoryError) or the workers cannot be created.
+        ResourceError, WorkerDiedError: if the block (SharedMemoryError) or the workers cannot be created.
         BusyError, ForkedError: at any use while another thread changes it, or in a fork of the process that made it.
 
     Warns:
@@ -261,7 +261,7 @@ class Simulation(Changing):
         Raises:
             InputError: for both or neither of frames and until, or one out of range.
             ClosedError: after `close`.
-            DivergedError, WorkerDied, WorkerStalled: the run cannot continue; the simulation is closed.
+            DivergedError, WorkerDiedError, WorkerStalledError: the run cannot continue; the simulation is closed.
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         coordinator, access = self._coordinator, self._access

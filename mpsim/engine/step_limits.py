@@ -16,7 +16,6 @@ the same with any number of workers, and however a run is cut into calls, saved 
 import math
 from collections.abc import Iterator
 
-from mpsim.core.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.engine.compression import SELDOM, is_crowded, may_be_pressed, pressed
 from mpsim.engine.notices import Notices, Once
 from mpsim.engine.precision_check import coarseness
@@ -30,6 +29,7 @@ from mpsim.engine.speed_estimates import (
     speeds_of_emitters,
     speeds_of_pushed,
 )
+from mpsim.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.kernels.layout import LAWS
 from mpsim.measure.driving import acceleration_bound, is_inelastic
 from mpsim.scene.scene import Scene

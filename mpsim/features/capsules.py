@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.edges import MovingWall
 from mpsim.features.packing_bounds import largest_capsules, largest_number
 

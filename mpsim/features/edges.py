@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any, Literal, NamedTuple, cast
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.kernels import moving_wall
 
 BoundaryName = Literal["walls", "periodic"]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.capsules import check_clear
 from mpsim.features.feature import NEED_ALL_DISCS, Feature, Invalidation, SceneLike
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mpsim.core.columns import Column
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.capsules import CapsuleIndex, Deepest
 from mpsim.features.edges import MovingWall
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.columns import ACCELERATION, Column
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.feature import Feature, Floats, PerDisc, SceneLike, Shapes, lattice_sites
 
 

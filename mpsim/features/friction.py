@@ -7,7 +7,7 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.columns import SPIN, Column
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.feature import Feature, Invalidation, SceneLike, Shapes
 from mpsim.kernels.features import friction as kernel
 

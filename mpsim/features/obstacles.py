@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.garbage import garbage_collection_paused
+from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
 from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, SceneLike, Shapes

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.capsules import check_room_among
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
 from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, SceneLike, Shapes

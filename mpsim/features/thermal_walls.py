@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, demand_wall
 from mpsim.features.feature import Feature, Invalidation, SceneLike, Shapes
 from mpsim.features.thermostat import check_seed, mean_mass, other_seed

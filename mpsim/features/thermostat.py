@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.feature import Feature, Invalidation, SceneLike, Shapes
 from mpsim.kernels.records import THERMOSTAT
 

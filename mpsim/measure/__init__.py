@@ -3,10 +3,6 @@
 `reference` and `reference_motion` hold the values.
 """
 
-import warnings
-from typing import Any
-
-from mpsim.core.errors import level_of_caller
 from mpsim.measure import reference, reference_motion
 from mpsim.measure.correlation import PairCorrelation, pair_correlation
 from mpsim.measure.equilibration import Equilibration, equilibration
@@ -91,15 +87,3 @@ __all__ = [
 def __dir__() -> list[str]:
     """What is public."""
     return sorted([*__all__, "__doc__", "__file__", "__name__", "__path__"])
-
-
-def __getattr__(name: str) -> Any:
-    """The old name of `TrajectoryDeviation`: `mpsim.TrajectoryError` is an exception."""
-    if name == "TrajectoryError":
-        warnings.warn(
-            "mpsim.measure.TrajectoryError is now called mpsim.measure.TrajectoryDeviation; the old name ends in 0.3.",
-            DeprecationWarning,
-            stacklevel=level_of_caller(),
-        )
-        return TrajectoryDeviation
-    raise AttributeError(f"module 'mpsim.measure' has no attribute {name!r}")

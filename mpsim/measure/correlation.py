@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State, states_in
+from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.measure.moments import checked_positions, placed
 from mpsim.measure.pairs import close_pairs, lengths_of

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import atomic, untrusted
 from mpsim.core.archive import DAMAGE, ArrayFile
-from mpsim.core.errors import InputError, OutputError, reason_of
+from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.measure.motion import MOST_WAVE_NUMBERS, WAVES, Motion, correlator
 from mpsim.measure.multiple_tau import MOST_PARTS
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.sizes import equal_sizes
 from mpsim.core.state import Discs, State, count_of, parts_of, present_in
+from mpsim.errors import InputError
 from mpsim.measure.driving import is_heated
 from mpsim.scene import walls
 from mpsim.scene.scene import Scene

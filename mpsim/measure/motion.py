@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError, NotRecordedError
+from mpsim.errors import InputError, NotRecordedError
 from mpsim.measure.multiple_tau import MultipleTau, trapezoid
 from mpsim.measure.statistics import Measure
 

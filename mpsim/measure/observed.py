@@ -3,8 +3,8 @@
 from typing import Protocol
 
 from mpsim.core.binding import Binding
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
+from mpsim.errors import InputError
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.measure.statistics import Measure, block_average
 
 AGREEMENT = 20.0

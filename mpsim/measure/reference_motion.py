@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 
 EQUAL_SPEEDS_EXCESS = -0.5
 """Kurtosis excess a_2 = <v^4>/(2 <v^2>^2) - 1 of discs of equal speeds [1]: <v^4> = <v^2>^2."""

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError, NotRecordedError
 from mpsim.core.state import Discs, count_of
+from mpsim.errors import InputError, NotRecordedError
 from mpsim.features import FEATURES
 from mpsim.kernels import records
 from mpsim.measure import moments, observables

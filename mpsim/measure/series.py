@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
+from mpsim.errors import InputError
 from mpsim.measure.equilibration import Equilibration, equilibration
 from mpsim.measure.observed import Observed, OneSimulation
 from mpsim.scene.scene import Scene

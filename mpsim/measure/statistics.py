@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.digits import RELATIVE_ROUNDING, with_error
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.measure import spectrum
 
 FEWEST_BLOCKS = 16

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError, NotRecordedError
+from mpsim.errors import InputError, NotRecordedError
 from mpsim.features.thermostat import mean_mass
 from mpsim.measure import correlation_file
 from mpsim.measure.driving import adds_discs, conserves_energy, is_heated, memory_of_baths, removes_discs

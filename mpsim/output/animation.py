@@ -16,10 +16,10 @@ from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
 from numpy.typing import NDArray
 
 from mpsim.core import atomic, checks
-from mpsim.core.errors import InputError, MpsimError, OutputError
 from mpsim.core.progress import checked_progress, is_watched, of_frames
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError, MpsimError, OutputError
 from mpsim.output import ffmpeg
 from mpsim.output.colour_scale import SCALES, ColourScale, ScaleName, percentile_scale, sampled
 from mpsim.output.drawing import STYLE, THEMES, ThemeName

@@ -21,8 +21,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import atomic
-from mpsim.core.errors import InputError, OutputError
 from mpsim.core.state import Box
+from mpsim.errors import InputError, OutputError
 from mpsim.output.colour_scale import ColourScale
 from mpsim.scene.scene import Scene
 

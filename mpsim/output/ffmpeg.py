@@ -2,8 +2,8 @@
 
 import shutil
 
-from mpsim.core.errors import OutputError
 from mpsim.core.optional_packages import imported
+from mpsim.errors import OutputError
 
 
 def executable(instead: str) -> str:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mpsim.core import atomic
-from mpsim.core.errors import OutputError, TrajectoryWarning, level_of_caller
 from mpsim.core.file_lock import FileLock
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import OutputError, TrajectoryWarning, level_of_caller
 from mpsim.output.continuation import discrepancy, lacking
 from mpsim.output.frames import Frame, Given, Reader, Writer
 from mpsim.output.gsd import GsdReader, GsdWriter

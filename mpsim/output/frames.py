@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks
 from mpsim.core.chunks import ChunkedArray
 from mpsim.core.columns import Column, in_state
-from mpsim.core.errors import InputError, TrajectoryError
 from mpsim.core.state import Box, State, in_chunks, in_frame, present_in
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError, TrajectoryError
 from mpsim.features.edges import check_boundary, wraps_of
 
 

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import atomic, checks, untrusted
 from mpsim.core.columns import in_state
-from mpsim.core.errors import MpsimError, TrajectoryError, reason_of
 from mpsim.core.optional_packages import imported
+from mpsim.errors import MpsimError, TrajectoryError, reason_of
 from mpsim.output.frames import Frame, Given
 
 _PER_DISC = {"position": "position", "velocity": "velocity", "radius": "radius", "mass": "mass", "id": "ids"}

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from mpsim.core.binding import Binding
-from mpsim.core.errors import InputError, OutputError
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError, OutputError
 
 
 class Ownership:

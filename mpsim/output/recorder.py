@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import atomic, checks, untrusted
-from mpsim.core.errors import InputError, OutputError, reason_of
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.measure.moments import energy_of_rotation, energy_of_translation
 from mpsim.measure.observables import overlap
 from mpsim.output.first_rank import FirstRank

@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State, present_in
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError
 from mpsim.features.edges import boundary_of
 from mpsim.measure.moments import placed
 from mpsim.output.colour_scale import SCALES, SPEED, ScaleName, percentile_scale, speeds_of

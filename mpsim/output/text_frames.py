@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import untrusted
-from mpsim.core.errors import TrajectoryError, TrajectoryWarning, level_of_caller
+from mpsim.errors import TrajectoryError, TrajectoryWarning, level_of_caller
 from mpsim.output.frames import Frame, Given
 
 LONGEST_LINE = 2**20

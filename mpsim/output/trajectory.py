@@ -16,9 +16,9 @@ from typing import Any, overload
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError, TrajectoryError, reason_of
 from mpsim.core.joint_file import JointFile
 from mpsim.engine.simulation import Simulation, jointly
+from mpsim.errors import InputError, TrajectoryError, reason_of
 from mpsim.features.edges import BoundaryName
 from mpsim.output.first_rank import FirstRank
 from mpsim.output.frame_file import ENDINGS, READERS, FrameFile, ending_of, unwritable

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.edges import kinds_of
 from mpsim.features.packing_bounds import densest_packing
 from mpsim.kernels.events import records, solver, state

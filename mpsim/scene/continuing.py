@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.state import State, no_state
+from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.emitters import check_emitters
 from mpsim.features.fields import check_gravity

@@ -15,7 +15,6 @@ from mpsim.core import checks
 from mpsim.core.sizes import equal_sizes
 from mpsim.scene import recommended
 from mpsim.scene.lattice import Lattice
-from mpsim.scene.old_names import OldNames
 
 Floats = NDArray[np.float64]
 
@@ -89,7 +88,7 @@ def start_of(position: Any, velocity: Any) -> Start:
     return GivenStart(places, checks.finite_array("velocity", velocity, (len(places), 2), rows))
 
 
-class HasDiscs(OldNames):
+class HasDiscs:
     """The discs of a scene."""
 
     _start: Start

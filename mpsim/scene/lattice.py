@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.capsules import demand_none
 from mpsim.scene.starts import Sites, thermal_velocities, widest_spacing
 

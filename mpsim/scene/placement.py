@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
 from mpsim.core.pieces import in_pieces
+from mpsim.errors import InputError
 from mpsim.features.capsules import with_images
 from mpsim.kernels.placement import by_cell, overlap_removal
 from mpsim.kernels.placement.placing import EMPTY, sweep

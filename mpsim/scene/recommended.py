@@ -9,11 +9,11 @@ from collections.abc import Iterable
 from typing import Any
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.views import view
+from mpsim.errors import InputError
 from mpsim.scene.settings import Settings
 
-NAMES = ("duration", "settings", "picture_interval", "observables")
+NAMES = ("duration", "settings", "picture_interval", "measures")
 """Arguments of Scene that are recommendations: they are no part of its digest."""
 
 
@@ -24,17 +24,17 @@ class Recommends:
         duration: length of a run [time]; None without one.
         settings: how to simulate it; None: the defaults.
         picture_interval: time between two pictures [time]; None without one.
-        observables: names of what to measure.
+        measures: names of what to measure.
     """
 
     duration: float | None = None
     settings: Settings | None = None
     picture_interval: float | None = None
-    observables: tuple[str, ...] = ()
+    measures: tuple[str, ...] = ()
 
 
 def check_recommended(
-    duration: Any, settings: Any, picture_interval: Any, observables: Iterable[str] | str
+    duration: Any, settings: Any, picture_interval: Any, measures: Iterable[str] | str
 ) -> dict[str, Any]:
     """The recommendations that were given, checked.
 
@@ -46,11 +46,11 @@ def check_recommended(
         found["settings"] = _checked(settings)
     if picture_interval is not None:
         found["picture_interval"] = checks.positive("picture_interval", picture_interval, "[time]")
-    if not isinstance(observables, Iterable):
-        raise InputError(f"observables must be names of measures; got {checks.brief(observables)}.")
-    if names := (observables,) if isinstance(observables, str) else tuple(observables):
+    if not isinstance(measures, Iterable):
+        raise InputError(f"measures must be names of measures; got {checks.brief(measures)}.")
+    if names := (measures,) if isinstance(measures, str) else tuple(measures):
         known = view("measure_names")
-        found["observables"] = tuple(checks.choice("observables", name, known) for name in names)
+        found["measures"] = tuple(checks.choice("measures", name, known) for name in names)
     return found
 
 

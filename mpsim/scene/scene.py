@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.read_only import ReadOnly
 from mpsim.core.state import Box, State
 from mpsim.core.views import view
+from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.absorption import check_edges
 from mpsim.features.capsules import CapsuleIndex
@@ -76,7 +76,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         duration: recommended length of a run [time], > 0. It and the following are not part of the digest.
         settings: recommended Settings, used by runs that are given none; None: the defaults.
         picture_interval: recommended time between two pictures of an animation or a trajectory [time], > 0.
-        observables: recommended measures: names as for `Simulation.run(measures=...)`.
+        measures: recommended measures: names as for `Simulation.run(measures=...)`.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -132,7 +132,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         duration: float | None = None,
         settings: Settings | None = None,
         picture_interval: float | None = None,
-        observables: Sequence[str] | str = (),
+        measures: Sequence[str] | str = (),
     ):
         self.width: float = checks.positive("width", width, "[length]")
         self.height: float = checks.positive("height", height, "[length]")
@@ -151,7 +151,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         self.absorbing: tuple[str, ...] = check_edges(absorbing, self.boundary)
         self.piston: Piston | None = check_piston(piston, self.boundary, self.width, self.height, self.absorbing)
         vars(self).update(check_thermostat(thermostat) | check_thermal_walls(thermal_walls))
-        vars(self).update(check_recommended(duration, settings, picture_interval, observables))
+        vars(self).update(check_recommended(duration, settings, picture_interval, measures))
         starts.demand_room(self.largest_radius, self.width, self.height, self.boundary)
         if self.on_lattice is None:  # whose discs are inside by construction
             self.check_inside("position", self.position, self.radius)

@@ -55,7 +55,7 @@ class Settings:
         unguarded: True processes neighbouring columns at the same time, which is a race condition and *wrong*: each run
             of `parallel` then differs. It demonstrates the purpose of the even and odd passes; never use it for
             results.
-        on_worker_death: "raise" WorkerDied, or "restart": continue from the last snapshot in memory with new workers
+        on_worker_death: "raise" WorkerDiedError, or "restart": continue from the last snapshot in memory with new workers
             and the same bits. Snapshots take 1 % of the time or less.
         on_fast: what to do when a disc moves farther in a step than its own radius, so that discs may pass through each
             other, or collides more than once in a step on average: "warn" (FastWarning, once), "error" (TooFastError),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.capsules import with_images
 from mpsim.features.edges import kinds_of
 from mpsim.scene import placement

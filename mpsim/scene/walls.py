@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
 from mpsim.core.state import State, moved_into
+from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.edges import MovingWall, kinds_of
 from mpsim.features.feature import SceneLike

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import MpsimError
 from mpsim.core.state import State
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import MpsimError
 from mpsim.measure.observables import kinetic_energy
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError
 from mpsim.measure.driving import acceleration_bound
 from mpsim.measure.observables import TrajectoryDeviation, trajectory_error
 from mpsim.measure.predictability import Predictability, predictability, require_predictable

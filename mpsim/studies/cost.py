@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from mpsim.core.errors import MpsimError
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import MpsimError
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.replicas import failure, quietly

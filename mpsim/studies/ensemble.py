@@ -14,12 +14,12 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.cores import usable_cores
-from mpsim.core.errors import FastWarning, InputError, NotMeasurableError
 from mpsim.core.state import State
 from mpsim.engine import notices
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_scene import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import FastWarning, InputError, NotMeasurableError
 from mpsim.measure.driving import adds_discs
 from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
 from mpsim.scene.recommended import no_scene

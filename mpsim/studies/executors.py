@@ -5,7 +5,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 
 POLL_SECONDS = 0.2
 """Seconds between two checks for signals while threads run: one delivered to another thread wakes no waiting one."""

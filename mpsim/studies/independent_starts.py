@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
+from mpsim.errors import InputError
 from mpsim.features.emitters import Emitter
 from mpsim.scene import placement
 from mpsim.scene.scene import Scene

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mpsim.core.cores import usable_cores
-from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_scene import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError, MpsimError
 from mpsim.features import FEATURES
 from mpsim.measure import driving
 from mpsim.scene.scene import Scene

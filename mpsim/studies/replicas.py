@@ -17,7 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from mpsim.core.errors import (
+from mpsim.core.state import State
+from mpsim.engine import notices
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers import methods
+from mpsim.errors import (
     EmitterWarning,
     FastWarning,
     GuardWarning,
@@ -26,13 +30,9 @@ from mpsim.core.errors import (
     OverlapWarning,
     ResolutionWarning,
     ResourceError,
-    WorkerDied,
-    WorkerStalled,
+    WorkerDiedError,
+    WorkerStalledError,
 )
-from mpsim.core.state import State
-from mpsim.engine import notices
-from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers import methods
 from mpsim.measure import driving, run_averages
 from mpsim.measure.registry import ERRORS, LONG, NAMES, OBSERVABLES, SHORT
 from mpsim.scene.scene import Scene
@@ -154,7 +154,7 @@ def long_run(
 
 def failure(error: Exception) -> dict[str, Any]:
     """The result of a run that failed; with "machine" if the machine is the cause, not the candidate."""
-    machine = isinstance(error, MemoryError | ResourceError | WorkerDied | WorkerStalled | RunTooLong)
+    machine = isinstance(error, MemoryError | ResourceError | WorkerDiedError | WorkerStalledError | RunTooLong)
     return {"failure": f"{type(error).__name__}: {error}"} | ({"machine": True} if machine else {})
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mpsim.core import atomic, untrusted
-from mpsim.core.errors import InputError, OutputError
+from mpsim.errors import InputError, OutputError
 
 FORMAT = 3
 """Of the file: results of runs that were divided or counted differently must not be mixed."""

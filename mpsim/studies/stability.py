@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.errors import MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_scene import contact_time_at_rest
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import MpsimError
 from mpsim.measure.observables import overlap
 from mpsim.measure.pairs import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene

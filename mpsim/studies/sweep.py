@@ -14,8 +14,8 @@ from typing import Any
 from mpsim.core import checks
 from mpsim.core.cores import usable_cores
 from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.errors import InputError, SweepWarning, level_of_caller
 from mpsim.core.progress import Show, checked_progress, shown
+from mpsim.errors import InputError, SweepWarning, level_of_caller
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies import sweep_runs

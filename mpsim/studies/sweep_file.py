@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from mpsim.core import untrusted
-from mpsim.core.errors import InputError, OutputError, SweepWarning, level_of_caller, reason_of
 from mpsim.core.file_lock import FileLock
+from mpsim.errors import InputError, OutputError, SweepWarning, level_of_caller, reason_of
 from mpsim.studies.saved_results import checked_path
 from mpsim.studies.sweep_points import Point, text_of
 

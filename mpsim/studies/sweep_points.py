@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
+from mpsim.errors import InputError
 from mpsim.scene.scene import Scene
 
 MOST_POINTS = 10_000_000

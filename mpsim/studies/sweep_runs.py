@@ -20,10 +20,10 @@ import numba
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.version import __version__
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError
 from mpsim.measure import run_averages
 from mpsim.measure.statistics import Measure
 from mpsim.scene.recommended import Recommends, settings_for

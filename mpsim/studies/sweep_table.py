@@ -13,10 +13,10 @@ from typing import Any, cast
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.optional_packages import imported
 from mpsim.core.plain import json_text
 from mpsim.core.table_files import CSV, JSON, demand_parquet, write_parquet, written
+from mpsim.errors import InputError
 
 TABLE = "the table of a sweep"
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError, MpsimError
 from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
+from mpsim.errors import InputError, MpsimError
 from mpsim.measure import run_averages
 from mpsim.scene.recommended import Recommends, settings_for
 from mpsim.scene.scene import Scene

@@ -14,7 +14,6 @@ from typing import Any
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.optional_packages import imported
 from mpsim.core.plain import json_text
 from mpsim.core.progress import checked_progress, shown
@@ -22,6 +21,7 @@ from mpsim.core.table_files import CSV, JSON, write_parquet, written
 from mpsim.core.views import view
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError, MpsimError
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

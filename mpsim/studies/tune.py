@@ -17,9 +17,9 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.core.progress import checked_progress, shown
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.scene.recommended import settings_for
 from mpsim.scene.scene import Scene

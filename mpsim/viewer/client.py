@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Mapping
 from typing import Protocol
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.viewer.broadcast import Shown
 
 MOST_A_SECOND, BURST = 200.0, 400.0

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.engine.collision_observers import Collisions
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.in_place import InPlace
+from mpsim.errors import InputError
 from mpsim.viewer.colours import ABSORBED, FASTEST, KNEE
 
 CHOICES = ("speed", "worker", "column", "collision", "own")

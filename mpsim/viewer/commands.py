@@ -7,9 +7,9 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
-from mpsim.core.errors import ClosedError, InputError
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.in_place import in_place
+from mpsim.errors import ClosedError, InputError
 from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

@@ -8,9 +8,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.report import Report
+from mpsim.errors import InputError
 from mpsim.measure.observables import trajectory_error
 from mpsim.measure.run_averages import refusal
 from mpsim.measure.statistics import Measure, block_average

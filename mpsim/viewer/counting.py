@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError
 from mpsim.measure import reference, temperature
 from mpsim.measure.driving import has_body_force
 from mpsim.measure.run_averages import checked

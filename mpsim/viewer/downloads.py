@@ -5,7 +5,7 @@ import contextlib
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from mpsim.core.errors import MpsimError
+from mpsim.errors import MpsimError
 from mpsim.viewer import film, keep
 from mpsim.viewer.admission import Refusal
 from mpsim.viewer.broadcast import Shown

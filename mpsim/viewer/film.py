@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from mpsim.core.errors import InputError, OutputError
+from mpsim.errors import InputError, OutputError
 from mpsim.output import ffmpeg
 from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Shown

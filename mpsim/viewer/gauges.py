@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim import measure
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.report import Report
+from mpsim.errors import InputError
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.driving import adds_discs, has_losses, is_heated, removes_discs
 from mpsim.measure.observables import has_periodic_field

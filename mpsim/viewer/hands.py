@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import BusyError, InputError, OutputError
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import BusyError, InputError, OutputError
 from mpsim.features.masses import has_masses
 from mpsim.features.radii import has_radii
 from mpsim.measure.pairs import lengths_of, to_nearest_image

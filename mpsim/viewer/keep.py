@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.core.errors import InputError, MpsimError
 from mpsim.engine.changes import Change
 from mpsim.engine.journal import Journal
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError, MpsimError
 from mpsim.features import FEATURES
 from mpsim.features.piston import PISTON
 from mpsim.scene import recommended, scenefile

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, quote, urlencode
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.engine import parameters
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError
 from mpsim.scene import scenefile
 from mpsim.scene.recommended import settings_for
 from mpsim.scene.scene import Scene

@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.scene.settings import Settings
 from mpsim.viewer import link
 from mpsim.viewer.admission import Admission

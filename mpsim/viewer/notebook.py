@@ -10,8 +10,8 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.optional_packages import imported
+from mpsim.errors import InputError
 from mpsim.scene.settings import Settings
 from mpsim.viewer import wire
 from mpsim.viewer.admission import Refusal

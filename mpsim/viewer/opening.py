@@ -4,8 +4,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from mpsim.core.errors import InputError
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

@@ -6,12 +6,12 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from mpsim.core.errors import ClosedError, InputError, MpsimError
 from mpsim.engine.changes import ADD, PARAMETERS, WALL, Change
 from mpsim.engine.parameters import OF_SETTINGS
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import ClosedError, InputError, MpsimError
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer.comparison import Comparison, measures_of

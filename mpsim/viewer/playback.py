@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from mpsim.core.errors import InputError, MpsimError
+from mpsim.errors import InputError, MpsimError
 from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colours import scale_of

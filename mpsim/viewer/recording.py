@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError, TrajectoryError, TrajectoryWarning
 from mpsim.core.state import State, moved_into
+from mpsim.errors import InputError, TrajectoryError, TrajectoryWarning
 from mpsim.features.edges import boundary_of
 from mpsim.measure.moments import SAME_BOX, placed
 from mpsim.output.frames import Frame

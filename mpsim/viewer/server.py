@@ -10,8 +10,8 @@ import socket
 import time
 from typing import Any
 
-from mpsim.core.errors import InputError, MpsimError, ResourceError
 from mpsim.core.optional_packages import imported
+from mpsim.errors import InputError, MpsimError, ResourceError
 from mpsim.viewer import link, wire
 from mpsim.viewer.admission import Admission, Refusal
 from mpsim.viewer.client import Client

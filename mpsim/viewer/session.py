@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import BusyError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation, read_in_place
 from mpsim.engine.solvers.in_place import InPlace
+from mpsim.errors import BusyError, MpsimError
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer import wire

@@ -8,10 +8,10 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.cores import usable_cores
-from mpsim.core.errors import InputError
 from mpsim.engine.parameters import OF_FRICTION
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError
 from mpsim.kernels import layout
 from mpsim.scene.scene import Scene
 

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future
 
-from mpsim.core.errors import InputError, MpsimError
+from mpsim.errors import InputError, MpsimError
 from mpsim.scene.scene import Scene
 from mpsim.viewer import keep, wire
 from mpsim.viewer.broadcast import Audience, Broadcast

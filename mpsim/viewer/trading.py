@@ -5,12 +5,12 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from mpsim.core.errors import InputError, MpsimError
 from mpsim.engine.observers import Observer
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.in_place import InPlace, in_place
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError, MpsimError
 from mpsim.measure.predictability import Predictability
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

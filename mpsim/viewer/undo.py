@@ -6,8 +6,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from mpsim.core.errors import InputError, OutputError
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError, OutputError
 
 MOST_POINTS = 16
 """Largest number of remembered moments before changes; the oldest ones are forgotten."""

@@ -35,10 +35,10 @@ import orjson
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
 from mpsim.core.state import Box
 from mpsim.engine import parameters
 from mpsim.engine.solvers.in_place import InPlace
+from mpsim.errors import InputError
 from mpsim.kernels.painting import paint_places
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS

@@ -144,7 +144,7 @@ def test_thousands_of_scenes_have_the_same_bits_however_they_are_run():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of the tail of the speeds, and of discs dropped on others
 @pytest.mark.parametrize("name", long_but(ZOO, "everything"))
 @pytest.mark.parametrize("seed", [0, 1])

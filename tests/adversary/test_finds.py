@@ -76,7 +76,7 @@ def check_guard_at_rest():
     fast, energies = Units(time=2.0**-30), []
     for scene, factor in ((start, 1.0), (fast.scene(start), fast.time)):
         with warnings.catch_warnings(), simulate(scene, method="event", dt=factor) as sim:
-            warnings.simplefilter("error", mpsim.GuardWarning)
+            warnings.simplefilter("error", mpsim.errors.GuardWarning)
             sim.run(frames=8)
             energies.append((sim.state.velocity**2).sum() * factor**2)
     assert energies[0] < 0.5, "the collisions lose energy"

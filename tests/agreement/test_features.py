@@ -24,7 +24,7 @@ PRECISIONS = ("float64", "float32")
 CONTACTS = ("impact", "push")
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning"),
+    pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning"),
     pytest.mark.filterwarnings(
         "ignore::mpsim.FastWarning"
     ),  # of the tail of the speeds, and of discs dropped on others
@@ -54,7 +54,7 @@ def check_anything(first, last):
 
 def check_all_as_they_are():
     """What runs as plain Python: all features alone, and random ones."""
-    for kind in (mpsim.EmitterWarning, mpsim.FastWarning):
+    for kind in (mpsim.errors.EmitterWarning, mpsim.FastWarning):
         warnings.simplefilter("ignore", kind)
     for name, method, precision, contact in itertools.product(ZOO, ("naive", "grid"), PRECISIONS, CONTACTS):
         check_twin(name, method, precision, contact)

@@ -218,7 +218,7 @@ def changed_as_it_ran(words, cuts, **more):
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 @pytest.mark.parametrize("words", METHODS)
 def test_frames_and_times_go_on_after_changes(words):
     """Of each collision, and so does the place of those on the piston."""

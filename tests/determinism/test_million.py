@@ -79,7 +79,7 @@ def test_one_bit_of_the_start_changes_them(pinned):
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 def test_losses_of_a_rounding_in_each_collision_would_show():
     scene = gas()
     lossy = mpsim.Scene(width=scene.width, height=scene.height, position=scene.position, velocity=scene.velocity,

@@ -18,7 +18,7 @@ DEFAULT = ("galton",)
 def digest(file: scenefile.SceneFile, method: str, workers: int | None = None) -> str:
     settings = dataclasses.replace(file.settings, method=method, workers=workers)
     with warnings.catch_warnings():
-        for kind in (mpsim.EmitterWarning, mpsim.FastWarning):  # pi is for the exact solver
+        for kind in (mpsim.errors.EmitterWarning, mpsim.FastWarning):  # pi is for the exact solver
             warnings.simplefilter("ignore", kind)
         with mpsim.Simulation(file.scene, settings) as sim:
             sim.run(frames=FRAMES)

@@ -232,7 +232,7 @@ SCENES = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # one of everything's emitters finds its place taken
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # one of everything's emitters finds its place taken
 @pytest.mark.parametrize(
     "name",
     [
@@ -264,7 +264,7 @@ def test_without_odd_and_even_passes_discs_have_two_writers(figures):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 def test_a_wall_that_moves_while_contacts_read_its_place_is_noticed():
     """The control of the barrier after it."""
     with simulate(SCENES["everything"](), method="grid") as sim:

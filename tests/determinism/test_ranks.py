@@ -185,7 +185,7 @@ import sys, warnings, mpsim
 from mpi4py import MPI
 from support.ranks import CASES
 
-warnings.simplefilter("ignore", mpsim.EmitterWarning)
+warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
 path, what, name, workers = sys.argv[1:]
 case, workers = CASES[name](), int(workers)
 if what == "save":
@@ -203,7 +203,7 @@ else:
 """
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # whose disc waits
 @pytest.mark.parametrize("name", long_but(["everything", "rough torus", "doors"], "doors"))
 def test_a_checkpoint_goes_from_ranks_to_workers_and_back(name, tmp_path):
     case, whole = CASES[name](), alone(name)["digest"]
@@ -226,7 +226,7 @@ LARGER = [((4, 1), (number, workers)) for number, workers in ((1, 1), (2, 1), (8
 LARGER += [((2, 2), (4, 2)), ((2, 2), (1, 4)), ((4, 2), (2, 1)), ((1, 4), (2, 2))]
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # whose disc waits
 @pytest.mark.parametrize(
     ("before", "after"),
     [((2, 2), (1, 1)), ((1, 1), (2, 2)), *(pytest.param(*each, marks=pytest.mark.long) for each in LARGER)],
@@ -246,7 +246,7 @@ import sys, warnings, mpsim
 from mpi4py import MPI
 from support.ranks import CASES, tell
 
-warnings.simplefilter("ignore", mpsim.EmitterWarning)
+warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
 folder, ending, begun = sys.argv[1:]
 path, comm, case = f"{folder}/ranks.{ending}", MPI.COMM_WORLD, CASES["doors"]()
 with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi"), comm=comm) as sim:
@@ -257,12 +257,12 @@ with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi"),
         assert out.frames == (5 if begun == "new" else 2), out.frames
     try:
         mpsim.Trajectory.write(path, comm=comm)
-    except mpsim.OutputError as error:
+    except mpsim.errors.OutputError as error:
         tell(f"refused: {'exists already' in str(error)}")
 """
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 @pytest.mark.parametrize("ending", ["xyz", "gsd"])
 def test_ranks_write_the_trajectory_of_one_process(ending, tmp_path):
     case, alone_path, path = CASES["doors"](), tmp_path / f"alone.{ending}", tmp_path / f"ranks.{ending}"

@@ -77,7 +77,7 @@ FEW = [(1, 0), (2, 0)]
 MANY = [pytest.param([(3, 0), (4, 0), (2, 4)], marks=pytest.mark.long)]
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # whose disc waits
 @pytest.mark.parametrize("name", long_but(["large", "doors", "everything", "rough torus"], "doors"))
 @pytest.mark.parametrize("numbers", [FEW, *MANY])
 def test_a_checkpoint_has_the_same_bytes_on_any_number_of_ranks(name, numbers, tmp_path):

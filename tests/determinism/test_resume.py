@@ -23,7 +23,7 @@ STEPPED = [("naive", 1), ("grid", 1), ("parallel", 1), ("parallel", 2), ("parall
 @pytest.fixture(autouse=True)
 def without_words_about_emitters():
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
         yield
 
 

@@ -15,7 +15,7 @@ from mpsim.engine.journal import Journal
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning"),
+    pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning"),
     pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),
 ]
 

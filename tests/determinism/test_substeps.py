@@ -224,7 +224,7 @@ def resumed_differently(seed, path, monkeypatch, every):
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:.* occupied at time:mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore:.* occupied at time:mpsim.errors.EmitterWarning")
 def test_any_run_is_resumed_at_any_frame_with_the_same_bits(tmp_path, monkeypatch):
     def differ(seeds, every):
         return [seed for seed in seeds if resumed_differently(seed, tmp_path / "run", monkeypatch, every)]

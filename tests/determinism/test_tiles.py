@@ -340,7 +340,7 @@ def test_what_a_tile_counted_that_was_not_played_to_its_end_is_forgotten(monkeyp
     """Windows as long as laps: one of them comes to the disc that is crushed, and is played again in halves."""
     monkeypatch.setattr(event_windows, "PATIENCE", 0)  # so that each command plays a window, and hands out its counts
     scene, found, afterwards = before_a_crush(), [], 0
-    with on_tiles(scene, (2, 1), dt=1 / 64) as sim, contextlib.suppress(mpsim.StalledError):
+    with on_tiles(scene, (2, 1), dt=1 / 64) as sim, contextlib.suppress(mpsim.errors.StalledError):
         for _ in range(10_000):
             if windows_of(sim)["again"] == 0:
                 begin_with_long_windows(sim)

@@ -58,7 +58,7 @@ def test_random_scenes_are_the_same_on_tiles(figures):
 
 @pytest.mark.long
 @pytest.mark.timeout(900)
-@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")  # of grains that come to rest
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")  # of grains that come to rest
 def test_two_hundred_random_scenes_are_the_same_on_tiles(figures):
     check_any_scene(range(3, 100))
     divided, left = check_any_scene(range(100, 200), open_box=True)
@@ -112,7 +112,7 @@ def renumbered(sim):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")  # of the second collision of an instant
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")  # of the second collision of an instant
 @pytest.mark.parametrize("other", [False, True])
 def test_ties_that_were_broken_in_another_way_would_be_noticed(other):
     """The control: two discs hit a third one at the same instant, and who is first changes what becomes of them."""

@@ -116,7 +116,7 @@ def test_discs_that_are_added_on_the_way_have_the_same_bits(name):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 @pytest.mark.parametrize("dt", [0.05, 1.7])
 def test_emitters_that_stop_inside_frames_have_the_same_bits(dt, tmp_path):
     """A disc enters at its time, which lies inside a frame; also of a run that is resumed in between."""

@@ -96,7 +96,7 @@ def test_many_runs_on_more_workers_than_cores_agree():
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of the tail of the speeds
 @pytest.mark.parametrize("name", ZOO)
 def test_every_feature_has_the_bits_of_grid_on_all_cores_of_the_machine(name):

@@ -125,7 +125,9 @@ def test_a_trajectory_is_continued_by_the_run_that_wrote_it(name, found):
     assert frames[-1][-1] == rest
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning")
+@pytest.mark.filterwarnings(
+    "ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning"
+)
 def test_extended_xyz_is_written_to_the_same_bytes(tmp_path):
     written.write_trajectories(tmp_path)
     for name in TRAJECTORIES:
@@ -180,7 +182,9 @@ OF_FORMAT_6 = {
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning")
+@pytest.mark.filterwarnings(
+    "ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning"
+)
 @pytest.mark.parametrize("file", long_but(OF_FORMAT_6, "periodic-naive-impact-float64"))
 def test_a_checkpoint_of_format_6_goes_on_to_the_pinned_digest_and_is_rewritten_as_one_of_today(file, tmp_path):
     name, case = OF_FORMAT_6[file]

@@ -41,7 +41,7 @@ def read(tmp_path, text, name="a.xyz", **given):
 
 def refused(tmp_path, text, words, name="a.xyz", **given):
     """The file is refused, by an error that names it, the frame and, in words, the rest."""
-    with pytest.raises(mpsim.TrajectoryError, match=words) as caught:
+    with pytest.raises(mpsim.errors.TrajectoryError, match=words) as caught:
         read(tmp_path, text, name, **given)
     assert f"frame 0 of '{tmp_path / name}'" in str(caught.value)
 
@@ -152,7 +152,9 @@ def test_sizes_and_masses_below_0_are_refused(tmp_path):
 def test_a_last_line_without_its_end_is_read_with_a_warning(tmp_path):
     for frames in (1, 2):
         (tmp_path / "a.xyz").write_text((FRAME * frames)[:-1])
-        with pytest.warns(mpsim.TrajectoryWarning, match="ends without the end of a line. Its last frame is read"):
+        with pytest.warns(
+            mpsim.errors.TrajectoryWarning, match="ends without the end of a line. Its last frame is read"
+        ):
             trajectory = mpsim.Trajectory(tmp_path / "a.xyz")
         assert len(trajectory) == frames
         assert trajectory[-1].position.tolist() == [[1, 1], [3, 2]]
@@ -166,7 +168,9 @@ def test_a_file_cut_off_anywhere_has_its_whole_frames(tmp_path, text, compressed
     for cut in range(1, len(text)):
         whole = (text * frames)[:-cut].encode()
         path.write_bytes(gzip.compress(whole) if compressed else whole)
-        with pytest.warns(mpsim.TrajectoryWarning, match="ends (in the middle of a frame|without the end of a line)"):
+        with pytest.warns(
+            mpsim.errors.TrajectoryWarning, match="ends (in the middle of a frame|without the end of a line)"
+        ):
             trajectory = mpsim.Trajectory(path)
         last = text[: len(text) - cut].splitlines()[-1:]
         complete = len(last) > 0 and len(text[: len(text) - cut].splitlines()) == len(text.splitlines())
@@ -179,7 +183,7 @@ def test_a_frame_that_mpsim_wrote_is_incomplete_without_its_last_newline(tmp_pat
     """Negative control of the tests above: its last number may be cut short, and is not read."""
     written(tmp_path / "a.xyz", gas(5, 0.1), 4, 1)
     (tmp_path / "b.xyz").write_bytes((tmp_path / "a.xyz").read_bytes()[:-1])
-    with pytest.warns(mpsim.TrajectoryWarning, match="ends in the middle of a frame"):
+    with pytest.warns(mpsim.errors.TrajectoryWarning, match="ends in the middle of a frame"):
         assert len(mpsim.Trajectory(tmp_path / "b.xyz")) == 4
 
 
@@ -192,7 +196,7 @@ def test_velocities_are_momenta_over_masses_where_they_are_written_so(tmp_path):
     assert frame.mass.tolist() == [2, 4]
     del atoms.arrays["masses"]  # which ASE then takes from the chemical element
     ase.io.write(tmp_path / "b.xyz", atoms)
-    with pytest.raises(mpsim.TrajectoryError, match="velocity must be in a trajectory to be read from it"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match="velocity must be in a trajectory to be read from it"):
         mpsim.Trajectory(tmp_path / "b.xyz")[0].velocity  # noqa: B018
 
 
@@ -243,7 +247,7 @@ def hoomd_file(path, positions, frames=1, **more):
 
 def test_a_gsd_frame_of_three_dimensions_is_refused_unless_it_is_a_plane(tmp_path):
     cube = {"box": [6, 6, 6, 0, 0, 0], "dimensions": 3}
-    with pytest.raises(mpsim.TrajectoryError, match=r"frame 0 of '.*a.gsd' must be two-dimensional"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match=r"frame 0 of '.*a.gsd' must be two-dimensional"):
         hoomd_file(tmp_path / "a.gsd", [(1, 0, 1.5), (1, 0, -1.5)], **cube)[0]
     assert hoomd_file(tmp_path / "b.gsd", [(1, 0, 1.5), (2, 0, 1.5)], **cube)[0].position.tolist() == [[4, 3], [5, 3]]
 
@@ -273,7 +277,7 @@ def test_sizes_of_hard_particles_are_those_of_their_shapes(tmp_path):
 )
 def test_other_shapes_than_discs_are_refused(tmp_path, shape):
     with pytest.raises(
-        mpsim.TrajectoryError, match=r"frame 0 of .* must hold discs, of shape Sphere with a diameter above"
+        mpsim.errors.TrajectoryError, match=r"frame 0 of .* must hold discs, of shape Sphere with a diameter above"
     ):
         hoomd_file(tmp_path / "a.gsd", GRID, types=["A"], type_shapes=[shape])[0]
 
@@ -286,7 +290,7 @@ def test_a_shape_that_no_disc_has_does_not_matter(tmp_path):
 def test_what_a_gsd_file_does_not_hold_stays_absent(tmp_path):
     frame = hoomd_file(tmp_path / "a.gsd", GRID)[0]
     for name in ("velocity", "radius", "mass", "image"):
-        with pytest.raises(mpsim.TrajectoryError, match=f"{name} must be in a trajectory to be read from it"):
+        with pytest.raises(mpsim.errors.TrajectoryError, match=f"{name} must be in a trajectory to be read from it"):
             getattr(frame, name)
     full = hoomd_file(
         tmp_path / "b.gsd", GRID, velocity=GRID, diameter=[2.0] * 15, mass=[3.0] * 15, image=[(1, 0, 0)] * 15
@@ -300,7 +304,7 @@ def test_velocities_of_the_first_frame_are_not_those_of_later_ones(tmp_path):
     trajectory = hoomd_file(tmp_path / "a.gsd", GRID, frames=3, velocity=GRID, mass=[2.0] * 15)
     assert trajectory[0].velocity[0].tolist() == [-2, -2]
     assert trajectory[2].mass.tolist() == [2.0] * 15, "which stay the same"
-    with pytest.raises(mpsim.TrajectoryError, match="velocity must be in a trajectory"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match="velocity must be in a trajectory"):
         trajectory[2].velocity  # noqa: B018
 
 
@@ -320,7 +324,9 @@ def test_a_gsd_frame_without_discs_is_read(tmp_path):
 
 
 def test_a_gsd_frame_without_places_is_refused(tmp_path):
-    with pytest.raises(mpsim.TrajectoryError, match=r"frame 0 of .* must hold the places of its 2 discs; it does not"):
+    with pytest.raises(
+        mpsim.errors.TrajectoryError, match=r"frame 0 of .* must hold the places of its 2 discs; it does not"
+    ):
         hoomd_file(tmp_path / "a.gsd", [(0, 0, 0)] * 2)[0]
     centre = hoomd_file(tmp_path / "b.gsd", [(0, 0, 0)])[0]
     assert centre.position.tolist() == [[3, 3]], "one disc at the centre, which is not written"
@@ -328,7 +334,7 @@ def test_a_gsd_frame_without_places_is_refused(tmp_path):
 
 def test_places_that_are_no_numbers_are_refused_in_gsd(tmp_path):
     with pytest.raises(
-        mpsim.TrajectoryError, match=r"frame 0 of .* must hold finite numbers; got position .*nan.* of disc 1"
+        mpsim.errors.TrajectoryError, match=r"frame 0 of .* must hold finite numbers; got position .*nan.* of disc 1"
     ):
         hoomd_file(tmp_path / "a.gsd", [(0, 0, 0), (1, np.nan, 0)])[0]
 
@@ -421,7 +427,7 @@ def test_a_dump_of_lammps_is_read(tmp_path):
     assert (frame.ids.tolist(), frame.position.tolist()) == ([1, 2], [[-1, 2], [3.5, 1]]), "in the order of their ids"
     assert (frame.velocity.tolist(), frame.mass.tolist()) == ([[-1, 1], [0.5, 0.25]], [1, 2])
     assert frame.radius.tolist() == [0.5, 0.4]
-    with pytest.raises(mpsim.TrajectoryError, match=r"time must be in a trajectory.*ITEM: TIME \(LAMMPS\)"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match=r"time must be in a trajectory.*ITEM: TIME \(LAMMPS\)"):
         frame.time  # noqa: B018
 
 
@@ -559,11 +565,11 @@ def test_a_compressed_file_that_is_damaged_is_refused(tmp_path):
     for damaged in (b"no gzip", packed[:500] + b"\xff" * 10 + packed[510:], packed[:-8] + b"\0" * 8):
         path.write_bytes(damaged)
         with pytest.raises(
-            mpsim.TrajectoryError, match=r"ends in .gz must be compressed by gzip; frame \d of .*b.xyz.gz'"
+            mpsim.errors.TrajectoryError, match=r"ends in .gz must be compressed by gzip; frame \d of .*b.xyz.gz'"
         ):
             mpsim.Trajectory(path)
     path.write_bytes(packed[: len(packed) // 2])
-    with pytest.warns(mpsim.TrajectoryWarning, match="ends in the middle of a frame"):
+    with pytest.warns(mpsim.errors.TrajectoryWarning, match="ends in the middle of a frame"):
         trajectory = mpsim.Trajectory(path)
     whole = mpsim.Trajectory(tmp_path / "run.xyz")
     assert 0 < len(trajectory) < len(whole)

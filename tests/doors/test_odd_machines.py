@@ -61,7 +61,9 @@ def test_a_folder_that_cannot_be_flushed_loses_no_checkpoint_and_the_words_are_t
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", fail)
-        with pytest.raises(mpsim.OutputError, match=r"it is written, but its folder could not be flushed") as refused:
+        with pytest.raises(
+            mpsim.errors.OutputError, match=r"it is written, but its folder could not be flushed"
+        ) as refused:
             sim.save(path)
     assert "untouched" not in str(refused.value)
     assert "may be lost" not in str(refused.value), "the one before has its name, too"
@@ -88,7 +90,7 @@ def test_whatever_a_disk_answers_while_a_checkpoint_is_saved_the_words_are_true(
             try:
                 sim.save(path)
                 expected = [[30, 20]]
-            except mpsim.OutputError as error:
+            except mpsim.errors.OutputError as error:
                 untouched, failures = "untouched" in str(error), failures + 1
                 expected = [[20, 10]] if untouched else [[30, 20], [30, 10]] if "it is written" in str(error) else []
         assert frames(path) in expected
@@ -108,7 +110,7 @@ with mpsim.Simulation(mpsim.Scene.random(count=9, packing=.2, radius=.5), mpsim.
     for act in acts:
         try:
             act()
-        except mpsim.OutputError as error:
+        except mpsim.errors.OutputError as error:
             print(sim.frame, error)
 """
     for name in ("m.mpsim", "m.toml", "other"):
@@ -210,7 +212,7 @@ for _ in range(2):
     try:
         with mpsim.Simulation(scene, settings) as sim:
             print(sim.run(frames=2).workers)
-    except mpsim.ResourceError as error:
+    except mpsim.errors.ResourceError as error:
         print(error)
     {between}
 print([each.status() for each in psutil.Process().children() if each.status() == "zombie"])
@@ -322,7 +324,7 @@ for kill in (False, True):
             if kill:
                 os.kill(sim.pids[0], signal.SIGKILL)
             print(sim.run(frames=10**6 if kill else 3).workers)
-    except mpsim.WorkerDied as death:
+    except mpsim.WorkerDiedError as death:
         print(death)
 print(len([name for name in os.listdir("/dev/shm") if name.startswith(f"mpsim-{{os.getpid()}}-")]))
 """
@@ -351,7 +353,9 @@ def test_a_limit_of_file_sizes_concerns_no_method_of_one_process(method):
         with simulate(SCENE, method=method) as sim:
             sim.run(frames=3)
             assert sim.digest() == digest
-        with pytest.raises(mpsim.SharedMemoryError, match=r"bytes in one file; .* files of 4,096\. .* \(ulimit -f\)"):
+        with pytest.raises(
+            mpsim.errors.SharedMemoryError, match=r"bytes in one file; .* files of 4,096\. .* \(ulimit -f\)"
+        ):
             simulate(SCENE, method="parallel", workers=2)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)

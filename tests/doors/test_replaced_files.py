@@ -63,7 +63,7 @@ def test_a_trajectory_in_text_that_was_replaced(ending, replace, tmp_path):
     replace(path)
     for act in (lambda: trajectory[1], lambda: list(trajectory), trajectory.refresh, lambda: list(trajectory[1:])):
         error = in_time(act)
-        assert isinstance(error, mpsim.TrajectoryError)
+        assert isinstance(error, mpsim.errors.TrajectoryError)
         assert error.errno is None
         assert "run.xyz" in str(error)
     with pytest.raises(IndexError):
@@ -77,7 +77,7 @@ def test_an_open_gsd_stays_readable_and_is_not_opened_again(replace, tmp_path):
     replace(path)
     for _ in range(2):
         error = in_time(trajectory.refresh)
-        assert isinstance(error, mpsim.TrajectoryError)
+        assert isinstance(error, mpsim.errors.TrajectoryError)
         assert str(error).count("a trajectory") == 1
         assert len(list(trajectory)) == len(trajectory) == 3
     trajectory.close()

@@ -62,7 +62,7 @@ def rough(walls):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 @pytest.mark.parametrize(
     ("method", "contact", "walls"),
     [

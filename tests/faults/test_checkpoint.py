@@ -177,7 +177,7 @@ with simulate(lattice(20, 20), method="grid") as sim:
             sim.run(frames=1)
             sim.save("run")
             assert sim.frame < 5, "the disk is never full, which tests nothing"
-    except mpsim.OutputError as error:
+    except mpsim.errors.OutputError as error:
         print(error)
     print(frame_in("run") >= sim.frame - 1, sorted(os.listdir()))
     os.unlink("ballast")
@@ -222,7 +222,7 @@ def test_a_file_that_cannot_grow_is_an_error_at_any_size(limit, tmp_path):
     with simulate(zoo(WORDS, count=5), method="grid") as sim:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
         try:
-            with pytest.raises(mpsim.OutputError, match="What was there before is untouched"):
+            with pytest.raises(mpsim.errors.OutputError, match="What was there before is untouched"):
                 sim.save(path)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -241,7 +241,7 @@ def test_an_error_of_the_system_at_any_call_leaves_what_was_there(call, tmp_path
 
     with simulate(zoo(WORDS, count=5), method="grid") as sim:
         monkeypatch.setattr(*((Path, "replace") if call == "rename" else (os, call)), fail)
-        with pytest.raises(mpsim.OutputError, match="No space left on device"):
+        with pytest.raises(mpsim.errors.OutputError, match="No space left on device"):
             sim.save(path)
         monkeypatch.undo()
     assert frame_in(path) == 3
@@ -254,7 +254,7 @@ def test_no_checkpoint_is_written_that_could_not_be_read_again(tmp_path, monkeyp
     path = saved(tmp_path / "run", zoo("obstacles", count=5))
     before = path.read_bytes()
     monkeypatch.setattr(checkpoint, "MOST_HEADER", 200)
-    with pytest.raises(mpsim.OutputError, match="must take at most 200 bytes of a checkpoint's header"):
+    with pytest.raises(mpsim.errors.OutputError, match="must take at most 200 bytes of a checkpoint's header"):
         saved(path, zoo("obstacles", count=6))
     assert [each.name for each in tmp_path.iterdir()] == ["run"]
     assert path.read_bytes() == before
@@ -280,19 +280,20 @@ def test_a_checkpoint_replaces_no_file_of_another_kind(tmp_path):
         with simulate(lattice(4, 4), method="grid") as sim:
             for deed in (lambda sim=sim: sim.save(path), lambda sim=sim: sim.run(frames=1, checkpoint=path)):
                 with pytest.raises(
-                    mpsim.OutputError, match=r"may replace only a checkpoint; .*thesis\.tex.* Choose another name"
+                    mpsim.errors.OutputError,
+                    match=r"may replace only a checkpoint; .*thesis\.tex.* Choose another name",
                 ):
                     deed()
             assert sim.frame == 0, "the run must be refused before it begins"
         assert path.read_text() == text
     np.savez(tmp_path / "mine.npz", header=np.zeros(3))
-    with simulate(lattice(4, 4), method="grid") as sim, pytest.raises(mpsim.OutputError, match="another kind"):
+    with simulate(lattice(4, 4), method="grid") as sim, pytest.raises(mpsim.errors.OutputError, match="another kind"):
         sim.save(tmp_path / "mine.npz")
 
 
 def test_the_name_of_the_one_before_is_protected_too(tmp_path):
     (tmp_path / "run.previous").write_text("mine")
-    with simulate(lattice(4, 4), method="grid") as sim, pytest.raises(mpsim.OutputError, match=r"run\.previous"):
+    with simulate(lattice(4, 4), method="grid") as sim, pytest.raises(mpsim.errors.OutputError, match=r"run\.previous"):
         sim.save(tmp_path / "run")
     assert (tmp_path / "run.previous").read_text() == "mine"
 
@@ -311,11 +312,11 @@ def test_a_folder_or_a_pipe_is_no_place_for_a_checkpoint(tmp_path):
     (tmp_path / "folder").mkdir()
     with simulate(lattice(4, 4), method="grid") as sim:
         for name in ("pipe", "folder"):
-            with pytest.raises(mpsim.OutputError, match=f"must be a file; .*{name}"):
+            with pytest.raises(mpsim.errors.OutputError, match=f"must be a file; .*{name}"):
                 sim.save(tmp_path / name)
             with pytest.raises(mpsim.CheckpointError, match="must be a file"):
                 mpsim.Simulation.resume(tmp_path / name)
-        with pytest.raises(mpsim.OutputError, match="needs a folder that exists"):
+        with pytest.raises(mpsim.errors.OutputError, match="needs a folder that exists"):
             sim.run(frames=1, checkpoint=tmp_path / "nowhere" / "run")
         assert sim.frame == 0
         for nonsense in (None, 3, "", "a\0b"):
@@ -325,7 +326,7 @@ def test_a_folder_or_a_pipe_is_no_place_for_a_checkpoint(tmp_path):
 
 def test_a_folder_without_the_right_to_write_is_an_error_with_its_name(tmp_path):
     """/proc refuses new files even to the superuser."""
-    with simulate(lattice(4, 4), method="grid") as sim, pytest.raises(mpsim.OutputError, match="'/proc/run'"):
+    with simulate(lattice(4, 4), method="grid") as sim, pytest.raises(mpsim.errors.OutputError, match="'/proc/run'"):
         sim.save("/proc/run")
 
 

@@ -19,7 +19,7 @@ def outcome_of(path):
         except mpsim.CheckpointError:
             return -1
     if frame == 2:
-        assert [each.category for each in told] == [mpsim.CheckpointWarning]
+        assert [each.category for each in told] == [mpsim.errors.CheckpointWarning]
         assert f"'{path}'" in str(told[0].message)
         assert f"'{path}.previous'" in str(told[0].message)
     else:
@@ -90,7 +90,7 @@ def test_a_file_of_a_newer_format_is_refused_by_number_and_not_passed_over(tmp_p
 def test_the_warning_stands_where_the_user_asked(tmp_path):
     path = two(tmp_path / "run")
     path.write_bytes(b"")
-    with pytest.warns(mpsim.CheckpointWarning, match="Continuing from the previous one") as told:
+    with pytest.warns(mpsim.errors.CheckpointWarning, match="Continuing from the previous one") as told:
         mpsim.Simulation.resume(path).close()
     assert told[0].filename == __file__
 

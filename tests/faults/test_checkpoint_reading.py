@@ -110,7 +110,7 @@ def test_damage_leads_to_the_one_before(door, error, tmp_path, monkeypatch):
         return whole(*arguments)
 
     monkeypatch.setattr(place, name, fail_once)
-    with pytest.warns(mpsim.CheckpointWarning, match="Continuing from the previous one"):
+    with pytest.warns(mpsim.errors.CheckpointWarning, match="Continuing from the previous one"):
         assert frame_in(path) == 2
 
 
@@ -210,7 +210,7 @@ def test_a_folder_a_pipe_or_a_file_for_a_folder_is_no_damage(tmp_path):
     with pytest.raises(mpsim.CheckpointError, match="Not a directory"):
         mpsim.Simulation.resume(tmp_path / "run.previous" / "run")
     path.unlink()
-    with pytest.warns(mpsim.CheckpointWarning, match="no such file"):
+    with pytest.warns(mpsim.errors.CheckpointWarning, match="no such file"):
         assert frame_in(path) == 2
 
 
@@ -232,7 +232,7 @@ def test_the_header_of_an_array_is_not_evaluated(name, tmp_path):
     path = two(tmp_path / "run")
     member = b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + bytes(80)
     rewrite_members(path, lambda members: members.update({"solver.position.npy": member}))
-    with pytest.warns(mpsim.CheckpointWarning, match="Continuing from the previous one"):
+    with pytest.warns(mpsim.errors.CheckpointWarning, match="Continuing from the previous one"):
         assert frame_in(path) == 2
 
 

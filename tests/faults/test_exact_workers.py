@@ -51,9 +51,9 @@ def values(report):
 
 def test_a_worker_that_dies_in_a_window_ends_the_run_by_default():
     with tiled() as sim, Killer(sim, lambda: 0.1, most=1) as killer:
-        with pytest.raises(mpsim.WorkerDied, match="SIGKILL"):
+        with pytest.raises(mpsim.WorkerDiedError, match="SIGKILL"):
             sim.run(frames=10**9)
-        with pytest.raises(mpsim.ClosedError):
+        with pytest.raises(mpsim.errors.ClosedError):
             sim.run(frames=1)
     assert killer.deaths == 1
 
@@ -62,7 +62,7 @@ def test_a_worker_that_dies_between_runs_is_noticed():
     with tiled() as sim:
         sim.run(frames=3)
         os.kill(sim.pids[1], signal.SIGKILL)
-        with pytest.raises(mpsim.WorkerDied):
+        with pytest.raises(mpsim.WorkerDiedError):
             sim.run(frames=FRAMES)
 
 
@@ -194,7 +194,7 @@ def test_ctrl_c_between_a_death_and_its_report_closes_a_state_that_is_no_state(m
                 sim.run(frames=10**6)
             try:
                 frame, state = sim.frame, sim.state
-            except mpsim.ClosedError:
+            except mpsim.errors.ClosedError:
                 half += 1
                 break
             assert_same_bits(state, undisturbed(frame)[0], "a death behind the last window")

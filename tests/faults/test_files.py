@@ -126,13 +126,13 @@ def test_a_link_at_the_name_itself_is_refused_and_kept(name, tmp_path, victim):
 def test_a_checkpoint_through_a_link_replaces_no_file_of_another_kind_and_keeps_the_one_before(tmp_path, victim):
     """Links to checkpoints are followed: a user puts them on a larger disk like this."""
     (tmp_path / "run").symlink_to(victim)
-    with pytest.raises(mpsim.OutputError, match="may replace only a checkpoint"):
+    with pytest.raises(mpsim.errors.OutputError, match="may replace only a checkpoint"):
         saved(tmp_path / "run")
     other = saved(victim.parent / "other", frames=1)
     (tmp_path / "run").unlink()
     (tmp_path / "run").symlink_to(other)
     (victim.parent / "other.previous").symlink_to(victim)
-    with pytest.raises(mpsim.OutputError, match="may replace only a checkpoint"):
+    with pytest.raises(mpsim.errors.OutputError, match="may replace only a checkpoint"):
         saved(tmp_path / "run")
     (victim.parent / "other.previous").unlink()
     saved(tmp_path / "run", frames=3)
@@ -162,7 +162,7 @@ def test_the_control_overwrites_the_victim(tmp_path):
 def test_what_is_no_regular_file_stays_what_it_is(kind, tmp_path):
     path = tmp_path / "times.csv"
     {"folder": path.mkdir, "pipe": lambda: os.mkfifo(path), "device": lambda: path.symlink_to("/dev/null")}[kind]()
-    with pytest.raises(mpsim.OutputError, match=r"directory|not a regular file|symbolic link"):
+    with pytest.raises(mpsim.errors.OutputError, match=r"directory|not a regular file|symbolic link"):
         table_of_times(path)
     with pytest.raises(OSError, match=r"directory|not a regular file|symbolic link"), atomic.atomic_write(path):
         pass
@@ -412,7 +412,7 @@ if os.geteuid() == 0:
 state = mpsim.State(np.zeros((3, 2)), np.ones((3, 2)))
 try:
     state.save(path)
-except mpsim.OutputError as error:
+except mpsim.errors.OutputError as error:
     print(error)
 print(path.read_text(), len(list(folder.iterdir())))
 folder.chmod(0o777) if os.geteuid() != 65534 else None

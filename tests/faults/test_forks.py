@@ -178,7 +178,7 @@ def test_a_callback_that_forks_cannot_bring_the_fork_back_into_the_run(method):
     with simulate(lattice(9, 9), method=method, workers=2) as sim:
         try:
             sim.run(frames=50, progress=fork)
-        except mpsim.ForkedError:
+        except mpsim.errors.ForkedError:
             os._exit(7)
         finally:
             if os.getpid() != parent:
@@ -207,7 +207,7 @@ def test_a_signal_handler_that_forks_cannot_bring_the_fork_back_into_the_run(met
         finally:
             sys.setprofile(None)
             if os.getpid() != parent:
-                os._exit(7 if isinstance(error, mpsim.ForkedError) else 8)
+                os._exit(7 if isinstance(error, mpsim.errors.ForkedError) else 8)
         assert error is None
         assert os.waitstatus_to_exitcode(os.waitpid(children[0], 0)[1]) == 7
         assert sim.digest() == digest_after(lattice(9, 9), 50, method=ALONE[method])
@@ -242,7 +242,7 @@ class ForkAt:
     def __exit__(self, kind, *_):
         sys.setprofile(None)
         if self.code == "fork":
-            os._exit(7 if kind is mpsim.ForkedError else 8)
+            os._exit(7 if kind is mpsim.errors.ForkedError else 8)
 
     def _profile(self, frame, event, argument):
         name = frame.f_code.co_name

@@ -36,7 +36,7 @@ def test_what_does_not_fit_is_an_error_and_leaves_no_file(name, tmp_path, monkey
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
     try:
-        with pytest.raises(mpsim.OutputError, match="File too large") as refused:
+        with pytest.raises(mpsim.errors.OutputError, match="File too large") as refused:
             DOORS[name](tmp_path / name)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -58,7 +58,9 @@ def test_an_animation_that_does_not_fit_is_an_error_and_leaves_no_file(tmp_path,
 
     with monkeypatch.context() as patch:
         patch.setattr(atomic.os, "fsync", full)
-        with pytest.raises(mpsim.OutputError, match=r"with room on its disk; got .*gas.gif' \(No space left on device"):
+        with pytest.raises(
+            mpsim.errors.OutputError, match=r"with room on its disk; got .*gas.gif' \(No space left on device"
+        ):
             mpsim.animate(SCENE, mpsim.Settings(method="naive"), tmp_path / "gas.gif", frames=1, pixels=100)
     assert list(tmp_path.iterdir()) == []
 
@@ -69,7 +71,7 @@ def test_arrays_of_a_scene_of_which_a_part_fits_say_why(tmp_path, monkeypatch):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (700, limits[1]))
     try:
-        with pytest.raises(mpsim.OutputError, match="File too large"):
+        with pytest.raises(mpsim.errors.OutputError, match="File too large"):
             SCENE.save(tmp_path / "scene.toml")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -88,7 +90,7 @@ def test_a_trajectory_whose_disk_fails_at_the_end_says_so_and_is_let_go(tmp_path
         sim.run(frames=1, observe=out)
         with monkeypatch.context() as patch:
             patch.setattr(os, "fsync", failing)
-            with pytest.raises(mpsim.OutputError, match=r"a\.xyz.*quota exceeded"):
+            with pytest.raises(mpsim.errors.OutputError, match=r"a\.xyz.*quota exceeded"):
                 out.close()
         with mpsim.Trajectory.write(path, every=1, mode="a") as out:  # neither locked nor open any more
             sim.run(frames=1, observe=out)
@@ -96,5 +98,5 @@ def test_a_trajectory_whose_disk_fails_at_the_end_says_so_and_is_let_go(tmp_path
     assert len(trajectory) == 3
     path.unlink()
     for read in (lambda: trajectory[0], lambda: list(trajectory)):
-        with pytest.raises(mpsim.TrajectoryError, match=r"a\.xyz' cannot \(No such file"):
+        with pytest.raises(mpsim.errors.TrajectoryError, match=r"a\.xyz' cannot \(No such file"):
             read()

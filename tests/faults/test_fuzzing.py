@@ -72,7 +72,7 @@ def read_scene(content, folder):
     path.write_bytes(content)
     try:
         scenefile.load(path)
-    except mpsim.SceneFileError:
+    except mpsim.errors.SceneFileError:
         return False
     return True
 

@@ -223,7 +223,7 @@ def test_frames_that_a_fast_disc_has_divided_go_back_too():
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 def test_emitters_and_exits_go_back_too():
     scene = zoo("emitters absorbing piston gravity", count=30, side=40.0)
 
@@ -242,7 +242,7 @@ def test_emitters_and_exits_go_back_too():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 def test_auto_that_becomes_parallel_on_the_way_heals_as_well():
     """The run begins on one process and has workers only when enough discs have been added."""
     scene = mpsim.Scene(
@@ -339,13 +339,17 @@ def test_deaths_without_end_end_the_run(monkeypatch, figures):
     monkeypatch.setattr(BlockSolver, "advance", kill_and_advance)
     sim = healing(workers=2)
     block = block_name(sim)
-    with pytest.raises(mpsim.WorkerDied):
+    with pytest.raises(mpsim.WorkerDiedError):
         sim.run(frames=FRAMES)
-    with pytest.raises(mpsim.ClosedError):
+    with pytest.raises(mpsim.errors.ClosedError):
         sim.run(frames=1)
     assert wait_until(lambda: not (SHARED_MEMORY / block).exists(), 2)
     figures.note(
-        "R10", "parallel on 2", "every new worker dies at once", "WorkerDied", f"after {recovery.MOST_DEATHS} attempts"
+        "R10",
+        "parallel on 2",
+        "every new worker dies at once",
+        "WorkerDiedError",
+        f"after {recovery.MOST_DEATHS} attempts",
     )
 
 
@@ -359,18 +363,18 @@ def test_workers_that_never_get_ready_end_the_run(monkeypatch):
 
         monkeypatch.setattr(pool.WorkerPool, "_await_ready", kill_and_wait)
         os.kill(sim.pids[0], signal.SIGKILL)
-        with pytest.raises(mpsim.WorkerDied, match="start-up"):
+        with pytest.raises(mpsim.WorkerDiedError, match="start-up"):
             sim.run(frames=FRAMES)
-        with pytest.raises(mpsim.ClosedError):
+        with pytest.raises(mpsim.errors.ClosedError):
             sim.run(frames=1)
 
 
 def test_raise_is_the_default_and_raises():
     with simulate(gas(2000, 0.5, seed=1), method="parallel", workers=2) as sim:
         os.kill(sim.pids[0], signal.SIGKILL)
-        with pytest.raises(mpsim.WorkerDied):
+        with pytest.raises(mpsim.WorkerDiedError):
             sim.run(frames=10, measures=["pressure"])
-        with pytest.raises(mpsim.ClosedError):
+        with pytest.raises(mpsim.errors.ClosedError):
             sim.run(frames=1)
 
 
@@ -413,7 +417,7 @@ def test_ctrl_c_between_a_death_and_its_report_closes_a_state_that_is_no_state(d
             interrupt_after_death(sim, monkeypatch)
             try:
                 frame, digest = sim.frame, sim.digest()
-            except mpsim.ClosedError:
+            except mpsim.errors.ClosedError:
                 return
         with simulate(lattice(200, 200), method="grid") as undisturbed:
             undisturbed.run(frames=frame)
@@ -447,7 +451,7 @@ def test_a_hundred_deaths_at_random_moments_change_nothing(figures):
             with Killer(sim, pause) as killer:
                 try:
                     report = sim.run(frames=FRAMES, measures=MEASURES)
-                except mpsim.WorkerDied:  # as it must, where a busy machine has taken no snapshot between so many
+                except mpsim.WorkerDiedError:  # as it must, where a busy machine has taken no snapshot between so many
                     assert killer.deaths > recovery.MOST_DEATHS
                     given_up += 1
                     continue

@@ -57,7 +57,7 @@ def test_a_worker_that_is_started_while_signals_wait_has_them():
             os.kill(sim.pids[0], signal.SIGKILL)
             try:
                 sim.run(frames=10**6)
-            except mpsim.WorkerDied as death:
+            except mpsim.WorkerDiedError as death:
                 print(death.exitcode)
         """
     )

@@ -202,10 +202,10 @@ def test_dots_in_texts_and_comments_are_no_parts_of_a_key(text, tmp_path):
 def test_many_problems_are_named_up_to_a_number(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(HEAD + "".join(f"k{i} = 1\n" for i in range(MOST_PROBLEMS)))
-    error = refused(scenefile.load, path, match="k0 must be a key", kind=mpsim.SceneFileError)
+    error = refused(scenefile.load, path, match="k0 must be a key", kind=mpsim.errors.SceneFileError)
     assert len(error.problems) == MOST_PROBLEMS
     path.write_text(HEAD + "".join(f"k{i} = 1\n" for i in range(MOST_PROBLEMS + 7)))
-    error = refused(scenefile.load, path, match="k0 must be a key", kind=mpsim.SceneFileError)
+    error = refused(scenefile.load, path, match="k0 must be a key", kind=mpsim.errors.SceneFileError)
     assert error.problems[MOST_PROBLEMS:] == ("and at least 7 more.",)
 
 
@@ -226,8 +226,8 @@ IRREGULAR = {pipe: "a named pipe, not a file", endless: "a device, not a file", 
 DOORS = {
     "scene.toml": (scenefile.load, mpsim.InputError),
     "state.npz": (mpsim.State.load, mpsim.InputError),
-    "run.xyz": (mpsim.Trajectory, mpsim.TrajectoryError),
-    "run.gsd": (mpsim.Trajectory, mpsim.TrajectoryError),
+    "run.xyz": (mpsim.Trajectory, mpsim.errors.TrajectoryError),
+    "run.gsd": (mpsim.Trajectory, mpsim.errors.TrajectoryError),
     "run.mpsim": (mpsim.Simulation.resume, mpsim.CheckpointError),
     "kept.json": (lambda path: SavedResults(path, "scene"), mpsim.InputError),
     "run.json": (lambda path: RunFolder.open(path.parent), mpsim.InputError),
@@ -259,7 +259,9 @@ def test_an_array_of_a_scene_is_a_file(ending, make, tmp_path):
 
 def test_the_writer_of_a_trajectory_is_not_held_up_by_a_pipe(tmp_path):
     os.mkfifo(tmp_path / "run.xyz")
-    refused(lambda: mpsim.Trajectory.write(tmp_path / "run.xyz", mode="a"), match="is not", kind=mpsim.OutputError)
+    refused(
+        lambda: mpsim.Trajectory.write(tmp_path / "run.xyz", mode="a"), match="is not", kind=mpsim.errors.OutputError
+    )
 
 
 def npy(shape, content=b"", descr="<f8"):
@@ -362,7 +364,7 @@ def test_a_hostile_trajectory_is_refused(name, tmp_path):
     text, expected = TRAJECTORIES[name]
     path = tmp_path / "run.xyz"
     path.write_text(text)
-    error = refused(lambda: mpsim.Trajectory(path)[0], match=expected, kind=mpsim.TrajectoryError)
+    error = refused(lambda: mpsim.Trajectory(path)[0], match=expected, kind=mpsim.errors.TrajectoryError)
     assert len(str(error)) < 1000
 
 
@@ -385,9 +387,9 @@ def test_a_damaged_gsd_is_refused(tmp_path):
         try:
             with mpsim.Trajectory(path) as trajectory:
                 outcomes |= {type(frame.box) for frame in trajectory}
-        except mpsim.TrajectoryError as error:
+        except mpsim.errors.TrajectoryError as error:
             outcomes.add(type(error))
-    assert mpsim.TrajectoryError in outcomes
+    assert mpsim.errors.TrajectoryError in outcomes
 
 
 @pytest.mark.parametrize("text", ["[" * 200_000, '{"format": 1e999}', f'{{"format": {"9" * 5000}}}', "\xff", "[]"])
@@ -470,7 +472,10 @@ def test_what_could_not_be_read_is_not_written(tmp_path):
     mixed = [mpsim.FixedDisc((1, 1), 1), mpsim.Polyline([(0, 0), (1, 0)])] * (MOST_TABLES // 2 + 1)
     scene = mpsim.Scene(width=9, height=9, position=[], velocity=[], radius=1, obstacles=mixed)
     refused(
-        scene.save, tmp_path / "scene.toml", match="at most 1,048,576 bytes and 10,000 tables", kind=mpsim.OutputError
+        scene.save,
+        tmp_path / "scene.toml",
+        match="at most 1,048,576 bytes and 10,000 tables",
+        kind=mpsim.errors.OutputError,
     )
     mpsim.Scene(
         width=9,
@@ -482,6 +487,6 @@ def test_what_could_not_be_read_is_not_written(tmp_path):
     ).save(tmp_path / "advice.toml")  # discs follow discs and lines follow lines
     for path in tmp_path.iterdir():
         path.unlink()
-    refused(scene.save, tmp_path / "scene.toml", match="lines follow lines", kind=mpsim.OutputError)
+    refused(scene.save, tmp_path / "scene.toml", match="lines follow lines", kind=mpsim.errors.OutputError)
     assert not list(tmp_path.iterdir())
     assert MOST_BYTES == 2**20

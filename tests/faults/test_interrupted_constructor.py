@@ -244,7 +244,7 @@ def left_of_a_change(change, method, number):
     with contextlib.suppress(Alarm), press:
         CHANGES[change](sim)
     if change == "add":
-        with contextlib.suppress(mpsim.ClosedError):
+        with contextlib.suppress(mpsim.errors.ClosedError):
             assert len(sim.state.position) == sim.count in (81, 82)
             assert sim.run(frames=2).frames == 2
     sim.close()

@@ -29,7 +29,7 @@ def attempt(seconds):
         pass
     try:
         check(sim, before)
-    except mpsim.ClosedError:
+    except mpsim.errors.ClosedError:
         pass  # a simulation that cannot go on says so
     sim.close()
     return not finished

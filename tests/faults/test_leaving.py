@@ -47,7 +47,7 @@ def test_an_exception_inside_the_block_closes_and_passes_through(method, workers
     for sim, pids, block in seen:
         assert all(is_gone(pid) for pid in pids)
         assert not (SHARED_MEMORY / block).exists()
-        with pytest.raises(mpsim.ClosedError):
+        with pytest.raises(mpsim.errors.ClosedError):
             sim.state  # noqa: B018
 
 
@@ -62,7 +62,7 @@ def test_an_exception_of_the_progress_callback_passes_through_and_nothing_is_lef
 @pytest.mark.parametrize(("method", "workers"), METHODS)
 def test_closing_in_the_progress_callback_ends_the_run_with_an_error_that_says_so(method, workers):
     sim = simulate(lattice(9, 9), method=method, workers=workers)
-    with pytest.raises(mpsim.ClosedError, match="closed after frame"):
+    with pytest.raises(mpsim.errors.ClosedError, match="closed after frame"):
         sim.run(frames=10**6, progress=lambda done, of: sim.close())
 
 

@@ -22,7 +22,7 @@ def run_with(changes, method, workers, precision="float64", count=COUNT):
             write(sim, particle, **values)
         with pytest.raises(mpsim.DivergedError) as caught:
             sim.run(frames=5)
-        with pytest.raises(mpsim.ClosedError):
+        with pytest.raises(mpsim.errors.ClosedError):
             sim.run(frames=1)
         assert sim.frame == BEFORE
     return caught.value

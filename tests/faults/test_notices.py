@@ -102,13 +102,13 @@ def test_a_warning_that_is_an_error_ends_the_run_at_the_end_of_a_frame_and_chang
         undisturbed = sim.count, sim.digest()
     assert undisturbed[0] > 1, "the control: discs have entered"
     with blocked(method) as sim:
-        with pytest.raises(mpsim.EmitterWarning, match="occupied before frame 5"):
+        with pytest.raises(mpsim.errors.EmitterWarning, match="occupied before frame 5"):
             sim.run(frames=50)
         assert 5 <= sim.frame < 50
-        with pytest.raises(mpsim.EmitterWarning):  # it was not given: an error came in its place
+        with pytest.raises(mpsim.errors.EmitterWarning):  # it was not given: an error came in its place
             sim.run(frames=50 - sim.frame)
         assert sim.frame < 50
-        with pytest.warns(mpsim.EmitterWarning) as given:
+        with pytest.warns(mpsim.errors.EmitterWarning) as given:
             sim.run(frames=50 - sim.frame)
         assert (sim.count, sim.digest()) == undisturbed
         assert len(given) == 1
@@ -160,6 +160,6 @@ def test_a_warning_of_what_is_resumed_has_its_place_where_resume_is_called(tmp_p
     scene = mpsim.Scene(width=8000, height=8000, position=[(9.0, 9.0)], velocity=[(1.0, 0.0)], radius=0.5)
     with simulate(scene, method="grid", dt=0.1, precision="float32") as sim:
         path = sim.save(tmp_path / "run.mpsim")
-    with pytest.warns(mpsim.ResolutionWarning) as given:
+    with pytest.warns(mpsim.errors.ResolutionWarning) as given:
         mpsim.Simulation.resume(path).close()
     assert [each.filename for each in given] == [__file__]

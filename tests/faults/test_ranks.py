@@ -296,11 +296,11 @@ with mpsim.Simulation(gas(2000, 0.3), mpsim.Settings(method="mpi", workers=2, dt
             os.kill(sim.pids[0], signal.SIGKILL)
     try:
         sim.run(frames=10**9, progress=at)
-    except mpsim.WorkerDied as death:
+    except mpsim.WorkerDiedError as death:
         tell("worker", death.worker, "signal" in str(death))
     try:
         sim.state
-    except mpsim.ClosedError:
+    except mpsim.errors.ClosedError:
         tell("closed")
 """
 
@@ -323,13 +323,13 @@ renew = mpi_part.Part._renew
 
 def refuse(part, count, with_discs=True):
     if with_discs and MPI.COMM_WORLD.rank == 1:
-        raise mpsim.SharedMemoryError("there is no more")
+        raise mpsim.errors.SharedMemoryError("there is no more")
     renew(part, count, with_discs)
 
 mpi_part.Part._renew = refuse
 try:
     found("corner", method="mpi")
-except mpsim.SharedMemoryError as error:
+except mpsim.errors.SharedMemoryError as error:
     tell(f"{error} {error.__notes__[0]}")
 """
 

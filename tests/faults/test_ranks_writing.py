@@ -225,7 +225,7 @@ with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, method="mpi", precision="fl
             sim.run(frames=1)
             sim.save("/mnt/run")
             tell("saved", sim.frame)
-        except mpsim.OutputError as error:
+        except mpsim.errors.OutputError as error:
             tell(error)
         if MPI.COMM_WORLD.rank == 0:
             print(sorted(os.listdir("/mnt")), flush=True)
@@ -279,7 +279,7 @@ with mpsim.Simulation(scene, settings) as sim, mpsim.Trajectory.write(path, comm
     bad["rank"] = int(sys.argv[4])
     try:
         sim.run(frames=1, observe=out)
-    except mpsim.OutputError as error:
+    except mpsim.errors.OutputError as error:
         tell(error, *getattr(error.__cause__, "__notes__", []))
     bad.clear()
     out.look(sim, 0)
@@ -328,7 +328,7 @@ def test_a_rank_killed_while_it_writes_costs_the_frame_in_hand(rank, tmp_path, w
     assert done.code != 0
     content = path.read_bytes()
     assert (b"\0" in content) == (rank == 0), "a hole before what the second rank has written"
-    with pytest.warns(mpsim.TrajectoryWarning, match="ends in the middle of a frame"):
+    with pytest.warns(mpsim.errors.TrajectoryWarning, match="ends in the middle of a frame"):
         assert frames_of(path) == whole[:2]
     with (
         mpsim.Simulation(mpsim.Scene.lattice(**LATTICE), mpsim.Settings(dt=0.02, method="grid")) as sim,

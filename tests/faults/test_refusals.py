@@ -56,7 +56,7 @@ def refusal_of(scene, method):
     """The text of the error with which a start is refused; None: it was not refused."""
     try:
         simulate(scene, method=method, workers=3).close()
-    except mpsim.ResourceError as error:
+    except mpsim.errors.ResourceError as error:
         return str(error)
     return None
 
@@ -112,7 +112,9 @@ def test_too_little_address_space_for_a_worker_is_an_error_of_mpsim_and_nothing_
     limit = psutil.Process().memory_info().vms + size + size // 2
     with (
         limited(resource.RLIMIT_AS, limit),
-        pytest.raises(mpsim.SharedMemoryError, match=rf"^worker 1 .* bytes of .* may have {limit:,} .*-v") as caught,
+        pytest.raises(
+            mpsim.errors.SharedMemoryError, match=rf"^worker 1 .* bytes of .* may have {limit:,} .*-v"
+        ) as caught,
     ):
         simulate(scene, method="parallel", workers=3, start_method="fork")
     del caught
@@ -130,10 +132,10 @@ def test_a_worker_that_cannot_map_a_larger_block_is_an_error_of_mpsim_and_nothin
         worker = psutil.Process(sim.pids[1])
         if refused:
             worker.rlimit(psutil.RLIMIT_AS, (worker.memory_info().vms // 2,) * 2)
-            with pytest.raises(mpsim.SharedMemoryError, match=r"^worker 2 .* bytes of address space") as caught:
+            with pytest.raises(mpsim.errors.SharedMemoryError, match=r"^worker 2 .* bytes of address space") as caught:
                 sim.add((5.0, 5.0), (0.0, 0.0))
             del caught
-            with pytest.raises(mpsim.ClosedError, match="after frame 3"):
+            with pytest.raises(mpsim.errors.ClosedError, match="after frame 3"):
                 sim.state  # noqa: B018
         else:
             sim.add((5.0, 5.0), (0.0, 0.0))  # the control
@@ -159,7 +161,7 @@ def test_whatever_the_system_answers_is_named(number, monkeypatch):
     before = started_before("parallel")
     monkeypatch.setattr("_posixshmem.shm_open", refuse)
     for _ in range(5):
-        with pytest.raises(mpsim.SharedMemoryError, match=r"^the shared block needs [\d,]+ bytes") as caught:
+        with pytest.raises(mpsim.errors.SharedMemoryError, match=r"^the shared block needs [\d,]+ bytes") as caught:
             simulate(lattice(9, 9), method="parallel", workers=3)
         assert ERRORS[number] in str(caught.value)
         assert isinstance(caught.value, OSError)
@@ -174,7 +176,7 @@ def test_a_process_that_cannot_be_started_is_named(monkeypatch):
     before = started_before("parallel")
     monkeypatch.setattr("multiprocessing.popen_forkserver.Popen._launch", refuse)
     with pytest.raises(
-        mpsim.ResourceError, match=r"^worker 1 could .* started: .*ulimit -u.*'grid', which starts no w"
+        mpsim.errors.ResourceError, match=r"^worker 1 could .* started: .*ulimit -u.*'grid', which starts no w"
     ):
         simulate(lattice(9, 9), method="parallel", workers=3)
     assert left() == before
@@ -215,7 +217,7 @@ for act in {acts}:
     try:
         act()
         print("done")
-    except mpsim.ResourceError as error:
+    except mpsim.errors.ResourceError as error:
         print(type(error).__name__, error)
 print(psutil.Process().num_fds() - before, blocks_of(os.getpid()))
 """
@@ -265,7 +267,7 @@ def test_a_read_only_dev_shm_is_an_error_that_says_so_or_is_not_needed():
         for _ in range(5):
             try:
                 simulate(lattice(9, 9), method="parallel", workers=2)
-            except mpsim.SharedMemoryError as error:
+            except mpsim.errors.SharedMemoryError as error:
                 text = str(error)
             counts.append(len(os.listdir("/proc/self/fd")))
         print(text)
@@ -306,7 +308,7 @@ def test_a_worker_that_cannot_map_the_block_does_not_take_it_away():
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         try:
             simulate(scene, method="parallel", workers=3, start_method="fork")
-        except mpsim.ResourceError as error:
+        except mpsim.errors.ResourceError as error:
             print(error)
         """
     )

@@ -53,9 +53,11 @@ def test_a_signal_handler_may_not_look_into_a_move_to_another_block(monkeypatch)
     found = []
 
     def look_and_add(solver, new, choice):
-        with pytest.raises(mpsim.BusyError, match=r"^add\(\) of thread 'MainThread' is in progress; reading state of"):
+        with pytest.raises(
+            mpsim.errors.BusyError, match=r"^add\(\) of thread 'MainThread' is in progress; reading state of"
+        ):
             sim.state  # noqa: B018
-        with pytest.raises(mpsim.BusyError, match=r"close\(\) of the same thread was refused"):
+        with pytest.raises(mpsim.errors.BusyError, match=r"close\(\) of the same thread was refused"):
             sim.close()
         found.append("refused")
         return add(solver, new, choice)
@@ -95,7 +97,7 @@ class AtMoment:
             self.free = use is None or getattr(use, "in_callback", False)
             try:
                 self.found = self._act(self._sim)
-            except mpsim.BusyError as error:
+            except mpsim.errors.BusyError as error:
                 self.found = error
 
 
@@ -120,7 +122,7 @@ def four_frames_and_then_six(method, number, act):
     """What a handler did in the six, and the simulation after them; its owner must close it."""
     sim = emitting(method)
     sim.run(frames=4)
-    with contextlib.suppress(mpsim.ClosedError), AtMoment(number, sim, act) as handler:
+    with contextlib.suppress(mpsim.errors.ClosedError), AtMoment(number, sim, act) as handler:
         sim.run(frames=6)
     return handler, sim
 
@@ -142,7 +144,7 @@ def test_a_signal_handler_changes_nothing_inside_a_run_and_reads_what_is_whole(m
             moment = f"{name}, moment {number} of {counter.count}"
             if handler.count < number:
                 continue  # this run had fewer
-            if isinstance(handler.found, mpsim.BusyError):
+            if isinstance(handler.found, mpsim.errors.BusyError):
                 refused += 1
                 assert read(sim) == whole[10], moment
             elif name == "read":
@@ -165,7 +167,7 @@ def test_a_signal_handler_that_is_refused_ends_the_run_and_not_the_simulation(me
     with simulate(lattice(9, 9), method=method) as sim:
         sys.setprofile(save)
         with pytest.raises(
-            mpsim.BusyError, match=r"^run\(\) of thread 'MainThread' is in progress; save\(\) of the same"
+            mpsim.errors.BusyError, match=r"^run\(\) of thread 'MainThread' is in progress; save\(\) of the same"
         ):
             sim.run(frames=10)
         sim.run(frames=10 - sim.frame)
@@ -178,7 +180,7 @@ def test_a_signal_handler_does_not_read_discs_that_a_dead_worker_has_left_inside
             os.kill(sim.pids[0], signal.SIGKILL)
         if event == "call" and frame.f_code.co_name == "_failure":
             sys.setprofile(None)
-            with pytest.raises(mpsim.BusyError, match="reading state"):
+            with pytest.raises(mpsim.errors.BusyError, match="reading state"):
                 sim.state  # noqa: B018
             found.append("refused")
 

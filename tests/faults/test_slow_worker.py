@@ -122,9 +122,9 @@ def test_a_worker_that_does_not_come_in_time_is_an_error_that_says_so():
     sim = simulate(lattice(20, 20), method="parallel", workers=2)
     sim.run(frames=1)
     set_abort(sim, layout.STALLED)
-    with pytest.raises(mpsim.WorkerStalled, match=r"has not reached a barrier within 120 s.*start again"):
+    with pytest.raises(mpsim.errors.WorkerStalledError, match=r"has not reached a barrier within 120 s.*start again"):
         sim.run(frames=1)
-    with pytest.raises(mpsim.ClosedError):
+    with pytest.raises(mpsim.errors.ClosedError):
         sim.run(frames=1)
 
 
@@ -134,7 +134,7 @@ def test_a_worker_stopped_for_good_ends_the_run_and_is_ended_too():
     sim = simulate(lattice(20, 20), method="parallel", workers=3)
     pids = sim.pids
     os.kill(pids[1], signal.SIGSTOP)
-    with pytest.raises(mpsim.WorkerStalled, match="worker 2"):
+    with pytest.raises(mpsim.errors.WorkerStalledError, match="worker 2"):
         sim.run(frames=10)
     assert wait_until(lambda: not any(psutil.pid_exists(pid) for pid in pids), 10)
 

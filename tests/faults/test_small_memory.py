@@ -25,7 +25,7 @@ def attempt(columns, method):
         with mpsim.Simulation(lattice(columns, 100), mpsim.Settings(method=method, workers=2)) as sim:
             sim.run(frames=3)
             print("ran")
-    except mpsim.SharedMemoryError as error:
+    except mpsim.errors.SharedMemoryError as error:
         print(error)
     print(os.listdir("/dev/shm"))
 
@@ -69,13 +69,13 @@ def test_too_little_shared_memory_for_a_growth_keeps_the_simulation_as_it_was():
         try:
             for _ in range(20):
                 sim.add(more.position, more.velocity)
-        except mpsim.SharedMemoryError as error:
+        except mpsim.errors.SharedMemoryError as error:
             print("refused")
         before = sim.state
         for number in (1, 20, 500):
             try:
                 sim.add(more.position[:number], more.velocity[:number])
-            except mpsim.SharedMemoryError as error:
+            except mpsim.errors.SharedMemoryError as error:
                 print("refused again")
         assert (sim.count, sim.digest()) == (len(before.position), before.digest())
         sim.run(frames=3)

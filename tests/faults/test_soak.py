@@ -57,7 +57,7 @@ def killed(rng, place):
             os.kill(pid, signal.SIGKILL)
         try:
             sim.run(frames=5)
-        except mpsim.WorkerDied:
+        except mpsim.WorkerDiedError:
             pass
 
 def refused(rng, place):

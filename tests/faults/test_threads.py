@@ -65,7 +65,7 @@ def test_a_change_from_another_thread_is_refused_at_once_and_names_both(method):
         with Running(sim) as running:
             for name, change in CHANGES.items():
                 started = time.perf_counter()
-                with pytest.raises(mpsim.BusyError) as caught:
+                with pytest.raises(mpsim.errors.BusyError) as caught:
                     change(sim)
                 assert time.perf_counter() - started < 5, "it waited"
                 assert str(caught.value).startswith(
@@ -87,7 +87,7 @@ def test_threads_that_all_want_to_run_lose_no_frame(method):
             try:
                 sim.run(frames=5)
                 done.append(5)
-            except mpsim.BusyError as error:
+            except mpsim.errors.BusyError as error:
                 refused.append(error)
                 time.sleep(0.0005)
 
@@ -225,11 +225,11 @@ def test_what_callbacks_may_do_and_what_they_may_not(method, tmp_path):
         sim.run(frames=10, observe=[reading, saving])
         assert [found[0] for found in reading.found] == [0, 5, 10]
         with pytest.raises(
-            mpsim.BusyError, match=r"^run\(\) of thread 'MainThread' is in progress; run\(\) of the same"
+            mpsim.errors.BusyError, match=r"^run\(\) of thread 'MainThread' is in progress; run\(\) of the same"
         ):
             sim.run(frames=10, observe=Observing(lambda sim: sim.run(frames=1)))
         assert sim.run(frames=5).frames == 5, "it was let go"
-        with pytest.raises(mpsim.ClosedError):
+        with pytest.raises(mpsim.errors.ClosedError):
             sim.run(frames=10, observe=Observing(lambda sim: sim.close()))
 
 

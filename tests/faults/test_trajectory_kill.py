@@ -71,7 +71,7 @@ def test_what_is_wrong_in_the_middle_is_no_tail(whole, tmp_path):
     path, ends = whole
     text = path.read_bytes()
     (tmp_path / "a.xyz").write_bytes(text[: ends[0] - 10] + text[ends[0] :])
-    with pytest.raises(mpsim.TrajectoryError, match="must give the number of discs where a frame begins"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match="must give the number of discs where a frame begins"):
         mpsim.Trajectory(tmp_path / "a.xyz")
 
 

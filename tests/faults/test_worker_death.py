@@ -80,7 +80,7 @@ def death_during_run(deed, workers=3):
     pids, block = sim.pids, block_name(sim)
     killer = Killer(lambda: deed(sim))
     killer.start()
-    with pytest.raises(mpsim.WorkerDied) as caught:
+    with pytest.raises(mpsim.WorkerDiedError) as caught:
         sim.run(frames=10**6)
     noticed = time.monotonic()
     killer.join()
@@ -96,7 +96,7 @@ def assert_over(sim, pids, block):
     """Require that the simulation is closed, its workers gone, and its block removed."""
     assert [is_gone(pid) for pid in pids] == [True] * len(pids)
     assert not (SHARED_MEMORY / block).exists()
-    with pytest.raises(mpsim.ClosedError, match="closed after frame"):
+    with pytest.raises(mpsim.errors.ClosedError, match="closed after frame"):
         sim.run(frames=1)
     sim.close()
 
@@ -128,7 +128,7 @@ def test_another_signal_is_named_too():
     sim = simulate(lattice(100, 100), method="parallel", workers=2)
     killer = Killer(lambda: terminate(sim))
     killer.start()
-    with pytest.raises(mpsim.WorkerDied, match=r"signal 10 \(SIGUSR1\)"):
+    with pytest.raises(mpsim.WorkerDiedError, match=r"signal 10 \(SIGUSR1\)"):
         sim.run(frames=10**6)
     killer.join()
 
@@ -143,7 +143,7 @@ def test_a_death_between_runs_is_noticed_by_the_next_run(pause):
     if pause:
         assert sim.digest() == before, "the state must stay readable until somebody wants to go on"
     moment = time.monotonic()
-    with pytest.raises(mpsim.WorkerDied) as caught:
+    with pytest.raises(mpsim.WorkerDiedError) as caught:
         sim.run(frames=10**6)
     assert time.monotonic() - moment < NOTICED_WITHIN
     assert (caught.value.worker, caught.value.frame) == (2, 5)
@@ -157,7 +157,7 @@ def test_a_death_before_a_growth_that_moves_the_workers_is_noticed():
     pids, block = sim.pids, block_name(sim)
     os.kill(pids[0], signal.SIGKILL)
     more = lattice(8, 8)
-    with pytest.raises(mpsim.WorkerDied, match="worker 1"):
+    with pytest.raises(mpsim.WorkerDiedError, match="worker 1"):
         sim.add(more.position[:40], more.velocity[:40])
     assert_over(sim, pids, block)
 
@@ -167,7 +167,7 @@ def test_several_deaths_at_once_are_one_exception():
     pids, block = sim.pids, block_name(sim)
     killer = Killer(lambda: [os.kill(pid, signal.SIGKILL) for pid in pids])
     killer.start()
-    with pytest.raises(mpsim.WorkerDied) as caught:
+    with pytest.raises(mpsim.WorkerDiedError) as caught:
         sim.run(frames=10**6)
     killer.join()
     assert caught.value.worker in (1, 2, 3)
@@ -188,7 +188,7 @@ def kill_the_first_worker():
 threading.Thread(target=kill_the_first_worker).start()
 try:
     mpsim.Simulation(lattice(20, 20), mpsim.Settings(method="parallel", workers=2, start_method="{start}"))
-except mpsim.WorkerDied as error:
+except mpsim.WorkerDiedError as error:
     print(error.worker, error.exitcode, error.phase)
 """
 
@@ -216,7 +216,7 @@ def test_a_worker_that_raises_hands_over_its_traceback():
     worker.load_kernels = broken
     try:
         mpsim.Simulation(lattice(20, 20), mpsim.Settings(method="parallel", workers=2, start_method="fork"))
-    except mpsim.WorkerDied as error:
+    except mpsim.WorkerDiedError as error:
         print(error.worker, error.exitcode, error.phase, "ValueError: the kernels are broken" in str(error))
     """
     with Script(text, warm=True) as script:
@@ -237,9 +237,11 @@ def test_a_hundred_deaths_at_random_moments_are_all_noticed(figures):
         pids, block = sim.pids, block_name(sim)
         killer = Killer(partial(kill_later, pids[attempt % 2], attempt * 0.0007))
         killer.start()
-        with pytest.raises(mpsim.WorkerDied) as caught:
+        with pytest.raises(mpsim.WorkerDiedError) as caught:
             sim.run(frames=10**6)
         killer.join()
         assert caught.value.worker == attempt % 2 + 1, f"attempt {attempt}"
         assert_over(sim, pids, block)
-    figures.note("R14", "parallel on 3", "a worker killed at 100 moments", "WorkerDied, and nothing left", "100 of 100")
+    figures.note(
+        "R14", "parallel on 3", "a worker killed at 100 moments", "WorkerDiedError, and nothing left", "100 of 100"
+    )

@@ -91,7 +91,7 @@ def test_a_ball_rolls_off_the_end_of_a_ledge_round_its_corner():
     """Along a thin level wall without friction it keeps its speed; past the end it falls along its parabola."""
     ledge, speed = Polyline([(2.0, 5.0), (8.0, 5.0)]), 3.0  # fast enough to leave the corner at once: v^2 > g R
     with exactly(one((7.9, 5.5), (speed, 0), ledge, gravity=(0, -1.0)), dt=2.0) as sim:
-        with pytest.warns(mpsim.GuardWarning):
+        with pytest.warns(mpsim.errors.GuardWarning):
             sim.run(frames=1)
         found = sim.state.position[0]
     late = (7.9 + 2.0 * speed - 8.0) / speed

@@ -126,7 +126,7 @@ def pressed(stop, position=(6.0, 3.0), velocity=(0.1, 0.03), **features):
     [({"obstacles": ACROSS}, 3.2), ({"obstacles": WEDGE, "velocity": (0.0, 0.0)}, 4.49), ({"stop": 1.0}, 1.0)],
     ids=["before an obstacle", "in a wedge", "before a wall"],
 )
-@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 def test_a_disc_that_is_crushed_is_an_error_that_names_it_and_what_to_do(features, at, losses):
     """As before: it met both without end, some 10 s later a collapse at one instant, or never."""
     scene = pressed(**{"stop": 2.0, "wall_restitution": losses, **features})
@@ -135,7 +135,7 @@ def test_a_disc_that_is_crushed_is_an_error_that_names_it_and_what_to_do(feature
             sim.run(frames=60)
             assert sim.state.position[0, 0] == pytest.approx(0.5, abs=1e-12)
         return
-    with exactly(scene, dt=0.5) as sim, pytest.raises(mpsim.StalledError) as caught:
+    with exactly(scene, dt=0.5) as sim, pytest.raises(mpsim.errors.StalledError) as caught:
         sim.run(frames=60)
     found = re.match(
         r"disc 0 is crushed in frame \d+: the piston, now at (.*) and on its way to [12], leaves it no room before an "
@@ -179,7 +179,7 @@ def test_discs_are_crushed_alike_on_tiles(workers):
                         piston=Piston("right", -1.0, 50.0))  # fmt: skip
     texts = []
     for tiling, number in (((1, 1), 1), ((2, 1), workers)):
-        with on_tiles(scene, tiling, number, dt=0.25) as sim, pytest.raises(mpsim.StalledError) as caught:
+        with on_tiles(scene, tiling, number, dt=0.25) as sim, pytest.raises(mpsim.errors.StalledError) as caught:
             sim.run(frames=200)
         texts.append(str(caught.value))
     assert texts[0] == texts[1]
@@ -188,7 +188,7 @@ def test_discs_are_crushed_alike_on_tiles(workers):
 
 def until_crushed(sim, frames):
     """The error that ends a run."""
-    with pytest.raises(mpsim.StalledError, match="is crushed") as caught:
+    with pytest.raises(mpsim.errors.StalledError, match="is crushed") as caught:
         sim.run(frames=frames)
     return str(caught.value)
 

@@ -65,7 +65,7 @@ def test_the_exact_solver_has_the_same_sliding_and_rolling_disc():
         wall_restitution=0.0, wall_friction=0.25,
     )  # fmt: skip
     with simulate(scene, method="event", dt=1 / 64) as sim:
-        with pytest.warns(mpsim.GuardWarning):
+        with pytest.warns(mpsim.errors.GuardWarning):
             sim.run(until=0.5)
         early = sim.state
         sim.run(until=1.5)  # which warns no more

@@ -54,7 +54,7 @@ WORDS = "absorbing emitters acceleration"
 def saved(path, scene=None, frames=3, **settings):
     """A checkpoint at a frame of a small scene; returns its path."""
     with warnings.catch_warnings(), simulate(scene or zoo(WORDS, count=5), **{"method": "grid", **settings}) as sim:
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
         sim.run(frames=frames)
         return sim.save(path)
 

@@ -38,7 +38,7 @@ class Case:
     def digest(self) -> str:
         """Digest of the state after the last frame."""
         with warnings.catch_warnings():
-            for kind in (mpsim.EmitterWarning, mpsim.FastWarning):  # they are dropped on each other
+            for kind in (mpsim.errors.EmitterWarning, mpsim.FastWarning):  # they are dropped on each other
                 warnings.simplefilter("ignore", kind)
             return digest_after(self.scene(), FRAMES, **self.settings)
 

@@ -102,7 +102,12 @@ class Pinned:
     def run(self, measures: Iterable[str] = (), before: Callable[[mpsim.Simulation], None] | None = None, **how) -> Ran:
         """Run it, with those of the measures that its second half can have. `before` gets the simulation first."""
         with warnings.catch_warnings():
-            for kind in (mpsim.EmitterWarning, mpsim.FastWarning, mpsim.OverlapWarning, mpsim.GuardWarning):
+            for kind in (
+                mpsim.errors.EmitterWarning,
+                mpsim.FastWarning,
+                mpsim.OverlapWarning,
+                mpsim.errors.GuardWarning,
+            ):
                 warnings.simplefilter("ignore", kind)
             with self.start(**how) as sim:
                 if before is not None:

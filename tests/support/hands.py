@@ -18,7 +18,7 @@ def until(holds):
     """What a function gives once that is true; a simulation that undo has just replaced is asked again."""
 
     def asked():
-        with contextlib.suppress(mpsim.ClosedError):
+        with contextlib.suppress(mpsim.errors.ClosedError):
             return holds()
         return None
 

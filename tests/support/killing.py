@@ -37,7 +37,7 @@ class Killer(threading.Thread):
                 pids = [pid for pid in self._sim.pids if not is_gone(pid)]
                 if pids:
                     self._deed(pids)
-            except (ProcessLookupError, TypeError, ValueError, LookupError, mpsim.ClosedError):
+            except (ProcessLookupError, TypeError, ValueError, LookupError, mpsim.errors.ClosedError):
                 continue  # it is being replaced at this moment
 
     def _kill_one(self, pids):

@@ -190,7 +190,7 @@ def simulate(scene: mpsim.Scene, **settings: Any) -> mpsim.Simulation:
     Its contact is `push` unless told otherwise: most numbers of these tests were worked by hand, and push is easier.
     """
     with warnings.catch_warnings():
-        for kind in (mpsim.OverlapWarning, mpsim.FastWarning, mpsim.ResolutionWarning):
+        for kind in (mpsim.OverlapWarning, mpsim.FastWarning, mpsim.errors.ResolutionWarning):
             warnings.simplefilter("ignore", kind)
         return mpsim.Simulation(scene, mpsim.Settings(**{"contact": "push", **settings}))
 

@@ -1,4 +1,4 @@
-"""Scenes and states of a few discs whose observables are known."""
+"""Scenes and states of a few discs whose measures are known."""
 
 import numpy as np
 

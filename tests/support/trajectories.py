@@ -18,7 +18,7 @@ def written(path: Path, scene: mpsim.Scene, frames: int = 10, every: int = 2, mo
         simulate(scene, **{**SETTINGS, **settings}) as sim,
         mpsim.Trajectory.write(path, every, mode=mode) as out,
     ):
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
         warnings.simplefilter("ignore", mpsim.FastWarning)
         sim.run(frames=frames, observe=out)
         return sim.digest()
@@ -28,7 +28,7 @@ def killed_and_resumed(path: Path, scene: mpsim.Scene, every: int = 3, **setting
     """A run of 40 frames, saved at frame 20 and killed at frame 25, of which the file holds more than is saved."""
     saved = path.with_suffix(".mpsim")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
         warnings.simplefilter("ignore", mpsim.FastWarning)
         with simulate(scene, **{**SETTINGS, **settings}) as sim, mpsim.Trajectory.write(path, every) as out:
             sim.run(frames=20, observe=out)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.columns import EXITS, MASS, Column
-from mpsim.core.errors import InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State, part_of
 from mpsim.core.team import Alone, Team
@@ -25,6 +24,7 @@ from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.solvers.speeds import Speeds
+from mpsim.errors import InputError
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
 
@@ -169,7 +169,7 @@ class Solver(ABC):
 
         Raises:
             InputError: for a start that the method cannot do.
-            ResourceError, WorkerDied, WorkerStalled: if the block or the workers cannot be had.
+            ResourceError, WorkerDiedError, WorkerStalledError: if the block or the workers cannot be had.
         """
 
     @abstractmethod
@@ -190,7 +190,7 @@ class Solver(ABC):
             stop: where to end, if it comes first [time]: with the frame that reaches it, or at it, inside the frame.
 
         Raises:
-            DivergedError, StalledError, WorkerDied, WorkerStalled: the solver can then only be closed, or restored.
+            DivergedError, StalledError, WorkerDiedError, WorkerStalledError: it can then only be closed, or restored.
         """
 
     @abstractmethod
@@ -198,7 +198,7 @@ class Solver(ABC):
         """Have what measures need counted from now on, or not; see `tallied`.
 
         Raises:
-            ResourceError, WorkerDied, WorkerStalled: as `start`.
+            ResourceError, WorkerDiedError, WorkerStalledError: as `start`.
         """
 
     def log_collisions(self, wanted: bool) -> None:
@@ -206,7 +206,7 @@ class Solver(ABC):
 
         Raises:
             InputError: if they are wanted, and the method does not log them.
-            ResourceError, WorkerDied, WorkerStalled: as `start`.
+            ResourceError, WorkerDiedError, WorkerStalledError: as `start`.
         """
         if wanted:
             raise InputError(
@@ -286,7 +286,7 @@ class Solver(ABC):
 
         Raises:
             InputError: for discs that the method cannot do.
-            ResourceError, WorkerDied, WorkerStalled: as `start`; `half_done` then says whether the state is lost.
+            ResourceError, WorkerDiedError, WorkerStalledError: as `start`; `half_done` says whether the state is lost.
         """
 
     # --- changes between two frames
@@ -304,7 +304,7 @@ class Solver(ABC):
 
         Raises:
             InputError: for discs that the method cannot do.
-            ResourceError, WorkerDied, WorkerStalled: as `add`.
+            ResourceError, WorkerDiedError, WorkerStalledError: as `add`.
         """
         raise self._cannot_change()
 
@@ -323,7 +323,7 @@ class Solver(ABC):
         absent; dt, contact, passes, substeps, workers of the settings. Where dt is another, the origin is now.
 
         Raises:
-            InputError, ResourceError, WorkerDied, WorkerStalled: as `assume` and `add`.
+            InputError, ResourceError, WorkerDiedError, WorkerStalledError: as `assume` and `add`.
         """
         raise self._cannot_change()
 
@@ -350,7 +350,7 @@ class Solver(ABC):
             room: discs for which there is then room without another move, if it needs one for them.
 
         Raises:
-            ResourceError, WorkerDied, WorkerStalled: as `start`.
+            ResourceError, WorkerDiedError, WorkerStalledError: as `start`.
         """
 
     @staticmethod

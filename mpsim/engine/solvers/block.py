@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import DivergedError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.columns import given_in
@@ -37,6 +36,7 @@ from mpsim.engine.solvers.stepped import SteppedSolver
 from mpsim.engine.workers.arrays import block_arrays
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import resident_bytes
+from mpsim.errors import DivergedError
 from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
 from mpsim.kernels.collision_log import ROWS

@@ -5,13 +5,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
 from mpsim.engine.solvers import collisions, event_features, event_snapshot
 from mpsim.engine.solvers.base import Origin
 from mpsim.engine.solvers.event_scene import refuse_overlap
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
+from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.radii import has_radii
 from mpsim.kernels import collision_log

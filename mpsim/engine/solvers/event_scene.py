@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError, StalledError
+from mpsim.errors import InputError, StalledError
 from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
 from mpsim.features.obstacles import OBSTACLES

@@ -58,7 +58,7 @@ class Windows:
         """Windows on the tiles of another block, for the same workers. The old block must stay open until it returns.
 
         Raises:
-            WorkerDied: if one of them has ended. Then these windows can only be closed, before either block is.
+            WorkerDiedError: if one of them has ended. Then these windows can only be closed, before either block is.
         """
         moved = Windows(block, system, self._start_method)
         with interrupts_held_back():
@@ -101,7 +101,7 @@ class Windows:
         present: the time that has been reached.
 
         Raises:
-            WorkerDied, WorkerStalled: if a worker has ended, or has not come.
+            WorkerDiedError, WorkerStalledError: if a worker has ended, or has not come.
         """
         self._order(present)
         self._arguments.shared.control.done = progress.frame

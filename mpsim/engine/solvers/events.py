@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from mpsim.core.columns import MASS
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import DivergedError, StalledError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.columns import columns_of, given_in
@@ -35,6 +34,7 @@ from mpsim.engine.solvers.slices import MOST_COUNTED, Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import resident_bytes
+from mpsim.errors import DivergedError, StalledError
 from mpsim.kernels import collision_log, layout
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
@@ -351,7 +351,7 @@ class EventSolver(Solver):
         """Windows on the tiles of another block, if it has any: those of the same workers, where there are as many.
 
         Raises:
-            WorkerDied, WorkerStalled, ResourceError: then no worker is left, and the state is as it was.
+            WorkerDiedError, WorkerStalledError, ResourceError: then no worker is left, and the state is as it was.
         """
         if "tiles" not in block.specs:
             return None

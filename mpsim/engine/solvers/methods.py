@@ -4,7 +4,6 @@ import logging
 from typing import Any, NamedTuple
 
 from mpsim.core.cores import may_start_processes, usable_cores
-from mpsim.core.errors import InputError
 from mpsim.engine.notices import Notices
 from mpsim.engine.solvers.base import Capabilities, Choice, Solver
 from mpsim.engine.solvers.events import EventSolver
@@ -12,6 +11,7 @@ from mpsim.engine.solvers.grid import GridSolver
 from mpsim.engine.solvers.mpi import MpiSolver
 from mpsim.engine.solvers.mpi_ranks import ranks_of
 from mpsim.engine.solvers.naive import NaiveSolver
+from mpsim.errors import InputError
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import Settings
 

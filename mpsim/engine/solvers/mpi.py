@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import DivergedError, InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.core.version import __version__
@@ -38,6 +37,7 @@ from mpsim.engine.solvers.speed_limit import Fastest, disc_too_fast, fastest_in
 from mpsim.engine.solvers.speeds import Speeds
 from mpsim.engine.workers.arrays import Grid
 from mpsim.engine.workers.system_limits import resident_bytes
+from mpsim.errors import DivergedError, InputError
 from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
 from mpsim.kernels.compiling import source_digest

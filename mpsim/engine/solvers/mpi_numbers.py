@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.chunks import Array, ChunkedArray, ranges
-from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State, digest_of, in_chunks
 from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.solvers.discs import state_of
 from mpsim.engine.solvers.mpi_part import Part
+from mpsim.errors import InputError
 from mpsim.scene.scene import Scene
 
 

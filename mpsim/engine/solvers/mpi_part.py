@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import InputError
 from mpsim.engine.columns import columns_of
 from mpsim.engine.feature_arrays import feature_specs, fill_features, giant_radius
 from mpsim.engine.solvers.base import NewDiscs
@@ -18,6 +17,7 @@ from mpsim.engine.workers.arrays import Grid, block_arrays
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import SharedBlock, remove_stale_blocks
 from mpsim.engine.workers.worker import GridArguments, kernel_arguments, load_kernels
+from mpsim.errors import InputError
 from mpsim.features.radii import has_radii
 from mpsim.kernels import layout, records
 from mpsim.kernels.frame import rank as kernels

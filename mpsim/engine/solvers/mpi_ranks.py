@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 
 Result = TypeVar("Result")
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import BusyError
 from mpsim.core.team import Team
 from mpsim.engine.solvers.mpi_numbers import Asked, DiscsByNumber, answers_to_one
 from mpsim.engine.solvers.mpi_ranks import Communicator, raised_together
 from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.errors import BusyError
 
 Result = TypeVar("Result")
 

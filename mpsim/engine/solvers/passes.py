@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.feature_arrays import giant_radius
 from mpsim.engine.solvers.base import Choice, Solver
 from mpsim.engine.solvers.grid import GridSolver
 from mpsim.engine.workers.worker import kernel_arguments
+from mpsim.errors import InputError
 from mpsim.kernels import layout
 from mpsim.kernels.frame.rank import run_part
 from mpsim.scene.scene import Scene

@@ -16,10 +16,10 @@ from typing import Any
 import psutil
 
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import ResourceError, WorkerDied, WorkerStalled, is_of_the_system
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import demand_descriptors, refusal_of_process
 from mpsim.engine.workers.worker import NAME, worker_main
+from mpsim.errors import ResourceError, WorkerDiedError, WorkerStalledError, is_of_the_system
 from mpsim.kernels import layout
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
 
@@ -69,7 +69,7 @@ class WorkerPool:
         """Start the workers, and wait until they are ready. Whatever stops this, `stop` then ends what was started.
 
         Raises:
-            WorkerDied, WorkerStalled: if a worker ends or fails before it is ready.
+            WorkerDiedError, WorkerStalledError: if a worker ends or fails before it is ready.
             ResourceError: if the system allows no more processes or descriptors.
         """
         if self._context.get_start_method() == "forkserver":
@@ -114,7 +114,7 @@ class WorkerPool:
         """The exception for an abort that a worker's death or delay has caused."""
         if self._lost is None:
             late = int(self._team["arrivals"][: len(self._processes) + 1].argmin())
-            return WorkerStalled(
+            return WorkerStalledError(
                 f"worker {late} has not reached a barrier within {layout.PATIENCE / 1e9:g} s. A worker must keep "
                 "running. It may be stopped (SIGSTOP, a debugger) or starved; start again, with fewer workers."
             )
@@ -194,7 +194,7 @@ class WorkerPool:
             if lost and not connection.poll():
                 raise self._death(lost[0], "start-up")
             if time.monotonic() > deadline:
-                raise WorkerStalled(
+                raise WorkerStalledError(
                     f"worker {worker} was not ready within {START_PATIENCE:g} s. A worker must keep running. It may be "
                     "stopped (SIGSTOP, a debugger) or starved; start again, with fewer workers."
                 )
@@ -207,7 +207,7 @@ class WorkerPool:
         if kind != "ready":
             raise self._death(worker, "start-up", text)
 
-    def _death(self, worker: int, phase: str | None = None, text: str | None = None) -> WorkerDied:
+    def _death(self, worker: int, phase: str | None = None, text: str | None = None) -> WorkerDiedError:
         process, mine = self._processes[worker - 1], self._team[worker]
         _join(process)
         code = process.exitcode
@@ -224,7 +224,7 @@ class WorkerPool:
             cause += f" after an error:\n{text}"
         # A worker that dies right after a command has no time to reset its count; the coordinator's is then 0.
         frame = int(self._control.done + min(mine.frame, self._team[0].frame))
-        return WorkerDied(worker, process.pid, code, cause, frame, phase or layout.PHASES[mine.phase])
+        return WorkerDiedError(worker, process.pid, code, cause, frame, phase or layout.PHASES[mine.phase])
 
     def _watch(self) -> None:
         """Thread: when a worker dies, have all others leave the frame loop. Ends when `stop` asks for it.

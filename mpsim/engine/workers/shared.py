@@ -28,9 +28,9 @@ import psutil
 from numpy.typing import NDArray
 
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import is_of_the_system
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.system_limits import refusal_of_block, refusal_of_process
+from mpsim.errors import is_of_the_system
 
 PAGE = 4096
 STAGGER = 384

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 
 import psutil
 
-from mpsim.core.errors import ResourceError, SharedMemoryError, is_of_the_system
+from mpsim.errors import ResourceError, SharedMemoryError, is_of_the_system
 
 
 @contextmanager

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.core.errors import ResourceError
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import refusal_of_process
 from mpsim.engine.workers.tiles import arguments_in_block, idle_call, load_windows, wait_for_windows
+from mpsim.errors import ResourceError
 from mpsim.kernels import compile_notice, layout
 from mpsim.kernels.features.hooks import features_of
 from mpsim.kernels.frame.rank import run_part

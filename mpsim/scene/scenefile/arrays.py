@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks, untrusted
 from mpsim.core.archive import REAL, read_array
-from mpsim.core.errors import InputError, is_of_the_system
 from mpsim.core.garbage import garbage_collection_paused
+from mpsim.errors import InputError, is_of_the_system
 from mpsim.scene.scenefile.limits import MOST_ARRAY_BYTES, MOST_CSV
 
 logger: logging.Logger = logging.getLogger("mpsim")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features import NUMBERS, PER_DISC, VECTORS
 from mpsim.features.edges import check_boundary, wraps_of
 from mpsim.scene.scene import LARGEST_COUNT, Scene
@@ -69,7 +69,7 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
         value = getattr(table, part.argument)
         single = None if part.several or value is None else value.made()
         parts[part.argument] = made[part.argument][0] if part.several else single
-    names = (*VECTORS, *NUMBERS, "duration", "picture_interval", "observables")
+    names = (*VECTORS, *NUMBERS, "duration", "picture_interval", "measures")
     plain = {name: getattr(table, name) for name in names}
     plain["settings"] = None if table.settings is None else Settings(**dict(table.settings))
     try:

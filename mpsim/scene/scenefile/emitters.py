@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.emitters import LARGEST_EMITTERS, Emitter
 from mpsim.features.feature import SceneLike
 from mpsim.scene.scenefile.arrays import INLINE

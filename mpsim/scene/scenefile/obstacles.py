@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features.feature import SceneLike
 from mpsim.features.obstacles import (
     LARGEST_OBSTACLES,

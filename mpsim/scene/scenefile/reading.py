@@ -14,7 +14,7 @@ from typing import Any
 import pydantic
 
 from mpsim.core import checks, untrusted
-from mpsim.core.errors import InputError, SceneFileError, reason_of
+from mpsim.errors import InputError, SceneFileError, reason_of
 from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 from mpsim.scene.scenefile import schema

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import PlainValidator, ValidationInfo
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.scene.scenefile import arrays
 
 Numbers = NDArray[np.float64]

@@ -7,7 +7,7 @@ import pydantic
 from pydantic import Field, model_validator
 
 from mpsim.core import checks
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.features import NUMBERS, PER_DISC, VECTORS
 from mpsim.features.feature import PerDisc
 from mpsim.scene.compression import FASTEST, SLOWEST
@@ -226,9 +226,7 @@ class _SceneTable(_Physics):
     picture_interval: Annotated[
         float | None, as_in(_SCENE), Field(description="time between two pictures of an animation or a trajectory")
     ] = None
-    observables: Annotated[
-        Any, as_in(_SCENE, words=True), Field(description="recommended measures: a list of names")
-    ] = ()
+    measures: Annotated[Any, as_in(_SCENE, words=True), Field(description="recommended measures: a list of names")] = ()
     about: Annotated[About | None, Field(description="title and texts")] = None
     settings: Annotated[SettingsTable | None, Field(description="recommended settings")] = None
     compressed: Annotated[

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from mpsim.core import atomic
-from mpsim.core.errors import InputError, OutputError
+from mpsim.errors import InputError, OutputError
 from mpsim.features import NUMBERS, PER_DISC, VECTORS
 from mpsim.features.edges import WALLED
 from mpsim.scene.scene import Scene
@@ -74,7 +74,7 @@ def _scene_lines(scene: Scene) -> list[str]:
     values |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
     values["absorbing"] = scene.absorbing or None
     values |= {"duration": scene.duration, "picture_interval": scene.picture_interval}
-    values["observables"] = scene.observables or None
+    values["measures"] = scene.measures or None
     return pairs(values)
 
 

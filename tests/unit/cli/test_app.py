@@ -85,7 +85,7 @@ def test_an_option_of_all_commands_is_sent_before_the_command(option):
 @pytest.mark.parametrize(
     ("error", "text"),
     [
-        (mpsim.ClosedError("gone"), "gone"),
+        (mpsim.errors.ClosedError("gone"), "gone"),
         (MemoryError("too much"), "too much"),
         (PermissionError(13, "no", "a.txt"), "'a.txt' must be a file or folder that can be used; it cannot (no)."),
     ],

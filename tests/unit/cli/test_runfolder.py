@@ -56,7 +56,7 @@ def test_a_damaged_table_is_one_short_error(tmp_path, damage):
 def test_a_run_that_fails_says_so_in_its_record(tmp_path, monkeypatch):
     def fail(self, *arguments, **options):
         if options.get("observe"):
-            raise mpsim.WorkerStalled("worker 1 was not ready")
+            raise mpsim.errors.WorkerStalledError("worker 1 was not ready")
         return run(self, *arguments, **options)
 
     run = mpsim.Simulation.run

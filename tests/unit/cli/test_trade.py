@@ -29,7 +29,7 @@ def asked(monkeypatch) -> dict:
         if options["progress"]:
             options["progress"](1, 2, "accuracy")
         if budgets.get("overlap", 1) < 1e-9:
-            raise mpsim.BudgetError("max_error must be within reach: ...")
+            raise mpsim.errors.BudgetError("max_error must be within reach: ...")
         return Tuned(SETTINGS, ROW.cost, ROW.errors, {"pressure": 0.01}, "event", (Trial(ROW, "inside", True),), 1.5)
 
     def tradeoff(scene, candidates, until, measures, **options):

@@ -5,13 +5,13 @@ import pickle
 import pytest
 
 import mpsim
-from mpsim.core.errors import SceneFileError
+from mpsim.errors import SceneFileError
 
 ERRORS = [
     mpsim.InputError("dt must be positive"),
     SceneFileError("a.toml", ["width must be positive", "radius must be positive"]),
     mpsim.DivergedError(3, 7, (1.0, float("inf")), (0.0, 2.0)),
-    mpsim.WorkerDied(1, 4711, -9, "signal 9 (SIGKILL)", 12, "move"),
+    mpsim.WorkerDiedError(1, 4711, -9, "signal 9 (SIGKILL)", 12, "move"),
 ]
 
 

@@ -5,8 +5,8 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
+from mpsim.errors import InputError
 
 
 def test_a_state_keeps_all_of_it_in_a_file(tmp_path):
@@ -140,7 +140,9 @@ def test_a_file_that_is_no_state_is_refused(tmp_path):
     np.savez(tmp_path / "code.npz", position=np.array([print], object), velocity=np.zeros((1, 2)))
     with pytest.raises(mpsim.InputError, match="is not a plain array"):
         mpsim.State.load(tmp_path / "code.npz")
-    with pytest.raises(mpsim.OutputError, match=r"must be in a folder that can be written to; got .* Choose another"):
+    with pytest.raises(
+        mpsim.errors.OutputError, match=r"must be in a folder that can be written to; got .* Choose another"
+    ):
         mpsim.State(np.zeros((1, 2)), np.zeros((1, 2))).save(tmp_path / "none" / "a.npz")
 
 

@@ -45,7 +45,7 @@ OTHERS: dict[str, Any] = {
 @pytest.fixture(autouse=True)
 def without_warnings_of_the_start():
     with warnings.catch_warnings():
-        for kind in (mpsim.EmitterWarning, mpsim.FastWarning, mpsim.OverlapWarning):
+        for kind in (mpsim.errors.EmitterWarning, mpsim.FastWarning, mpsim.OverlapWarning):
             warnings.simplefilter("ignore", kind)
         yield
 
@@ -218,7 +218,7 @@ def test_each_array_of_the_block_is_in_a_checkpoint_or_made_anew():
 def test_a_checkpoint_has_every_argument_of_the_scene(tmp_path):
     everything, plain = SCENES["everything rough"].scene(), SCENES["bare"].scene()
     values = {name: getattr(everything, name) for name in inspect.signature(mpsim.Scene).parameters}
-    own = {"settings": mpsim.Settings(passes=2), "picture_interval": 0.5, "observables": "temperature"}
+    own = {"settings": mpsim.Settings(passes=2), "picture_interval": 0.5, "measures": "temperature"}
     scene = mpsim.Scene(**values | {"duration": 3.5, **own})
     with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim:
         path = sim.save(tmp_path / "run")

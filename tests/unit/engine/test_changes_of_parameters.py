@@ -17,7 +17,7 @@ from mpsim.features.thermal_walls import ThermalWalls
 from mpsim.features.thermostat import Thermostat
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning"),
+    pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning"),
     pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),
     pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork with threads
 ]

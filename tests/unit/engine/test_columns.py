@@ -245,7 +245,7 @@ def test_a_trajectory_without_spins_says_where_it_would_have_them(tmp_path):
     writer = mpsim.Trajectory.write(tmp_path / "a.xyz")
     with simulate(gas(9, 0.1), method="naive") as sim, writer as out:
         sim.run(frames=1, observe=out)
-    with pytest.raises(mpsim.TrajectoryError) as caught:
+    with pytest.raises(mpsim.errors.TrajectoryError) as caught:
         _ = mpsim.Trajectory(tmp_path / "a.xyz")[0].spin
     where = "the column spin:R:1 (extended XYZ) or log/particles/mpsim/spin (GSD)"
     assert str(caught.value).endswith(f"Have the program that wrote it write {where}, too.")

@@ -46,7 +46,7 @@ def test_one_run_and_runs_of_single_frames_have_the_same_discs():
 
 def test_a_disc_waits_until_its_place_is_free_and_says_so_once():
     """Each disc covers the place for 0.5 / 1 = 5 frames of 0.1, and the next one enters as soon as it has gone."""
-    with pytest.warns(mpsim.EmitterWarning) as caught:
+    with pytest.warns(mpsim.errors.EmitterWarning) as caught:
         counts = entered(14, mpsim.Emitter(LEFT, (1, 0), every=1))
     assert counts == [0, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3]
     assert [str(warning.message) for warning in caught] == [
@@ -58,7 +58,7 @@ def test_a_disc_waits_until_its_place_is_free_and_says_so_once():
 @pytest.mark.slow
 def test_a_disc_beyond_a_periodic_border_occupies_a_place_too():
     blocked = {"position": [[9.9, 2]], "velocity": [[0, 0]], "boundary": ("periodic", "walls")}
-    with pytest.warns(mpsim.EmitterWarning):
+    with pytest.warns(mpsim.errors.EmitterWarning):
         assert entered(4, mpsim.Emitter((0.2, 2), (1, 0), every=1), **blocked) == [1] * 4
 
 

@@ -89,7 +89,7 @@ BUSY = mpsim.Scene(
 
 def ran(scene, until, pieces=1, **settings):
     with warnings.catch_warnings(), simulate(scene, contact="impact", **settings) as sim:
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
         collisions = sum(sim.run(until=until * k / pieces).collisions for k in range(1, pieces + 1))
         return sim.state, collisions
 
@@ -145,7 +145,7 @@ def test_a_disc_that_waits_tries_again_at_times_that_do_not_depend_on_the_step(m
     """The first enters at 0.25 and covers the place for 0.5 / 0.9; the next multiple of 0.25 / 8 is 0.8125."""
     scene = scene_of(mpsim.Emitter((10, 30), (0.9, 0), interval=0.25))
     with simulate(scene, method=method, dt=dt) as sim:
-        with pytest.warns(mpsim.EmitterWarning) as caught:
+        with pytest.warns(mpsim.errors.EmitterWarning) as caught:
             sim.run(until=3)
         x = sim.state.position[:, 0]
     entered = 0.25 + 0.5625 * np.arange(5)
@@ -198,7 +198,7 @@ def test_checkpoints_of_versions_without_intervals_are_read(tmp_path):
     """Their emitters have no such field, and one that waits was due at a frame of the past."""
     slow = mpsim.Emitter((10, 30), (1, 0), every=2)
     with simulate(scene_of(slow), method="naive", dt=0.1) as sim:
-        with pytest.warns(mpsim.EmitterWarning):
+        with pytest.warns(mpsim.errors.EmitterWarning):
             sim.run(frames=6)
         path = sim.save(tmp_path / "run")
         sim.run(frames=20)
@@ -212,7 +212,7 @@ def test_checkpoints_of_versions_without_intervals_are_read(tmp_path):
 
     rewrite(path, as_it_was)
     with mpsim.Simulation.resume(path) as sim:
-        with pytest.warns(mpsim.EmitterWarning):
+        with pytest.warns(mpsim.errors.EmitterWarning):
             sim.run(frames=20)
         assert_same_bits(sim.state, expected, "resumed from an old checkpoint")
 

@@ -14,9 +14,12 @@ from mpsim.studies.replicas import quietly
 
 
 def test_the_innermost_catcher_of_a_kind_gets_it():
-    with notices.caught(mpsim.FastWarning, mpsim.GuardWarning) as outer, notices.caught(mpsim.FastWarning) as inner:
+    with (
+        notices.caught(mpsim.FastWarning, mpsim.errors.GuardWarning) as outer,
+        notices.caught(mpsim.FastWarning) as inner,
+    ):
         notices.warn("fast", mpsim.FastWarning)
-        notices.warn("guard", mpsim.GuardWarning)
+        notices.warn("guard", mpsim.errors.GuardWarning)
     assert (outer, inner) == (["guard"], ["fast"])
 
 

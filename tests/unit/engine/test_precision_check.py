@@ -10,7 +10,7 @@ import mpsim
 
 def test_a_box_too_large_for_the_precision_is_told_and_then_refused():
     far = pair(side=8000.0)
-    with pytest.warns(mpsim.ResolutionWarning, match=r"in float32 coordinates are 0.000954 apart .* 0.0019 of"):
+    with pytest.warns(mpsim.errors.ResolutionWarning, match=r"in float32 coordinates are 0.000954 apart .* 0.0019 of"):
         mpsim.Simulation(far, mpsim.Settings(dt=0.1, precision="float32")).close()
     quiet(far, dt=0.1)
     quiet(pair(side=800.0), dt=0.1, precision="float32")
@@ -21,7 +21,9 @@ def test_a_box_too_large_for_the_precision_is_told_and_then_refused():
 
 def test_steps_that_rounding_swallows_are_told():
     slow = pair(1e-5, side=100.0)
-    with pytest.warns(mpsim.ResolutionWarning, match="most discs do not move at all. Use larger steps, or precision="):
+    with pytest.warns(
+        mpsim.errors.ResolutionWarning, match="most discs do not move at all. Use larger steps, or precision="
+    ):
         sim = mpsim.Simulation(slow, mpsim.Settings(dt=0.1, precision="float32", method="grid"))
     with sim:
         start = sim.state.position
@@ -33,7 +35,8 @@ def test_steps_that_rounding_swallows_are_told():
 def test_gravity_that_rounding_swallows_is_told():
     weak = pair(1.0, gravity=(0, -1e-15))
     with pytest.warns(
-        mpsim.ResolutionWarning, match=r"gravity changes a velocity by 1e-17 in a step, which is lost to rounding"
+        mpsim.errors.ResolutionWarning,
+        match=r"gravity changes a velocity by 1e-17 in a step, which is lost to rounding",
     ):
         mpsim.Simulation(weak, mpsim.Settings(dt=0.01, method="grid")).close()
 
@@ -45,7 +48,7 @@ def test_what_event_cannot_resolve_is_refused_or_told():
         mpsim.Simulation(pair(), mpsim.Settings(dt=1e110, method="event"))
     with pytest.raises(mpsim.InputError, match=r"would take the fastest disc 5e\+18 times through the box"):
         mpsim.Simulation(pair(), mpsim.Settings(dt=1e20, method="event"))
-    with pytest.warns(mpsim.ResolutionWarning, match="the square of the radius is lost"):
+    with pytest.warns(mpsim.errors.ResolutionWarning, match="the square of the radius is lost"):
         mpsim.Simulation(pair(radius=1e-9), mpsim.Settings(dt=0.1, method="event")).close()
 
 

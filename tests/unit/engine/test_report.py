@@ -168,7 +168,7 @@ def test_times_as_csv_are_those_of_the_report(tmp_path):
         for worker in (0, 1):
             column = [float(row[f"{name.replace(' ', '_')}_{worker}"]) for row in rows]
             assert column == seconds[:, worker].tolist()
-    with pytest.raises(mpsim.OutputError, match="a table of times must be a file that can be written; got "):
+    with pytest.raises(mpsim.errors.OutputError, match="a table of times must be a file that can be written; got "):
         report.to_csv(tmp_path / "none" / "times.csv")
 
 
@@ -183,7 +183,7 @@ def test_times_as_parquet_are_those_of_csv(tmp_path):
     assert found.attrs["measures"]["temperature"]["value"] == report.measures["temperature"].value
     with pytest.raises(mpsim.InputError, match=r"a table of times must .*Use 'times\.csv', or to_parquet\."):
         report.to_csv(tmp_path / "times.parquet")
-    with pytest.raises(mpsim.OutputError, match="a table of times must be a file that can be written; got "):
+    with pytest.raises(mpsim.errors.OutputError, match="a table of times must be a file that can be written; got "):
         report.to_parquet(tmp_path / "none" / "times.parquet")
 
 
@@ -210,5 +210,5 @@ def test_a_report_becomes_a_table_of_pandas(monkeypatch):
     assert report.to_csv().splitlines()[0].split(",") == ["frame", *frame.columns]
     assert frame.attrs["measures"]["temperature"]["value"] == report.measures["temperature"].value
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(mpsim.OutputError, match=r"a DataFrame needs the package pandas.*`, or use to_csv"):
+    with pytest.raises(mpsim.errors.OutputError, match=r"a DataFrame needs the package pandas.*`, or use to_csv"):
         report.to_pandas()

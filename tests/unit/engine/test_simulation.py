@@ -82,7 +82,7 @@ USES = {
 def test_a_closed_simulation_says_so(method, use):
     with simulate(gas(20, 0.2), method=method, workers=2) as sim:
         sim.run(frames=3)
-    with pytest.raises(mpsim.ClosedError, match=r"closed after frame 3.*no state.*`with` block"):
+    with pytest.raises(mpsim.errors.ClosedError, match=r"closed after frame 3.*no state.*`with` block"):
         USES[use](sim)
     assert "closed after frame 3" in repr(sim)
     assert sim.frame == 3

@@ -145,7 +145,7 @@ def test_a_trajectory_of_smooth_discs_says_that_it_has_no_spins(tmp_path):
     writer = mpsim.Trajectory.write(tmp_path / "a.xyz", every=3)
     with simulate(Scene(**GOOD), method="naive", dt=0.1) as sim, writer as out:
         sim.run(frames=3, observe=out)
-    with pytest.raises(mpsim.TrajectoryError, match="spin must be in a trajectory"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match="spin must be in a trajectory"):
         _ = mpsim.Trajectory(tmp_path / "a.xyz")[0].spin
 
 

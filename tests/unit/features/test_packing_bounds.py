@@ -201,7 +201,7 @@ def test_an_emitter_that_the_piston_has_passed_waits_for_good_and_says_so():
     text = r"emitters\[0\] found no room before frame 6, and its disc waits: .* must lie in \[0.5, 13.5\] x"
     with simulate(scene, method="naive", dt=0.1) as sim:
         sim.run(frames=5)
-        with pytest.warns(mpsim.EmitterWarning, match=text):
+        with pytest.warns(mpsim.errors.EmitterWarning, match=text):
             sim.run(frames=5)
         assert sim.count == 1
 
@@ -212,7 +212,7 @@ def test_an_emitter_waits_when_the_box_would_be_too_full_in_the_end():
         emitters=mpsim.Emitter((1, 0.5), (10, 0), every=3),
     )  # fmt: skip
     with simulate(scene, method="naive", dt=0.1) as sim:
-        with pytest.warns(mpsim.EmitterWarning, match="must leave room for all 3 discs"):
+        with pytest.warns(mpsim.errors.EmitterWarning, match="must leave room for all 3 discs"):
             sim.run(frames=40)
         assert sim.count == 2
 

@@ -93,11 +93,11 @@ def test_lags_of_a_diffusion_constant_must_be_there(walk):
 def test_too_few_looks_give_no_diffusion_constant_by_themselves():
     short = motion_of(np.random.default_rng(1).normal(size=(39, 5, 2)))
     with pytest.raises(
-        mpsim.NotRecordedError, match="at least 40 samples, or an end after the first lag; got 39 samples"
+        mpsim.errors.NotRecordedError, match="at least 40 samples, or an end after the first lag; got 39 samples"
     ):
         short.diffusion(None, None, "displacement")
     assert not short.diffusion(0.5, 5.0, "displacement").settled
-    with pytest.raises(mpsim.NotRecordedError, match=r"end = 0\.0"):
+    with pytest.raises(mpsim.errors.NotRecordedError, match=r"end = 0\.0"):
         short.diffusion(None, 0.0, "displacement")
 
 

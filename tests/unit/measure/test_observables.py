@@ -9,8 +9,8 @@ from support.states import drop, scene_of, state_of
 
 import mpsim
 from mpsim import measure
-from mpsim.core.errors import InputError, TrajectoryError
 from mpsim.core.state import State
+from mpsim.errors import InputError
 from mpsim.measure import correlation, observables, reference
 
 
@@ -137,18 +137,6 @@ def test_speed_distribution_by_hand():
     assert found.density.tolist() == [0.0, 0.5]
     below = [1 - math.exp(-1 / 4), 1 - math.exp(-9 / 4)]
     assert found.maxwell == pytest.approx([below[0], (below[1] - below[0]) / 2], rel=1e-14)
-
-
-def test_the_old_name_of_a_deviation_warns_and_says_until_when():
-    expected = r"TrajectoryError is now called mpsim\.measure\.TrajectoryDeviation; the old name ends in 0\.3"
-    with pytest.warns(DeprecationWarning, match=expected) as warned:
-        old = measure.TrajectoryError
-    assert old is measure.TrajectoryDeviation
-    assert old is not TrajectoryError, "the exception, which has kept this name"
-    assert [each.filename for each in warned] == [__file__]
-    assert "TrajectoryError" not in measure.__all__
-    with pytest.raises(AttributeError, match="no attribute 'TrajectoryEror'"):
-        measure.TrajectoryEror  # noqa: B018
 
 
 def test_displacement_and_trajectory_error_by_hand():

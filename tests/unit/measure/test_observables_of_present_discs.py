@@ -8,8 +8,8 @@ from support.scenes import simulate
 from support.states import after, box_of
 
 import mpsim
-from mpsim.core.errors import InputError
 from mpsim.core.state import State
+from mpsim.errors import InputError
 from mpsim.measure import observables
 
 

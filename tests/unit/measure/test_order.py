@@ -186,5 +186,5 @@ def test_without_freud_the_error_says_how_to_get_it(monkeypatch):
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(mpsim.NotMeasurableError, match="pip install freud-analysis"):
+    with pytest.raises(mpsim.errors.NotMeasurableError, match="pip install freud-analysis"):
         to_freud(state_of(random_points(20, 1)), random_points(20, 1))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.measure import reference_motion as motion
 
 

@@ -98,7 +98,7 @@ def test_an_unknown_measure_is_refused_with_a_suggestion():
 def test_a_measure_that_was_not_recorded_says_how_to_record_it():
     with simulate(gas(10, 0.2), method="grid") as sim:
         report = sim.run(frames=1)
-    with pytest.raises(mpsim.NotRecordedError, match=r"pressure was not recorded.*measures=\['pressure'\]"):
+    with pytest.raises(mpsim.errors.NotRecordedError, match=r"pressure was not recorded.*measures=\['pressure'\]"):
         report.measures["pressure"]
 
 

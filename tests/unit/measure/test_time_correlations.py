@@ -53,7 +53,7 @@ def test_nothing_is_gathered_before_the_start():
     with simulate(SCENE, **SETTINGS) as sim:
         sim.run(frames=38, observe=late)
         assert repr(late) == "<Correlations: nothing gathered yet>"
-        with pytest.raises(mpsim.NotRecordedError, match="let the run pass start = 2"):
+        with pytest.raises(mpsim.errors.NotRecordedError, match="let the run pass start = 2"):
             late.msd  # noqa: B018
         sim.run(frames=2, observe=late)
         sim.run(frames=60, observe=[late, with_other])
@@ -134,7 +134,7 @@ def test_bad_questions_are_refused():
             ask()
         assert words in str(caught.value)
     for ask in (found.diffusion, lambda: correlations().diffusion(), lambda: correlations().save("a.npz")):
-        with pytest.raises(mpsim.NotRecordedError):
+        with pytest.raises(mpsim.errors.NotRecordedError):
             ask()
 
 
@@ -273,7 +273,7 @@ def test_a_path_without_a_checkpoint_writes_nothing(tmp_path):
 def test_a_folder_that_cannot_be_written_to_is_said(tmp_path):
     found = correlations()
     after(SCENE, [4], found, **SETTINGS)
-    with pytest.raises(mpsim.OutputError, match="must be in a folder that can be written to"):
+    with pytest.raises(mpsim.errors.OutputError, match="must be in a folder that can be written to"):
         found.save(tmp_path / "none" / "c.npz")
     with contextlib.suppress(FileNotFoundError):
         assert not os.listdir(tmp_path / "none")

@@ -41,7 +41,7 @@ def test_a_simulation_that_has_come_later_cannot_continue_the_file_of_another(tm
         with (
             mpsim.Trajectory.write(path, mode="a") as out,
             pytest.raises(
-                mpsim.OutputError, match=rf"can be continued only by the run that wrote it; .*{text}.*mode='w"
+                mpsim.errors.OutputError, match=rf"can be continued only by the run that wrote it; .*{text}.*mode='w"
             ),
         ):
             sim.run(frames=2, observe=out)
@@ -57,7 +57,7 @@ def test_later_frames_of_another_are_not_dropped(tmp_path, ending):
         with mpsim.Trajectory.write(path) as out:
             sim.run(frames=3, observe=out)
     before = path.read_bytes()
-    with pytest.raises(mpsim.OutputError, match=r"at frame 5 its mass of disc 1 is 1 and not 9"):
+    with pytest.raises(mpsim.errors.OutputError, match=r"at frame 5 its mass of disc 1 is 1 and not 9"):
         written(path, pair(mass=[1, 9.0]), 2, 1, mode="a", method="naive")
     assert path.read_bytes() == before
     written(path, pair(), 2, 1, mode="a", method="naive")  # its own run starts anew
@@ -102,7 +102,7 @@ def test_a_file_of_another_program_is_not_continued(tmp_path, ending):
         sim.run(frames=3)
         with (
             mpsim.Trajectory.write(path, mode="a") as out,
-            pytest.raises(mpsim.OutputError, match=f"must hold {text} to be continued, so that"),
+            pytest.raises(mpsim.errors.OutputError, match=f"must hold {text} to be continued, so that"),
         ):
             sim.run(frames=1, observe=out)
 
@@ -115,7 +115,7 @@ def test_a_closed_writer_says_that_it_was_closed_and_how_to_go_on(tmp_path, endi
             sim.run(frames=1, observe=out)
             sim.run(frames=1, observe=out)
         with pytest.raises(
-            mpsim.OutputError,
+            mpsim.errors.OutputError,
             match=r"the trajectory '.*' must be open to be written to, and was closed, as by the end of its `with` "
             r"block; got <Simulation: 2 .*frame 2.* mpsim.Trajectory.write\('.*', mode='a'\)",
         ):
@@ -130,7 +130,9 @@ def test_a_closed_table_says_that_it_was_closed(tmp_path):
     with simulate(pair(), method="naive") as sim:
         with Recorder(tmp_path / "a.csv", 1, sim) as table:
             sim.run(frames=1, observe=table)
-        with pytest.raises(mpsim.OutputError, match=r"the table '.*' must be open to be written to, and was closed"):
+        with pytest.raises(
+            mpsim.errors.OutputError, match=r"the table '.*' must be open to be written to, and was closed"
+        ):
             sim.run(frames=1, observe=table)
 
 
@@ -166,11 +168,15 @@ def test_a_file_without_masses_is_read_and_not_continued(tmp_path, ending, make)
     assert (frame.position.tolist(), frame.velocity.tolist(), frame.radius.tolist()) == ([[1.5, 2]], [[3, 4]], [0.5])
     assert (frame.box, frame.origin, frame.time, frame.ids.tolist()) == ((8, 6), (0, 0), 0, [0])
     assert mpsim.Trajectory(path)[0].position.shape == (int(ending == "xyz"), 2)
-    with pytest.raises(mpsim.TrajectoryError, match=r"mass must be in a trajectory to be read from it; .* masses:R:1"):
+    with pytest.raises(
+        mpsim.errors.TrajectoryError, match=r"mass must be in a trajectory to be read from it; .* masses:R:1"
+    ):
         frame.mass  # noqa: B018
     before = path.read_bytes()
     scene = mpsim.Scene(width=8, height=6, position=[[1.5, 2]], velocity=[[3, 4]], radius=0.5)
-    with pytest.raises(mpsim.OutputError, match=r"must hold masses to be continued, .* by an earlier version of mpsim"):
+    with pytest.raises(
+        mpsim.errors.OutputError, match=r"must hold masses to be continued, .* by an earlier version of mpsim"
+    ):
         written(path, scene, mode="a")
     assert path.read_bytes() == before
 

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from mpsim.core.errors import OutputError
+from mpsim.errors import OutputError
 from mpsim.output import ffmpeg
 
 

@@ -62,7 +62,7 @@ def run(request, tmp_path_factory):
     folder, album, scene = tmp_path_factory.mktemp("run"), Album(7), SCENES[request.param]()
     method = "grid" if request.param == "everything" else "naive"
     with warnings.catch_warnings(), simulate(scene, method=method, dt=DT) as sim:
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
         warnings.simplefilter("ignore", mpsim.FastWarning)
         with (
             mpsim.Trajectory.write(folder / "run.xyz", 7) as text,
@@ -227,7 +227,7 @@ def test_behind_walls_no_image_is_needed(tmp_path):
 def test_an_origin_that_is_none_is_refused(tmp_path):
     for corner, error in (("1", "must have the corner of its box under Origin"), ("1 x 0", "numbers under Origin")):
         (tmp_path / "a.xyz").write_text(f'1\nLattice="5 0 0 0 5 0 0 0 1" Origin="{corner}"\nX 1 2 3\n')
-        with pytest.raises(mpsim.TrajectoryError, match=error):
+        with pytest.raises(mpsim.errors.TrajectoryError, match=error):
             mpsim.Trajectory(tmp_path / "a.xyz")[0]
 
 

@@ -16,7 +16,7 @@ def refusal(path, mode):
     """The error of opening a writer, or None."""
     try:
         mpsim.Trajectory.write(path, mode=mode).close()
-    except mpsim.OutputError as error:
+    except mpsim.errors.OutputError as error:
         return str(error)
     return None
 
@@ -31,7 +31,7 @@ def test_a_file_has_one_writer_at_a_time(tmp_path, ending, mode):
             sim.run(frames=1, observe=out)  # with mode "a" the file is cut, of GSD by another in its place
             for other in ("w", "a"):
                 with pytest.raises(
-                    mpsim.OutputError, match=r"is being written by another writer.* Close that one first"
+                    mpsim.errors.OutputError, match=r"is being written by another writer.* Close that one first"
                 ):
                     mpsim.Trajectory.write(path, mode=other)
             sim.run(frames=1, observe=out)
@@ -91,7 +91,7 @@ def test_a_trajectory_takes_frames_of_one_simulation_only(tmp_path, ending):
     ):
         one.run(frames=3, observe=out)
         with pytest.raises(
-            mpsim.OutputError,
+            mpsim.errors.OutputError,
             match=r"the trajectory '.*' belongs to one simulation, <Simulation: 5 discs by naive, frame 3, time .*>; "
             r"got another, <Simulation: 6 discs by naive, frame 0, time 0>. Open one for each by mpsim.Trajectory",
         ):
@@ -109,7 +109,7 @@ def test_a_simulation_that_is_gone_still_owns_its_trajectory(tmp_path):
         with (
             simulate(gas(5, 0.1), method="naive") as other,
             pytest.raises(
-                mpsim.OutputError, match="belongs to one simulation, which is gone by now; got another, <Sim"
+                mpsim.errors.OutputError, match="belongs to one simulation, which is gone by now; got another, <Sim"
             ),
         ):
             other.run(frames=9, observe=out)
@@ -122,7 +122,7 @@ def test_a_table_takes_rows_of_its_own_simulation_only(tmp_path):
             one.run(frames=3, observe=table)
             before = (tmp_path / "a.csv").read_text()
             with pytest.raises(
-                mpsim.OutputError, match=r"the table '.*a.csv' belongs to one simulation, <Simulation: 5"
+                mpsim.errors.OutputError, match=r"the table '.*a.csv' belongs to one simulation, <Simulation: 5"
             ):
                 two.run(frames=9, observe=table)
         assert (tmp_path / "a.csv").read_text() == before

@@ -103,7 +103,7 @@ def test_parquet_holds_the_columns_of_csv(tmp_path):
     assert found["pressure"].tolist()[:2] == [0.0192, 0.0004]
     assert found["failure"].isna().tolist() == [True, True, False, True]
     for name in ("csv", "json", "parquet"):
-        with pytest.raises(mpsim.OutputError, match="the table of a trade-off study must be a file that"):
+        with pytest.raises(mpsim.errors.OutputError, match="the table of a trade-off study must be a file that"):
             getattr(table, f"to_{name}")(tmp_path / "none" / f"table.{name}")
 
 

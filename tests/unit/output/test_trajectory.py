@@ -72,7 +72,7 @@ def test_half_a_frame_is_left_for_later(tmp_path):
     written(tmp_path / "whole.xyz", gas(5, 0.1), frames=4, every=1)
     text, growing = (tmp_path / "whole.xyz").read_bytes(), tmp_path / "growing.xyz"
     growing.write_bytes(text[: len(text) // 2])
-    with pytest.warns(mpsim.TrajectoryWarning):
+    with pytest.warns(mpsim.errors.TrajectoryWarning):
         trajectory = mpsim.Trajectory(growing)
     before = len(trajectory)
     growing.write_bytes(text[:-1])
@@ -89,7 +89,7 @@ def test_a_file_in_the_place_of_another_is_read_anew(path):
     assert trajectory.refresh() == 11
     assert [len(frame.position) for frame in trajectory] == [7] * 11
     path.unlink()
-    with pytest.raises(mpsim.TrajectoryError, match="run"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match="run"):
         trajectory.refresh()
 
 
@@ -112,7 +112,7 @@ def test_a_trajectory_is_a_sequence(path):
 def test_discs_that_enter_and_leave_change_the_count_and_keep_their_numbers(path):
     scene = zoo(MOVING, count=5)
     with simulate(scene, method="grid") as sim, warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
         with mpsim.Trajectory.write(path, every=20) as out:
             sim.run(frames=400, observe=out)
         here = np.flatnonzero(~sim.absorbed)
@@ -235,12 +235,12 @@ def test_trajectories_of_ase_are_read_as_far_as_they_go(tmp_path):
     assert frame.position.tolist() == [[1, 2], [3, 4]]
     assert (frame.box, frame.periodic, frame.frame, frame.ids.tolist()) == ((8, 9), (True, False), 1, [0, 1])
     with pytest.raises(
-        mpsim.TrajectoryError,
+        mpsim.errors.TrajectoryError,
         match=r"velocity must be in a trajectory to be read from it; .* holds only position. Have the program that "
         "wrote it write the column velo:R:3",
     ):
         frame.velocity  # noqa: B018
-    with pytest.raises(mpsim.TrajectoryError, match=r"time must be in .* write the key Time"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match=r"time must be in .* write the key Time"):
         frame.time  # noqa: B018
 
 
@@ -253,7 +253,7 @@ def test_gsd_of_another_program_is_read_as_far_as_it_goes(tmp_path):
         file.append(made)
     frame = mpsim.Trajectory(tmp_path / "other.gsd")[0]
     assert (frame.position.tolist(), frame.radius.tolist(), frame.frame) == ([[3, 5]], [1.5], 70)
-    with pytest.raises(mpsim.TrajectoryError, match=r"time must be in a trajectory"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match=r"time must be in a trajectory"):
         frame.time  # noqa: B018
 
 
@@ -282,7 +282,7 @@ def test_gsd_of_another_program_is_read_as_far_as_it_goes(tmp_path):
 )
 def test_a_file_of_another_kind_is_refused_by_what_it_lacks(tmp_path, text, error):
     (tmp_path / "a.xyz").write_text(text)
-    with pytest.raises(mpsim.TrajectoryError, match=error):
+    with pytest.raises(mpsim.errors.TrajectoryError, match=error):
         mpsim.Trajectory(tmp_path / "a.xyz")[0]
 
 
@@ -302,13 +302,13 @@ def test_other_frames_can_be_read_where_one_is_damaged(tmp_path):
     (tmp_path / "a.xyz").write_text("".join(lines))
     trajectory = mpsim.Trajectory(tmp_path / "a.xyz")
     assert [trajectory[index].frame for index in (0, 1, 3, 4)] == [0, 1, 3, 4]
-    with pytest.raises(mpsim.TrajectoryError, match=r"frame 2 of .* must hold numbers in its column pos"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match=r"frame 2 of .* must hold numbers in its column pos"):
         trajectory[2]
 
 
 def test_a_damaged_gsd_is_refused(tmp_path):
     (tmp_path / "a.gsd").write_bytes(b"no gsd at all" * 100)
-    with pytest.raises(mpsim.TrajectoryError, match=r"must be a whole GSD file; .* cannot be read"):
+    with pytest.raises(mpsim.errors.TrajectoryError, match=r"must be a whole GSD file; .* cannot be read"):
         mpsim.Trajectory(tmp_path / "a.gsd")
 
 
@@ -316,7 +316,7 @@ def test_a_file_that_is_there_is_not_overwritten_unasked(path):
     written(path, gas(5, 0.1))
     before = path.read_bytes()
     with pytest.raises(
-        mpsim.OutputError,
+        mpsim.errors.OutputError,
         match=r"exists already, and is not overwritten. .* mode='w' to replace it, mode='a' to continue",
     ):
         mpsim.Trajectory.write(path)
@@ -328,13 +328,13 @@ def test_a_file_that_is_there_is_not_overwritten_unasked(path):
 def test_a_trajectory_is_continued_only_by_its_own_run(path):
     written(path, gas(5, 0.1), 10, 2)
     before = path.read_bytes()
-    with pytest.raises(mpsim.OutputError, match=r"only by the run that wrote it; at frame 0 its box is"):
+    with pytest.raises(mpsim.errors.OutputError, match=r"only by the run that wrote it; at frame 0 its box is"):
         written(path, gas(6, 0.1), 10, 2, mode="a")
     first = gas(5, 0.1)
     other = mpsim.Scene(
         width=first.width, height=first.height, position=first.position[::-1], velocity=first.velocity, radius=0.5
     )
-    with pytest.raises(mpsim.OutputError, match=r"wrote it; at frame 0 its position of the discs differs"):
+    with pytest.raises(mpsim.errors.OutputError, match=r"wrote it; at frame 0 its position of the discs differs"):
         written(path, other, 10, 2, mode="a")
     assert path.read_bytes() == before
     written(path, gas(5, 0.1), 12, 2, mode="a")  # the same run is welcome
@@ -348,7 +348,7 @@ def test_missing_frames_are_told(path):
         sim.run(frames=10)
         out = mpsim.Trajectory.write(path, every=2, mode="a")
         missing = r"continues at frame 10, and its last frame was 4: those"
-        with out, pytest.warns(mpsim.TrajectoryWarning, match=missing) as given:
+        with out, pytest.warns(mpsim.errors.TrajectoryWarning, match=missing) as given:
             sim.run(frames=2, observe=out)
         assert [each.filename for each in given] == [__file__]
     assert [row[0] for row in content(path)] == [0, 2, 4, 10, 12]
@@ -357,7 +357,9 @@ def test_missing_frames_are_told(path):
 def test_places_that_cannot_be_written_are_told_before_the_run(tmp_path):
     (tmp_path / "file").touch()
     for place in (tmp_path / "none" / "a.xyz", tmp_path / "file" / "a.xyz", tmp_path / "none" / "a.gsd"):
-        with pytest.raises(mpsim.OutputError, match=r"must be in a folder that can be written to.* Choose another"):
+        with pytest.raises(
+            mpsim.errors.OutputError, match=r"must be in a folder that can be written to.* Choose another"
+        ):
             mpsim.Trajectory.write(place)
 
 
@@ -388,7 +390,9 @@ def test_the_folder_of_a_run_is_told_from_its_trajectory(tmp_path):
 
 
 def test_a_missing_file_is_told(tmp_path):
-    with pytest.raises(mpsim.TrajectoryError, match=r"must be a file that can be read; .*none\.xyz' does not exist"):
+    with pytest.raises(
+        mpsim.errors.TrajectoryError, match=r"must be a file that can be read; .*none\.xyz' does not exist"
+    ):
         mpsim.Trajectory(tmp_path / "none.xyz")
 
 
@@ -397,7 +401,9 @@ def test_without_the_gsd_library_the_error_says_what_to_do(tmp_path, monkeypatch
     for module in [name for name in sys.modules if name.partition(".")[0] == "gsd"]:
         monkeypatch.setitem(sys.modules, module, None)
     for use in (lambda: mpsim.Trajectory(tmp_path / "a.gsd"), lambda: mpsim.Trajectory.write(tmp_path / "b.gsd")):
-        with pytest.raises(mpsim.OutputError, match=r"needs the package gsd, .* `pip install 'mpsim\[gsd\]'`, or let"):
+        with pytest.raises(
+            mpsim.errors.OutputError, match=r"needs the package gsd, .* `pip install 'mpsim\[gsd\]'`, or let"
+        ):
             use()
     assert not (tmp_path / "b.gsd").exists()
 
@@ -415,7 +421,9 @@ def test_a_disk_that_is_full_is_an_error_and_the_run_goes_on_without(tmp_path, m
         sim.run(frames=2, observe=out)
         full = OSError(28, "No space left on device")
         monkeypatch.setattr(out._file._writer, "write", lambda frame: (_ for _ in ()).throw(full))
-        with pytest.raises(mpsim.OutputError, match=r"with room on its disk; got No space left on device. What was"):
+        with pytest.raises(
+            mpsim.errors.OutputError, match=r"with room on its disk; got No space left on device. What was"
+        ):
             sim.run(frames=2, observe=out)
         monkeypatch.undo()
         sim.run(frames=2, observe=out)

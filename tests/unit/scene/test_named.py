@@ -52,8 +52,8 @@ def test_a_named_scene_is_complete(name):
     assert file.settings is not None
     assert file.scene.duration is not None
     assert file.scene.picture_interval is not None
-    assert file.scene.observables
-    assert [refusal(each, file.scene) for each in file.scene.observables] == [None] * len(file.scene.observables)
+    assert file.scene.measures
+    assert [refusal(each, file.scene) for each in file.scene.measures] == [None] * len(file.scene.measures)
     assert 100 <= file.scene.duration / file.scene.picture_interval <= 500
     assert file.scene.count or file.scene.emitters
     assert 10 <= len(file.title) <= 60

@@ -12,7 +12,7 @@ from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.viewer.session import Session
 
 SETTINGS = mpsim.Settings(dt=0.02, method="naive", passes=2)
-RECOMMENDED = {"duration": 3.0, "settings": SETTINGS, "picture_interval": 0.2, "observables": ("temperature",)}
+RECOMMENDED = {"duration": 3.0, "settings": SETTINGS, "picture_interval": 0.2, "measures": ("temperature",)}
 
 
 def gas(**recommended) -> mpsim.Scene:
@@ -36,7 +36,7 @@ def test_recommendations_stay_with_a_scene_and_are_in_no_digest(tmp_path):
     for each in [scene, *others]:
         assert recommended_by(each) == RECOMMENDED
     assert scene.digest() == bare.digest() == again.scene.digest()
-    assert recommended_by(bare) == {"duration": None, "settings": None, "picture_interval": None, "observables": ()}
+    assert recommended_by(bare) == {"duration": None, "settings": None, "picture_interval": None, "measures": ()}
 
 
 def test_whoever_runs_a_scene_takes_its_settings():
@@ -81,8 +81,8 @@ def test_a_command_runs_as_long_as_recommended_and_measures_it(tmp_path):
     [
         ({"settings": {"dt": 0.1}}, r"settings must be mpsim.Settings; got dict. Use Settings\(dt=...\)"),
         ({"picture_interval": 0}, r"picture_interval must be a finite number > 0 \[time\]; got 0"),
-        ({"observables": ["presure"]}, r"observables must be one of .* got 'presure'. Did you mean 'pressure'\?"),
-        ({"observables": 3}, r"observables must be names of measures; got 3"),
+        ({"measures": ["presure"]}, r"measures must be one of .* got 'presure'. Did you mean 'pressure'\?"),
+        ({"measures": 3}, r"measures must be names of measures; got 3"),
     ],
 )
 def test_bad_recommendations_are_refused(given, text):
@@ -93,7 +93,7 @@ def test_bad_recommendations_are_refused(given, text):
 def test_a_bad_recommendation_in_a_file_is_named(tmp_path):
     text = (scenefile.reading.PACKAGED / "cradle.toml").read_text()
     (tmp_path / "a.toml").write_text(text.replace('["kinetic_energy"]', '["kinetic_enrgy"]').replace("= 0.2", "= -1.0"))
-    with pytest.raises(mpsim.SceneFileError) as caught:
+    with pytest.raises(mpsim.errors.SceneFileError) as caught:
         scenefile.load(tmp_path / "a.toml")
     assert "picture_interval must be a finite number > 0 [time]; got -1.0" in str(caught.value)
     assert "Did you mean 'kinetic_energy'?" in str(caught.value)

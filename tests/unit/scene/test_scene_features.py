@@ -5,7 +5,6 @@ import pytest
 
 from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, Settings, Simulation
 from mpsim.features.piston import PISTON
-from mpsim.scene.old_names import NEW_NAMES
 
 PLACES = [[2.0, 2.0], [4.0, 3.0]]
 
@@ -164,13 +163,3 @@ def test_a_second_moving_wall_is_refused(monkeypatch):
     monkeypatch.setattr("mpsim.scene.walls.FEATURES", (PISTON, PISTON))
     with pytest.raises(InputError, match="at most one wall that moves; got piston and piston"):
         _ = moving.moving_wall
-
-
-@pytest.mark.parametrize(("old", "new"), NEW_NAMES.items())
-def test_old_names_warn_and_work(old, new):
-    scene = Scene.random(count=3, packing=0.1, radius=0.5)
-    with pytest.warns(DeprecationWarning, match=f"Scene.{old} is now called Scene.{new}") as warned:
-        assert getattr(scene, old) == getattr(scene, new)
-    assert warned[0].filename == __file__
-    with pytest.raises(AttributeError, match="no attribute 'gravty'"):
-        _ = scene.gravty

@@ -7,7 +7,7 @@ from support.states import after, box_of
 
 import mpsim
 from mpsim import State
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.measure import observables
 
 

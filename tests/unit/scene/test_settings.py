@@ -90,7 +90,7 @@ UNKNOWN = {
 @pytest.mark.parametrize("case", UNKNOWN)
 def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant(case):
     call, what, got, meant = UNKNOWN[case]
-    with pytest.raises(mpsim.UnknownArgumentError) as caught:
+    with pytest.raises(mpsim.errors.UnknownArgumentError) as caught:
         call()
     assert_says(caught, [f"{what} must be one of", f"got {got}. Did you mean {meant}?"])
     assert isinstance(caught.value, TypeError), "as Python raises it"
@@ -110,7 +110,7 @@ ALONE = {
 @pytest.mark.parametrize("case", ALONE)
 def test_a_value_without_its_name_is_refused(case):
     call, what, got = ALONE[case]
-    with pytest.raises(mpsim.UnknownArgumentError) as caught:
+    with pytest.raises(mpsim.errors.UnknownArgumentError) as caught:
         call()
     assert_says(caught, [f"{what}must be given with its name, such as {got}."])
     assert isinstance(caught.value, TypeError), "as Python raises it"
@@ -121,9 +121,9 @@ def test_a_value_that_needs_no_name_is_taken_without():
 
 
 def test_a_setting_where_a_simulation_begins_is_sent_to_settings():
-    with pytest.raises(mpsim.UnknownArgumentError, match=r"got 'dt'\. Use Settings\(dt=\.\.\.\)\."):
+    with pytest.raises(mpsim.errors.UnknownArgumentError, match=r"got 'dt'\. Use Settings\(dt=\.\.\.\)\."):
         mpsim.Simulation(gas(3, 0.1), dt=0.01)
-    with pytest.raises(mpsim.UnknownArgumentError) as caught:
+    with pytest.raises(mpsim.errors.UnknownArgumentError) as caught:
         mpsim.Simulation(gas(3, 0.1), colour="red")
     assert "Settings" not in str(caught.value), "no setting either"
 

@@ -27,7 +27,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "scenes.md"
 @pytest.mark.parametrize("name", long_but(tuple(PROMISES), *DEFAULT))
 def test_a_named_scene_shows_what_it_promises(name):
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)  # a box that fills lets discs wait
+        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)  # a box that fills lets discs wait
         found = mpsim.findings(name)
     assert found.scene == name
     assert found.consistent, str(found)
@@ -43,7 +43,7 @@ def test_a_run_that_ends_too_early_does_not_show_it(name):
     scene = mpsim.Scene.load(name)
     promise = PROMISES[name](scene, scene.settings)
     with mpsim.Simulation(scene) as sim, warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
         sim.run(until=0.1 * scene.duration, observe=promise.observers)
         found = found_by(name, promise, sim)
     if name == "piston":  # whose adiabat is that of the place where the piston is

@@ -61,7 +61,7 @@ class Fake:
 
     def demand_measurable(self, budgets):
         if self.unmeasurable:
-            raise mpsim.NotMeasurableError(self.unmeasurable)
+            raise mpsim.errors.NotMeasurableError(self.unmeasurable)
 
     def warning_of(self, settings):
         return self.warning
@@ -166,7 +166,7 @@ def test_errors_count_with_their_noise():
     assert 0.01 / 1.2 < quiet.settings.dt <= 0.01
     assert noisy.settings.dt < 0.9 * quiet.settings.dt
     assert noisy.errors["overlap"].bound <= 0.01
-    with pytest.raises(mpsim.BudgetError):
+    with pytest.raises(mpsim.errors.BudgetError):
         faked({"overlap": 0.01}, candidates=[PUSH], noise=0.02)
 
 
@@ -201,7 +201,7 @@ def test_what_mpsim_will_warn_of_is_said():
 
 
 def test_what_the_reference_cannot_measure_is_refused_before_anything_is_tried():
-    with pytest.raises(mpsim.NotMeasurableError, match="nothing happens"):
+    with pytest.raises(mpsim.errors.NotMeasurableError, match="nothing happens"):
         faked({"overlap": 0.01}, unmeasurable="nothing happens")
 
 
@@ -246,7 +246,7 @@ def test_where_all_fail_their_verification_the_exact_solver_is_left_or_the_refus
     found = faked({"overlap": 0.01}, verified=1e9)
     assert found.settings == EVENT
     with pytest.raises(
-        mpsim.BudgetError, match=r"no candidate stays inside overlap 0\.01\. .* reaches overlap 0\.0102"
+        mpsim.errors.BudgetError, match=r"no candidate stays inside overlap 0\.01\. .* reaches overlap 0\.0102"
     ):
         faked({"overlap": 0.01}, verified=1e9, candidates=[IMPACT])
 
@@ -307,7 +307,7 @@ def test_where_runs_side_by_side_take_longer_than_forecast_there_are_fewer(secon
 def test_a_measure_that_means_nothing_in_any_run_is_not_a_budget_out_of_reach():
     reason = "no overlaps occurred in any run. Ask for longer runs (until=...)"
     with pytest.raises(
-        mpsim.NotMeasurableError, match=r"overlap is not measurable here: no overlaps occurred.*longer runs"
+        mpsim.errors.NotMeasurableError, match=r"overlap is not measurable here: no overlaps occurred.*longer runs"
     ):
         faked({"overlap": 0.01}, reason=reason, candidates=[IMPACT, PUSH])
     assert len(Fake.firsts) < 6, "and no search goes on for it"
@@ -317,7 +317,7 @@ def test_a_measure_that_means_nothing_in_any_run_is_not_a_budget_out_of_reach():
 
 
 def test_a_budget_out_of_reach_is_refused_with_the_least_that_is_not():
-    with pytest.raises(mpsim.BudgetError) as refusal:
+    with pytest.raises(mpsim.errors.BudgetError) as refusal:
         faked({"overlap": 1e-9}, candidates=[IMPACT, PUSH])
     text = str(refusal.value)
     assert "no candidate stays inside overlap 1e-09" in text
@@ -326,7 +326,9 @@ def test_a_budget_out_of_reach_is_refused_with_the_least_that_is_not():
 
 
 def test_where_nothing_can_run_the_reasons_are_named():
-    with pytest.raises(mpsim.BudgetError, match=r"no candidate could run this scene.*auto push dt=0.1: push failed"):
+    with pytest.raises(
+        mpsim.errors.BudgetError, match=r"no candidate could run this scene.*auto push dt=0.1: push failed"
+    ):
         faked({"overlap": 0.1}, candidates=[PUSH], fails=frozenset({"push"}))
 
 
@@ -420,7 +422,7 @@ def test_processes_give_the_answer_of_threads_and_its_errors_to_the_bit(processe
 
 
 def test_a_real_budget_out_of_reach_is_refused():
-    with pytest.raises(mpsim.BudgetError, match=r"no candidate stays inside momentum_drift 1e-06\. The best of"):
+    with pytest.raises(mpsim.errors.BudgetError, match=r"no candidate stays inside momentum_drift 1e-06\. The best of"):
         tune(
             SCENE,
             {"momentum_drift": 1e-6},

@@ -8,7 +8,7 @@ from support.scenes import gas
 
 import mpsim
 from mpsim import Emitter, Scene, Settings, tune
-from mpsim.core.errors import NotMeasurableError
+from mpsim.errors import NotMeasurableError
 from mpsim.measure.registry import ERRORS
 from mpsim.scene import scenefile
 from mpsim.studies import ensemble, preliminary
@@ -163,7 +163,7 @@ def test_each_named_scene_gets_an_answer_or_a_reason_in_about_the_time_it_may_ta
     started = time.monotonic()
     try:
         found = tune(scene, {measure: 0.1}, seconds=40.0)
-    except (NotMeasurableError, mpsim.BudgetError, mpsim.InputError) as refused:
+    except (NotMeasurableError, mpsim.errors.BudgetError, mpsim.InputError) as refused:
         meant = any(remedy in str(refused) for remedy in ("Allow", "Ask for", "Give it more time"))
     else:
         meant = found.exact or (found.verified and found.errors[measure].error > 0)

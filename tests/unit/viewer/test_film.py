@@ -111,7 +111,7 @@ def test_an_mp4_of_an_encoder_that_fails_says_so(tmp_path, monkeypatch):
     broken.write_text("#!/bin/sh\ncat >/dev/null\necho Unknown encoder >&2\nexit 8\n")
     broken.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
-    with pytest.raises(mpsim.OutputError, match=r"encodes H.264; it ended with 8 \('Unknown encoder.*as a GIF"):
+    with pytest.raises(mpsim.errors.OutputError, match=r"encodes H.264; it ended with 8 \('Unknown encoder.*as a GIF"):
         film.mp4([shown(1, 3.0)])
 
 

@@ -16,7 +16,7 @@ import mpsim
 from mpsim.scene import scenefile
 from mpsim.viewer import keep
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")]
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")]
 
 SCENES = {"a gas": lambda: gas(80, 0.2), "many features": stage}
 

@@ -42,7 +42,7 @@ def test_what_is_wrong_is_named_before_anything_is_open(arguments, error, text):
 def test_without_websockets_it_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
     with pytest.raises(
-        mpsim.OutputError, match=r"a live view needs the package websockets, .* `pip install 'mpsim\[view\]'`"
+        mpsim.errors.OutputError, match=r"a live view needs the package websockets, .* `pip install 'mpsim\[view\]'`"
     ):
         mpsim.view(SCENE)
     failed = mpsim_command("view", "gas")

@@ -359,7 +359,9 @@ def test_without_the_package_it_names_the_extra(monkeypatch, missing):
     monkeypatch.setitem(sys.modules, missing, None)
     notebook._widget_class.cache_clear()
     threads = threading.active_count()
-    with pytest.raises(mpsim.OutputError, match=rf"needs the package {missing}, .* `pip install 'mpsim\[notebook\]'`"):
+    with pytest.raises(
+        mpsim.errors.OutputError, match=rf"needs the package {missing}, .* `pip install 'mpsim\[notebook\]'`"
+    ):
         mpsim.live(SCENE)
     assert threading.active_count() == threads
 

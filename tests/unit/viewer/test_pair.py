@@ -224,10 +224,10 @@ def test_a_moment_that_cannot_be_kept_leaves_the_one_before(two, tmp_path, monke
 
     def full(sim, path):
         path.write_bytes(b"half of it")
-        raise mpsim.OutputError("no space left")
+        raise mpsim.errors.OutputError("no space left")
 
     monkeypatch.setattr(mpsim.Simulation, "save", full)
-    with pytest.raises(mpsim.OutputError):
+    with pytest.raises(mpsim.errors.OutputError):
         t.pair.mark(SNAPSHOT)
     t.pair.back(SNAPSHOT)
     assert t.second.digest() == before

@@ -77,7 +77,11 @@ def test_what_is_missing_is_named(tmp_path):
     with pytest.raises(mpsim.InputError, match=r"a recording must hold a frame; '.*empty.xyz' holds none yet. Let the"):
         Recording(empty)
     bare.write_text('1\nLattice="10 0 0 0 6 0 0 0 1" Properties=pos:R:3:velo:R:3\n1 1 0 0 0 0\n')
-    with pytest.raises(mpsim.TrajectoryError, match=r"radius must be in a trajectory.*, or give Trajectory\(path, rad"):
+    with pytest.raises(
+        mpsim.errors.TrajectoryError, match=r"radius must be in a trajectory.*, or give Trajectory\(path, rad"
+    ):
         Recording(bare)
-    with pytest.raises(mpsim.TrajectoryError, match=r"must be a file that can be read; '.*none.xyz' does not exist\."):
+    with pytest.raises(
+        mpsim.errors.TrajectoryError, match=r"must be a file that can be read; '.*none.xyz' does not exist\."
+    ):
         Recording(tmp_path / "none.xyz")

@@ -319,10 +319,10 @@ def test_a_port_that_is_taken_and_a_host_of_others_are_named():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(
-            mpsim.ResourceError, match=rf"a free port; got '127.0.0.1' and {port} \(Address already in use\)\. "
+            mpsim.errors.ResourceError, match=rf"a free port; got '127.0.0.1' and {port} \(Address already in use\)\. "
         ):
             mpsim.view(SCENE, port=port, wait=False)
-    with pytest.raises(mpsim.ResourceError, match=r"got '203.0.113.7' \(Cannot assign requested address\)\. "):
+    with pytest.raises(mpsim.errors.ResourceError, match=r"got '203.0.113.7' \(Cannot assign requested address\)\. "):
         mpsim.view(SCENE, host="203.0.113.7", wait=False)
 
 

@@ -219,7 +219,7 @@ def test_a_simulation_that_its_program_closes_is_over_on_the_page(start):
         try:
             sim.close()
             break
-        except mpsim.BusyError:  # it is playing
+        except mpsim.errors.BusyError:  # it is playing
             time.sleep(0.001)
     watcher.wait(lambda w: w.phase == "over")
     assert "was closed" in watcher.told["status"]["note"]

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from mpsim.core.errors import InputError
+from mpsim.errors import InputError
 from mpsim.scene.scene import Scene
 from mpsim.viewer import wire
 from mpsim.viewer.source import MOST_WAITING, Source

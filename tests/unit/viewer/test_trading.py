@@ -168,7 +168,7 @@ def test_a_scene_that_the_exact_solver_cannot_run_has_no_lyapunov_time_and_ends_
 
     def stalls(scene, progress):
         tried.set()
-        raise mpsim.StalledError("disc 0 collided without end")
+        raise mpsim.errors.StalledError("disc 0 collided without end")
 
     monkeypatch.setattr(trading, "divergence", stalls)
     monkeypatch.setattr(threading, "excepthook", uncaught.append)

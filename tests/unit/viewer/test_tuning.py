@@ -55,7 +55,7 @@ def test_progress_then_the_answer(searched):
 
 def test_a_budget_out_of_reach_is_told(searched):
     def search(scene, budgets, seconds, progress):
-        raise mpsim.BudgetError("max_error must be within reach")
+        raise mpsim.errors.BudgetError("max_error must be within reach")
 
     tuning, told, found = searched(search)
     tuning._work.wait(PATIENCE)

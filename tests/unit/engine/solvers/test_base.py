@@ -144,7 +144,7 @@ def test_auto_keeps_its_solver_where_the_next_one_cannot_be_had(monkeypatch):
         sim.run(frames=3)
         with monkeypatch.context() as refusing:
             refusing.setattr(GridSolver, "_load_kernels", refuse)
-            with pytest.raises(mpsim.SharedMemoryError, match="no more"):
+            with pytest.raises(mpsim.errors.SharedMemoryError, match="no more"):
                 sim.add(*tenth)
         assert (sim.count, sim.run(frames=3).method) == (9, "naive")
         other.run(frames=6)
@@ -154,4 +154,4 @@ def test_auto_keeps_its_solver_where_the_next_one_cannot_be_had(monkeypatch):
 
 
 def refuse(solver):
-    raise mpsim.SharedMemoryError("no more")
+    raise mpsim.errors.SharedMemoryError("no more")

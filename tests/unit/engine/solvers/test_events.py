@@ -104,13 +104,13 @@ def test_the_guard_of_a_disc_at_rest_scales_with_the_units(pull):
     scene = Scene(width=9, height=9, position=[[4, 1.5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -pull),
                   wall_restitution=0.5)  # fmt: skip
     with simulate(scene, method="event", dt=4.5 / math.sqrt(pull)) as sim:
-        with pytest.warns(mpsim.GuardWarning):
+        with pytest.warns(mpsim.errors.GuardWarning):
             report = sim.run(frames=1)
         height = sim.state.position[0, 1]
     unit = Scene(width=9, height=9, position=[[4, 1.5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1),
                  wall_restitution=0.5)  # fmt: skip
     with simulate(unit, method="event", dt=4.5) as sim:
-        with pytest.warns(mpsim.GuardWarning):
+        with pytest.warns(mpsim.errors.GuardWarning):
             expected = sim.run(frames=1)
         assert (report.guarded, height) == (expected.guarded, sim.state.position[0, 1])
     assert expected.guarded > 1000
@@ -166,7 +166,7 @@ def test_a_loss_of_energy_that_would_never_end_is_guarded_and_said():
     scene = mpsim.Scene(
         width=6, height=1.5, position=position, velocity=[[1, 0], [0, 0], [-1, 0]], radius=0.5, restitution=0.02
     )
-    with simulate(scene, method="event", dt=1.0) as sim, pytest.warns(mpsim.GuardWarning, match="guard"):
+    with simulate(scene, method="event", dt=1.0) as sim, pytest.warns(mpsim.errors.GuardWarning, match="guard"):
         report = sim.run(frames=20)
     assert report.guarded > 0
 
@@ -178,9 +178,9 @@ def test_a_scene_at_rest_is_said_while_it_runs():
         width=4, height=8, position=[[2, 3]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1), wall_restitution=0.3
     )
     with simulate(scene, method="event", dt=1.0) as sim, warnings.catch_warnings():
-        warnings.simplefilter("error", mpsim.GuardWarning)
+        warnings.simplefilter("error", mpsim.errors.GuardWarning)
         sim.run(frames=2)  # it still bounces
-        with pytest.raises(mpsim.GuardWarning, match="come to rest"):
+        with pytest.raises(mpsim.errors.GuardWarning, match="come to rest"):
             sim.run(frames=10_000)
         assert sim.frame < 20
 
@@ -192,7 +192,7 @@ def dropped(**settings):
     """A ball dropped on the floor, until it is at rest."""
     scene = Scene(width=9, height=9, position=[[4, 1.5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1.0),
                   wall_restitution=0.5)  # fmt: skip
-    with simulate(scene, method="event", dt=4.5, **settings) as sim, pytest.warns(mpsim.GuardWarning):
+    with simulate(scene, method="event", dt=4.5, **settings) as sim, pytest.warns(mpsim.errors.GuardWarning):
         return sim.run(frames=1), sim.state.position[0, 1]
 
 
@@ -213,7 +213,7 @@ def test_a_disc_at_rest_hovers_in_bounces_of_the_contact_time_that_is_given():
 def test_the_guard_is_warned_of_once_in_a_simulation():
     scene = Scene(width=4, height=6, position=[[2, 0.5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1.0))
     with simulate(scene, method="event", dt=0.1, contact_time=0.01) as sim:
-        with pytest.warns(mpsim.GuardWarning, match="This is said once; report.guarded counts"):
+        with pytest.warns(mpsim.errors.GuardWarning, match="This is said once; report.guarded counts"):
             first = sim.run(frames=1)
         assert first.guarded > 1 < sim.run(frames=1).guarded, "and the second time there is no warning"
 
@@ -241,7 +241,7 @@ def resting(gravity=(0.0, -1.0)):
 @pytest.mark.slow
 def test_a_contact_time_that_throws_discs_at_rest_higher_than_their_radius_is_refused():
     with simulate(resting(), method="event", dt=1.0, contact_time=LONGEST) as sim:
-        with pytest.warns(mpsim.GuardWarning):
+        with pytest.warns(mpsim.errors.GuardWarning):
             sim.run(frames=1)
         assert sim.state.position[0, 1] == pytest.approx(1.0, abs=0.01), "the control: thrown by its radius"
     message = (
@@ -282,7 +282,7 @@ def test_a_collapse_without_end_at_one_instant_names_what_ends_it(restitution):
         r"disc 0 collided without end at one instant of frame \d\. .* contact time of the guard is 4.98e-07\. Give "
         rf"a longer one, such as contact_time=0.01{sticky} or the discs more room, or use method='grid'"
     )
-    with simulate(gap(0.0), method="event", dt=1.0) as sim, pytest.raises(mpsim.StalledError, match=text):
+    with simulate(gap(0.0), method="event", dt=1.0) as sim, pytest.raises(mpsim.errors.StalledError, match=text):
         sim.run(frames=20)
     with simulate(gap(0.01), method="event", dt=1.0) as sim:  # the control: more room
         assert sim.run(frames=20).frames == 20
@@ -301,7 +301,10 @@ def test_a_jammed_crystal_without_losses_is_told_to_make_room_and_nothing_else()
         return Scene(width=2 + room, height=2 + room, position=place, velocity=velocity, radius=0.5)
 
     text = r"no collision takes energy\. Give the discs more room \(a larger box or a smaller radius\), or use method="
-    with simulate(crystal(0.0), method="event", dt=0.1) as sim, pytest.raises(mpsim.StalledError, match=text) as caught:
+    with (
+        simulate(crystal(0.0), method="event", dt=0.1) as sim,
+        pytest.raises(mpsim.errors.StalledError, match=text) as caught,
+    ):
         sim.run(frames=2)
     assert "contact" not in str(caught.value)
     assert "restitution" not in str(caught.value)
@@ -311,7 +314,7 @@ def test_a_jammed_crystal_without_losses_is_told_to_make_room_and_nothing_else()
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 def test_a_heap_without_any_restitution_is_a_model_with_a_contact_time():
     """As before: whatever the contact time, its discs collided without end at one instant."""
     scene = Scene.random(count=30, packing=0.5, radius=0.5, seed=1, restitution=0, wall_restitution=0, gravity=(0, -1))
@@ -325,7 +328,7 @@ def test_a_heap_without_any_restitution_is_a_model_with_a_contact_time():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 @pytest.mark.parametrize(
     "losses",
     [

@@ -34,5 +34,5 @@ def test_they_are_those_of_the_state(method):
 def test_a_closed_simulation_is_not_read():
     sim = mpsim.Simulation(gas(300, 0.4), mpsim.Settings(method="grid"))
     sim.close()
-    with pytest.raises(mpsim.ClosedError):
+    with pytest.raises(mpsim.errors.ClosedError):
         read_in_place(sim, columns)

@@ -25,7 +25,7 @@ def problems(tmp_path):
     def problems_of(text: str) -> list[str]:
         path = tmp_path / "scene.toml"
         path.write_text(text)
-        with pytest.raises(mpsim.SceneFileError) as caught:
+        with pytest.raises(mpsim.errors.SceneFileError) as caught:
             scenefile.load(path)
         assert caught.value.file.endswith("scene.toml")
         for problem in caught.value.problems:

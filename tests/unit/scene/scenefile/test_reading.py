@@ -41,12 +41,12 @@ def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(mpsim.InputError, match="scene must be a file that can be read; got"):
         mpsim.Scene.load("a\0.toml")
     (tmp_path / "latin.toml").write_bytes(b"schema = 1 # \xe9")
-    with pytest.raises(mpsim.SceneFileError, match=r"the file must be text in UTF-8; got byte 13"):
+    with pytest.raises(mpsim.errors.SceneFileError, match=r"the file must be text in UTF-8; got byte 13"):
         mpsim.Scene.load(tmp_path / "latin.toml")
 
 
 def test_the_error_survives_a_pickle():
-    error = mpsim.SceneFileError("a.toml", ["one", "two"])
+    error = mpsim.errors.SceneFileError("a.toml", ["one", "two"])
     again = pickle.loads(pickle.dumps(error))
     assert (str(again), again.problems) == ("2 problems in a scene file:\na.toml: one\na.toml: two", ("one", "two"))
 

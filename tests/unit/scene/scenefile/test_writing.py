@@ -130,10 +130,12 @@ def test_saving_where_it_cannot_be_done(tmp_path):
     scene = mpsim.Scene.load("cradle")
     with pytest.raises(mpsim.InputError, match=r"path of a scene file must end in \.toml; got 'x\.txt'"):
         scene.save("x.txt")
-    with pytest.raises(mpsim.OutputError, match=r"path must be a place where files can be written; got .*No such file"):
+    with pytest.raises(
+        mpsim.errors.OutputError, match=r"path must be a place where files can be written; got .*No such file"
+    ):
         scene.save(tmp_path / "none" / "x.toml")
     (tmp_path / "folder.toml").mkdir()
-    with pytest.raises(mpsim.OutputError, match=r"Is a directory"):
+    with pytest.raises(mpsim.errors.OutputError, match=r"Is a directory"):
         scene.save(tmp_path / "folder.toml")
     assert [path.name for path in tmp_path.iterdir()] == ["folder.toml"]
 

@@ -1,4 +1,11 @@
-"""All exceptions and warnings of mpsim. Each message says what, the rule, the value received, what to do."""
+"""All exceptions and warnings of mpsim. Each message says what, the rule, the value received, what to do.
+
+Those that programs catch daily are names of `mpsim` too, such as `mpsim.InputError`.
+
+>>> import mpsim
+>>> issubclass(mpsim.errors.StalledError, mpsim.MpsimError)
+True
+"""
 
 import os
 import sys
@@ -9,7 +16,7 @@ from typing import Any
 
 def level_of_caller() -> int:
     """The `stacklevel` by which a warning names the line that called mpsim, however deep inside mpsim it is raised."""
-    package = f"{Path(__file__).parents[1]}{os.sep}"
+    package = f"{Path(__file__).parent}{os.sep}"
     frame, depth = sys._getframe(1), 1  # pyright: ignore[reportPrivateUsage]
     while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
         frame, depth = frame.f_back, depth + 1
@@ -110,7 +117,7 @@ class SharedMemoryError(ResourceError):
     """The shared block could not be reserved."""
 
 
-class WorkerDied(MpsimError, RuntimeError):  # noqa: N818 - the established name of this event
+class WorkerDiedError(MpsimError, RuntimeError):
     """A worker process ended while it was needed.
 
     Attributes: worker (its number), pid, exitcode (negative: the signal that ended it), frame, phase.
@@ -129,7 +136,7 @@ class WorkerDied(MpsimError, RuntimeError):  # noqa: N818 - the established name
         )
 
 
-class WorkerStalled(MpsimError, RuntimeError):  # noqa: N818 - the established name of this event
+class WorkerStalledError(MpsimError, RuntimeError):
     """A worker is alive but did not reach a barrier in time."""
 
 
@@ -200,6 +207,14 @@ class SweepWarning(UserWarning):
     """The executor of a sweep broke, its file was truncated, or its function has changed since the file was begun."""
 
 
-for _each in tuple(vars().values()):
-    if isinstance(_each, type) and _each.__module__ == __name__:
-        _each.__module__ = "mpsim"  # the name by which people catch it, and which tracebacks show
+for _each in (
+    MpsimError,
+    InputError,
+    CheckpointError,
+    DivergedError,
+    TooFastError,
+    WorkerDiedError,
+    FastWarning,
+    OverlapWarning,
+):
+    _each.__module__ = "mpsim"  # the shorter name, by which people catch it, and which tracebacks show
