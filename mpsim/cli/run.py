@@ -18,6 +18,7 @@ from mpsim.core.plain import json_text
 from mpsim.engine.frame_count import frames_skipped, frames_until
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.base import DEATHS, OnWorkerDeath
 from mpsim.engine.solvers.methods import METHODS, capabilities_of
 from mpsim.errors import MpsimError
 from mpsim.measure.registry import NAMES
@@ -54,11 +55,20 @@ Examples:
 """
 
 
+on_death_option = click.option(
+    "--on-worker-death",
+    type=terminal.Choice(DEATHS),
+    default="raise",
+    help="restart: continue from a snapshot in memory.",
+)
+
+
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.option("--frames", type=terminal.Whole(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
 @click.option("--until", type=terminal.Positive("time"), help="Simulated time at which to stop.")
 @terminal.settings_options
+@on_death_option
 @click.option(
     "--measure",
     "measures",
@@ -94,6 +104,7 @@ def run(
     force: bool,
     as_json: bool,
     quiet: bool,
+    on_worker_death: OnWorkerDeath,
     **options: Any,
 ) -> None:
     """Simulate SCENE with its recommended duration, settings and measures. Options replace these.
@@ -114,7 +125,10 @@ def run(
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt, end))
     measures = measures or file.scene.measures
     frames_skipped(start, measures, target, settings.dt, 0)  # refused before anything is made
-    with one_voice(capabilities_of(settings).on_ranks) as first_rank, Simulation(file.scene, settings) as sim:
+    with (
+        one_voice(capabilities_of(settings).on_ranks) as first_rank,
+        Simulation(file.scene, settings, on_worker_death=on_worker_death) as sim,
+    ):
         if out is None:
             measured = {"measures": measures or None, "start": start}
             _without_folder(sim, file, target, measured, as_json, quiet, first_rank, watched)
@@ -163,6 +177,7 @@ Examples:
     type=terminal.Whole(1, terminal.MOST_WORKERS),
     help="Number of processes; it does not change the result.",
 )
+@on_death_option
 @terminal.json_option
 @terminal.quiet_option
 def resume(
@@ -171,6 +186,7 @@ def resume(
     until: float | None,
     method: MethodName | None,
     workers: int | None,
+    on_worker_death: OnWorkerDeath,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -184,7 +200,7 @@ def resume(
     with (
         one_voice(capabilities_of(Settings(method=method)).on_ranks) as first_rank,
         RunFolder.claim(folder, first_rank) as found,
-        Simulation.resume(found[CHECKPOINT], workers=workers, method=method) as sim,
+        Simulation.resume(found[CHECKPOINT], workers=workers, method=method, on_worker_death=on_worker_death) as sim,
     ):
         target = found.record["target"]
         if frames is not None:

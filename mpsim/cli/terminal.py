@@ -19,7 +19,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene import scenefile
 from mpsim.scene.recommended import settings_for
 from mpsim.scene.scenefile import SceneFile
-from mpsim.scene.settings import CONTACTS, DEATHS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings
+from mpsim.scene.settings import CONTACTS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, that of a shell."""
@@ -178,7 +178,6 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
                 type=Positive("time"),
                 help="event: impacts within this time of the previous one lose no energy.",
             ),
-            click.option("--on-worker-death", type=Choice(DEATHS), help="restart: continue from a snapshot in memory."),
         ]
     ):
         command = option(command)

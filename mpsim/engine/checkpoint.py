@@ -43,7 +43,7 @@ from mpsim.errors import (
 )
 from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import Settings, settings_from
 
 FORMAT = 7
 """Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the image flags and
@@ -488,7 +488,7 @@ def _made_from(path: Path, header: dict[str, Any], found: Arrays) -> Checkpoint:
         if len(parts[0]) + len(parts[1]) + (JOURNAL in found) != len(found) or not parts[0].keys() <= set(ARRAYS):
             raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
         scene = scene_from(header["scene"], parts[0])
-        settings = Settings(**header["settings"])
+        settings = settings_from(header["settings"])
         arrays = of_each_disc(parts[1], SIZES, header.get("discs"))
         changed = changed_in(header["run"], found[JOURNAL]) if JOURNAL in found else UNCHANGED
         return Checkpoint(path, scene, settings, header["run"], arrays, str(header["digest"]), changed)

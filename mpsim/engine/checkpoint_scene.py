@@ -8,7 +8,7 @@ import numpy as np
 from mpsim.core.archive import Arrays
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import settings_from
 
 OF_LATTICE = ("count", "temperature", "seed")
 """Numbers of a lattice that are written beside what other scenes have too."""
@@ -51,7 +51,7 @@ def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
     given = [each for each in FEATURES if not each.is_numeric and each.argument in plain]
     values |= {each.argument: each.from_plain(plain[each.argument]) for each in given}
     if "settings" in values:
-        values["settings"] = Settings(**values["settings"])
+        values["settings"] = settings_from(values["settings"])
     lattice = values.pop("lattice", None)
     return Scene(**values) if lattice is None else _on_lattice(lattice, values)
 

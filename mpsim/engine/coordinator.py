@@ -24,7 +24,7 @@ from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.run_record import RunRecord
 from mpsim.engine.shutdown import Closing
 from mpsim.engine.solvers import methods
-from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Solver
+from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Processes, Solver
 from mpsim.engine.solvers.snapshots import Snapshot, count_in
 from mpsim.engine.step_limits import StepLimits
 from mpsim.engine.workers.arrays import MOST_FRAMES
@@ -53,7 +53,7 @@ class Coordinator:
         simulation: which it belongs to; when that is collected, the solver is closed.
         scene, settings: of the simulation.
         access: to it.
-        comm: communicator of the ranks that share it; None: of all.
+        processes: how it uses processes.
 
     Attributes:
         scene, settings: in force.
@@ -66,11 +66,11 @@ class Coordinator:
         step_limits: whether steps are short enough for the speeds.
     """
 
-    def __init__(self, simulation: object, scene: Scene, settings: Settings, access: Access, comm: object = None):
+    def __init__(self, simulation: object, scene: Scene, settings: Settings, access: Access, processes: Processes):
         self.scene: Scene = scene
         self.settings: Settings = settings
         self._access = access
-        self._comm = comm
+        self._processes = processes
         self.last_frame: int = 0
         self.last_time: float = 0.0
         self.start_of_all: tuple[Scene, Settings] = (scene, settings)
@@ -78,7 +78,7 @@ class Coordinator:
         self.record: RunRecord | None = None
         self._compiled_before = compile_seconds()
         self.emission: Emission = Emission(scene, settings, access.notices)
-        choice = methods.choose(scene.count, settings, comm)
+        choice = methods.choose(scene.count, settings, processes)
         solver = methods.METHODS[choice.method].solver
         self.step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
         self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
@@ -176,8 +176,8 @@ class Coordinator:
         return function(solver.state())
 
     def recovery(self, record: RunRecord) -> RecoverySnapshots | None:
-        """Snapshots for a run to go back to if a worker dies; None if the settings do not ask for it."""
-        if self.settings.on_worker_death != "restart":
+        """Snapshots for a run to go back to if a worker dies; None where the error is raised."""
+        if self._processes.on_worker_death != "restart":
             return None
         changes = lambda: len(self.journal)  # noqa: E731
         return RecoverySnapshots(self.snapshot, self.restore, record, self._access.notices, changes)
@@ -291,7 +291,7 @@ class Coordinator:
     def restore(self, kept: tuple[Any, Any]) -> None:
         """Go back, or on, to such a snapshot; see `Solver.restore`."""
         snapshot, progress = kept
-        before, choice = self.solver.choice, methods.choose(count_in(snapshot), self.settings, self._comm)
+        before, choice = self.solver.choice, methods.choose(count_in(snapshot), self.settings, self._processes)
         with interrupts_held_back(), self._access.moving():
             if methods.same_solver(before, choice):
                 self.solver.restore(snapshot, choice)
@@ -320,7 +320,7 @@ class Coordinator:
     def between_frames(self, action: Callable[[], None]) -> None:
         """Do what may move the discs to another block; on new workers if one has died. Signals wait for its end."""
         self._take_collisions()
-        renew = (lambda: self.restore(self.snapshot())) if self.settings.on_worker_death == "restart" else None
+        renew = (lambda: self.restore(self.snapshot())) if self._processes.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:
                 retried_on_new_workers(action, renew, self._access.notices)
@@ -334,7 +334,7 @@ class Coordinator:
     def insert(self, new: NewDiscs, substeps: int) -> None:
         """Add discs that have been checked; the solver may then continue by another method."""
         count = self.solver.count + len(new.position)
-        before, choice = self.solver.choice, methods.choose(count, self.settings, self._comm)
+        before, choice = self.solver.choice, methods.choose(count, self.settings, self._processes)
 
         def grow() -> None:
             if not methods.same_solver(self.solver.choice, choice):
@@ -429,6 +429,6 @@ class Coordinator:
 
     def _adopt(self, scene: Scene, settings: Settings, origin: Origin) -> None:
         """Take another scene and settings for those in force."""
-        choice = methods.choose(self.solver.count, settings, self._comm)
+        choice = methods.choose(self.solver.count, settings, self._processes)
         self.solver.adopt(scene, settings, choice, origin)
         self.scene, self.settings = scene, settings

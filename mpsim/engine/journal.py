@@ -25,7 +25,7 @@ from mpsim.engine.parameters import in_force
 from mpsim.engine.solvers.base import Origin
 from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import Settings, settings_from
 
 KINDS = (SET, KICK, REMOVE, ADD, PARAMETERS, WALL)
 
@@ -158,7 +158,7 @@ def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:
     entries = [(each.pop("frame"), each.pop("time"), each.pop("what"), each) for each in changes]
     return {
         "scene": Scene.load(source.with_name(name)),
-        "settings": Settings(**tables["settings"]),
+        "settings": settings_from(tables["settings"]),
         "changes": checked_entries(entries, frame),
         "frame": frame,
         "digest": digest,

@@ -44,19 +44,19 @@ def replayed(
     """What `Simulation.replay` returns.
 
     Args:
-        make: a simulation, called with scene, settings and comm.
+        make: a simulation, called with scene, settings, comm and start_method.
         source, frame: as of `Simulation.replay`.
-        chosen: its workers, start_method, method and comm.
+        chosen: its workers, method, comm and start_method.
     """
     journal = source if isinstance(source, Journal) else Journal.load(source)
     last = journal.frame
     if frame is not None:
         last = checks.whole("frame", frame, 0, min(last, MOST_FRAMES_OF_A_RUN), "It is one of those that were done.")
-    comm, method = chosen.pop("comm"), chosen.pop("method")
-    settings = dataclasses.replace(journal.settings, **chosen)
+    workers, method = chosen.pop("workers"), chosen.pop("method")
+    settings = dataclasses.replace(journal.settings, workers=workers)
     if method is not None:
         settings = dataclasses.replace(settings, method=same_bits(journal.settings.method, method))
-    sim = make(journal.scene, settings, comm=comm)
+    sim = make(journal.scene, settings, **chosen)
     try:
         for number, change in enumerate(journal.changes):
             if change.frame <= last:

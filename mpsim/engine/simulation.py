@@ -32,9 +32,9 @@ from mpsim.engine.observers import Observer, Observers
 from mpsim.engine.replay import replayed
 from mpsim.engine.report import Report
 from mpsim.engine.run_loop import BetweenSlices, run_frames
-from mpsim.engine.solvers.base import Columns, Solver
+from mpsim.engine.solvers.base import Columns, OnWorkerDeath, Processes, Solver, StartMethod
 from mpsim.engine.solvers.in_place import InPlace
-from mpsim.engine.solvers.methods import capabilities_of, check_comm, on_ranks, same_bits
+from mpsim.engine.solvers.methods import capabilities_of, check_processes, on_ranks, same_bits
 from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together
 from mpsim.engine.solvers.passes import Pass, frame_in_passes
 from mpsim.errors import CheckpointError, InputError
@@ -55,6 +55,13 @@ class Simulation(Changing):
         scene: what is simulated, in its own units of [length], [time] and [mass].
         settings: how it is simulated; None: those that the scene recommends, or the defaults.
         comm: with method="mpi", a communicator of mpi4py whose ranks all make the same calls; None: all ranks.
+        start_method: how worker processes start: "forkserver" (the default where it exists: safe with threads, and fast
+            after the first start), "fork" (fastest, but unsafe in a program with threads) or "spawn".
+        on_worker_death: "raise" WorkerDiedError, or "restart": continue from the last snapshot in memory with new
+            workers and the same bits. Snapshots take 1 % of the time or less.
+        unguarded: True processes neighbouring columns at the same time, which is a race condition and *wrong*: each run
+            of `parallel` then differs. It demonstrates the purpose of the even and odd passes; never use it for
+            results.
 
     Raises:
         InputError: if the numbers of the scene do not fit the precision of the run.
@@ -75,21 +82,30 @@ class Simulation(Changing):
     """
 
     @checks.known_names(elsewhere=lambda name: f"Settings({name}=...)" if name in checks.names_of(Settings) else "")
-    def __init__(self, scene: Scene, settings: Settings | None = None, *, comm: object = None):
+    def __init__(
+        self,
+        scene: Scene,
+        settings: Settings | None = None,
+        *,
+        comm: object = None,
+        start_method: StartMethod | None = None,
+        on_worker_death: OnWorkerDeath = "raise",
+        unguarded: bool = False,
+    ):
         chosen = scene.settings if settings is None and isinstance(scene, Scene) else settings
         with _refused_together(chosen, comm):
-            self._set_up(scene, settings, comm)
+            self._set_up(scene, settings, Processes(comm, start_method, on_worker_death, unguarded))
         self._coordinator.start()
 
-    def _set_up(self, scene: Scene, settings: Settings | None, comm: object) -> None:
+    def _set_up(self, scene: Scene, settings: Settings | None, processes: Processes) -> None:
         """All that comes before the solver is started."""
         settings = settings_for(scene, settings)
-        check_comm(settings, comm)
+        check_processes(settings, processes)
         self._access = Access()
         for feature in FEATURES:
             feature.check_law(scene, settings.law)
         precision_check.check_precision(scene, settings)
-        self._coordinator = Coordinator(self, scene, settings, self._access, comm)
+        self._coordinator = Coordinator(self, scene, settings, self._access, processes)
 
     def __enter__(self) -> Simulation:
         return self
@@ -330,17 +346,18 @@ class Simulation(Changing):
         path: str | os.PathLike[str],
         *,
         workers: int | None = None,
-        start_method: str | None = None,
         method: str | None = None,
         comm: object = None,
+        start_method: StartMethod | None = None,
+        on_worker_death: OnWorkerDeath = "raise",
     ) -> Simulation:
         """Continue a simulation where `save` was called, with the same bits as in an uninterrupted run.
 
         Args:
             path: of the file. If it is damaged, the previous one is used, with a CheckpointWarning that names both.
-            workers, start_method: as in Settings; the result has the same bits with any.
+            workers: as in Settings; the result has the same bits with any number.
             method: "grid", "parallel" or "mpi", for one that was saved by another of them: they have the same bits.
-            comm: as of a new simulation.
+            comm, start_method, on_worker_death: as of a new simulation.
 
         Raises:
             CheckpointError: if there is no undamaged file, or a newer version wrote it.
@@ -348,13 +365,14 @@ class Simulation(Changing):
         """
         saved = checkpoint_file.method_of(path) if method is None else method
         found = _read(path, comm, on_ranks(saved) or comm is not None)
-        settings = dataclasses.replace(found.settings, workers=workers, start_method=start_method)
+        settings = dataclasses.replace(found.settings, workers=workers)
+        processes = Processes(comm, start_method, on_worker_death)
         if method is not None:
             settings = dataclasses.replace(settings, method=same_bits(found.settings.method, method))
-        check_comm(settings, comm)  # whose errors are not those of the file
+        check_processes(settings, processes)  # whose errors are not those of the file
         try:
             sim = cls.__new__(cls)
-            sim._set_up(found.scene, settings, comm)
+            sim._set_up(found.scene, settings, processes)
         except InputError as error:
             raise CheckpointError(
                 f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
@@ -369,9 +387,9 @@ class Simulation(Changing):
         *,
         frame: int | None = None,
         workers: int | None = None,
-        start_method: str | None = None,
         method: str | None = None,
         comm: object = None,
+        start_method: StartMethod | None = None,
     ) -> Simulation:
         """Run the simulation of a journal again, and return it; it can be continued.
 
@@ -380,10 +398,10 @@ class Simulation(Changing):
         Args:
             source: `sim.journal`, or a path to which `journal.save` has written it.
             frame: where to stop, with the changes that were made there; None: where the journal ends.
-            workers, start_method: as in Settings; the result has the same bits with any. Changes of workers in the
-                journal are left out.
+            workers: as in Settings; the result has the same bits with any number. Changes of workers in the journal
+                are left out.
             method: "grid", "parallel" or "mpi", for one that was recorded by another of them: they have the same bits.
-            comm: as of a new simulation.
+            comm, start_method: as of a new simulation.
 
         Raises:
             InputError: if source is not a journal, or a change in it is refused or was made inside a frame.
@@ -398,7 +416,7 @@ class Simulation(Changing):
         ...     again.frame, again.digest() == journal.digest
         (20, True)
         """
-        return replayed(cls, source, frame, workers=workers, start_method=start_method, method=method, comm=comm)
+        return replayed(cls, source, frame, workers=workers, method=method, comm=comm, start_method=start_method)
 
     def __repr__(self) -> str:
         return f"<Simulation: of process {self._access.creator}>" if self._access.forked else self._described()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from mpsim.core import checks
 from mpsim.kernels import layout
@@ -12,16 +13,12 @@ MethodName = Literal["naive", "grid", "parallel", "event", "mpi", "auto"]
 Law = Literal["elastic", "reflect"]
 Contact = Literal["impact", "push"]
 Precision = Literal["float32", "float64"]
-OnWorkerDeath = Literal["raise", "restart"]
-StartMethod = Literal["fork", "spawn", "forkserver"]
 OnFast = Literal["warn", "substep", "error"]
 
 METHODS: tuple[MethodName, ...] = get_args(MethodName)
 LAWS = tuple(layout.LAWS)
 CONTACTS = tuple(layout.CONTACTS)
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)
-DEATHS: tuple[OnWorkerDeath, ...] = get_args(OnWorkerDeath)
-START_METHODS: tuple[StartMethod, ...] = get_args(StartMethod)
 ON_FAST: tuple[OnFast, ...] = get_args(OnFast)
 
 MOST_WORKERS = 1024
@@ -50,13 +47,6 @@ class Settings:
             cause.
         substeps: steps of dt / substeps in each frame, >= 1.
         precision: "float32" (the report's) or "float64".
-        start_method: how worker processes start: "forkserver" (the default where it exists: safe with threads, and fast
-            after the first start), "fork" (fastest, but unsafe in a program with threads) or "spawn".
-        unguarded: True processes neighbouring columns at the same time, which is a race condition and *wrong*: each run
-            of `parallel` then differs. It demonstrates the purpose of the even and odd passes; never use it for
-            results.
-        on_worker_death: "raise" WorkerDiedError, or "restart": continue from the last snapshot in memory with new workers
-            and the same bits. Snapshots take 1 % of the time or less.
         on_fast: what to do when a disc moves farther in a step than its own radius, so that discs may pass through each
             other, or collides more than once in a step on average: "warn" (FastWarning, once), "error" (TooFastError),
             or "substep": divide frames into so many steps that every disc moves less than half its radius in each. The
@@ -88,9 +78,6 @@ class Settings:
     passes: int = 1
     substeps: int = 1
     precision: Precision = "float64"
-    start_method: StartMethod | None = None
-    unguarded: bool = False
-    on_worker_death: OnWorkerDeath = "raise"
     on_fast: OnFast = "warn"
     contact_time: float | None = None
 
@@ -105,13 +92,20 @@ class Settings:
         if self.workers is not None:
             remedy = "Leave it out to use every core that this process may use."
             checks.whole("workers", self.workers, 1, MOST_WORKERS, remedy)
-        checks.truth("unguarded", self.unguarded)
-        checks.choice("on_worker_death", self.on_worker_death, DEATHS)
         checks.choice("on_fast", self.on_fast, ON_FAST)
         if self.contact_time is not None:
             object.__setattr__(self, "contact_time", checks.positive("contact_time", self.contact_time, "[time]"))
-        if self.start_method is not None:
-            checks.choice("start_method", self.start_method, START_METHODS)
 
 
-Settings.__init__ = checks.known_names()(Settings.__init__)
+OF_PROCESSES = ("start_method", "on_worker_death", "unguarded")
+"""Arguments of a simulation that no settings are; files of development versions have them among the settings."""
+
+
+def settings_from(values: Mapping[str, Any]) -> Settings:
+    """Settings from a file."""
+    return Settings(**{name: value for name, value in values.items() if name not in OF_PROCESSES})
+
+
+Settings.__init__ = checks.known_names(
+    elsewhere=lambda name: f"Simulation(scene, settings, {name}=...)" if name in OF_PROCESSES else ""
+)(Settings.__init__)

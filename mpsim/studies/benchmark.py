@@ -158,8 +158,8 @@ def repeat(settings: Settings, frames: int, tick: Tick, count: int = 1000, runs:
     scene = gas(count)
     chosen = replace(settings, method="parallel", workers=max(settings.workers or 2, 2))
 
-    def final(settings: Settings) -> State:
-        with Simulation(scene, settings) as sim:
+    def final(settings: Settings, unguarded: bool = False) -> State:
+        with Simulation(scene, settings, unguarded=unguarded) as sim:
             sim.run(frames=frames)
             return sim.state
 
@@ -167,7 +167,7 @@ def repeat(settings: Settings, frames: int, tick: Tick, count: int = 1000, runs:
     tick("repeat, guarded")
     by_workers = {workers: final(replace(chosen, workers=workers)).digest() for workers in (1, 2, 4)}
     tick("repeat, 1, 2 and 4 workers")
-    unguarded = [final(replace(chosen, unguarded=True)) for _ in range(runs)]
+    unguarded = [final(chosen, unguarded=True) for _ in range(runs)]
     tick("repeat, unguarded")
     _demand_equal("repeated runs", [state.digest() for state in guarded] + list(by_workers.values()))
     return Repeat(scene, guarded, unguarded, by_workers)

@@ -113,7 +113,7 @@ def physics_of(settings: Settings, scene: Scene) -> Settings:
         dt = Settings.dt if scene.thermostat is None else settings.dt  # it acts once a frame
         return Settings(dt=dt, method=method, contact_time=settings.contact_time)
     plain: dict[str, Any] = {"method": "grid" if method == "parallel" else method, "workers": None}
-    return dataclasses.replace(settings, start_method=None, **plain)
+    return dataclasses.replace(settings, **plain)
 
 
 def key_of(settings: Settings) -> str:

@@ -184,7 +184,7 @@ def _frames(value: Any) -> int:
 def _facts(run: SceneRun, scene: Scene | None) -> dict[str, Any]:
     """How scenes are run, as plain values: all that changes a result and is no parameter."""
     varied = {name: getattr(Settings(), name) for name in run.own if name not in RUN_OPTIONS}
-    no_result: dict[str, Any] = {**varied, "workers": None, "start_method": None}
+    no_result: dict[str, Any] = {**varied, "workers": None}
     settings = None if run.settings is None else dataclasses.replace(run.settings, **no_result)
     duration = scene.duration if scene is not None and (run.until, run.frames) == (None, None) else None
     facts = {"settings": settings, "until": run.until, "frames": run.frames, "duration": duration}

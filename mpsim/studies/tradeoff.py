@@ -344,11 +344,6 @@ def _checked(scene: Scene, candidates: Iterable[Settings]) -> Sequence[Settings]
     for index, candidate in enumerate(settings):
         if not isinstance(candidate, Settings):
             raise InputError(f"candidates[{index}] must be an mpsim.Settings; got {type(candidate).__name__}.")
-        if candidate.unguarded:
-            raise InputError(
-                f"candidates[{index}] must not be unguarded: each of its runs differs from the one before, so that no "
-                "row could be reproduced. Leave out unguarded=True."
-            )
         try:
             with quietly():
                 Simulation(scene, dataclasses.replace(candidate, workers=1)).close()

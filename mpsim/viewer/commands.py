@@ -262,8 +262,7 @@ class Commanded(Source):
                 self._tuning.stop()
                 self._settings = dataclasses.replace(self._settings, method="grid", workers=None)
             case _:  # found
-                same = {"start_method": self._settings.start_method, "on_worker_death": self._settings.on_worker_death}
-                self._settings = dataclasses.replace(values["settings"], **same)
+                self._settings = values["settings"]
                 self._trade.fit(self._settings.dt)
         self._broadcast.tell_if_new("tune", self._tuning.told())
         self._steps = 0

@@ -74,8 +74,7 @@ class Moments:
                 "going back needs the file of that moment; something has removed it from the folder for temporary "
                 "files. Reset starts again."
             )
-        settings = sim.settings
-        again = Simulation.resume(self._path(number), workers=settings.workers, start_method=settings.start_method)
+        again = Simulation.resume(self._path(number), workers=sim.settings.workers)
         sim.close()
         return again
 

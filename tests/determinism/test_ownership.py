@@ -6,6 +6,7 @@ has written. Then each plays once more on a copy in which whatever the others ha
 any of that, its own part would come out differently.
 """
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -214,7 +215,7 @@ def watch(scene, frames, guarded=True, **settings):
 def _with_room_for_workers(sim):
     """The block of a simulation on several workers, without the workers."""
     solver = sim._solver
-    solver.choice = type(solver.choice)("grid", (WORKERS,))
+    solver.choice = dataclasses.replace(solver.choice, workers=(WORKERS,))
     snapshot = solver.snapshot()
     old, solver._block = solver._block, solver._next_block(max(solver.count, 1), solver._radii)
     solver._fill(solver._block)

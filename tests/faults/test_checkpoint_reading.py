@@ -118,7 +118,7 @@ def test_damage_leads_to_the_one_before(door, error, tmp_path, monkeypatch):
     "error", [MemoryError("no memory"), TimeoutError("the user's"), ImpatienceError("mine")], ids=repr
 )
 @pytest.mark.parametrize(
-    "place", [(checkpoint, "Settings"), (checkpoint, "scene_from"), (checkpoint_validation, "check")]
+    "place", [(checkpoint, "settings_from"), (checkpoint, "scene_from"), (checkpoint_validation, "check")]
 )
 def test_the_content_is_not_blamed_for_what_happens_while_it_is_looked_at(place, error, tmp_path, monkeypatch):
     path = two(tmp_path / "run")

@@ -171,7 +171,7 @@ def test_a_program_that_ends_without_closing_ends():
         """
         import mpsim
         from support.scenes import lattice
-        sim = mpsim.Simulation(lattice(20, 20), mpsim.Settings(method="parallel", workers=2, start_method="fork"))
+        sim = mpsim.Simulation(lattice(20, 20), mpsim.Settings(method="parallel", workers=2), start_method="fork")
         sim.run(frames=2)
         raise SystemExit(3)
         """,

@@ -17,7 +17,7 @@ import json, time
 import mpsim
 from support.scenes import lattice
 
-sim = mpsim.Simulation(lattice({columns}, 100), mpsim.Settings(method="parallel", workers=3, start_method="{start}"))
+sim = mpsim.Simulation(lattice({columns}, 100), mpsim.Settings(method="parallel", workers=3), start_method="{start}")
 sim.run(frames=3)
 print(json.dumps(sim.pids))
 {then}

@@ -30,7 +30,7 @@ from support.scenes import lattice
 
 scene = lattice(100, 100)
 print("starting")
-with mpsim.Simulation(scene, mpsim.Settings(method="{method}", workers=3, start_method="{start}")) as sim:
+with mpsim.Simulation(scene, mpsim.Settings(method="{method}", workers=3), start_method="{start}") as sim:
     print("running")
     sim.run(frames=10**9)
 """

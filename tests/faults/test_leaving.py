@@ -132,7 +132,7 @@ def test_a_script_without_main_guard_runs_once(start):
     print("once")
     import mpsim
     scene = mpsim.Scene.random(count=500, packing=0.5, radius=0.5, seed=1)
-    with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=3, start_method="{start}")) as sim:
+    with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=3), start_method="{start}") as sim:
         print(sim.run(frames=5).workers)
     """)
     assert_clean(outcome)
@@ -145,7 +145,7 @@ code = '''
 import mpsim
 scene = mpsim.Scene.random(count=500, packing=0.5, radius=0.5, seed=1)
 for start in ("spawn", "forkserver"):
-    with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=2, start_method=start)) as sim:
+    with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=2), start_method=start) as sim:
         print(sim.run(frames=5).workers)
 '''
 done = subprocess.run([sys.executable, "-W", "error"], input=code, capture_output=True, text=True)

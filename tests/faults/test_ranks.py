@@ -72,7 +72,7 @@ def test_a_rank_that_is_told_to_end_leaves_a_checkpoint_with_which_one_process_g
 ERRORS = """
 import json, sys, numpy as np, mpsim
 from mpi4py import MPI
-from support.scenes import gas
+from support.scenes import gas, split
 
 world, start = MPI.COMM_WORLD, gas(200, 0.2)
 
@@ -80,8 +80,8 @@ def other(**features):
     given = dict(width=start.width, height=start.height, position=start.position, velocity=start.velocity, radius=0.5)
     return mpsim.Scene(**given | features)
 
-def runs(scene, frames=1, comm=None, **settings):
-    with mpsim.Simulation(scene, mpsim.Settings(**{"method": "mpi"} | settings), comm=comm) as sim:
+def runs(scene, frames=1, **given):
+    with mpsim.Simulation(scene, **split({"method": "mpi"} | given)) as sim:
         sim.run(frames=frames)
 
 def added(rank=0):
@@ -146,7 +146,7 @@ if world.rank == 0:
 """
 
 WORDS = {
-    "giants": ("InputError", "here are discs far larger than all but a few"),
+    "giants": ("InputError", "a few discs are far larger than all others"),
     "unguarded": ("InputError", "unguarded=True"),
     "restart": ("InputError", "on_worker_death='restart'"),
     "no communicator": ("InputError", "comm must be a communicator of mpi4py"),

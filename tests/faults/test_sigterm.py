@@ -18,8 +18,8 @@ import mpsim
 from support.scenes import lattice
 
 {before}
-settings = mpsim.Settings(method="{method}", workers={workers}, start_method="{start}", dt={dt})
-sim = mpsim.Simulation(lattice(20, 20), settings)
+settings = mpsim.Settings(method="{method}", workers={workers}, dt={dt})
+sim = mpsim.Simulation(lattice(20, 20), settings, start_method="{start}")
 print("running")
 sim.run(frames=10**9{options})
 """

@@ -187,7 +187,7 @@ def kill_the_first_worker():
 
 threading.Thread(target=kill_the_first_worker).start()
 try:
-    mpsim.Simulation(lattice(20, 20), mpsim.Settings(method="parallel", workers=2, start_method="{start}"))
+    mpsim.Simulation(lattice(20, 20), mpsim.Settings(method="parallel", workers=2), start_method="{start}")
 except mpsim.WorkerDiedError as error:
     print(error.worker, error.exitcode, error.phase)
 """
@@ -215,7 +215,7 @@ def test_a_worker_that_raises_hands_over_its_traceback():
 
     worker.load_kernels = broken
     try:
-        mpsim.Simulation(lattice(20, 20), mpsim.Settings(method="parallel", workers=2, start_method="fork"))
+        mpsim.Simulation(lattice(20, 20), mpsim.Settings(method="parallel", workers=2), start_method="fork")
     except mpsim.WorkerDiedError as error:
         print(error.worker, error.exitcode, error.phase, "ValueError: the kernels are broken" in str(error))
     """

@@ -19,7 +19,7 @@ import numpy as np
 
 import mpsim
 from mpsim import Emitter, FixedDisc, Piston, Polyline, ThermalWalls, Thermostat
-from support.scenes import lattice
+from support.scenes import lattice, split
 
 FRAMES, DT = 24, 1 / 16
 INDEX = np.arange(30)
@@ -97,7 +97,7 @@ class Pinned:
         Raises:
             InputError: for what the method cannot do.
         """
-        return mpsim.Simulation(self.scene(), mpsim.Settings(**{"dt": DT, **self.settings, **how}))
+        return mpsim.Simulation(self.scene(), **split({"dt": DT, **self.settings, **how}))
 
     def run(self, measures: Iterable[str] = (), before: Callable[[mpsim.Simulation], None] | None = None, **how) -> Ran:
         """Run it, with those of the measures that its second half can have. `before` gets the simulation first."""

@@ -184,6 +184,15 @@ ALONE = {"naive": "naive", "grid": "grid", "parallel": "grid", "event": "event"}
 """For each method one of a single process that gives the same bits."""
 
 
+OF_PROCESSES = ("comm", "start_method", "on_worker_death", "unguarded")
+
+
+def split(given: dict[str, Any]) -> dict[str, Any]:
+    """Arguments of a simulation: those of its settings together, those of its processes by name."""
+    settings = {name: value for name, value in given.items() if name not in OF_PROCESSES}
+    return {"settings": mpsim.Settings(**settings)} | {name: given[name] for name in OF_PROCESSES if name in given}
+
+
 def simulate(scene: mpsim.Scene, **settings: Any) -> mpsim.Simulation:
     """A simulation, without the warnings about its start: overlaps, fast discs, lost digits.
 
@@ -192,7 +201,7 @@ def simulate(scene: mpsim.Scene, **settings: Any) -> mpsim.Simulation:
     with warnings.catch_warnings():
         for kind in (mpsim.OverlapWarning, mpsim.FastWarning, mpsim.errors.ResolutionWarning):
             warnings.simplefilter("ignore", kind)
-        return mpsim.Simulation(scene, mpsim.Settings(**{"contact": "push", **settings}))
+        return mpsim.Simulation(scene, **split({"contact": "push", **settings}))
 
 
 def digest_after(scene: mpsim.Scene, frames: int, **settings: Any) -> str:

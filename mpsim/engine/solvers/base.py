@@ -9,11 +9,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core import checks
 from mpsim.core.columns import EXITS, MASS, Column
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State, part_of
@@ -29,6 +30,35 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
 
 Result = TypeVar("Result")
+OnWorkerDeath = Literal["raise", "restart"]
+StartMethod = Literal["fork", "spawn", "forkserver"]
+
+DEATHS: tuple[OnWorkerDeath, ...] = get_args(OnWorkerDeath)
+START_METHODS: tuple[StartMethod, ...] = get_args(StartMethod)
+
+
+@dataclass(frozen=True)
+class Processes:
+    """How a simulation uses processes. But for `unguarded`, no bit depends on it.
+
+    Args:
+        comm: communicator of mpi4py, of a method that runs on ranks; None: all ranks.
+        start_method, on_worker_death, unguarded: as of a `Simulation`.
+
+    Raises:
+        InputError: naming the argument.
+    """
+
+    comm: Any = None
+    start_method: StartMethod | None = None
+    on_worker_death: OnWorkerDeath = "raise"
+    unguarded: bool = False
+
+    def __post_init__(self) -> None:
+        if self.start_method is not None:
+            checks.choice("start_method", self.start_method, START_METHODS)
+        checks.choice("on_worker_death", self.on_worker_death, DEATHS)
+        checks.truth("unguarded", self.unguarded)
 
 
 @dataclass(frozen=True)
@@ -39,13 +69,13 @@ class Choice:
         method: a name of `methods.METHODS`.
         workers: numbers of workers to choose from while running, the likely best first.
         remark: why there is one worker where there could be more; empty: there is nothing to say.
-        comm: the communicator of a method that runs on ranks; None: all ranks.
+        processes: how it uses processes.
     """
 
     method: MethodName
     workers: tuple[int, ...]
     remark: str = ""
-    comm: Any = None
+    processes: Processes = Processes()
 
 
 class Columns(NamedTuple):

@@ -389,5 +389,6 @@ class BlockSolver(SteppedSolver):
         """Write the records `parameters` and `control`, which follow from what is simulated now."""
         giant = self._giant_radius(self._radii)
         self._grid = self._grid_of(self.count, giant)
-        now = Present(self._radii, self._grid, giant, self.substeps, self._speed_limit, self.origin)
+        unguarded = self.choice.processes.unguarded
+        now = Present(self._radii, self._grid, giant, self.substeps, self._speed_limit, self.origin, unguarded)
         configure(self._block.arrays, self._scene, self._settings, now)

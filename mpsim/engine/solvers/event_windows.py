@@ -24,7 +24,7 @@ class Windows:
     Args:
         block: with the arrays of tiles, and a store whose discs have been placed.
         system: the store, its box and features.
-        start_method: as of Settings.
+        start_method: as of a simulation.
     """
 
     def __init__(self, block: SharedBlock, system: Any, start_method: str | None):

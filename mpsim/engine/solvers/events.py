@@ -359,7 +359,7 @@ class EventSolver(Solver):
         try:
             if windows is not None and windows.workers == self._most_workers:
                 return windows.moved_to(block, system)
-            windows = Windows(block, system, self._settings.start_method)
+            windows = Windows(block, system, self.choice.processes.start_method)
             windows.start(self._most_workers)
         except BaseException:
             if windows is not None:

@@ -99,7 +99,7 @@ class GridSolver(BlockSolver):
 
     def _start_workers(self) -> None:
         if self._most_workers > 1:
-            self._pool = WorkerPool(self._block, self._settings.start_method)
+            self._pool = WorkerPool(self._block, self.choice.processes.start_method)
             self._pool.start(self._most_workers)
 
     def _move_workers(self) -> None:

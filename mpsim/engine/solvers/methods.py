@@ -1,11 +1,11 @@
 """The registry of methods, and the method that `auto` chooses."""
 
 import logging
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mpsim.core.cores import may_start_processes, usable_cores
 from mpsim.engine.notices import Notices
-from mpsim.engine.solvers.base import Capabilities, Choice, Solver
+from mpsim.engine.solvers.base import Capabilities, Choice, Processes, Solver
 from mpsim.engine.solvers.events import EventSolver
 from mpsim.engine.solvers.grid import GridSolver
 from mpsim.engine.solvers.mpi import MpiSolver
@@ -74,21 +74,29 @@ def on_ranks(method: str | None) -> bool:
     return isinstance(method, str) and method in METHODS and METHODS[method].solver.capabilities.on_ranks
 
 
-def check_comm(settings: Settings, comm: object) -> None:
-    """Refuse a communicator that is none, or that the method has no use for."""
-    if capabilities_of(settings).on_ranks:
-        ranks_of(comm)
-    elif comm is not None:
-        raise InputError(f"comm may be given only with method='mpi'; the method is {settings.method!r}. Leave it out.")
+def check_processes(settings: Settings, processes: Processes) -> None:
+    """Refuse a communicator that is none, and arguments that the method has no use for."""
+    method, can = settings.method, capabilities_of(settings)
+    if can.on_ranks:
+        ranks_of(processes.comm)
+        if processes.on_worker_death != "raise":
+            raise InputError(
+                f"on_worker_death must be 'raise' with method={method!r}; got {processes.on_worker_death!r}. Leave it "
+                "out, or use method='parallel' on one machine."
+            )
+    elif processes.comm is not None:
+        raise InputError(f"comm may be given only with method='mpi'; the method is {method!r}. Leave it out.")
+    if processes.unguarded and (can.on_ranks or can.is_exact):
+        raise InputError(f"method={method!r} cannot do unguarded=True. Leave it out, or use method='grid'.")
 
 
-def choose(count: int, settings: Settings, comm: Any = None) -> Choice:
-    """What runs `count` discs under these settings; comm: a communicator, of methods that run on ranks."""
+def choose(count: int, settings: Settings, processes: Processes = Processes()) -> Choice:  # noqa: B008 - immutable
+    """What runs `count` discs under these settings."""
     method = settings.method
     if method == "auto":
         method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
     if not METHODS[method].workers:
-        return Choice(method, (1,))
+        return Choice(method, (1,), processes=processes)
     alone = on_ranks(method) or (method == "event" and count < EVENT_FROM)
     workers, remark = settings.workers or (1 if alone else usable_cores()), ""
     if workers > 1 and not may_start_processes():
@@ -98,10 +106,12 @@ def choose(count: int, settings: Settings, comm: Any = None) -> Choice:
     if remark:
         workers = 1
     if on_ranks(method):
-        return Choice(method, (workers * ranks_of(comm),), remark, comm)
+        return Choice(method, (workers * ranks_of(processes.comm),), remark, processes)
     if settings.method != "auto":
-        return Choice(method, (workers,), remark)
-    return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,), remark)
+        return Choice(method, (workers,), remark, processes)
+    if workers > 1:
+        return Choice(method, (workers, 1), processes=processes)
+    return Choice("grid", (1,), remark, processes)
 
 
 def same_bits(saved: str, method: str) -> str:

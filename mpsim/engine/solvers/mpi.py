@@ -26,7 +26,7 @@ from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin
 from mpsim.engine.solvers.discs import disc_at
 from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
 from mpsim.engine.solvers.mpi_numbers import DiscsByNumber
-from mpsim.engine.solvers.mpi_part import Part, refuse
+from mpsim.engine.solvers.mpi_part import Part, refuse_giants
 from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator
 from mpsim.engine.solvers.mpi_speeds import There, speeds_on_ranks
 from mpsim.engine.solvers.mpi_together import OnRanks
@@ -61,7 +61,7 @@ dealt anew."""
 
 
 class MpiSolver(OnRanks):
-    """Frames on the ranks of `choice.comm`; this process is one of them."""
+    """Frames on the ranks of `choice.processes.comm`; this process is one of them."""
 
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, on_ranks=True)
     count: int
@@ -72,7 +72,7 @@ class MpiSolver(OnRanks):
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
-        refuse(scene, settings, scene.radii)
+        refuse_giants(scene, scene.radii)
         self._fastest = Fastest()
         self._workers = 1  # of each rank, itself included
         self._ranks: Communicator | None = None
@@ -104,7 +104,7 @@ class MpiSolver(OnRanks):
     def _meet(self) -> None:
         """Duplicate the communicator, and refuse ranks that were given different scenes or settings."""
         if self._ranks is None:
-            self._ranks = Communicator(self.choice.comm)
+            self._ranks = Communicator(self.choice.processes.comm)
         self._workers = max(self.choice.workers) // self._ranks.size
         self._ranks.demand_alike("versions of mpsim and of its compiler", (__version__, source_digest()))
         self._ranks.demand_alike("scene and settings", (self._scene.digest(), self._settings))
@@ -146,7 +146,7 @@ class MpiSolver(OnRanks):
                 f"{ranks.size}. Start fewer: mpiexec -n {grid.columns}."
             )
         if self._part is None:
-            self._part = Part(scene, self._settings, self._workers, self.tallied)
+            self._part = Part(scene, self._settings, self.choice.processes.start_method, self._workers, self.tallied)
         part, self._numbered = self._part, None
         given = records(part, grid)
         column = given["cell"] // (grid.rows + 2)
@@ -392,7 +392,7 @@ class MpiSolver(OnRanks):
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs, ids continuing. All discs are dealt anew: the grid may be another one."""
         radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
-        refuse(self._scene, self._settings, radii)
+        refuse_giants(self._scene, radii)
         first, own = self.count, self._held().discs()
         self._half_done = True
         self.count, self._radii, self._masses = len(radii), radii, masses
@@ -417,7 +417,7 @@ class MpiSolver(OnRanks):
 
     def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
         """Take another scene and settings for those in force."""
-        refuse(scene, settings, self._radii)
+        refuse_giants(scene, self._radii)
         super().assume(scene, settings, origin)
 
     def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
@@ -447,7 +447,7 @@ class MpiSolver(OnRanks):
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
         """Go back, or on, to a snapshot, which all ranks have."""
         self._meet()
-        refuse(self._scene, self._settings, np.asarray(snapshot["radii"]))
+        refuse_giants(self._scene, np.asarray(snapshot["radii"]))
         self.choice = choice
         self._leave_part()
         progress = self._begin_from(snapshot)

@@ -9,7 +9,7 @@ from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.engine.columns import columns_of
 from mpsim.engine.feature_arrays import feature_specs, fill_features, giant_radius
-from mpsim.engine.solvers.base import NewDiscs
+from mpsim.engine.solvers.base import NewDiscs, StartMethod
 from mpsim.engine.solvers.grid import shares_of
 from mpsim.engine.solvers.mpi_columns import Border, Range, columns_of_places
 from mpsim.engine.solvers.parameters import Present, configure
@@ -41,8 +41,9 @@ class Part:
             nothing.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, workers: int, tallied: bool):
+    def __init__(self, scene: Scene, settings: Settings, start_method: StartMethod | None, workers: int, tallied: bool):
         self._scene, self._settings, self._workers = scene, settings, workers
+        self._start_method = start_method
         names = [column.name for column in columns_of(scene)]
         has_spins, has_images = columns.SPIN.name in names, columns.IMAGE.name in names
         self._record = records.message_in(settings.precision, has_radii(scene), has_spins, has_images)
@@ -183,7 +184,7 @@ class Part:
         with interrupts_held_back():
             load_kernels(self._held())
         if self._workers > 1:
-            self._pool = WorkerPool(self._held(), self._settings.start_method)
+            self._pool = WorkerPool(self._held(), self._start_method)
             self._pool.start(self._workers)
 
     def close(self) -> None:
@@ -407,20 +408,11 @@ class Part:
         return outgoing if count <= len(outgoing) else np.zeros(2 * count, self._record)
 
 
-def refuse(scene: Scene, settings: Settings, radii: NDArray[np.float64]) -> None:
-    """Refuse, by name, what ranks cannot do; radii: of all discs.
-
-    Raises:
-        InputError: naming it.
-    """
-    reasons = {
-        "discs far larger than all but a few": has_radii(scene) and giant_radius(radii) is not None,
-        "unguarded=True": settings.unguarded,
-        "on_worker_death='restart'": settings.on_worker_death != "raise",
-    }
-    if found := [name for name, there in reasons.items() if there]:
+def refuse_giants(scene: Scene, radii: NDArray[np.float64]) -> None:
+    """Raise InputError for discs too large for the columns; radii: of all discs."""
+    if has_radii(scene) and giant_radius(radii) is not None:
         raise InputError(
-            f"method='mpi' cannot do everything that others can; here are {', '.join(found)}. "
+            "method='mpi' cannot do scenes in which a few discs are far larger than all others. "
             "Leave them out, or use method='parallel' on one machine."
         )
 

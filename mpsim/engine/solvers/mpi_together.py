@@ -42,7 +42,7 @@ class OnRanks(SteppedSolver):
 
     def together(self) -> contextlib.AbstractContextManager[None]:
         """A block in which what one rank raises, all raise."""
-        return raised_together(self.choice.comm)
+        return raised_together(self.choice.processes.comm)
 
     def any_of(self, said: bool) -> bool:
         """Whether something is so on any rank."""

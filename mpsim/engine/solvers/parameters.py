@@ -27,6 +27,7 @@ class Present(NamedTuple):
         substeps: steps of a frame.
         speed_limit: when a disc is too fast.
         origin: frame and time from which frames and steps are counted.
+        unguarded: whether neighbouring columns are resolved at the same time, a race.
     """
 
     radii: NDArray[np.float64]
@@ -35,6 +36,7 @@ class Present(NamedTuple):
     substeps: int
     speed_limit: SpeedLimit
     origin: tuple[int, float]
+    unguarded: bool = False
 
 
 def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Present) -> None:
@@ -66,7 +68,7 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     control.law = layout.LAWS[settings.law].number
     control.contact = layout.CONTACTS[settings.contact]
     control.passes = settings.passes
-    control.race_free = int(not settings.unguarded)
+    control.race_free = int(not now.unguarded)
     control.absorbing[:] = [edge in scene.absorbing for edge in EDGES]
     prepare_first_step(arrays)
 

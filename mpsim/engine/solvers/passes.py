@@ -137,6 +137,8 @@ def has_passes_by_grid(scene: Scene, settings: Settings, radii: NDArray[np.float
 def _refuse(solver: Solver, scene: Scene, settings: Settings) -> None:
     by_columns = isinstance(solver, GridSolver)
     first = "" if by_columns else f"method {solver.choice.method!r}, which has no columns"
+    if solver.choice.processes.unguarded:
+        first = "unguarded=True, which has no passes"
     reason = first or next(_reasons(scene, settings, has_giants=by_columns and solver.has_giants), None)
     if reason:
         raise InputError(
@@ -148,8 +150,6 @@ def _refuse(solver: Solver, scene: Scene, settings: Settings) -> None:
 
 def _reasons(scene: Scene, settings: Settings, has_giants: bool) -> Iterator[str]:
     """Why frames of a grid are not made of an even and an odd pass alone; none if they are."""
-    if settings.unguarded:
-        yield "unguarded=True, which has no passes"
     if scene.emitters:
         yield "emitters, which add discs inside a frame"
     if has_giants:

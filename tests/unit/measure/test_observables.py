@@ -8,7 +8,6 @@ from support.scenes import gas, simulate
 from support.states import drop, scene_of, state_of
 
 import mpsim
-from mpsim import measure
 from mpsim.core.state import State
 from mpsim.errors import InputError
 from mpsim.measure import correlation, observables, reference

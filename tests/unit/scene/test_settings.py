@@ -26,14 +26,12 @@ SETTINGS = {
     "law": ({"law": "elastisch"}, ["law must be one of 'reflect', 'elastic'", "Did you mean 'elastic'?"]),
     "contact": ({"contact": "pull"}, ["contact must be one of", "'push'", "got 'pull'"]),
     "precision": ({"precision": "float16"}, ["precision must be one of 'float32', 'float64'", "got 'float16'"]),
-    "start method": ({"start_method": "frok"}, ["start_method must be one of", "Did you mean 'fork'?"]),
     "workers 0": ({"workers": 0}, ["workers must be a whole number from 1 to", "got 0", "Leave it out"]),
     "workers below 0": ({"workers": -2}, ["workers must be a whole number", "got -2"]),
     "workers absurd": ({"workers": 10**6}, ["workers must be a whole number from 1 to 1024", "got 1000000"]),
     "workers in halves": ({"workers": 1.5}, ["workers must be a whole number", "got 1.5"]),
     "workers as truth": ({"workers": True}, ["workers must be a whole number", "got True"]),
     "substeps 0": ({"substeps": 0}, ["substeps must be a whole number from 1", "got 0", "dt"]),
-    "unguarded as text": ({"unguarded": "no"}, ["unguarded must be", "'no'"]),
 }
 
 
@@ -144,4 +142,4 @@ def test_the_defaults_are_the_documented_ones():
         "impact",
         "float64",
     )
-    assert (settings.workers, settings.substeps, settings.unguarded) == (None, 1, False)
+    assert (settings.workers, settings.substeps) == (None, 1)

@@ -14,7 +14,8 @@ from support.executors import process_pool
 from support.processes import assert_clean, run_script
 from support.swept import deadly, double, gas, noted
 
-from mpsim import InputError, SweepWarning, sweep
+from mpsim import InputError, sweep
+from mpsim.errors import SweepWarning
 from mpsim.studies import executors
 
 GRID, SEEDS = {"packing": [0.1, 0.3]}, 2

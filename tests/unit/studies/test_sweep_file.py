@@ -14,7 +14,8 @@ from support.processes import Script, assert_clean, run_script, wait_until
 from support.swept import double, noted
 
 import mpsim
-from mpsim import InputError, OutputError, SweepWarning, sweep
+from mpsim import InputError, sweep
+from mpsim.errors import OutputError, SweepWarning
 
 
 @pytest.fixture

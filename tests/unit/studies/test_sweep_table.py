@@ -13,7 +13,8 @@ import pandas
 import pytest
 
 import mpsim
-from mpsim import OutputError, sweep
+from mpsim import sweep
+from mpsim.errors import OutputError
 
 
 def measured(a, b, seed):

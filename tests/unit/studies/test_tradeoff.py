@@ -302,10 +302,6 @@ def test_a_candidate_that_blows_up_is_a_row_with_its_reason(quick):
         ({"candidates": []}, "candidates must hold at least one Settings"),
         ({"candidates": 5}, "candidates must be a list of mpsim.Settings; got 5"),
         ({"candidates": [COARSE, "grid"]}, r"candidates\[1\] must be an mpsim.Settings; got str"),
-        (
-            {"candidates": [Settings(dt=0.1, method="parallel", unguarded=True)]},
-            r"candidates\[0\] must not be unguarded",
-        ),
         ({"until": 0}, "until must be a finite number > 0"),
         ({"until": float("nan")}, "until must be a finite number > 0"),
         ({"replicas": 1}, "replicas must be a whole number from 2"),

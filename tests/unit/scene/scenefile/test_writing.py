@@ -92,7 +92,7 @@ def test_saved_and_loaded_a_scene_has_the_same_bits(scene, tmp_path):
 )
 @hypothesis_settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_texts_and_settings_are_saved_too(words, look_for, tmp_path):
-    settings = mpsim.Settings(dt=1 / 3, method="grid", workers=2, unguarded=True, precision="float32")
+    settings = mpsim.Settings(dt=1 / 3, method="grid", workers=2, law="reflect", precision="float32")
     scenefile.save(mpsim.Scene.load("cradle"), tmp_path / "a.toml", settings, title="x", text=words, look_for=look_for)
     file = scenefile.load(tmp_path / "a.toml")
     assert (file.settings, file.title, file.text, file.look_for) == (settings, "x", words, look_for)
