@@ -32,7 +32,7 @@ class PairCorrelation:
 
     Attributes:
         r: shape (bins,), middle of each shell, from one diameter to r_max [length].
-        g: shape (bins,), density at that distance from a disc, over the mean density [1].
+        value: shape (bins,), g(r): density at that distance from a disc, over the mean density [1].
         error: shape (bins,), its standard error, a relative error of 1/sqrt(pairs) from the number of pairs counted
             [1]. Between walls the density has an error too, at most 1/sqrt(references), which all shells share and
             which is not included.
@@ -42,7 +42,7 @@ class PairCorrelation:
     """
 
     r: NDArray[np.float64]
-    g: NDArray[np.float64]
+    value: NDArray[np.float64]
     error: NDArray[np.float64]
     contact: Measure
     density: float
@@ -82,7 +82,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
 
     >>> scene = Scene.random(count=2000, packing=0.3, radius=0.5, seed=1)
     >>> found = pair_correlation(State(scene.position, scene.velocity), scene, bins=40, r_max=3.0)
-    >>> bool(abs(found.g[-10:].mean() - 1) < 0.05)
+    >>> bool(abs(found.value[-10:].mean() - 1) < 0.05)
     True
     """
     states = [placed(state, scene) for state in states_in(states)]

@@ -119,8 +119,8 @@ def placed(discs: Any, scene: Scene) -> Any:
         disc = int(np.flatnonzero(beyond & found.present)[0])
         raise InputError(
             f"the discs of a state must be in its box, {_sides(scene.box)}; got disc {disc} at "
-            f"{tuple(found.position[disc].tolist())} in it. Write the Origin of the box into the file, or give the "
-            "state its box."
+            f"{tuple(found.position[disc].tolist())} in it. Use a box that holds every disc: by the Lattice and "
+            "Origin of a file, by State(..., box=...), or a periodic one."
         )
     return found
 

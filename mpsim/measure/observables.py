@@ -50,7 +50,7 @@ class SpeedDistribution:
 
     Attributes:
         edges: shape (bins + 1,), of the bins [length/time].
-        density: shape (bins,), of the speeds: fraction of discs in a bin, divided by its width [time/length].
+        value: shape (bins,), density of speeds: fraction of discs in a bin, divided by its width [time/length].
         maxwell: shape (bins,), the same for the Maxwell distribution, its mean over each bin [time/length].
         distance: largest difference of the two cumulative distributions (Kolmogorov-Smirnov), from 0 to 1, taken from
             the speeds themselves, not from the bins. For N >= 50 speeds in equilibrium, it exceeds 1.08/sqrt(N) in 5 %
@@ -59,7 +59,7 @@ class SpeedDistribution:
     """
 
     edges: NDArray[np.float64]
-    density: NDArray[np.float64]
+    value: NDArray[np.float64]
     maxwell: NDArray[np.float64]
     distance: float
 
@@ -294,7 +294,7 @@ def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistrib
 
     >>> state = State(np.zeros((2, 2)), np.array([[1.0, 0.0], [0.0, 3.0]]))
     >>> found = speed_distribution(state, bins=3)
-    >>> found.density.tolist(), round(found.distance, 6)
+    >>> found.value.tolist(), round(found.distance, 6)
     ([0.0, 0.5, 0.5], 0.334701)
     """
     unit = _moving_unit("speed_distribution", state)

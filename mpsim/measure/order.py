@@ -36,14 +36,14 @@ class StructureFactor:
 
     Attributes:
         k: shape (bins,), mean wave number of each shell, NaN for a shell without vectors [1/length].
-        s: shape (bins,), S(k), NaN likewise [1].
+        value: shape (bins,), S(k), NaN likewise [1].
         error: shape (bins,), standard error S / sqrt(vectors x states), for independent states: in a fluid |rho_k|^2 is
             exponentially distributed, independently for each vector [1].
         vectors: shape (bins,), number of wave vectors, with k and -k counted once.
     """
 
     k: Floats
-    s: Floats
+    value: Floats
     error: Floats
     vectors: NDArray[np.int64]
 
@@ -72,13 +72,13 @@ class HexaticCorrelation:
 
     Attributes:
         r: shape (bins,), middle of each shell [length].
-        g: shape (bins,), g_6(r), the real part of the mean of psi_6(i)* psi_6(j) over pairs at that distance, NaN
+        value: shape (bins,), g_6(r), the real part of the mean of psi_6(i)* psi_6(j) over pairs at that distance, NaN
             without pairs [1].
         pairs: shape (bins,), number of pairs, over all states.
     """
 
     r: Floats
-    g: Floats
+    value: Floats
     pairs: NDArray[np.int64]
 
 
@@ -103,7 +103,7 @@ def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k
     >>> corner = np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [1.5, 1.5]])
     >>> scene = Scene(width=2, height=2, position=corner, velocity=0 * corner, radius=0.4, boundary="periodic")
     >>> found = structure_factor(State(scene.position, scene.velocity), scene, bins=2, k_max=6.4)
-    >>> found.s.round(9).tolist(), found.vectors.tolist()  # in the second shell the Bragg peaks (2, 0) and (0, 2)
+    >>> found.value.round(9).tolist(), found.vectors.tolist()  # in the second shell the Bragg peaks (2, 0) and (0, 2)
     ([0.0, 2.0], [2, 4])
     """
     states = states_in(states)
@@ -193,7 +193,7 @@ def hexatic_correlation(states: State | Sequence[State], scene: Scene, bins: int
 
     >>> scene = Scene.random(count=500, packing=0.3, radius=0.5, seed=1, boundary="periodic")
     >>> found = hexatic_correlation(State(scene.position, scene.velocity), scene, bins=8, r_max=8.0)
-    >>> bool(found.g[1] > 5 * abs(found.g[-1]))
+    >>> bool(found.value[1] > 5 * abs(found.value[-1]))
     True
     """
     states = states_in(states)

@@ -126,7 +126,7 @@ class Gauges:
         reason = self._no_maxwell or (f"fewer than {FEWEST} discs" if count < FEWEST else None)
         note = None if reason is None else f"no Maxwell curve: {reason}"
         maxwell = found.maxwell if note is None else None
-        return {"edges": found.edges, "density": found.density, "maxwell": maxwell, "note": note}
+        return {"edges": found.edges, "density": found.value, "maxwell": maxwell, "note": note}
 
 
 def _present(state: State) -> State:

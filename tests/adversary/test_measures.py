@@ -96,7 +96,7 @@ def check_speeds(seed):
     above = [(v >= edge).sum() for edge in found.edges[:-1]]  # none is above the last edge but by rounding
     inside = -np.diff([*above, 0])
     width = found.edges[1] - found.edges[0]
-    same(found.density, inside / len(v) / width)
+    same(found.value, inside / len(v) / width)
     below = lambda speed: 1 - np.exp(-(speed**2) / np.mean(v**2))  # noqa: E731
     same(found.maxwell, (below(found.edges[1:]) - below(found.edges[:-1])) / width, rel=1e-9)
     steps = [abs(below(speed) - rank / len(v)) for k, speed in enumerate(v) for rank in (k, k + 1)]
@@ -129,7 +129,7 @@ def check_pairs(seed):
     edges = np.linspace(2 * scene.radius, reach, 6)
     counts = sum(np.histogram(distance[centre[ends]], edges)[0] for ends in (i, j))
     expected = centre.sum() ** 2 / inner.prod() * np.pi * (edges[1:] ** 2 - edges[:-1] ** 2)
-    same(measure.pair_correlation(state, scene, bins=5, r_max=reach).g, counts / expected)
+    same(measure.pair_correlation(state, scene, bins=5, r_max=reach).value, counts / expected)
 
 
 def check_displacements(seed):

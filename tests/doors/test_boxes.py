@@ -146,7 +146,9 @@ def test_across_borders_the_sides_of_a_box_are_those_of_its_state():
 
     assert measure.overlap(scaled(scene, wider), scene).pairs == 0
     assert measure.overlap(scaled(scene, 1 / wider), scene).pairs == 32, "the control: all neighbours"
-    assert measure.pair_correlation(scaled(scene, wider), scene, bins=1, r_max=1.2).g * 0.44 * np.pi == pytest.approx(4)
+    assert measure.pair_correlation(
+        scaled(scene, wider), scene, bins=1, r_max=1.2
+    ).value * 0.44 * np.pi == pytest.approx(4)
     psi = measure.hexatic_order(scaled(SCENE, wider), SCENE).psi
     assert psi == pytest.approx(measure.hexatic_order(scaled(SCENE, 1.0), SCENE).psi, abs=1e-9)
 

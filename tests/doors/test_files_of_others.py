@@ -348,8 +348,8 @@ def test_measures_of_positions_need_no_velocities_and_others_say_so(tmp_path):
     state = read(tmp_path, f'100\nLattice="{scene.width} 0 0 0 {scene.height} 0 0 0 1"\n{rows}').state
     whole = mpsim.State(scene.position, scene.velocity, box=scene.box)
     for of in (state, whole):
-        assert measure.pair_correlation(of, scene, bins=5, r_max=3.0).g.tolist() == pytest.approx(
-            measure.pair_correlation(whole, scene, bins=5, r_max=3.0).g.tolist()
+        assert measure.pair_correlation(of, scene, bins=5, r_max=3.0).value.tolist() == pytest.approx(
+            measure.pair_correlation(whole, scene, bins=5, r_max=3.0).value.tolist()
         )
     assert measure.overlap(state, scene) == measure.overlap(whole, scene)
     assert measure.hexatic_order(state, scene).local == measure.hexatic_order(whole, scene).local

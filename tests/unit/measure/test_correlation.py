@@ -20,7 +20,7 @@ def test_a_periodic_ideal_gas_has_no_correlation_and_every_disc_is_a_reference()
     found = correlation.pair_correlation(states, scene, bins=20, r_max=10.0)
     assert found.references == 20 * 500
     assert found.density == pytest.approx(500 / 400)
-    away = (found.g - 1 * (499 / 500)) / found.error
+    away = (found.value - 1 * (499 / 500)) / found.error
     assert np.abs(away).max() < 4
     assert np.abs(away).mean() < 1.2
     # Negative control: taking the box for closed leaves out all pairs across its borders.
@@ -33,7 +33,7 @@ def test_an_ideal_gas_has_no_correlation():
     states = [state_of(drop(800, 20.0, seed=seed)) for seed in range(20)]
     found = correlation.pair_correlation(states, scene, bins=60, r_max=4.0)
     assert found.density == pytest.approx(800 / 19.0**2, rel=0.03)
-    pull = (found.g - 1) / found.error
+    pull = (found.value - 1) / found.error
     assert np.abs(pull).max() < 4
     assert abs(found.contact.deviation(1.0)) < 3
 
@@ -57,7 +57,7 @@ def test_pair_correlation_agrees_with_all_pairs():
             counts += np.histogram(distance, edges)[0]
     density = references / 25.0
     assert found.references == references
-    assert found.g == pytest.approx(counts / (references * density * math.pi * np.diff(edges**2)), rel=1e-12)
+    assert found.value == pytest.approx(counts / (references * density * math.pi * np.diff(edges**2)), rel=1e-12)
 
 
 def test_the_contact_value_of_a_dense_gas_is_that_of_the_equation_of_state():
@@ -67,7 +67,7 @@ def test_the_contact_value_of_a_dense_gas_is_that_of_the_equation_of_state():
     assert found.contact.error < 0.05 * expected
     assert abs(found.contact.deviation(expected)) < 3, (found.contact, expected)
     assert found.contact.value > 5 * found.contact.error + 2.5  # negative control: not that of packing 0.4, 2.3
-    short = found.g[found.r < 1.4].mean()
+    short = found.value[found.r < 1.4].mean()
     assert short < 0.8 * expected  # nor can the mean near contact stand for the value at contact
 
 
@@ -94,11 +94,11 @@ def test_pair_correlation_behind_a_piston_that_has_arrived_is_that_of_the_smalle
     found = correlation.pair_correlation(states, scene, bins=40, r_max=5.0)
     plain = correlation.pair_correlation([State(s.position, s.velocity) for s in states], half, bins=40, r_max=5.0)
     assert found.density == plain.density
-    assert found.g.tolist() == plain.g.tolist()
-    assert found.g[-10:].mean() == pytest.approx(1, abs=0.03)
+    assert found.value.tolist() == plain.value.tolist()
+    assert found.value[-10:].mean() == pytest.approx(1, abs=0.03)
     wide = mpsim.Scene(width=2 * side, height=side, position=half.position, velocity=half.velocity, radius=0.5)
     before = correlation.pair_correlation([State(s.position, s.velocity) for s in states], wide, bins=40, r_max=5.0)
-    assert before.g[-10:].mean() > 1.5, "the control: the whole box, as it was"
+    assert before.value[-10:].mean() > 1.5, "the control: the whole box, as it was"
 
 
 def test_pair_correlation_is_refused_where_density_is_not_uniform():

@@ -123,9 +123,9 @@ def test_the_maxwell_density_is_close_and_equal_speeds_are_far():
     count = 20_000
     found = observables.speed_distribution(moving(rng.normal(0, 2.0, (count, 2))), bins=20)
     assert found.distance < 1.28 / math.sqrt(count)
-    assert (np.diff(found.edges) @ found.density) == pytest.approx(1, rel=1e-12)
+    assert (np.diff(found.edges) @ found.value) == pytest.approx(1, rel=1e-12)
     error = np.sqrt(found.maxwell / np.diff(found.edges) / count)
-    assert (np.abs(found.density - found.maxwell) < 4 * error + 1e-4).all()
+    assert (np.abs(found.value - found.maxwell) < 4 * error + 1e-4).all()
     angle = rng.uniform(0, 2 * np.pi, count)
     equal = observables.speed_distribution(moving(np.stack([np.cos(angle), np.sin(angle)], axis=1)))
     assert equal.distance == pytest.approx(1 - math.exp(-1), abs=1e-9)
@@ -133,7 +133,7 @@ def test_the_maxwell_density_is_close_and_equal_speeds_are_far():
 
 def test_speed_distribution_by_hand():
     found = observables.speed_distribution(moving([[2, 0], [0, 2]]), bins=[0, 1, 3])
-    assert found.density.tolist() == [0.0, 0.5]
+    assert found.value.tolist() == [0.0, 0.5]
     below = [1 - math.exp(-1 / 4), 1 - math.exp(-9 / 4)]
     assert found.maxwell == pytest.approx([below[0], (below[1] - below[0]) / 2], rel=1e-14)
 

@@ -82,7 +82,7 @@ def test_observables_count_only_discs_that_are_present(leaking):
     assert observables.speed_kurtosis(everybody) > 1.1 * observables.speed_kurtosis(left)
     found, expected = observables.speed_distribution(state), observables.speed_distribution(left)
     assert found.distance == expected.distance
-    assert found.density.tolist() == expected.density.tolist()
+    assert found.value.tolist() == expected.value.tolist()
 
 
 @pytest.mark.slow

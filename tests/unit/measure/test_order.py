@@ -53,13 +53,13 @@ def test_the_structure_factor_is_that_of_its_slow_twin():
                 sums[shell] += abs(np.exp(1j * scene.position @ k).sum()) ** 2 / 40
                 numbers[shell] += 1
     assert found.vectors.tolist() == numbers.tolist()
-    assert found.s == pytest.approx(sums / numbers, rel=1e-9)
+    assert found.value == pytest.approx(sums / numbers, rel=1e-9)
 
 
 def test_points_at_random_have_no_structure_and_the_errors_say_so():
     scene = random_points(200, 2)
     found = structure_factor([state_of(random_points(200, seed)) for seed in range(20)], scene, bins=12, k_max=10.0)
-    deviations = (found.s - 1) / found.error
+    deviations = (found.value - 1) / found.error
     assert (np.abs(deviations) < 3).all()
     assert 0.5 < deviations.std() < 1.6
 
@@ -75,8 +75,8 @@ def test_at_long_waves_the_structure_factor_is_the_compressibility():
     found = structure_factor(states[5:], scene, bins=1, k_max=0.7)
     upper, lower = ((packing + d) * reference.compressibility(packing + d) for d in (h, -h))
     expected = 2 * h / (upper - lower)
-    assert found.s[0] == pytest.approx(expected, rel=0.15)
-    assert abs(found.s[0] - 1) > 5 * found.error[0]
+    assert found.value[0] == pytest.approx(expected, rel=0.15)
+    assert abs(found.value[0] - 1) > 5 * found.error[0]
 
 
 def test_a_triangular_lattice_is_in_order_and_turned_bonds_turn_psi():
@@ -136,10 +136,10 @@ def test_absorbed_discs_are_no_neighbours():
 def test_order_correlates_in_a_crystal_at_any_distance_and_in_a_gas_at_none():
     crystal, points = triangular(), random_points(400, 5)
     found = hexatic_correlation(state_of(crystal), crystal, bins=5, r_max=5.0)
-    assert found.g[found.pairs > 0] == pytest.approx(np.ones((found.pairs > 0).sum()))
+    assert found.value[found.pairs > 0] == pytest.approx(np.ones((found.pairs > 0).sum()))
     assert found.r.tolist() == [0.5, 1.5, 2.5, 3.5, 4.5]
     gaseous = hexatic_correlation([state_of(points)] * 2, points, bins=4, r_max=4.0)
-    assert np.abs(gaseous.g[2:]).max() < 0.05
+    assert np.abs(gaseous.value[2:]).max() < 0.05
     half, place = np.array([5.0, 4.0]), points.position
     distances = [np.hypot(*(np.mod(place[n + 1 :] - place[n] + half, 2 * half) - half).T) for n in range(400)]
     assert gaseous.pairs.sum() == 2 * (np.concatenate(distances) < 4.0).sum()
