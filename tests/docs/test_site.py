@@ -64,6 +64,13 @@ def test_every_public_name_is_in_the_reference(module, page, site):
     assert [name for name in names if f'id="{name}"' not in text] == []
 
 
+def test_every_exception_is_in_the_reference(site):
+    text = (site / "reference" / "library.html").read_text()
+    kinds = [kind for kind in vars(mpsim.errors).values() if inspect.isclass(kind) and kind.__module__[:5] == "mpsim"]
+    assert len(kinds) > 25
+    assert [kind for kind in kinds if f'id="{kind.__module__}.{kind.__name__}"' not in text] == []
+
+
 def test_signatures_show_types_as_they_are_written(site):
     text = re.sub(r"<[^>]+>", "", (site / "reference" / "library.html").read_text())
     assert "position: ArrayLike, velocity: ArrayLike" in " ".join(text.split())

@@ -148,7 +148,7 @@ if world.rank == 0:
 WORDS = {
     "giants": ("InputError", "a few discs are far larger than all others"),
     "unguarded": ("InputError", "unguarded=True"),
-    "restart": ("InputError", "on_worker_death='restart'"),
+    "restart": ("InputError", "on_worker_death must be 'raise' with method='mpi'; got 'restart'"),
     "no communicator": ("InputError", "comm must be a communicator of mpi4py"),
     "communicator of grid": ("InputError", "comm may be given only with method='mpi'"),
     "different scenes": ("InputError", "those of rank 1 differ from those of rank 0"),
