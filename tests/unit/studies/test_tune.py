@@ -290,7 +290,7 @@ class Slow(ThreadPoolExecutor):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seconds", "budget", "replicas"), [(0.0, 10.0, 16), (0.4, 5.0, chooser.FEWEST_REPLICAS)])
+@pytest.mark.parametrize(("seconds", "budget", "replicas"), [(0.0, 1000.0, 16), (0.4, 5.0, chooser.FEWEST_REPLICAS)])
 def test_where_runs_side_by_side_take_longer_than_forecast_there_are_fewer(seconds, budget, replicas, monkeypatch):
     monkeypatch.setattr(ensemble, "RELIABLE_SECONDS", 0.0)
     monkeypatch.setattr(ensemble, "usable_cores", lambda: 2)
