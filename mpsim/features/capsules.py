@@ -193,7 +193,7 @@ def _grid(capsules: Floats, size: tuple[float, float], reach: float) -> tuple[in
     """
     most = MOST_LISTED + LISTED_EACH * len(capsules)
     side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_CAPSULE * (len(capsules) + 1))))
-    side = max(side, max(size) / most)  # of a channel 10^16 times as long as it is wide, too
+    side = max(side, max(size) * 8 / most)  # of a channel 10^16 times as long as it is wide, too
     while True:
         columns, rows = (max(int(length / side), 1) for length in size)
         per_length = np.array([columns / size[0], rows / size[1]])
