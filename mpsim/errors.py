@@ -218,3 +218,4 @@ for _each in (
     OverlapWarning,
 ):
     _each.__module__ = "mpsim"  # the shorter name, by which people catch it, and which tracebacks show
+del _each
