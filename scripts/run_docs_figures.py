@@ -168,7 +168,7 @@ def floors(path: Path) -> None:
     contracts = tomllib.loads((PAGES.parent / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     names: list[str] = next(each["layers"] for each in contracts if each["type"] == "layers")
     graph = grimp.build_graph("mpsim")
-    modules = {name: sorted(m for m in graph.modules if m.startswith(f"mpsim.{name}.")) for name in names}
+    modules = {name: sorted(m for m in graph.modules if f"{m}.".startswith(f"mpsim.{name}.")) for name in names}
     imports: Counter[tuple[str, str]] = Counter()
     for name in names:
         for module in modules[name]:
@@ -183,7 +183,7 @@ def floors(path: Path) -> None:
         files = len(modules[name]) - len(packages)
         axes.add_patch(Rectangle((30, y - 3), 40, 6, facecolor="#E8F1F8", edgecolor="#0072B2", linewidth=1))
         axes.text(32, y, name, ha="left", va="center", weight="bold")
-        axes.text(68, y, f"{files} files", ha="right", va="center", color="#555555")
+        axes.text(68, y, "1 file" if files == 1 else f"{files} files", ha="right", va="center", color="#555555")
     for (upper, lower), count in imports.items():
         top, bottom = (-10 * names.index(each) for each in (upper, lower))
         side = 70 if names.index(upper) % 2 else 30
