@@ -117,7 +117,9 @@ def test_discs_beyond_walls_are_refused_where_places_count(tmp_path):
     scene = WALLED
     state = frame_of(tmp_path / "a.xyz", scene, corner=(0.0, -scene.height / 2), origin=False).state
     for name in ("overlap", "potential_energy", "hexatic_order"):
-        with pytest.raises(mpsim.InputError, match=r"must be in its box, .* x .*; got disc \d+ at .*Lattice and Origin"):
+        with pytest.raises(
+            mpsim.InputError, match=r"must be in its box, .* x .*; got disc \d+ at .*Lattice and Origin"
+        ):
             OF_STATES[name](state, scene)
     assert measure.temperature(state, scene) == measure.temperature(mpsim.State(scene.position, scene.velocity), scene)
     with pytest.raises(mpsim.InputError, match="must be in its box"):
