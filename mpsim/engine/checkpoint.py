@@ -66,7 +66,7 @@ DAMAGED_DISK = (errno.EIO, errno.EBADMSG, errno.EUCLEAN)
 _NO_STATE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 """What content raises that is no state of a simulation."""
 
-VERSIONS = {"python": platform.python_version(), "numpy": np.__version__, "numba": numba.__version__}
+VERSIONS: dict[str, str] = {"python": platform.python_version(), "numpy": np.__version__, "numba": numba.__version__}
 """Of what runs, whatever is installed when a checkpoint is written."""
 
 SIZES = ("radii", "masses")
