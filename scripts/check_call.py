@@ -83,11 +83,9 @@ def main() -> int:
     table, above = Table("run(frames=1)", *Limits._fields, "a call", "first frame"), False
     for name, limits in SCENES.items():
         counts, seconds, first = counted(name, cold)
-        words = [
-            f"{count}" if count <= most else f"[red]{count} > {most}"
-            for count, most in zip(counts, limits, strict=True)
-        ]
-        above |= any(count > most for count, most in zip(counts, limits, strict=True))
+        pairs = list(zip(counts, limits, strict=True))
+        above |= any(count > most for count, most in pairs)
+        words = [f"{count}" if count <= most else f"[red]{count} > {most}" for count, most in pairs]
         table.add_row(name, *words, f"{seconds * 1e6:.0f} us", f"{first:.1f} s")
     Console().print(table)
     return int(above)

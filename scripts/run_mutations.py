@@ -95,21 +95,15 @@ class Source:
     """A module's text, in which nodes of its tree are replaced."""
 
     def __init__(self, text: str):
-        self.text = text
-        starts = [0]
+        self._bytes, self._starts = text.encode(), [0]
         for line in text.splitlines(keepends=True):
-            starts.append(starts[-1] + len(line.encode()))
-        self._starts, self._bytes = starts, text.encode()
-
-    def offset(self, line: int, column: int) -> int:
-        """Bytes before a place."""
-        return self._starts[line - 1] + column
+            self._starts.append(self._starts[-1] + len(line.encode()))
 
     def span(self, node: ast.expr | ast.stmt) -> tuple[int, int]:
         """Where a node begins and ends [bytes]."""
         assert node.end_lineno is not None
         assert node.end_col_offset is not None
-        return self.offset(node.lineno, node.col_offset), self.offset(node.end_lineno, node.end_col_offset)
+        return self._starts[node.lineno - 1] + node.col_offset, self._starts[node.end_lineno - 1] + node.end_col_offset
 
     def replaced(self, start: int, end: int, new: str) -> str:
         """The text with other words between two places."""
@@ -213,7 +207,7 @@ def outcome_of(fault: Fault | None, limit: float) -> str:
         subprocess.run(["git", "clone", "--quiet", "--shared", ROOT, tree], check=True)
         if fault is not None:
             plant(fault, tree)
-        for tests in ([], []) if fault is None else (FIRST[fault.family], []):
+        for tests in [[]] if fault is None else [FIRST[fault.family], []]:
             if words := _failed(tree, tests, limit):
                 return words
         return "missed"
@@ -248,6 +242,8 @@ def main() -> None:
         print(outcome_of(None, options.limit))
     else:
         faults = [Fault(**each) for each in json.loads(KEPT.read_text())]
+        if options.only and not 0 <= min(options.only) <= max(options.only) < len(faults):
+            parser.error(f"--only must be numbers from 0 to {len(faults) - 1}; got {options.only}")
         for number in options.only or range(len(faults)):
             fault, begin = faults[number], time.monotonic()
             words = outcome_of(fault, options.limit)

@@ -325,9 +325,8 @@ class Coordinator:
             try:
                 retried_on_new_workers(action, renew, self._access.notices)
             except BaseException as error:
-                if self.solver.half_done or isinstance(
-                    error, (BusyError, WorkerDiedError, WorkerStalledError)
-                ):  # left halfway
+                left_halfway = isinstance(error, BusyError | WorkerDiedError | WorkerStalledError)
+                if self.solver.half_done or left_halfway:
                     self.end()
                 raise
 

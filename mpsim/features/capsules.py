@@ -106,13 +106,18 @@ def next_ends(capsules: Floats) -> NDArray[np.int32]:
     >>> next_ends(np.array([[0.0, 0, 1, 0, 0], [1, 0, 2, 1, 0], [1, 0, 3, 0, 0.5]])).tolist()
     [0, 2, 1, 3, 4, 5]
     """
-    ends = np.column_stack([capsules[:, :4].reshape(-1, 2), np.repeat(capsules[:, 4], 2)])
+    ends = _ends(capsules)
     order = np.lexsort(ends.T)
     begins = np.append(True, (ends[order[1:]] != ends[order[:-1]]).any(axis=1))
     following, found = np.roll(order, -1), np.empty(len(order), np.int32)
     following[np.roll(begins, -1)] = order[begins]
     found[order] = following
     return found
+
+
+def _ends(capsules: Floats) -> Floats:
+    """Place and radius of each end, a and b of each capsule in turn, shape (2 K, 3) [length]."""
+    return np.column_stack([capsules[:, :4].reshape(-1, 2), np.repeat(capsules[:, 4], 2)])
 
 
 def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -> Floats:
@@ -127,7 +132,7 @@ def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -
     """
     straight, found = (capsules[:, :2] != capsules[:, 2:4]).any(axis=1), [np.zeros((0, 5))]
     if straight.any():
-        ends = np.column_stack([capsules[:, :4].reshape(-1, 2), np.repeat(capsules[:, 4], 2)])
+        ends = _ends(capsules)
         slack = 8 * np.finfo(np.float64).eps * max(size)
         low, high = (bound(capsules[:, :2], capsules[:, 2:4]) for bound in (np.minimum, np.maximum))
         for end, index in _listed_pairs(ends[:, :2], lists):

@@ -112,8 +112,7 @@ def physics_of(settings: Settings, scene: Scene) -> Settings:
     if not methods.capabilities_of(settings).has_steps:
         dt = Settings.dt if scene.thermostat is None else settings.dt  # it acts once a frame
         return Settings(dt=dt, method=method, contact_time=settings.contact_time)
-    plain: dict[str, Any] = {"method": "grid" if method == "parallel" else method, "workers": None}
-    return dataclasses.replace(settings, **plain)
+    return dataclasses.replace(settings, method="grid" if method == "parallel" else method, workers=None)
 
 
 def key_of(settings: Settings) -> str:

@@ -1,5 +1,6 @@
 """Small scenes, and simulations of them."""
 
+import inspect
 import math
 import warnings
 from functools import cache
@@ -184,7 +185,7 @@ ALONE = {"naive": "naive", "grid": "grid", "parallel": "grid", "event": "event"}
 """For each method one of a single process that gives the same bits."""
 
 
-OF_PROCESSES = ("comm", "start_method", "on_worker_death", "unguarded")
+OF_PROCESSES = inspect.signature(mpsim.Simulation).parameters.keys() - {"scene", "settings"}
 
 
 def split(given: dict[str, Any]) -> dict[str, Any]:
