@@ -16,6 +16,10 @@ from hypothesis.configuration import set_hypothesis_home_dir
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `support`, from every folder of tests
 
+from support import sorts
+
+os.environ.update(sorts.variables())
+
 from support.browser import DRIVERS
 from support.figures import Figures
 from support.processes import blocks_of, descendants_of, is_gone, wait_until
@@ -74,6 +78,9 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.stash[_watchdog] = Watchdog(config, LONGEST_SESSION[kind])
     config.pluginmanager.register(config.stash[_watchdog])
+    if kind == "default" and pytest_xdist_auto_num_workers(config):
+        sorts.announce()
+        config.pluginmanager.register(sorts)
 
 
 def pytest_unconfigure(config):

@@ -44,8 +44,12 @@ LONGEST_MESSAGE = 1 << 20
 
 
 def environment() -> dict[str, str]:
-    """Variables of a script: those of now, the tests' own modules, and stacks where a signal ends it."""
-    return os.environ | {"PYTHONPATH": f"{PACKAGE_PARENT}:{TESTS}", "PYTHONFAULTHANDLER": "1"}
+    """Variables of a script: those of now, the tests' own modules, and stacks where a signal ends it.
+
+    It compiles, even if this process does not, unless it is told otherwise.
+    """
+    os_variables = {name: value for name, value in os.environ.items() if name != "NUMBA_DISABLE_JIT"}
+    return os_variables | {"PYTHONPATH": f"{PACKAGE_PARENT}:{TESTS}", "PYTHONFAULTHANDLER": "1"}
 
 
 # --- in the server

@@ -1,0 +1,71 @@
+"""Two sorts of tests in two processes: kernels as plain Python in the one, machine code in the other.
+
+Each set of features is a compilation of its own, some seconds, and has the same bits in plain Python. So a file says
+by its first mark where the whole default suite runs it:
+
+    pytestmark = pytest.mark.plain       features of small scenes: in the process with NUMBA_DISABLE_JIT=1
+    pytestmark = pytest.mark.compiled    machine code, workers, thousands of discs: in the other
+
+Files without such a mark, and the examples of docstrings, run in either, when its own are done.
+"""
+
+import os
+import re
+from functools import cache
+from pathlib import Path
+
+from xdist.scheduler import LoadFileScheduling
+
+PLAIN_NODE = "gw0"
+"""The process of the plain files, by the name that xdist gives it."""
+
+_VARIABLE = "MPSIM_TESTS_IN_PLAIN_PYTHON"
+_MARK = re.compile(r"^pytestmark = .*?mark\.(plain|compiled)\b", re.MULTILINE)
+
+
+def announce() -> None:
+    """In the process that starts the others: tell them that they are two sorts."""
+    os.environ[_VARIABLE] = PLAIN_NODE
+
+
+def variables() -> dict[str, str]:
+    """Variables of this process, to be set before Numba is imported: the plain one compiles nothing."""
+    plain = os.environ.get(_VARIABLE, "none") == os.environ.get("PYTEST_XDIST_WORKER")
+    return {"NUMBA_DISABLE_JIT": "1"} if plain else {}
+
+
+@cache
+def sort_of(path: Path) -> str | None:
+    """`plain`, `compiled`, or None for a file of no sort."""
+    found = _MARK.search(path.read_text())
+    return found.group(1) if found else None
+
+
+class ByFileAndSort(LoadFileScheduling):
+    """Each process gets the files of its sort first, then those of none; if it is the last, all that are left."""
+
+    def _reschedule(self, node):
+        if self.workqueue and self._next_for(node) is None:
+            node.shutdown()
+        else:
+            super()._reschedule(node)
+
+    def _assign_work_unit(self, node):
+        if (scope := self._next_for(node)) is not None:
+            self.workqueue.move_to_end(scope, last=False)
+            super()._assign_work_unit(node)
+
+    def _next_for(self, node) -> str | None:
+        mine = "plain" if node.gateway.id == PLAIN_NODE else "compiled"
+        others = {"plain", "compiled"} - {mine} if len(self.nodes) > 1 else set()
+        sorts = {scope: sort_of(self.config.rootpath / scope) for scope in self.workqueue}
+        for wanted in (mine, None):
+            for scope, sort in sorts.items():
+                if sort == wanted:
+                    return scope
+        return next((scope for scope, sort in sorts.items() if sort not in others), None)
+
+
+def pytest_xdist_make_scheduler(config, log):
+    """Register this module as a plugin where the sorts apply."""
+    return ByFileAndSort(config, log)
