@@ -1,0 +1,741 @@
+"""Discs, walls and parameters changed between two frames: what is refused, what follows, and what the journal holds."""
+
+import dataclasses
+import math
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from support.refusals import assert_says
+from support.scenes import gas, lattice, simulate
+
+import mpsim
+from mpsim import InputError, ThermalWalls, Thermostat
+from mpsim.measure import kinetic_energy
+
+pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
+
+NAN, INF = float("nan"), float("inf")
+METHODS = ["naive", "grid", "event"]
+WALL = [(6, 0), (6, 4)]
+
+
+def one_disc(place=(9, 9), velocity=(0, 0), size=(12, 12), **features):
+    return mpsim.Scene(width=size[0], height=size[1], position=[place], velocity=[velocity], radius=0.5, **features)
+
+
+def kept(sim):
+    """Everything that a refused change must leave as it was."""
+    return sim.digest(), sim.scene.digest(), sim.settings, sim.count, sim.frame, sim.time, len(sim.journal)
+
+
+# --- what is refused
+
+OF_GAS = {
+    "set": [
+        ({"ids": 20, "velocity": (0, 0)}, ["ids must be numbers of discs, from 0 to 19", "got 20"]),
+        ({"ids": -1, "velocity": (0, 0)}, ["ids must be numbers of discs", "got -1"]),
+        ({"ids": [1, 2, 1], "velocity": (0, 0)}, ["ids must hold each disc once", "disc 1 is in it 2 times"]),
+        ({"ids": 1.5, "velocity": (0, 0)}, ["ids must be whole numbers", "got 1.5"]),
+        ({"ids": [[1], [2, 3]], "velocity": (0, 0)}, ["ids must be whole numbers", "[[1], [2, 3]]"]),
+        ({"ids": "all", "velocity": (0, 0)}, ["ids must be whole numbers", "'all'"]),
+        ({"ids": None, "velocity": (0, 0)}, ["ids must be whole numbers", "None"]),
+        ({"ids": [True] * 20, "velocity": (0, 0)}, ["ids must be whole numbers", "numpy.flatnonzero"]),
+        ({"ids": 9, "velocity": (0, 0)}, ["ids must be discs that are there", "disc 9 has been removed"]),
+        ({"ids": 1}, ["set needs something to set", "position, velocity, acceleration, spin"]),
+        ({"ids": 1, "position": (NAN, 1)}, ["position must be finite", "nan"]),
+        ({"ids": 1, "position": (0.25, 1)}, ["position[0] must lie in", "0.25"]),
+        ({"ids": [1, 2], "position": (1, 1)}, ["position must have shape (2, 2)", "got shape (1, 2)"]),
+        ({"ids": [1, 2], "velocity": [(1, 0)] * 3}, ["velocity must have shape (2,) or (2, 2)", "(3, 2)"]),
+        ({"ids": [1, 2], "velocity": [(1, 0), (1,)]}, ["velocity must be numbers of shape (2,) or (2, 2)"]),
+        ({"ids": 1, "velocity": np.array([1j, 1])}, ["velocity must be numbers of shape (2,)", "complex128"]),
+        ({"ids": 1, "velocity": (1e200, 0)}, ["velocity must be at most", "1e+200"]),
+        ({"ids": 1, "spin": 1.0}, ["spin can be set only in a scene of rough discs", "1.0"]),
+        ({"ids": 1, "acceleration": (0, 1)}, ["acceleration can be set only in a scene", "(0, 1)"]),
+        ({"ids": 1, "colour": 3}, ["an argument of Simulation.set must be one of 'ids'", "got 'colour'"]),
+    ],
+    "kick": [
+        ({"ids": 9, "impulse": (0, 0)}, ["disc 9 has been removed"]),
+        ({"ids": 1, "impulse": (NAN, 0)}, ["impulse must be finite", "nan"]),
+        ({"ids": 1, "impulse": 3.0}, ["impulse must have shape (2,) or (1, 2)", "got shape ()"]),
+        ({"ids": 1, "impulse": (1e300, 0)}, ["impulse must be at most", "1e+300"]),
+    ],
+    "remove": [
+        ({"ids": 20}, ["ids must be numbers of discs", "got 20"]),
+        ({"ids": [3, 3]}, ["ids must hold each disc once"]),
+        ({"ids": [3, 9]}, ["disc 9 has been removed"]),
+    ],
+    "add": [
+        ({"position": [1, NAN], "velocity": [0, 0]}, ["position must be finite", "nan"]),
+        ({"position": [1, 1], "velocity": [INF, 0]}, ["velocity must be finite", "inf"]),
+        ({"position": [1, 1, 1], "velocity": [0, 0, 0]}, ["position must have shape", "(2,) or (K, 2)"]),
+        ({"position": [[1, 1], [2, 2]], "velocity": [0, 0]}, ["velocity must have shape (2, 2)", "as position has"]),
+        ({"position": [0.2, 1], "velocity": [0, 0]}, ["position[0] must lie in", "(0.2, 1.0)"]),
+        ({"position": [[1, 1], [1, 99]], "velocity": [[0, 0], [0, 0]]}, ["position[1] must lie in", "99"]),
+        ({"position": [1, 1], "velocity": [0, 0], "acceleration": [0, 1]}, ["this one has none", "numpy.zeros"]),
+        ({"position": [1, 1], "velocity": [0, 0], "spin": 2}, ["only in a scene of rough discs", "got 2. Give"]),
+        ({"position": [1, 1], "velocity": [0, 0], "radius": 0.5}, ["radius can be given for added discs only in a"]),
+        ({"position": [1, 1], "velocity": [0, 0], "mass": 2}, ["mass can be given for added discs only in a scene"]),
+        ({"position": [1, 1], "velocity": [0, 0], "charge": 2}, ["Simulation.add must be one of", "got 'charge'"]),
+    ],
+    "change": [
+        ({}, ["change needs something to change", "gravity, restitution"]),
+        ({"gravty": (0, 1)}, ["'gravty' is not a parameter of a simulation", "Did you mean 'gravity'?"]),
+        ({"method": "grid"}, ["'method' is fixed from the start", "What can be changed: gravity"]),
+        ({"width": 3.0}, ["'width' is fixed from the start"]),
+        ({"gravity": (0, NAN)}, ["gravity must be finite", "nan"]),
+        ({"gravity": 9.8}, ["gravity must be two numbers, along x and y; got 9.8. Downwards it is (0, -9.8)"]),
+        ({"gravity": None}, ["gravity must be two numbers", "got None", "Give (0, 0)"]),
+        ({"gravity": [[1], [2, 3]]}, ["gravity must be numbers of shape (2,)", "[[1], [2, 3]]"]),
+        ({"contact": [[1], [2, 3]]}, ["contact must be one of", "[[1], [2, 3]]"]),
+        ({"contact": "pus"}, ["contact must be one of", "Did you mean 'push'?"]),
+        ({"restitution": 1.5}, ["restitution must be a number from 0 to 1", "1.5"]),
+        ({"wall_restitution": "low"}, ["wall_restitution must be a number from 0 to 1", "'low'"]),
+        ({"dt": 0}, ["dt must be a finite number > 0", "got 0"]),
+        ({"dt": "quick"}, ["dt must be a number > 0", "'quick'"]),
+        ({"passes": 0}, ["passes must be a whole number from 1", "got 0"]),
+        ({"substeps": 0}, ["substeps must be a whole number from 1", "got 0"]),
+        ({"workers": 0}, ["workers must be a whole number from 1", "got 0"]),
+        ({"piston_speed": -1.0}, ["piston_speed can be changed only in a scene with a piston", "-1.0"]),
+        ({"interval": 0.5}, ["interval can be changed only in a scene with emitters that have it", "0.5"]),
+        ({"every": 5}, ["every can be changed only in a scene with emitters that have it", "5"]),
+        ({"friction": 0.5}, ["friction can be changed only in a scene that has it, and got 0.5"]),
+        ({"wall_friction": -1}, ["wall_friction can be changed only in a scene that has it, and got -1"]),
+        ({"temperature": 2.0}, ["temperature can be changed only in a scene with a thermostat, and got 2.0"]),
+        ({"wall_temperature": [1]}, ["wall_temperature can be changed only in a scene with thermal walls"]),
+        ({"restitution": 0.5, "dt": -1}, ["dt must be a finite number > 0", "-1"]),
+    ],
+    "add_wall": [
+        ({"points": [(1, 1)]}, ["points of a Polyline must be at least two", "[[1.0, 1.0]]"]),
+        ({"points": [(1, 1), (1, 1)]}, ["points of a Polyline must be at least two"]),
+        ({"points": [(1, 1), (1, NAN)]}, ["points of a Polyline must be finite", "nan"]),
+        ({"points": "wall"}, ["points of a Polyline must be numbers of shape (K, 2)", "'wall'"]),
+        ({"points": [(1, 1), (99, 1)]}, ["points of a wall must be in the box", "points[1] is (99.0, 1.0)"]),
+        ({"points": [(1, -1), (2, 1)]}, ["points of a wall must be in the box", "points[0] is (1.0, -1.0)"]),
+        ({"points": [(1, 1), (2, 1)], "thickness": -1}, ["thickness of a Polyline", "-1"]),
+        ({"points": [(0, 0), (8, 8)], "thickness": 3}, ["a wall must be clear of all discs; got disc ", "inside it"]),
+    ],
+    "run": [
+        ({}, ["run needs either frames or until", "frames=None", "until=None"]),
+        ({"frames": 3, "until": 1.0}, ["run needs either frames or until", "frames=3", "until=1.0"]),
+        ({"frames": -1}, ["frames must be a whole number from 0", "got -1"]),
+        ({"frames": 2.5}, ["frames must be a whole number", "got 2.5"]),
+        ({"frames": "all"}, ["frames must be a whole number", "got 'all'"]),
+        ({"until": NAN}, ["until must be a finite number >= 0", "got nan"]),
+        ({"until": -1}, ["until must be a finite number >= 0", "got -1"]),
+        ({"until": 0.01}, ["until must not lie in the past", "the time is 0.02", "got 0.01"]),
+        ({"until": 1e13}, ["until must be at most 1,000,000,000,000 frames of 0.01; got 1e+13"]),
+        ({"frames": 9, "measures": ["temperature"], "start": 1e308}, ["start must be at most 1,000,000,000,000"]),
+    ],
+}  # fmt: skip
+OF_STEPS = {"contact", "passes", "substeps"}
+NO_STEPS = ["can be changed only where frames are made of steps", "method='event', which has none"]
+
+
+@pytest.mark.parametrize("method", ["grid", "event"])
+@pytest.mark.parametrize("act", OF_GAS)
+def test_what_is_wrong_is_refused_by_name_and_changes_nothing(act, method):
+    with simulate(gas(20, 0.2), dt=0.01, method=method) as sim:
+        sim.run(frames=2)
+        sim.remove(9)
+        before = kept(sim)
+        for arguments, words in OF_GAS[act]:
+            of_steps = method == "event" and act == "change" and arguments.keys() & OF_STEPS
+            parts = NO_STEPS if of_steps else words
+            with pytest.raises(InputError) as caught:
+                getattr(sim, act)(**arguments)
+            assert_says(caught, parts)
+            assert kept(sim) == before, arguments
+        assert sim.run(frames=1).frames == 1
+
+
+PISTON = {"piston": mpsim.Piston("right", -0.5, 9)}
+IN_TIME, BY_FRAMES = mpsim.Emitter((1, 1), (1, 0), interval=5), mpsim.Emitter((1, 1), (1, 0), every=5)
+ROUGH = {"friction": 0.5, "wall_friction": 0.5}
+HEATED = {"boundary": "periodic", "thermostat": Thermostat(1.0, 1.0)}
+WARM = {"thermal_walls": ThermalWalls(left=1.0, right=1.0)}
+
+
+@pytest.mark.parametrize(
+    ("features", "arguments", "parts"),
+    [
+        (PISTON, {"piston_speed": 0.5}, ["speed of a Piston must point into the box"]),
+        (PISTON, {"piston_speed": -1e200}, ["speed of a wall must be at most"]),
+        ({"emitters": BY_FRAMES}, {"interval": 0.5}, ["emitters that have it"]),
+        ({"emitters": IN_TIME}, {"interval": -1}, ["interval of an Emitter", "-1"]),
+        ({"emitters": IN_TIME}, {"interval": [1, 2]}, ["one for each of 1 emitters"]),
+        (ROUGH, {"friction": 0.0}, ["friction must be > 0 in a change; got 0.0. A small one has almost no effect."]),
+        (ROUGH, {"friction": -1.0}, ["friction must be a number >= 0"]),
+        (ROUGH, {"friction": [0.1, 0.2]}, ["friction must be a number >= 0"]),
+        (ROUGH, {"wall_friction": "rough"}, ["wall_friction must be a number >= 0"]),
+        (HEATED, {"temperature": 0.0}, ["temperature must be a finite number > 0"]),
+        (HEATED, {"temperature": [1.0, 2.0]}, ["temperature must be a number"]),
+        (WARM, {"wall_temperature": -1.0}, ["wall_temperature must be a finite number > 0"]),
+        (WARM, {"wall_temperature": [1.0, 0.0]}, ["wall_temperature must be a finite number > 0"]),
+        (WARM, {"wall_temperature": [1, 2, 3]}, ["one for each of the thermal walls left, right; got [1, 2, 3]"]),
+        (WARM, {"wall_temperature": [1.0, None]}, ["wall_temperature must be a number"]),
+        (WARM, {"wall_temperature": "hot"}, ["wall_temperature must be a number"]),
+    ],
+)  # fmt: skip
+def test_a_parameter_that_does_not_fit_its_scene_is_refused(features, arguments, parts):
+    with simulate(one_disc(**features), method="naive") as sim:
+        before = kept(sim)
+        with pytest.raises(InputError) as caught:
+            sim.change(**arguments)
+        assert_says(caught, parts)
+        assert kept(sim) == before
+
+
+MIXED = {"position": [[2, 2], [5, 5]], "velocity": np.zeros((2, 2)), "radius": [0.5, 0.25], "mass": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        ({"mass": 1}, ["radius must be given for added discs, as the discs of this scene have one each; got None"]),
+        ({"radius": 0.5}, ["mass must be given for added discs, as the discs of this scene have one each"]),
+        ({"radius": 0, "mass": 1}, ["radius of added discs must be > 0 and at most that of the scene's largest"]),
+        ({"radius": 0.6, "mass": 1}, ["largest disc, 0.5; got [0.6]"]),
+        ({"radius": 0.5, "mass": -1}, ["mass of added discs must be > 0; got [-1.0]"]),
+        ({"radius": [0.1, 0.2], "mass": 1}, ["radius must have shape () or (1,)", "got shape (2,)"]),
+        ({"radius": NAN, "mass": 1}, ["radius must be finite"]),
+        ({"radius": "large", "mass": 1}, ["radius must be numbers"]),
+        ({"radius": 0.5, "mass": 1, "spin": [1.0, 2.0]}, ["spin must have shape () or (1,)"]),
+        ({"radius": 0.5, "mass": 1, "spin": NAN}, ["spin must be finite"]),
+    ],
+)
+def test_sizes_and_spins_of_added_discs_are_checked(arguments, parts):
+    with simulate(mpsim.Scene(width=10, height=10, friction=0.5, **MIXED), method="naive") as sim:
+        with pytest.raises(InputError) as caught:
+            sim.add([7, 7], [0, 0], **arguments)
+        assert_says(caught, parts)
+        assert sim.count == 2, "nothing was added"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_added_discs_have_one_value_or_one_each(method):
+    with simulate(mpsim.Scene(width=10, height=10, friction=0.5, **MIXED), method=method) as sim:
+        sim.add([[7, 7], [8, 2]], np.zeros((2, 2)), radius=[0.1, 0.2], mass=1)
+        sim.add([3, 8], [0, 0], radius=0.5, mass=2, spin=2.5)
+        sim.add(np.empty((0, 2)), np.empty((0, 2)), radius=[], mass=[])
+        assert sim.radii.tolist() == [0.5, 0.25, 0.1, 0.2, 0.5]
+        assert sim.masses.tolist() == [1, 2, 1, 1, 2]
+        assert sim.state.spin.tolist() == [0, 0, 0, 0, 2.5]
+
+
+def test_accelerations_are_set_and_added_for_each_disc():
+    scene = one_disc((2, 2), acceleration=[(0.0, 0.0)])
+    with simulate(scene, method="grid", dt=0.5) as sim:
+        sim.set(0, acceleration=(1.0, 0.0))
+        sim.add((8, 8), (0, 0), (0.0, -1.0))
+        sim.run(frames=1)
+        assert sim.state.velocity.tolist() == [[0.5, 0], [0, -0.5]]
+
+
+# --- what follows
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("features", [{}, {"mass": np.linspace(1, 4, 20), "wall_friction": 0.5}])
+def test_set_and_kick_do_what_they_say(features, method):
+    base = gas(20, 0.2)
+    box = {"width": base.width + 4, "height": base.height, "radius": 0.5}
+    scene = mpsim.Scene(position=base.position, velocity=base.velocity, **box, **features)
+    with simulate(scene, dt=0.01, method=method) as sim:
+        sim.run(frames=3)
+        before, place = sim.state, (scene.width - 1, 2.0)
+        sim.set([2, 4], velocity=(0.5, -0.25))
+        sim.set([6, 4], velocity=[(0.5, 0.5), (1.0, -0.25)])
+        sim.set(4, position=place)
+        sim.kick([7, 6], [(1.0, 0.0), (0.0, 2.0)])
+        sim.kick(np.array([8]), (0.25, 0.25))
+        expected = before.velocity.copy()
+        expected[[2, 4, 6]] = (0.5, -0.25), (1.0, -0.25), (0.5, 0.5)
+        for disc, impulse in ((7, (1.0, 0.0)), (6, (0.0, 2.0)), (8, (0.25, 0.25))):
+            expected[disc] += np.array(impulse) / scene.masses[disc]
+        now, others = sim.state, np.arange(20) != 4
+        assert np.array_equal(now.velocity, expected)
+        assert np.array_equal(now.position[others], before.position[others])
+        assert now.position[4].tolist() == pytest.approx(place, abs=1e-15)
+        assert (sim.frame, len(sim.journal)) == (3, 5)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_a_kick_is_computed_in_float64_and_kept_in_the_precision_of_the_run(precision):
+    scene = gas(5, 0.1, mass=(0.5, 1.0, 3.0, 1.5, 0.7))
+    with simulate(scene, method="grid", precision=precision) as sim:
+        before = sim.state.velocity.astype(float)
+        sim.kick(4, (0.1, 0.3))
+        expected = (before[4] + np.array([0.1, 0.3]) / sim.masses[4]).astype(precision)
+        assert np.array_equal(sim.state.velocity[4], expected)
+
+
+@pytest.mark.parametrize("removed", [True, False])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_removed_disc_is_in_nobodys_way_and_the_others_keep_their_numbers(method, removed):
+    """One flies to where another was removed: it passes. The control: where it was not, it turns back."""
+    scene = mpsim.Scene(width=12, height=3, position=[[2, 1.5], [6, 1.5]], velocity=[[2, 0], [0, 0]], radius=0.5)
+    with simulate(scene, dt=0.05, method=method) as sim:
+        sim.remove([1] if removed else [])
+        sim.run(frames=40, measures=["kinetic_energy"])
+        state = sim.state
+        assert kinetic_energy(state, scene) == pytest.approx(2.0)
+        if not removed:
+            assert state.position[0, 0] < 5.1
+            return
+        assert (sim.count, state.present.tolist(), sim.absorbed.tolist()) == (2, [True, False], [False, True])
+        assert state.position.tolist() == [[pytest.approx(6.0), 1.5], [6.0, 1.5]]
+        sim.add((9.0, 1.5), (0.0, 0.0))
+        assert (sim.count, sim.state.present.tolist()) == (3, [True, False, True])
+        sim.remove([0, 2])
+        sim.run(frames=5)
+        assert not sim.state.present.any()
+
+
+def test_a_removed_disc_takes_no_part_in_measures_and_files(tmp_path):
+    with simulate(gas(30, 0.3, seed=2), method="grid") as sim:
+        sim.remove(range(10, 20))
+        with mpsim.Trajectory.write(tmp_path / "t.xyz", every=5) as writer:
+            report = sim.run(frames=5, measures=["kinetic_energy", "energy_drift"], observe=writer)
+        state = sim.state
+        energy = 0.5 * (state.velocity[state.present] ** 2).sum()
+        assert report.measures["kinetic_energy"].value == pytest.approx(energy, rel=1e-12)
+        assert abs(report.measures["energy_drift"].value) < 1e-10
+        for name in ("collision_rate", "contact_rate", "pressure_virial"):
+            with pytest.raises(InputError, match="removed discs"):
+                sim.run(frames=1, measures=[name])
+    frames = list(mpsim.Trajectory(tmp_path / "t.xyz"))
+    assert [len(frame.position) for frame in frames] == [20, 20]
+    assert not set(range(10, 20)) & set(frames[0].ids.tolist())
+
+
+class At:
+    """An observer that acts in one frame of a run."""
+
+    every = 10
+
+    def __init__(self, frame, act):
+        self.frame, self.act = frame, act
+
+    def look(self, sim, collisions):
+        if sim.frame == self.frame:
+            self.act(sim)
+
+
+def test_energy_that_was_put_in_is_no_drift():
+    """Between two runs it is counted by neither; in a run nobody knows what it was, and the drift is NaN."""
+    with simulate(gas(30, 0.3, seed=2), method="grid") as sim:
+        sim.kick(0, (5.0, 0.0))
+        assert abs(sim.run(frames=10, measures=["energy_drift"]).measures["energy_drift"].value) < 1e-10
+        names = ["energy_drift", "momentum_drift", "temperature"]
+        found = sim.run(frames=20, measures=names, observe=At(20, lambda sim: sim.kick(0, (5.0, 0.0)))).measures
+        assert np.isnan([found["energy_drift"].value, found["momentum_drift"].value]).all()
+        assert found["temperature"].value > 0
+        assert abs(sim.run(frames=10, measures=["energy_drift"]).measures["energy_drift"].value) < 1e-10
+        found = sim.run(frames=20, measures=names[1:], observe=At(40, lambda sim: sim.add_wall([(0, 0), (0, 1)])))
+        assert np.isnan(found.measures["momentum_drift"].value), "what a wall takes up is counted by nobody"
+        with pytest.raises(InputError, match="obstacles, whose impulses are not counted"):
+            sim.run(frames=1, measures=["momentum_drift"])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_disc_falls_as_gravity_is_changed(method):
+    with simulate(one_disc((15, 15), size=(30, 30)), dt=0.125, contact="impact", method=method) as sim:
+        sim.change(gravity=(0, -1))
+        sim.run(frames=8)
+        sim.change(gravity=(2, 0), dt=0.0625)
+        sim.run(frames=16)
+        assert sim.state.velocity[0].tolist() == pytest.approx([2, -1])
+        assert sim.state.position[0].tolist() == pytest.approx([16, 13.5])
+        assert (sim.time, sim.frame, sim.origin, sim.settings.dt) == (2.0, 24, (8, 1.0), 0.0625)
+        assert sim.run(until=3.0).frames == 16
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_piston_goes_on_from_where_it_is(method):
+    scene = one_disc((2, 2), size=(16, 4), piston=mpsim.Piston("right", -1.0, 6.0))
+    with simulate(scene, dt=0.125, method=method) as sim:
+        places = []
+        for change, frames in (({}, 16), ({"piston_speed": -0.5}, 16), ({"dt": 0.25}, 8)):
+            if change:
+                sim.change(**change)
+            sim.run(frames=frames)
+            places.append(sim.state.box[1])
+        assert (places, sim.time) == ([14.0, 13.0, 12.0], 6.0)
+        with pytest.raises(InputError, match=r"position\[0\] must lie in"):
+            sim.set(0, position=(12.0, 2.0))
+        sim.run(frames=100)
+        assert sim.state.box[1] == 6.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_rate_of_an_emitter_is_changed_within_its_interval(method):
+    """A quarter of the first interval is left: a quarter of the new one remains."""
+    emitter = mpsim.Emitter((1.0, 2.0), (4.0, 0.0), interval=1.0)
+    with simulate(one_disc((30, 2), size=(40, 4), emitters=emitter), dt=0.125, method=method) as sim:
+        entered = []
+        for frame in range(16):
+            if frame == 6:
+                sim.change(interval=0.5)
+            sim.run(frames=1)
+            entered.append(sim.count - 1)
+    assert np.searchsorted(entered, [1, 2, 3], side="left").tolist() == [6, 10, 14]
+
+
+def test_a_sliding_disc_is_slowed_by_the_friction_that_is_in_force():
+    """By mu g, until it rolls, with another mu halfway."""
+    scene = one_disc((1.0, 0.5), (1, 0), (20, 4), gravity=(0, -2), wall_restitution=0.0, wall_friction=0.25)
+    with simulate(scene, dt=1 / 64, method="naive") as sim:
+        for until, friction, speed in ((0.25, 0.25, 0.875), (0.5, 0.125, 0.8125)):
+            sim.change(wall_friction=friction)
+            sim.run(until=until)
+            assert sim.state.velocity[0, 0] == pytest.approx(speed)
+
+
+def test_walls_that_are_not_thermal_stay_so():
+    given = one_disc(thermal_walls=ThermalWalls(right=1.0, bottom=2.0))
+    with simulate(given, method="naive") as sim:
+        for value, expected in (([3.0, 4.0], (3.0, 4.0)), (5.0, (5.0, 5.0))):
+            sim.change(wall_temperature=value)
+            assert sim.scene.thermal_walls == ThermalWalls(right=expected[0], bottom=expected[1])
+        assert sim.journal.scene.thermal_walls == given.thermal_walls
+
+
+BATHS = {
+    "temperature": {"thermostat": Thermostat(temperature=1.0, rate=8.0, seed=5)},
+    "wall_temperature": {"thermal_walls": ThermalWalls(left=1.0, right=1.0, bottom=1.0, top=1.0, seed=5)},
+}
+
+
+@pytest.mark.parametrize("name", BATHS)
+def test_a_gas_comes_to_a_temperature_that_was_changed(name):
+    """Means of some tens of independent energies; the control is the temperature of before."""
+    with simulate(gas(40, 0.4, seed=2, **BATHS[name]), method="grid", dt=0.1) as sim:
+        before = sim.run(frames=20, measures=["temperature"]).measures["temperature"].value
+        sim.change(**{name: 9.0})
+        sim.run(frames=20)
+        after = sim.run(frames=20, measures=["temperature"]).measures["temperature"].value
+    assert 0.6 < before < 1.6
+    assert 5.0 < after < 13.5
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_wall_is_met_from_both_sides_once_it_stands(method):
+    """Both discs would meet in the middle; a removed one is not in the way of the wall."""
+    places = [[2, 2], [10, 2], [6, 2]]
+    scene = mpsim.Scene(width=12, height=4, position=places, velocity=[[2, 0], [-2, 0], [0, 0]], radius=0.5)
+    with simulate(scene, dt=0.0625, contact="impact", method=method) as sim:
+        wall = {"points": WALL, "thickness": 0.5}
+        with pytest.raises(InputError, match=r"a wall must be clear of all discs; got disc 2 at \(6.0, 2.0\)"):
+            sim.add_wall(**wall)
+        sim.remove(2)
+        sim.run(frames=8)
+        sim.add_wall(**wall)
+        sim.run(frames=24)
+        assert sim.state.velocity.tolist() == [[-2, 0], [2, 0], [0, 0]]
+        assert sim.state.position[:2, 0] == pytest.approx([4.5, 7.5], abs=1e-9), "having turned at 5.25 and 6.75"
+        assert sim.scene.obstacles == (mpsim.Polyline(**wall),)
+        assert scene.obstacles == (), "the scene that was given is as it was"
+        sim.run(frames=64)
+        assert sim.state.position[0, 0] < 5.3, "and for good"
+
+
+def test_a_wall_leaves_the_other_parts_of_a_scene_their_room():
+    blocked = one_disc(emitters=mpsim.Emitter((4, 4), (1, 0), every=5))
+    with (
+        simulate(blocked, method="naive") as sim,
+        pytest.raises(InputError, match=r"the position of emitters\[0\] must be one radius from"),
+    ):
+        sim.add_wall([(3, 4), (6, 4)])
+    with simulate(one_disc(obstacles=mpsim.FixedDisc((5, 5), 1)), method="naive") as sim:
+        sim.add_wall([(3, 4), (6, 4)])
+        assert len(sim.scene.obstacles) == 2
+        with pytest.raises(InputError, match=r"position\[0\] must be one radius .* obstacle"):
+            sim.set(0, position=(5, 6.25))
+
+
+def test_discs_that_were_set_on_each_other_part_or_are_refused():
+    with simulate(lattice(4, 4), method="grid", contact="push") as sim:
+        sim.set(3, position=sim.state.position[5] + 0.25)
+        sim.run(frames=60)
+        assert np.hypot(*(sim.state.position[3] - sim.state.position[5])) > 0.9
+    with simulate(lattice(4, 4), method="event") as sim:
+        sim.run(frames=3)
+        before, there = kept(sim), sim.state.position[5]
+        for change in (lambda: sim.set(3, position=there), lambda: sim.add(there, (0, 0))):
+            with pytest.raises(InputError, match=r"discs (3 and 5|5 and 16) overlap"):
+                change()
+            assert kept(sim) == before
+        sim.remove(5)
+        sim.set(3, position=there)
+        assert sim.run(frames=3).frames == 3
+
+
+def test_a_speed_that_is_refused_is_not_given():
+    digests = []
+    with simulate(lattice(4, 4), method="grid", dt=0.01, on_fast="error") as sim:
+        for _ in range(2):
+            sim.run(frames=2)
+            before = kept(sim)
+            for change in (
+                lambda: sim.kick(1, (500, 0)),
+                lambda: sim.set(1, velocity=(500, 0)),
+                lambda: sim.add((2.25, 2.25), (500, 0)),
+                lambda: sim.change(dt=10.0),
+            ):
+                with pytest.raises(mpsim.TooFastError):
+                    change()
+                assert kept(sim) == before
+        digests.append(sim.digest())
+    with simulate(lattice(4, 4), method="grid", dt=0.01) as sim:
+        sim.run(frames=4)
+        assert sim.digest() == digests[0]
+
+
+def test_a_fast_disc_divides_the_frames_that_follow():
+    with simulate(lattice(4, 4), method="grid", dt=0.01, on_fast="substep") as sim:
+        before = sim.substeps
+        sim.set(1, velocity=(500, 0))
+        assert sim.substeps > 10 * before
+        sim.change(passes=2)
+        assert sim.substeps > 10 * before
+
+
+@pytest.mark.parametrize("on_fast", ["warn", "substep"])
+@pytest.mark.parametrize("method", ["naive", "grid"])
+def test_changed_substeps_are_those_of_a_simulation_that_begins_with_them(method, on_fast):
+    scene, how = gas(40, 0.4, seed=3), {"dt": 0.05, "method": method, "on_fast": on_fast}
+    with simulate(scene, **how) as sim, simulate(scene, **how) as control:
+        sim.run(frames=7)
+        sim.change(substeps=4)
+        assert (sim.substeps, sim.settings.substeps, sim.journal.changes[-1].values) == (4, 4, {"substeps": 4})
+        with simulate(scene.starting_from(sim.state), substeps=4, **how) as begun:
+            for each in (sim, begun):
+                each.run(frames=12)
+            assert begun.digest() == sim.digest()
+        control.run(frames=19)
+        assert control.digest() != sim.digest()
+
+
+@pytest.mark.parametrize("method", ["naive", "grid"])
+def test_what_follows_is_what_a_new_simulation_of_the_changed_state_does(method):
+    scene = gas(30, 0.3, seed=3, gravity=(0.0, -0.25))
+    with simulate(scene, dt=0.01, method=method) as sim, simulate(scene, dt=0.01, method=method) as unchanged:
+        for act in (
+            lambda: sim.kick(3, (1.5, -2.0)),
+            lambda: sim.remove([4, 11]),
+            lambda: sim.set(7, velocity=(-0.5, 2.0)),
+            lambda: sim.set(5, position=scene.position[4]),
+        ):
+            sim.run(frames=2)
+            act()
+        state = sim.state
+        sim.run(frames=5)
+        with simulate(scene.starting_from(state), dt=0.01, method=method) as fresh:
+            fresh.run(frames=5)
+            assert np.array_equal(fresh.state.position, sim.state.position[state.present])
+            assert np.array_equal(fresh.state.velocity, sim.state.velocity[state.present])
+        unchanged.run(frames=13)
+        assert unchanged.digest() != sim.digest()
+
+
+def impulses_of_gas_at(factor, method):
+    """Pressure over the square of a factor, a power of two, by which all velocities are multiplied."""
+    with simulate(gas(20, 0.2), method=method, contact="impact", dt=0.04) as sim:
+        sim.run(frames=2)
+        sim.change(dt=0.04 / factor)
+        sim.set(np.arange(20), velocity=sim.state.velocity * factor)
+        return sim.run(frames=100, measures=["pressure"]).measures["pressure"].value / factor**2
+
+
+@pytest.mark.parametrize(("method", "fits", "does_not"), [("event", 2.0**34, 2.0**40), ("grid", 2.0**22, 2.0**28)])
+def test_speeds_whose_impulses_cannot_be_added_up_are_refused(method, fits, does_not):
+    assert impulses_of_gas_at(fits, method) == pytest.approx(impulses_of_gas_at(1.0, method), rel=1e-6)
+    with pytest.raises(InputError, match=r"velocity must give speeds of at most .* of impulses"):
+        impulses_of_gas_at(does_not, method)
+
+
+@pytest.mark.parametrize(
+    ("dt", "speed", "allowed", "text"),
+    [
+        (1e-9, 1e14, 1e11, "velocity(| after the kick) must give speeds of at most .*; got 1e"),
+        (1.0, 1e12, 1e2, "dt must be short enough"),
+    ],
+)
+def test_each_door_refuses_speeds_that_no_exact_run_can_follow(dt, speed, allowed, text):
+    with simulate(gas(20, 0.2), method="event", dt=dt) as sim:
+        before, corner = kept(sim), np.array([0.51, 0.51])
+        free = min(np.hypot(*(sim.state.position - corner).T)) > 1
+        for change in (
+            lambda: sim.set(0, velocity=(speed, 0)),
+            lambda: sim.kick(0, (0, -speed)),
+            lambda: sim.add(corner if free else sim.state.position[0], (speed, 0)),
+        ):
+            with pytest.raises(InputError, match=text):
+                change()
+            assert kept(sim) == before
+        sim.set(0, velocity=(allowed, 0))  # the control
+    with simulate(gas(20, 0.2), method="event", dt=dt) as sim, pytest.raises(InputError, match="dt must be "):
+        sim.change(dt=1e40)
+
+
+# --- the journal
+
+
+def test_parameters_in_force_are_those_of_scene_and_settings_and_the_given_ones_stay():
+    with simulate(gas(20, 0.2), dt=0.01) as sim:
+        scene, settings = sim.scene, sim.settings
+        sim.change(restitution=0.5, passes=2)
+        assert (sim.scene.restitution, sim.settings) == (0.5, dataclasses.replace(settings, passes=2))
+        assert (scene.restitution, sim.journal.scene) == (1.0, scene)
+
+
+def test_dt_is_not_changed_in_a_callback():
+    with simulate(gas(20, 0.2)) as sim:
+        with pytest.raises(InputError, match="between two runs, not in a callback of a run"):
+            sim.run(frames=1, observe=At(0, lambda sim: sim.change(dt=0.5)))
+        sim.change(dt=0.005)
+
+
+def test_a_journal_holds_plain_numbers_and_is_replayed_from_its_file(tmp_path):
+    with simulate(gas(20, 0.2)) as sim:
+        sim.change(dt=Fraction(1, 40), gravity=(Decimal("0.5"), np.float32(0)), passes=np.int8(2))
+        sim.run(frames=5)
+        sim.change(gravity=np.zeros(2))
+        sim.run(frames=5)
+        journal = sim.journal
+        checkpoint = sim.save(tmp_path / "run")
+    assert journal.changes[0].values == {"dt": 0.025, "gravity": [0.5, 0.0], "passes": 2}
+    with mpsim.Simulation.replay(journal.save(tmp_path / "session.toml")) as again:
+        assert again.digest() == journal.digest
+    with mpsim.Simulation.resume(checkpoint) as again:
+        assert again.journal.changes == journal.changes
+
+
+def everything(name):
+    """A scene in which a parameter can be changed, and acts within some frames."""
+    base = gas(20, 0.35, seed=3)
+    top = base.height + 3.25
+    emitters = [mpsim.Emitter((1.0, top), (4.0, 0.0), interval=0.3, limit=4)]
+    emitters.append(mpsim.Emitter((4.0, top), (4.0, 0.0), every=8, limit=4))
+    warm = {"thermal_walls": ThermalWalls(left=1.0, bottom=1.0, seed=5)}
+    return mpsim.Scene(
+        width=base.width, height=base.height + 4, position=base.position, velocity=base.velocity, radius=0.5,
+        piston=mpsim.Piston("right", -0.25, 0.8 * base.width), emitters=emitters, friction=0.05,
+        thermostat=Thermostat(1.0, 4.0, seed=5), **({"wall_friction": 0.05} if name == "wall_friction" else warm),
+    )  # fmt: skip
+
+
+VALUES = {
+    "gravity": ((0.25, 0.0), (0.0, 1.0), (0.5, -0.25)),
+    "restitution": (0.9, 0.5, 0.8),
+    "wall_restitution": (0.9, 0.5, 0.8),
+    "friction": (0.02, math.inf, 0.01),
+    "wall_friction": (0.02, math.inf, 0.01),
+    "piston_speed": (-4.0, -2.0, -6.0),
+    "interval": (0.2, 1.0, 0.1),
+    "every": (6, 100, 3),
+    "temperature": (4.0, 9.0, 0.25),
+    "wall_temperature": (4.0, 9.0, [0.25, 1.0]),
+    "dt": (0.02, 1.0, 0.0125),
+    "contact": ("impact", "push", "impact"),
+    "passes": (2, 3, 4),
+    "substeps": (2, 7, 4),
+    "workers": (2, 1, 3),
+}
+"""Of each parameter: a value before the first frame, then two in the same frame, of which the last one holds."""
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
+@pytest.mark.parametrize("name", VALUES)
+def test_each_parameter_acts_and_is_the_same_after_a_resume_and_in_a_replay(name, tmp_path):
+    how = {"dt": 0.025, "method": "grid"}
+    with simulate(everything(name), **how) as sim, simulate(everything(name), **how) as unchanged:
+        first, second, last = VALUES[name]
+        sim.change(**{name: first})
+        sim.run(frames=6)
+        sim.change(**{name: second})
+        sim.change(**{name: last})
+        path = sim.save(tmp_path / "run")
+        sim.run(frames=8)
+        unchanged.run(frames=14)
+        digest, time, journal = sim.digest(), sim.time, sim.journal
+        assert (digest == unchanged.digest()) == (name == "workers")
+    with mpsim.Simulation.resume(path) as again:
+        again.run(frames=8)
+        assert (again.digest(), again.time, len(again.journal)) == (digest, time, 3)
+    for source in (journal, journal.save(tmp_path / "session.toml")):
+        with mpsim.Simulation.replay(source) as again:
+            assert (again.digest(), again.time) == (digest, time)
+
+
+def test_all_parameters_are_tried():
+    with simulate(gas(5, 0.1)) as sim, pytest.raises(InputError) as caught:
+        sim.change(width=3.0)
+    assert str(caught.value).split("What can be changed: ")[1].rstrip(".").split(", ") == list(VALUES)
+
+
+def test_a_journal_is_replayed_up_to_a_frame():
+    with simulate(gas(20, 0.2)) as sim:
+        digests = []
+        for _ in range(3):
+            sim.kick(1, (0.5, 0))
+            digests.append(sim.digest())
+            sim.run(frames=4)
+        journal = sim.journal
+    with mpsim.Simulation.replay(journal, frame=4) as again:
+        assert (again.frame, again.digest(), len(again.journal)) == (4, digests[1], 2)
+    with pytest.raises(InputError, match="frame must be a whole number from 0 to 12"):
+        mpsim.Simulation.replay(journal, frame=13)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """A session file with changes in the frames 0 and 4, at its end."""
+    with simulate(gas(20, 0.2)) as sim:
+        sim.kick(1, (0.5, 0))
+        sim.run(frames=4)
+        sim.kick(2, (0.5, 0))
+        return sim.journal.save(tmp_path_factory.mktemp("session") / "session.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("format = 1", "format = 9", "its format is 9"),
+        ("frame = 0", "frame = -1", "frames must be whole numbers"),
+        ("frame = 0", "frame = 0.0", "frames must be whole numbers"),
+        ("frame = 0", "frame = 5", "frames must be whole numbers"),
+        ('what = "kick"', 'what = "close"', "must have a time and be one of"),
+        ('scene = "session', 'scene = "../session', "its scene must be a file beside it"),
+        ("ids = [1]", "ids = [77]", "change 0 of a journal.*ids must be numbers of discs"),
+        ("ids = [1]", "ids = [1]\nsecret = 3", "change 0 of a journal.*secret"),
+        ("time = 0.0", "time = 0.125", "an interrupt had left that run inside a frame"),
+        ("[settings]", "more = 1\n[settings]", "it has the key 'more'"),
+        ("format", "= =", "must be a file that Journal.save has written"),
+        ("[[change]]", "change = [1, 2]\n#", "its changes must be tables"),
+        ("[[change]]", 'change = "kick"\n#', "its changes must be tables"),
+    ],
+)
+def test_a_session_file_that_is_none_is_refused_by_name(old, new, text, session, tmp_path):
+    for path in session.parent.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    text_of, path = session.read_text(), tmp_path / session.name
+    assert old in text_of
+    if new.startswith("change"):
+        text_of = text_of[: text_of.index("[[change]]")].replace("[settings]", new.replace("#", "[settings]"))
+    else:
+        text_of = text_of.replace(old, new, 1)
+    path.write_text(text_of)
+    with pytest.raises(InputError, match=text):
+        mpsim.Simulation.replay(path)
+
+
+def test_a_session_file_has_its_ending(session):
+    with mpsim.Simulation.replay(session) as sim:
+        assert (sim.frame, len(sim.journal)) == (4, 2)
+        with pytest.raises(InputError, match=r"must end in \.toml"):
+            sim.journal.save(session.with_suffix(""))
+    with pytest.raises(InputError, match=r"must end in \.toml"):
+        mpsim.Simulation.replay(session.with_suffix(".json"))
