@@ -1,0 +1,345 @@
+"""Emitters: which discs enter, when and where, whatever the step and the method; what is said while one waits."""
+
+import contextlib
+import math
+import signal
+import warnings
+
+import numpy as np
+import pytest
+from support.compare import assert_same_bits
+from support.internals import solver_of
+from support.scenes import simulate
+
+import mpsim
+from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline
+from mpsim.errors import EmitterWarning
+
+pytestmark = pytest.mark.plain
+
+NOBODY = {"position": np.zeros((0, 2)), "velocity": np.zeros((0, 2))}
+BOX = {"width": 10, "height": 4, "radius": 0.25, **NOBODY}
+ROOM = {"width": 60.0, "height": 60.0, "radius": 0.25, **NOBODY}
+LEFT = (1.0, 2.0)
+
+
+def scene_of(*emitters, **features):
+    return mpsim.Scene(**{**ROOM, **features}, emitters=emitters)
+
+
+# --- by frames
+
+
+def entered(frames, *emitters, **scene):
+    """Numbers of discs after each frame of 0.1."""
+    with simulate(mpsim.Scene(**{**BOX, **scene}, emitters=emitters), method="naive", dt=0.1) as sim:
+        return [sim.run(frames=1).frames and sim.count for _ in range(frames)]
+
+
+@pytest.mark.parametrize(
+    ("emitters", "counts"),
+    [
+        ([Emitter(LEFT, (10, 0), every=3)], [0, 0, 0, 1, 1, 1, 2, 2, 2, 3]),
+        ([Emitter(LEFT, (10, 0), every=3, limit=2)], [0, 0, 0, 1, 1, 1, 2, 2, 2, 2]),
+        ([Emitter(LEFT, (10, 0), every=1)], [0, 1, 2, 3, 4]),
+        ([Emitter(LEFT, (10, 0), every=2), Emitter((1, 1), (10, 0), every=3)], [0, 0, 1, 2, 3]),
+    ],
+)
+def test_a_disc_enters_before_every_so_manieth_frame_until_the_limit(emitters, counts):
+    assert entered(len(counts), *emitters) == counts
+
+
+def test_one_run_and_runs_of_single_frames_have_the_same_discs():
+    emitters = [Emitter(LEFT, (10, 0), every=3), Emitter((1, 1), (8, 1), every=2, limit=3)]
+    scene = mpsim.Scene(**BOX, emitters=emitters)
+    with simulate(scene, method="naive", dt=0.1) as one, simulate(scene, method="naive", dt=0.1) as many:
+        one.run(frames=15)
+        for _ in range(15):
+            many.run(frames=1)
+        assert one.count == many.count == 7
+        assert one.digest() == many.digest()
+
+
+def test_a_disc_waits_until_its_place_is_free_and_says_so_once():
+    """Each disc covers the place for 0.5 / 1 = 5 frames of 0.1, and the next one enters as soon as it has gone."""
+    with pytest.warns(EmitterWarning) as caught:
+        counts = entered(14, Emitter(LEFT, (1, 0), every=1))
+    assert counts == [0, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3]
+    assert [str(warning.message) for warning in caught] == [
+        "emitters[0] found its place (1.0, 2.0) occupied before frame 2: its disc waits until the place is free. "
+        "Give a larger `every`, or a velocity that leads away."
+    ]
+
+
+def test_discs_beyond_a_periodic_border_occupy_a_place_and_those_that_have_left_none():
+    blocked = {"position": [[9.9, 2]], "velocity": [[0, 0]], "boundary": ("periodic", "walls")}
+    with pytest.warns(EmitterWarning):
+        assert entered(4, Emitter((0.2, 2), (1, 0), every=1), **blocked) == [1] * 4
+    left = {"position": [[9.5, 2]], "velocity": [[5, 0]], "absorbing": "right"}
+    back = Emitter((9.5, 2), (-5, 0), every=2, limit=1)
+    with simulate(mpsim.Scene(**{**BOX, **left}, emitters=back), method="naive", dt=0.1) as sim:
+        sim.run(frames=4)  # where warnings are errors
+        assert sim.absorbed.tolist() == [True, False]
+        assert sim.state.position[1, 0] == pytest.approx(8.5)
+
+
+def test_what_enters_has_the_radius_and_mass_of_its_emitter():
+    """A disc of mass 1 meets one of mass 3 at rest: half its speed back."""
+    emitter = Emitter(LEFT, (0, 0), every=1, radius=0.5, mass=3, limit=1)
+    scene = mpsim.Scene(**{**BOX, "position": [[4, 2]], "velocity": [[-10, 0]]}, emitters=emitter)
+    with simulate(scene, method="naive", dt=0.05, contact="impact") as sim:
+        sim.run(frames=5)
+        assert sim.radii.tolist() == [0.25, 0.5]
+        assert sim.state.velocity[:, 0] == pytest.approx([5, -5])
+
+
+@pytest.mark.parametrize("boundary", ["walls", "periodic"])
+def test_of_many_that_enter_together_those_do_whose_place_is_free(boundary):
+    """The twin compares each with all that are there."""
+    places = np.random.default_rng(8).uniform(1, 59, (300, 2))
+    box = {"width": 60, "height": 60, "radius": 1, "boundary": boundary, **NOBODY}
+    spouts = [Emitter(place, (0, 0), every=1, limit=1) for place in places]
+    taken = []
+    for place in places:
+        apart = np.abs(np.reshape(taken, (-1, 2)) - place)
+        if boundary == "periodic":
+            apart = np.minimum(apart, 60 - apart)
+        if not (np.hypot(*apart.T) < 2).any():
+            taken.append(place)
+    with simulate(mpsim.Scene(**box, emitters=spouts), method="naive") as sim, warnings.catch_warnings():
+        warnings.simplefilter("ignore", EmitterWarning)
+        sim.run(frames=2)
+        assert 100 < sim.count < 280
+        assert np.array_equal(sim.state.position, taken)
+
+
+# --- in time
+
+JETS = (Emitter((10, 30), (4, 1), interval=0.25), Emitter((12, 10), (5, 3), interval=0.375, limit=5))
+"""Two jets that neither meet each other nor reach a wall before time 4."""
+
+STEPS = [("naive", 0.125), ("naive", 0.025), ("grid", 0.75), ("event", 0.025), ("event", 0.75)]
+
+
+@pytest.mark.parametrize(("method", "dt"), STEPS)
+def test_a_disc_enters_with_its_part_of_the_frame_done(method, dt):
+    """Under `impact` a lone disc falls exactly, so that all places are those of closed form, p + v t + g t^2/2."""
+    scene, g, counts = scene_of(*JETS, gravity=(0.3, -0.5)), np.array([0.3, -0.5]), []
+    with simulate(scene, method=method, dt=dt, contact="impact") as sim:
+        for time in (0.75, 1.5, 2.25, 3):
+            sim.run(until=time)
+            counts.append(sim.count)
+        state = sim.state
+    assert counts == [5, 10, 14, 17]
+    flights = [(3 - k * jet.interval, index) for index, jet in enumerate(JETS) for k in range(1, (jet.limit or 12) + 1)]
+    wanted = [
+        np.append(np.array(JETS[i].position) + t * np.array(JETS[i].velocity) + t * t / 2 * g, JETS[i].velocity + t * g)
+        for t, i in sorted(flights, key=lambda flight: (-flight[0], flight[1]))
+    ]
+    np.testing.assert_allclose(np.hstack([state.position, state.velocity]), wanted, rtol=0, atol=1e-12)
+    late = [place[:2] - dt * place[2:] for place in wanted]  # as if each had waited for the next frame
+    assert np.abs(state.position - late).max() > dt, "the control"
+
+
+BUSY = mpsim.Scene(
+    width=12, height=9, position=[[6, 6], [3, 2], [9, 4]], velocity=[[1, -0.5], [-0.25, 0.75], [0.5, 0.5]], radius=0.4,
+    gravity=(0, -0.5), restitution=0.95,
+    emitters=[
+        Emitter((1, 4), (3, 1), interval=0.3, radius=0.3, mass=2),
+        Emitter((11, 5), (-1, 0.5), interval=0.45, limit=6),
+    ],
+)  # fmt: skip
+"""Everybody meets, and the second emitter's discs, which need 0.72 to leave their place, have to wait."""
+
+
+def ran(scene, until, pieces=1, **settings):
+    with warnings.catch_warnings(), simulate(scene, contact="impact", **settings) as sim:
+        warnings.simplefilter("ignore", EmitterWarning)
+        collisions = sum(sim.run(until=until * k / pieces).collisions for k in range(1, pieces + 1))
+        return sim.state, collisions
+
+
+def test_the_exact_solver_has_the_same_bits_for_every_frame():
+    expected, collisions = ran(BUSY, 6.0, method="event", dt=1.0)
+    assert collisions > 30
+    assert len(expected.position) == 3 + 17 + 6, "of 19 that could have entered in time"
+    for dt, pieces in ((0.125, 1), (0.3, 4), (6.0, 1)):
+        state, found = ran(BUSY, 6.0, pieces, method="event", dt=dt)
+        assert_same_bits(state, expected, f"dt = {dt}")
+        assert found == collisions
+    other = ran(BUSY, 5.99, method="event", dt=0.01)[0]
+    assert not np.array_equal(other.position, expected.position), "the control"
+
+
+@pytest.mark.parametrize("timing", [{"every": 1}, {"interval": 0.2}])
+def test_how_an_exact_run_is_cut_changes_no_bit_where_a_disc_waits(timing):
+    """A place is looked at when it is time for it, not whenever a call ends."""
+    jam = Emitter((5, 4), (0.4, 0.3), **timing)
+    scene = mpsim.Scene.random(count=20, width=10, height=8, radius=0.3, seed=2, emitters=jam)
+    expected = ran(scene, 3.0, method="event", dt=0.5)[0]
+    assert_same_bits(ran(scene, 3.0, 6, method="event", dt=0.5)[0], expected, f"{timing}, in six pieces")
+
+
+def test_what_the_walls_took_up_is_counted_over_a_stop_inside_a_frame():
+    """Of a gas so thin that its pressure is that of the walls alone, in one frame and in sixty-four."""
+    scene = scene_of(Emitter((1, 30), (-7, 2), interval=0.5, limit=6), width=8)
+    found = []
+    for dt in (4.0, 0.0625):
+        with simulate(scene, method="event", dt=dt) as sim:
+            found.append(sim.run(until=4, measures=["pressure"]).measures["pressure"].value)
+    assert found[0] == pytest.approx(found[1], rel=1e-12)
+
+
+def test_a_stepped_run_has_the_discs_of_the_exact_one():
+    """The control: discs that enter between frames, which is where they are due by `every`."""
+    exactly, collisions = ran(BUSY, 2.8, method="event", dt=0.7)
+    assert collisions >= 3
+    for dt in (0.07, 0.0175):
+        assert np.abs(ran(BUSY, 2.8, method="naive", dt=dt)[0].position - exactly.position).max() < 1e-9
+    late = BUSY.changed(emitters=[Emitter((1, 4), (3, 1), every=5, radius=0.3, mass=2)])
+    with_late = ran(late, 2.8, method="naive", dt=0.07)[0]
+    assert np.abs(with_late.position[3] - exactly.position[3]).max() > 0.05
+
+
+@pytest.mark.parametrize(("method", "dt"), [*STEPS, ("naive", 0.3), ("event", 3.0)])
+def test_a_disc_that_waits_tries_again_at_times_that_do_not_depend_on_the_step(method, dt):
+    """The first enters at 0.25 and covers the place for 0.5 / 0.9; the next multiple of 0.25 / 8 is 0.8125."""
+    scene = scene_of(Emitter((10, 30), (0.9, 0), interval=0.25))
+    with simulate(scene, method=method, dt=dt) as sim:
+        with pytest.warns(EmitterWarning) as caught:
+            sim.run(until=3)
+        x = sim.state.position[:, 0]
+    np.testing.assert_allclose(x, 10 + 0.9 * (3 - 0.25 - 0.5625 * np.arange(5)), rtol=0, atol=1e-12)
+    assert [str(warning.message) for warning in caught] == [
+        "emitters[0] found its place (10.0, 30.0) occupied at time 0.5: its disc waits until the place is free. "
+        "Give a larger `interval`, or a velocity that leads away."
+    ]
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize(("method", "dt"), [("grid", 0.05), ("event", 0.1)])
+def test_a_checkpoint_in_the_middle_of_waiting_changes_no_bit(method, dt, tmp_path):
+    expected = ran(BUSY, 4.0, method=method, dt=dt)[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with simulate(BUSY, contact="impact", method=method, dt=dt) as sim:
+            sim.run(until=1.0)  # the second emitter's first disc is in the way of the one that was due at 0.9
+            path = sim.save(tmp_path / "run")
+        with mpsim.Simulation.resume(path) as sim:
+            sim.run(until=4)
+            assert_same_bits(sim.state, expected, "resumed")
+            assert sim.scene.emitters == BUSY.emitters
+
+
+@pytest.mark.parametrize("method", ["naive", "event"])
+def test_an_interrupt_while_a_disc_enters_lets_it_enter_once(method):
+    """The signal comes where no timer of a test would hit: when a disc is in and the emitter does not know it yet."""
+    with simulate(scene_of(JETS[0]), method=method, dt=0.5) as sim, simulate(scene_of(JETS[0]), dt=0.5) as other:
+        solver = solver_of(sim)
+        add = solver.add
+
+        def interrupted(*discs):
+            add(*discs)
+            signal.raise_signal(signal.SIGINT)
+
+        solver.add = interrupted
+        for _ in range(100):
+            with contextlib.suppress(KeyboardInterrupt):
+                sim.run(until=3)
+                break
+        other.run(until=3)
+        assert sim.time == 3
+        assert sim.state.position == pytest.approx(other.state.position, abs=1e-12)
+
+
+PEG = FixedDisc((2, 30), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("features", "place"),
+    [
+        ({"width": 12}, 12 - 0.25),
+        ({"obstacles": Polyline([(13, 20), (13, 40)], 0.2)}, 13 - 0.1 - 0.25),
+        ({"obstacles": FixedDisc((14, 30), 0.5)}, 14 - 0.5 - 0.25),
+        ({"width": 16, "piston": Piston("right", -2, 5)}, 16 - 2 * 1.0 - 0.25),
+        ({"width": 12, "absorbing": "right"}, 12 - 0.25),
+        ({"width": 12, "boundary": ("periodic", "walls")}, (10 + 8 * 0.9) % 12),
+        ({"width": 12, "boundary": ("periodic", "walls"), "obstacles": PEG}, 2 - 0.5 - 0.25),
+    ],
+)
+def test_a_flight_ends_where_it_meets_something_and_the_next_frame_begins_there(features, place):
+    """Due at 0.1, in a frame that ends at 1, the disc would fly 7.2 far, through whatever there is."""
+    scene = scene_of(Emitter((10, 30), (8, 0), interval=0.1, limit=1), **features)
+    with simulate(scene, method="naive", dt=1.0) as sim:
+        sim.run(frames=1)
+        assert sim.state.position[0] == pytest.approx([place, 30], rel=1e-12)
+        assert sim.state.velocity[0].tolist() == [8, 0]
+        if "absorbing" in features:
+            sim.run(frames=1)
+            assert sim.absorbed.all()
+
+
+# --- where there is no room
+
+
+def test_an_emitter_that_the_piston_has_passed_waits_for_good_and_says_so():
+    behind = {"piston": Piston("right", -10, 6), "emitters": Emitter((15, 5), (0, 9), every=3)}
+    text = r"emitters\[0\] found no room before frame 6, and its disc waits: .* must lie in \[0.5, 13.5\] x"
+    with simulate(mpsim.Scene(width=20, height=10, radius=0.5, **NOBODY, **behind), method="naive", dt=0.1) as sim:
+        sim.run(frames=5)
+        with pytest.warns(EmitterWarning, match=text):
+            sim.run(frames=5)
+        assert sim.count == 1
+
+
+def test_an_emitter_waits_when_the_box_would_be_too_full_in_the_end():
+    full = {"piston": Piston("right", -0.1, 2.5), "emitters": Emitter((1, 0.5), (10, 0), every=3)}
+    with simulate(mpsim.Scene(width=20, height=1, radius=0.5, **NOBODY, **full), method="naive", dt=0.1) as sim:
+        with pytest.warns(EmitterWarning, match="must leave room for all 3 discs"):
+            sim.run(frames=40)
+        assert sim.count == 2
+
+
+# --- what is refused
+
+
+@pytest.mark.parametrize(
+    ("timing", "text"),
+    [
+        ({}, "must have either interval, the time between two discs, or every, .*got neither. Give one of them."),
+        ({"interval": 0.5, "every": 3}, "either interval, .*got both, 0.5 and 3. Give one of them."),
+        *(({"interval": bad}, rf"interval of an Emitter must be a finite number > 0 \[time\]; got {bad}")
+          for bad in (0, -0.5, math.nan, math.inf)),
+        ({"interval": "often"}, r"interval of an Emitter must be a number > 0 \[time\]; got 'often'"),
+        ({"every": 0.5}, "every of an Emitter must be a whole number from 1"),
+    ],
+)  # fmt: skip
+def test_an_emitter_without_a_right_time_is_refused(timing, text):
+    with pytest.raises(InputError, match=text):
+        Emitter((1, 2), (1, 0), **timing)
+
+
+@pytest.mark.parametrize(
+    ("features", "text"),
+    [
+        ({"radius": [0.5, 0.25]}, r"emitters\[0\] must have a radius, as the discs of this scene have one each; got N"),
+        ({"radius": 0.5, "mass": [1, 2]}, r"emitters\[0\] must have a mass, as the discs of this scene have one each"),
+        ({"radius": 3.5}, r"the position of emitters\[0\] must lie in \[3.5, 6.5\] x \[3.5, 6.5\]"),
+        (
+            {"radius": 0.5, "obstacles": FixedDisc((0, 1), 1)},
+            r"emitters\[0\] must be one radius from every obstacle; got \(1.0, 1.0\), 0.5 inside obst",
+        ),
+    ],
+)
+def test_an_emitter_that_does_not_fit_the_scene_is_refused_by_name(features, text):
+    discs = {"position": [[4, 4], [6, 6]], "velocity": np.zeros((2, 2)), "emitters": Emitter((1, 1), (0, 0), every=1)}
+    with pytest.raises(InputError, match=text):
+        mpsim.Scene(width=10, height=10, **{**features, **discs})
+    mpsim.Scene(width=10, height=10, radius=0.5, obstacles=FixedDisc((0, 1), 0.5), **discs)  # which it touches
+
+
+@pytest.mark.parametrize("method", ["naive", "event"])
+def test_an_interval_in_which_a_frame_has_more_discs_than_a_scene_is_refused(method):
+    scene = scene_of(Emitter((1, 2), (1, 0), interval=1e-12))
+    with pytest.raises(InputError, match=r"interval of emitters\[0\] must be at least dt / 1e\+08, 1e-10 here"):
+        mpsim.Simulation(scene, mpsim.Settings(dt=0.01, method=method))
