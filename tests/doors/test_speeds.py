@@ -1,0 +1,441 @@
+"""Discs too fast for their steps, too coarse for their numbers, or pressed into each other: told, refused, sub-stepped.
+
+Each warning says what happens, and a run shows that it does; the same scene just below the bound is quiet.
+"""
+
+import re
+import warnings
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.scenes import gas, pair, quiet, simulate
+
+import mpsim
+from mpsim import (
+    Emitter,
+    FastWarning,
+    FixedDisc,
+    InputError,
+    Piston,
+    Polyline,
+    Scene,
+    Settings,
+    Simulation,
+    TooFastError,
+)
+from mpsim.errors import ResolutionWarning
+
+pytestmark = pytest.mark.plain
+
+NOBODY = {"position": np.zeros((0, 2)), "velocity": np.zeros((0, 2))}
+WALL = {"width": 20, "height": 10, "radius": 0.5}
+
+
+def one(place=(5, 5), velocity=(0, 0), **features):
+    return Scene(**{**WALL, "position": [place], "velocity": [velocity], **features})
+
+
+def row(**features):
+    """Ten resting discs that divide the box."""
+    places = [[10.0, 0.5 + i] for i in range(10)]
+    return Scene(**WALL, position=places, velocity=np.zeros((10, 2)), **features)
+
+
+def told(scene, text, **settings):
+    """Require one warning of a scene at its start."""
+    with pytest.warns(FastWarning, match=text):
+        Simulation(scene, Settings(**settings)).close()
+
+
+def refused(scene, frames, **settings):
+    """Why a run is refused, and the frame that is done by then; None and all of them where it is not."""
+    with Simulation(scene, Settings(**{"method": "grid", "on_fast": "error", **settings})) as sim:
+        try:
+            sim.run(frames=frames)
+        except TooFastError as error:
+            return str(error), sim.frame
+    return None, frames
+
+
+# --- at the start
+
+
+def test_a_disc_that_moves_more_than_its_radius_is_told_with_number_disc_and_remedy():
+    text = (
+        r"in frame 0 disc 0 moves 1.2 times its radius 0.5 in one step \(speed 6, step 0.1\); beyond one radius, "
+        r"discs may pass through each other without a collision. Use dt=0.042, substeps=3 or "
+        r"on_fast='substep'; method='event' has no such limit."
+    )
+    told(pair(6.0), text, dt=0.1)
+    quiet(pair(6.0), dt=0.042)
+    quiet(pair(6.0), dt=0.1, substeps=3)
+    quiet(pair(4.999), dt=0.1)  # just below the bound
+    with Simulation(pair(6.0), Settings(dt=0.1, method="event")) as sim:
+        sim.run(frames=1)
+
+
+def test_above_the_bound_discs_do_pass_through_each_other_and_sub_steps_catch_them():
+    with simulate(pair(4.0), contact="impact", dt=1.0, method="grid") as sim:
+        sim.run(frames=1)
+        assert sim.state.velocity[0, 0] == 4, "the control: they have passed"
+    state = quiet(pair(4.0), frames=1, dt=1.0, on_fast="substep")
+    assert state.velocity[:, 0].tolist() == [-4, 4]
+    assert state.position[:, 0] == pytest.approx([10 - 0.5 - 3.5, 10 + 0.5 + 3.5])
+
+
+GAS = gas(100, 0.3)
+LIGHT = Scene(
+    width=GAS.width, height=GAS.height, position=GAS.position, velocity=GAS.velocity, radius=0.5,
+    mass=np.where(np.arange(100) % 2, 1.0, 1e-3),
+)  # fmt: skip
+"""At one speed for all, the light half has next to no energy; with its share it is 28 times as fast."""
+
+STARTS = [
+    (
+        Scene(width=1.2, height=9, position=[[0.6, 4]], velocity=[[1, 0]], radius=0.5),
+        r"1.5 times its free path 0.2 between the walls along x .* bounces are",
+        0.3, 0.15,
+    ),
+    (gas(64, 0.75), r"a disc collides about [\d.]+ times in one step .* above 1 many", 0.05, 0.01),
+    (
+        LIGHT,
+        r"once collisions have shared the energy out disc \d+ moves \d+\.?\d* times its radius 0.5 in one step",
+        0.01, 0.002,
+    ),
+    (
+        one(piston=Piston("left", 30, 9)),
+        r"pushed by the piston a disc moves 1.2 times its radius 0.5 in one step \(speed 60, step 0.01\)",
+        0.01, 0.008,
+    ),
+    (
+        row(emitters=Emitter((1, 5), (400, 0), every=10)),
+        r"from emitters\[0\] a disc moves 8 times its radius 0.5 in one step",
+        0.01, 0.001,
+    ),
+    (
+        one(thermostat=mpsim.Thermostat(400.0, 0.5)),
+        "at the temperature of the heat bath .* disc moves",
+        0.1, 0.001,
+    ),
+    (
+        Scene(**WALL, **NOBODY, gravity=(0, -2), emitters=Emitter((5, 9), (0, 0), interval=1.0)),
+        "after a fall through the box a disc moves [0-9.]+ times its radius",
+        0.1, 0.01,
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("scene", "text", "long", "short"), STARTS, ids=lambda value: str(value)[:20])
+def test_what_will_be_fast_is_told_at_the_start_and_refused_by_error(scene, text, long, short):
+    told(scene, text, dt=long, method="grid")
+    with pytest.raises(TooFastError, match=text):
+        Simulation(scene, Settings(dt=long, on_fast="error", method="grid"))
+    quiet(scene, dt=short)
+
+
+def test_what_is_no_danger_is_not_told():
+    quiet(Scene(width=1.2, height=9, position=[[0.6, 4]], velocity=[[0, 1]], radius=0.5), dt=0.3)
+    quiet(LIGHT, dt=0.01, law="reflect")  # which gives no disc the speed of another
+    quiet(one(piston=Piston("left", 30, 9), wall_restitution=0.5), dt=0.01)  # half as much of its own speed only
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for scene in (gas(30, 0.4), gas(30, 0.4, gravity=(0, -1.0))):
+            assert refused(scene, 150, on_fast="warn", dt=0.02) == (None, 150)
+
+
+@pytest.mark.parametrize("on_fast", ["error", "substep"])
+def test_a_scene_without_discs_is_judged_alike_in_all_units_of_length(on_fast):
+    seen = []
+    for unit in (0.01, 1.0, 100.0):
+        box = {"width": 10 * unit, "height": 10 * unit, "radius": 0.5 * unit, "gravity": (0, -unit), **NOBODY}
+        scene = Scene(**box, emitters=Emitter((5 * unit, 9 * unit), (0.5 * unit, 0), interval=1.5))
+        with Simulation(scene, Settings(dt=0.1, method="naive", on_fast=on_fast)) as sim:
+            seen.append([sim.run(frames=4).frames and sim.substeps for _ in range(5)])
+    assert seen[0] == seen[1] == seen[2]
+
+
+def test_discs_that_share_their_energy_meet_in_the_box_at_the_start():
+    """A piston that starts half-way leaves half the box, where they meet more than twice as often."""
+    places = np.array([[0.6 + 1.1 * (i // 8), 0.6 + 1.1 * (i % 8)] for i in range(40)])
+    parts = {"height": 9.0, "position": places, "velocity": np.ones((40, 2)), "radius": 0.5, "mass": np.arange(1, 41.0)}
+    counts = []
+    for box in ({"width": 12, "piston": Piston("right", -1e-3, 5.7, start=6)}, {"width": 6}, {"width": 12}):
+        with pytest.warns(FastWarning) as caught:
+            Simulation(Scene(**parts, **box), Settings(dt=0.1, method="grid")).close()
+        counts.append(re.search(r"collides about ([\d.]+) times", str(caught[0].message)))
+    assert counts[0] is not None
+    assert counts[0][1] == counts[1][1]
+    assert counts[2] is None, "in twice the box something else is told"
+
+
+# --- on the way
+
+
+def test_a_disc_that_becomes_fast_is_told_once_and_where_the_caller_is():
+    with Simulation(pair(0.5, side=60.0), Settings(dt=0.01, method="grid")) as sim:
+        sim.run(frames=40)
+        with pytest.warns(FastWarning, match=r"in frame 40 disc 2 moves 1.8 times") as caught:
+            sim.add((5, 5), (90, 1))
+        assert len(caught) == 1
+        assert caught[0].filename == __file__
+        sim.add((5, 50), (90, 1))  # where warnings are errors
+        sim.run(frames=500)
+
+
+def test_error_refuses_what_is_added_and_the_simulation_lives_on():
+    with pytest.raises(TooFastError, match=r"1.2 times its radius .* on_fast='warn' runs it anyway"):
+        Simulation(pair(6.0), Settings(dt=0.1, on_fast="error"))
+    with simulate(row(), method="grid", dt=0.01, on_fast="error") as sim:
+        with pytest.raises(TooFastError, match="disc 10 moves 8 times"):
+            sim.add([(1, 5), (1, 7)], [(400, 0), (0, 0)])
+        assert sim.count == 10, "nothing was added"
+        sim.add((1, 5), (4, 0))
+        assert sim.run(frames=10).frames == 10
+
+
+@pytest.mark.parametrize(("on_fast", "passes"), [("warn", True), ("substep", False)])
+def test_an_added_disc_that_would_pass_through_others_does_unless_frames_are_divided(on_fast, passes):
+    with simulate(row(), on_fast=on_fast, contact="impact", method="grid", dt=0.01) as sim:
+        with pytest.warns(FastWarning, match="disc 10") if passes else warnings.catch_warnings():
+            sim.add((1, 5), (400, 0))
+        assert sim.substeps == (1 if passes else 16)
+        sim.run(frames=4)
+        assert (sim.state.position[10, 0] > 11) == passes
+
+
+def test_discs_that_crowd_a_box_are_refused_as_they_are_added():
+    scene = gas(40, 0.5)
+    with simulate(scene, method="grid", dt=0.1, on_fast="error", contact="impact") as sim:
+        sim.run(frames=5)
+        places = 0.5 + np.stack(np.meshgrid(*[np.linspace(0, scene.width - 1, 6)] * 2), axis=-1).reshape(-1, 2)[:20]
+        with pytest.raises(TooFastError, match=r"in frame 5 a disc collides about|more densely than they can be"):
+            sim.add(places, np.ones((20, 2)))
+        assert sim.count == 40
+
+
+def test_sub_steps_keep_every_frame_below_the_bound():
+    scene, seen = gas(30, 0.3, restitution=0.5, wall_restitution=0.5), []
+    with Simulation(scene, Settings(dt=0.4, method="grid", on_fast="substep")) as sim:
+        for _ in range(48):
+            sim.run(frames=1)
+            assert np.hypot(*sim.state.velocity.T).max() * 0.4 / sim.substeps <= 0.5
+            seen.append(sim.substeps)
+    assert seen[0] > seen[-1] >= 1, "it takes fewer steps as the gas cools"
+    assert all(a == b for frame, (a, b) in enumerate(pairwise(seen), 1) if frame % 16)
+
+
+def test_the_smallest_disc_counts_for_what_gravity_adds():
+    """In 16 frames it adds 64, and the smallest moves half its radius at most: 64 * 0.1 / 0.05 / 0.5 steps, and one for
+    the speed of now."""
+    scene = Scene(
+        width=9, height=90, position=[[4, 80], [2, 80]], velocity=[[1, 0], [0, 0]], radius=[0.5, 0.05], gravity=(0, -40)
+    )
+    with Simulation(scene, Settings(dt=0.1, on_fast="substep", method="naive")) as sim:
+        sim.run(frames=1)
+        assert sim.substeps == 257
+
+
+@pytest.mark.parametrize(
+    ("scene", "text"),
+    [
+        (pair(1e12), r"at most 10000 sub-steps, and would need 4e\+12\. Use a smaller dt"),
+        (
+            Scene(width=9, height=9, position=[[4, 8]], velocity=[[1, 0]], radius=0.5, gravity=(0, -1e15)),
+            r"a speed of 1\.6e\+16 within 16 frames of frame 0, with which it moves 3\.2e\+16 times .* takes at most",
+        ),
+        (pair(1.0, apart=0.1, side=1.2), "No number of sub-steps is enough"),
+    ],
+)
+def test_what_would_need_absurdly_many_sub_steps_is_refused(scene, text):
+    with pytest.raises(TooFastError, match=text):
+        simulate(scene, dt=1.0, on_fast="substep")
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_the_frame_in_which_a_disc_is_fast_is_the_one_that_is_told(precision):
+    """A disc between two walls that come nearer: each bounce adds twice the speed of the piston."""
+    closing = Scene(
+        width=5, height=9, position=[[3.6, 4]], velocity=[[2, 0]], radius=0.5, piston=Piston("right", -0.2, 1.5)
+    )
+    text, frame = refused(closing, 1000, dt=0.05, precision=precision)
+    assert "disc 0 moves 1." in text
+    assert f"in frame {frame - 1} " in text
+    with (
+        simulate(closing, method="grid", dt=0.05, contact="impact", precision=precision) as sim,
+        pytest.warns(FastWarning, match="disc 0 moves 1.") as caught,
+    ):
+        speeds = [sim.run(frames=1) and float(np.hypot(*sim.state.velocity[0])) for _ in range(frame)]
+    assert speeds[-2] * 0.05 > 0.5
+    assert len(caught) == 1
+
+
+@pytest.mark.parametrize(("contact", "radius"), [("impact", [0.5, 0.5]), ("push", [0.5, 0.4])])
+@pytest.mark.parametrize("method", ["naive", "grid"])
+def test_a_light_disc_that_a_heavy_one_meets_is_told_in_the_next_frame(method, contact, radius):
+    """The heavy one is fast only after the start, where it would be told what collisions may bring."""
+    discs = {"position": [[3, 5], [5, 5]], "velocity": np.zeros((2, 2)), "radius": radius, "mass": [1e4, 1]}
+    with simulate(Scene(width=20, height=10, **discs), method=method, contact=contact) as sim:
+        sim.set(0, velocity=(40, 0))
+        with pytest.warns(FastWarning, match=r"in frame \d+ disc 1 moves (1\.6|2) times its radius") as caught:
+            sim.run(frames=10)
+        assert (sim.frame, len(caught), caught[0].filename) == (10, 1, __file__)
+
+
+def test_what_falls_for_ever_is_told_when_it_is_fast():
+    text, frame = refused(one(gravity=(0, -1), boundary="periodic"), 300, dt=0.05)
+    assert frame == pytest.approx(200, abs=5)  # v = 10 at t = 10
+    assert "disc 0 moves 1 times its radius" in text
+
+
+def test_a_piston_that_heats_a_gas_is_told_before_collisions_are_missed():
+    box = {"width": 10, "height": 5, "temperature": 1.0, "seed": 0, "count": 16, "radius": 0.5}
+    text, frame = refused(Scene.random(**box, piston=Piston("right", -2, 4.2)), 250, dt=0.02)
+    assert "a disc collides about 1." in text
+    assert 100 < frame < 150
+    assert refused(Scene.random(**box, piston=Piston("right", -2, 8)), 150, dt=0.02) == (None, 150), "it stops early"
+
+
+# --- pressed into each other
+
+PRESSED = "discs are pressed into each other: at time"
+
+
+def closing(restitution):
+    """30 discs and a peg, to which a piston leaves packing 0.8: no bound excludes it, and no motion leads to it."""
+    features = {"obstacles": FixedDisc((2, 3), 1.9), "piston": Piston("right", -0.5, 6.8)}
+    lossy = {"restitution": restitution, "wall_restitution": restitution}
+    return Scene.random(count=30, width=20, height=6, radius=0.5, seed=2, temperature=0.1, **features, **lossy)
+
+
+def nearly(restitution, tmp_path, **settings):
+    """A checkpoint shortly before they are pressed."""
+    with simulate(closing(restitution), method="naive", dt=0.1, **{"on_fast": "error", **settings}) as sim:
+        sim.run(until=8)
+        return sim.save(tmp_path / "run")
+
+
+@pytest.mark.parametrize("contact", ["impact", "push"])
+def test_a_piston_that_presses_lossy_discs_is_refused_while_they_overlap_little(contact, tmp_path):
+    """Nor does the place depend on how the run is cut."""
+    path, ends = nearly(0.2, tmp_path, contact=contact), []
+    for pieces in (1, 10):
+        with Simulation.resume(path) as sim:
+            for piece in range(pieces - 1):
+                sim.run(until=8 + piece / 8)
+            with pytest.raises(TooFastError, match=PRESSED) as caught:
+                sim.run(until=20)
+            assert "smaller steps and on_fast='substep' do not help" in str(caught.value)
+            assert "on_fast='warn' runs it anyway" in str(caught.value)
+            assert mpsim.measure.overlap(sim.state, sim.scene).largest < 0.3
+            ends.append((sim.time, sim.digest()))
+    assert ends[0] == ends[1]
+    assert ends[0][0] < 10
+
+
+def test_it_is_told_once_or_ends_the_run_as_often_as_the_warning_is_an_error(tmp_path):
+    path = nearly(0.2, tmp_path, on_fast="warn")
+    with Simulation.resume(path) as sim:
+        for _ in range(2):
+            with pytest.raises(FastWarning, match=PRESSED):
+                sim.run(until=18)
+        with pytest.warns(FastWarning, match=PRESSED) as found:
+            sim.run(until=18)
+        assert (len(found), found[0].filename, sim.time) == (1, __file__, pytest.approx(18))
+
+
+def test_a_disc_pressed_between_piston_and_obstacle_is_found():
+    """Slow enough never to be fast: a lossy disc to which a wall leaves no place."""
+    scene = Scene(
+        width=20, height=6, position=[[5, 2], [8, 4]], velocity=[[0.1, 0], [0.2, 0.1]], radius=0.5,
+        obstacles=Polyline([(6.2, 0), (6.2, 6)], 0.1), piston=Piston("right", -0.5, 6.9),
+        restitution=0, wall_restitution=0,
+    )  # fmt: skip
+    text, _ = refused(scene, 600, method="naive", dt=0.05)
+    assert PRESSED in text
+    assert re.search(r"disc 1 is 0\.\d+ .*deep in obstacles\[0\]", text)
+
+
+@pytest.mark.parametrize(("packing", "dt", "contact"), [(0.6, 0.05, "impact"), (0.7, 0.04, "push")])
+def test_gases_with_the_longest_steps_that_pass_are_not_pressed(packing, dt, contact):
+    """Their discs do overlap, by a tenth of a radius and more, but no more than steps explain."""
+    scene, deepest = gas(60, packing), 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with Simulation(scene, Settings(dt=dt, method="grid", contact=contact)) as sim:
+            for _ in range(20):
+                sim.run(frames=5)
+                deepest = max(deepest, mpsim.measure.overlap(sim.state, scene).largest)
+    assert deepest > 0.05, "the control"
+
+
+# --- numbers too coarse
+
+
+def test_a_box_too_large_for_the_precision_is_told_and_then_refused():
+    far = pair(side=8000.0)
+    with pytest.warns(ResolutionWarning, match=r"in float32 coordinates are 0.000954 apart .* 0.0019 of"):
+        Simulation(far, Settings(dt=0.1, precision="float32")).close()
+    quiet(far, dt=0.1)
+    quiet(pair(side=800.0), dt=0.1, precision="float32")
+    text = r"radius must be at least 0.954 in a box of 1e\+06 x 1e\+06 in float32, .* got 0.5. Use precision='float64'"
+    with pytest.raises(InputError, match=text):
+        Simulation(pair(side=1e6), Settings(precision="float32"))
+
+
+def test_steps_that_rounding_swallows_are_told_and_true():
+    slow = pair(1e-5, side=100.0)
+    with pytest.warns(ResolutionWarning, match="most discs do not move at all. Use larger steps, or precision="):
+        sim = Simulation(slow, Settings(dt=0.1, precision="float32", method="grid"))
+    with sim:
+        start = sim.state.position
+        sim.run(frames=20)
+        assert (sim.state.position == start).all()
+    quiet(slow, dt=0.1)
+    with pytest.warns(
+        ResolutionWarning, match=r"gravity changes a velocity by 1e-17 in a step, which is lost to round"
+    ):
+        Simulation(pair(1.0, gravity=(0, -1e-15)), Settings(dt=0.01, method="grid")).close()
+
+
+@pytest.mark.parametrize(
+    ("scene", "settings", "text"),
+    [
+        (pair(1e-200), {"method": "event"}, "velocity must be at least 1e-100 for method='event', or all zero"),
+        (pair(), {"dt": 1e110, "method": "event"}, "dt must be at most 1e+100 for method='event'; got 1e+110"),
+        (pair(), {"dt": 1e20, "method": "event"}, "would take the fastest disc 5e+18 times through the box"),
+        (one(velocity=(1e101, 0)), {"dt": 1e-95, "method": "event"}, "velocity[0] must be below 1e100"),
+        (one(piston=Piston("right", -1e30, 6)), {"method": "event"}, "dt must be short enough"),
+        (pair(mass=[1e-300, 1.0]), {"dt": 0.1}, "mass must be at least"),
+        (pair(mass=[1e200, 1.0]), {"dt": 0.1}, "mass must be at most"),
+        (pair(), {"dt": 1e-50, "precision": "float32", "method": "grid"}, "float32"),
+        (one(velocity=(1e300, 0)), {"precision": "float32", "method": "grid"}, "float32"),
+        (one(velocity=(1e200, 0)), {"method": "grid"}, "squares fit"),
+        (one(spin=1e30), {"precision": "float32", "method": "grid"}, "spin must be at most"),
+    ],
+)
+def test_numbers_that_a_run_could_not_hold_are_refused(scene, settings, text):
+    with pytest.raises(InputError, match=re.escape(text)):
+        Simulation(scene, Settings(**settings))
+
+
+def test_what_the_exact_solver_cannot_resolve_is_told():
+    with pytest.warns(ResolutionWarning, match="the square of the radius is lost"):
+        Simulation(pair(radius=1e-9), Settings(dt=0.1, method="event")).close()
+
+
+@pytest.mark.parametrize(("precision", "hint"), [("float32", " or precision='float64'."), ("float64", ".")])
+def test_only_float32_is_told_to_take_float64(precision, hint):
+    with simulate(gas(9, 0.1), precision=precision) as sim:
+        with pytest.raises(InputError, match=re.escape(f"Use other units{hint}") + "$"):
+            sim.set(3, velocity=(1e200, 0))
+        with pytest.raises(InputError):
+            sim.add([1, 1], [1e300, 0])
+
+
+def test_the_number_of_cells_does_not_grow_with_the_aspect_of_a_box():
+    scene = Scene(width=4e9, height=4.0, position=[[1, 2], [3e9, 2]], velocity=[[1, 0], [-1, 0]], radius=0.5)
+    with Simulation(scene, Settings(dt=0.1, method="grid")) as sim:
+        assert sim.run(frames=3).block_bytes < 2e6
+    for width, height, radius in ((4e9, 4.0, 0.5), (1e6, 1e6, 0.5), (1e100, 1.0, [0.1, 0.2, 0.3])):
+        assert Scene.random(count=3, width=width, height=height, radius=radius).count == 3
