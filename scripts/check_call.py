@@ -30,7 +30,7 @@ class Limits(NamedTuple):
 SCENES = {
     "naive, 100 discs": Limits(500, 38, 4),
     "grid, 1000 discs": Limits(500, 39, 7),
-    "event, 100 discs": Limits(440, 29, 3),
+    "event, 100 discs": Limits(440, 29, 1),
 }
 
 COUNTER = """

@@ -40,7 +40,7 @@ LOOPS = "the loops for this scene"
 COSTS = {
     "run_grid": Cost(LOOPS, 10.0, 1.3),
     "run_naive": Cost(LOOPS, 3.5, 0.7),
-    "advance_frames": Cost(LOOPS, 3.0, 0.1),
+    "run_events": Cost(LOOPS, 3.0, 0.1),
 }
 """By the kernel that Python calls: processor seconds with an empty cache, as measured on bare scenes and, for a field,
 on named scenes (of the exact solver on one with friction), Intel Xeon, Python 3.11, numba 0.68."""

@@ -85,7 +85,9 @@ class Run:
 
     def advance(self, until, max_events=10**9):
         self.time = until
-        return solver.advance(*self.system, until, max_events)
+        *_, progress, seen, _, totals, clock = solver.nothing_to_play()
+        call = until, 1, max_events, math.inf, progress, seen, np.zeros(1, np.int64), totals, clock
+        return solver.advance_frames(*self.system, *call)[1:]
 
     def state(self, time=None):
         found = state.read_out(*self.system, self.time if time is None else time)

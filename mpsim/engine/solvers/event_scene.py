@@ -12,7 +12,7 @@ from mpsim.features.edges import kinds_of
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels import layout
 from mpsim.kernels.events.boundary import COARSE
-from mpsim.kernels.events.cells import worst_overlap
+from mpsim.kernels.events.solver import worst_overlap
 from mpsim.measure.driving import gravity_strength, is_inelastic, thermal_speed
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined, linked
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.boundary import cell_beyond, neighbour
 from mpsim.kernels.events.calendar import reschedule
 from mpsim.kernels.events.features.hooks import is_absent, radius_of
@@ -152,8 +152,8 @@ def enter_absent(store, box, features):
             enter_list(i, cell_of(i, store, box), store)
 
 
-@compiled
-def worst_overlap(store, box, features):
+@linked
+def deepest_overlap(store, box, features):
     """The deepest overlap of a newly placed scene: (particle, particle, depth [length]); (-1, -1, 0.0) for none.
 
     Linear in the number of discs: in a scene too crowded for that, the search stops with the worst so far.

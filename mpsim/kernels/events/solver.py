@@ -11,8 +11,9 @@ from event to event in the order of time. The only approximation is the rounding
   lose an impact nor cause endless ones (Bannerman, Strobl, Formella and Poeschel, Comput. Part. Mech. 1, 191, 2014).
 - A guard ends inelastic collapse (`features/restitution.py`).
 
-The caller owns the arrays (`state.layout`); in order: `state.place`, `cells.worst_overlap`, `schedule`, then `advance`
-and `state.read_out` as often as needed. What only some scenes need is in `features/hooks.py`.
+The caller owns the arrays (`state.layout`); in order: `state.place`, `worst_overlap`, `schedule`, then `advance_frames`
+and `state.read_out` as often as needed. All of them are one kernel, `run_events`, compiled once for a scene. What only
+some scenes need is in `features/hooks.py`.
 """
 
 import math
@@ -23,14 +24,24 @@ from mpsim.kernels.collision_log import begin_span, is_full
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.boundary import is_wall
 from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times
-from mpsim.kernels.events.cells import cell_of, cross, leave_store, link_cells, particle_of
+from mpsim.kernels.events.cells import cell_of, cross, deepest_overlap, leave_store, link_cells, particle_of
 from mpsim.kernels.events.features.gravity import component
 from mpsim.kernels.events.features.hooks import end_frame, is_changed, is_crushed
 from mpsim.kernels.events.flight import advance_to, is_finite
 from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall
 from mpsim.kernels.events.ordering import is_disordered, order_in_space
 from mpsim.kernels.events.prediction import predict
-from mpsim.kernels.events.records import BACKWARDS, ENTRIES, NOT_FINITE, PAUSED, REACHED, STALLED, STOPPED
+from mpsim.kernels.events.records import (
+    BACKWARDS,
+    ENTRIES,
+    NOT_FINITE,
+    PAUSED,
+    PROGRESS,
+    REACHED,
+    STALLED,
+    STOPPED,
+    TOTALS,
+)
 from mpsim.kernels.events.region import begin_event, counts
 from mpsim.kernels.events.watch import watch_disc
 from mpsim.kernels.machine import now
@@ -42,9 +53,9 @@ MOST_AT_ONCE = 1_000_000
 """Events without time passing, beside some for each disc, that are more than can be legal."""
 
 
-@compiled
-def schedule(store, box, features):
-    """Predict the first event of every disc and fill the calendar. Call once, after `state.place`."""
+@linked
+def fill_calendar(store, box, features):
+    """Predict the first event of every disc and fill the calendar."""
     disc = store.disc
     energy = 0.0
     for i in range(disc.shape[0]):
@@ -132,7 +143,7 @@ def process_event(i, now, store, box, features, watch):
     return np.int64(-1)
 
 
-@compiled
+@linked
 def advance(store, box, features, until, max_events):
     """Process events up to time `until` [time], at most about `max_events` of them: (status, particle).
 
@@ -198,8 +209,8 @@ def after_frame(thermostat, time, frame, store, box, features):
         change_velocities(time, frame, store, box, features)
 
 
-@compiled
-def advance_frames(store, box, features, dt, frames, max_events, stop, progress, seen, times, totals, timespec):
+@linked
+def play_frames(store, box, features, dt, frames, max_events, stop, progress, seen, times, totals, timespec):
     """Run so many more frames of length dt [time]: (frames finished, status, particle).
 
     progress: PROGRESS, and seen: TOTALS, at the end of the last finished one. Both are written here, because Ctrl-C may
@@ -230,3 +241,46 @@ def advance_frames(store, box, features, dt, frames, max_events, stop, progress,
         progress.spent = 0
         progress.frame += 1
     return frames, REACHED, -1
+
+
+# --- what Python calls ------------------------------------------------------------------------------------------
+
+OVERLAP, SCHEDULE, PLAY = range(3)
+
+
+@compiled
+def run_events(
+    task, store, box, features, dt, frames, max_events, stop, progress, seen, times, totals, timespec
+):  # fmt: skip
+    """One kernel for all tasks, as their machine code has most in common: two whole numbers and a real one."""
+    if task == OVERLAP:
+        return deepest_overlap(store, box, features)
+    if task == SCHEDULE:
+        fill_calendar(store, box, features)
+        return 0, REACHED, -1.0
+    finished, status, particle = play_frames(
+        store, box, features, dt, frames, max_events, stop, progress, seen, times, totals, timespec
+    )
+    return finished, status, float(particle)
+
+
+def advance_frames(*call):
+    """As `play_frames`."""
+    finished, status, particle = run_events(PLAY, *call)
+    return finished, status, int(particle)
+
+
+def schedule(store, box, features):
+    """Predict the first event of every disc and fill the calendar. Call once, after `state.place`."""
+    run_events(SCHEDULE, store, box, features, *nothing_to_play())
+
+
+def worst_overlap(store, box, features):
+    """The deepest overlap of a newly placed scene: as `deepest_overlap`."""
+    return run_events(OVERLAP, store, box, features, *nothing_to_play())
+
+
+def nothing_to_play():
+    """Arguments of `advance_frames` behind `features`, for no frame."""
+    progress, seen = np.zeros((), PROGRESS)[()], np.zeros((), TOTALS)[()]
+    return 0.0, 0, 0, math.inf, progress, seen, np.zeros(0, np.int64), np.zeros(0, TOTALS), np.zeros(2, np.int64)

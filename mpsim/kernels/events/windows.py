@@ -26,7 +26,7 @@ from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.ordering import put_at_targets
 from mpsim.kernels.events.records import ABORTED, FULL, PAUSED, REACHED, STOPPED
-from mpsim.kernels.events.solver import STOP_ROUNDING, advance_frames, write_totals
+from mpsim.kernels.events.solver import STOP_ROUNDING, play_frames, write_totals
 from mpsim.kernels.events.state import Store
 from mpsim.kernels.events.sums import add_tally, clear_tally
 from mpsim.kernels.events.tiles import (
@@ -373,7 +373,7 @@ def play_again(whole, box, features, shared, own, command, progress, seen, times
     link(whole, box, features, own.places)
     take_back(features.log)
     most = FEWEST_EVENTS + EVENTS_OF_A_DISC * whole.disc.shape[0]
-    finished, status, particle = advance_frames(
+    finished, status, particle = play_frames(
         whole, box, features, shared.times.dt, left, most, command.stop, progress, seen, times[0, done:],
         totals[done:], shared.team[0].clock,
     )  # fmt: skip
