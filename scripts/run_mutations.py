@@ -66,7 +66,7 @@ FIRST = {
     "sort": ["tests/determinism/test_golden.py", "tests/agreement"],
     "events": ["tests/determinism/test_golden.py", "tests/agreement"],
     "windows": ["tests/determinism"],
-    "checkpoint": ["tests/determinism/test_written_files.py", "tests/faults/test_checkpoint_reading.py"],
+    "checkpoint": ["tests/determinism/test_written_files.py", "tests/faults/test_checkpoints_read.py"],
     "changes": ["tests/determinism", "tests/unit/engine"],
     "statistics": ["tests/unit/measure", "tests/physics"],
     "readers": ["tests/doors", "tests/unit/output", "tests/unit/scene"],

@@ -1,0 +1,568 @@
+"""A checkpoint that is damaged leads to the one before; one made to do harm is refused; what is no damage is said."""
+
+import errno
+import hashlib
+import json
+import os
+import pickle
+import resource
+import signal
+import tracemalloc
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+from support.checkpoints import WORDS, frame_in, rewrite, rewrite_members, saved, two
+from support.processes import assert_clean, run_script
+from support.scenes import exact_zoo, lattice, zoo
+
+import mpsim
+
+pytestmark = pytest.mark.plain
+
+HEADER = "mpsim_checkpoint"
+
+
+# --- damage
+
+
+def outcome_of(path):
+    """Frame of what a resume takes; -1 if it refuses. A warning must name both files."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        try:
+            frame = frame_in(path)
+        except mpsim.CheckpointError:
+            return -1
+    if frame == 2:
+        assert [each.category for each in told] == [mpsim.errors.CheckpointWarning]
+        assert f"'{path}'" in str(told[0].message)
+        assert f"'{path}.previous'" in str(told[0].message)
+    else:
+        assert not told
+    return frame
+
+
+def test_a_file_cut_short_anywhere_leads_to_the_one_before(tmp_path, figures):
+    path = two(tmp_path / "run")
+    whole = path.read_bytes()
+    cuts = [*range(0, len(whole), 101), len(whole) - 1]
+    for length in cuts:
+        path.write_bytes(whole[:length])
+        assert outcome_of(path) == 2, f"cut at {length} of {len(whole)}"
+    path.with_name("run.previous").unlink()
+    for length in cuts[::9]:
+        path.write_bytes(whole[:length])
+        assert outcome_of(path) == -1
+    path.write_bytes(whole)
+    assert outcome_of(path) == 3
+    figures.note("R6", "grid", "a truncated file", "the previous one, and a warning", f"{len(cuts)} of {len(cuts)}")
+
+
+def assert_flipped_bits_do_no_harm(path, places):
+    """Flip one bit at each place, and read: the same simulation, or the one before."""
+    whole, harmless = path.read_bytes(), 0
+    with mpsim.Simulation.resume(path) as sim:
+        expected = sim.digest()
+    for place in places:
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << (place % 8)
+        path.write_bytes(damaged)
+        found = outcome_of(path)
+        assert found in (2, 3), f"byte {place}"
+        if found == 3:  # a bit that means nothing, such as one of a date
+            with mpsim.Simulation.resume(path) as sim:
+                assert sim.digest() == expected, f"byte {place}"
+            harmless += 1
+    assert harmless < len(places) / 3
+    return f"{len(places) - harmless} times the previous one, {harmless} times the same content"
+
+
+def test_a_flipped_bit_anywhere_changes_nothing_or_leads_to_the_one_before(tmp_path, figures):
+    path = two(tmp_path / "run")
+    found = assert_flipped_bits_do_no_harm(path, range(0, path.stat().st_size, 13))
+    figures.note("R6", "grid", "one bit flipped, in every 13th byte", "the same content, or the previous one", found)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_flipped_bit_in_every_byte_changes_nothing_or_leads_to_the_one_before(method, tmp_path, figures):
+    path = tmp_path / "run"
+    for frames in (2, 3):
+        saved(path, lattice(3, 3), frames=frames, method=method)
+    found = assert_flipped_bits_do_no_harm(path, range(path.stat().st_size))
+    figures.note("R6", method, "one bit flipped, in every byte", "the same content, or the previous one", found)
+
+
+def test_a_newer_format_is_refused_by_number_and_not_passed_over(tmp_path):
+    path = two(tmp_path / "run")
+    written = []
+
+    def later(header, arrays):
+        written.append(header["format"])
+        header.update(format=header["format"] + 1)
+
+    rewrite(path, later)
+    rule = rf"is of format {written[0] + 1}; this version of mpsim reads up to {written[0]}. Use a newer"
+    with pytest.raises(mpsim.CheckpointError, match=rule):
+        mpsim.Simulation.resume(path)
+
+
+def test_the_warning_stands_where_the_user_asked_and_an_error_names_both_files(tmp_path):
+    path = two(tmp_path / "run")
+    path.write_bytes(b"")
+    with pytest.warns(mpsim.errors.CheckpointWarning, match="Continuing from the previous one") as told:
+        mpsim.Simulation.resume(path).close()
+    assert told[0].filename == __file__
+    with pytest.raises(mpsim.CheckpointError, match=r"no such file.*none\.previous.*no such file"):
+        mpsim.Simulation.resume(tmp_path / "none")
+
+
+# --- what is no damage
+
+
+class ImpatienceError(Exception):
+    """An exception of a user's own."""
+
+
+PASSED_ON = [
+    MemoryError("no memory"), KeyboardInterrupt(), SystemExit(143), TimeoutError("the user's alarm"),
+    TimeoutError(errno.ETIMEDOUT, "the user's alarm"), InterruptedError("the user's"),
+    OSError("the user's, without a number"), ImpatienceError("the user's own"), UserWarning("a warning as an error"),
+]  # fmt: skip
+IN_WORDS = [errno.EACCES, errno.EISDIR, errno.EMFILE, errno.ENOMEM, errno.ESTALE]
+DAMAGE = [
+    OSError(errno.EIO, "Input/output error"), OSError(errno.EBADMSG, "Bad message"), EOFError("cut off"),
+    zipfile.BadZipFile("Bad CRC-32"), ValueError("no number"), KeyError("no such array"),
+    NotImplementedError("zip file version 9.9"),
+]  # fmt: skip
+
+WHERE = {
+    "opening": (os, "open"),
+    "the table of contents": (zipfile, "_EndRecData"),
+    "the header": (json, "loads"),
+    "the checksum of an array": (zipfile, "crc32"),
+    "an array": (np, "frombuffer"),
+    "the digest": (hashlib, "blake2b"),
+}
+"""What reading a file calls, in turn."""
+
+
+def raising(error, times=10**9):
+    left = [error] * min(times, 1000)
+
+    def fail(*arguments, **options):
+        raise left.pop()
+
+    return fail
+
+
+@pytest.mark.parametrize("where", WHERE)
+def test_only_damage_leads_to_the_older_one(where, tmp_path, monkeypatch):
+    """Errors that are the user's own are passed on; what the system refuses is said, since it may be undamaged."""
+    path = two(tmp_path / "run")
+    for error in PASSED_ON:
+        with monkeypatch.context() as patch, pytest.raises(type(error)) as found:
+            patch.setattr(*WHERE[where], raising(error))
+            mpsim.Simulation.resume(path)
+        assert found.value is error
+    for number in IN_WORDS:
+        with monkeypatch.context() as patch, pytest.raises(mpsim.CheckpointError) as found:
+            patch.setattr(*WHERE[where], raising(error := OSError(number, os.strerror(number))))
+            mpsim.Simulation.resume(path)
+        assert f"'{path}' must be a file that can be read; got: {os.strerror(number)}. It may be" in str(found.value)
+        assert found.value.__cause__ is error
+    place, name = WHERE[where]
+    for error in DAMAGE if where not in ("opening", "the table of contents") else DAMAGE[:1]:
+        whole, left = getattr(place, name), [error]
+
+        def fail_once(*arguments, whole=whole, left=left, **options):
+            if left:
+                raise left.pop()
+            return whole(*arguments, **options)
+
+        with monkeypatch.context() as patch, pytest.warns(mpsim.errors.CheckpointWarning, match="the previous one"):
+            patch.setattr(place, name, fail_once)
+            assert frame_in(path) == 2, error
+    assert frame_in(path) == 3
+
+
+def test_a_real_alarm_while_a_checkpoint_is_read_is_passed_on(tmp_path):
+    def impatient(*_):
+        raise TimeoutError("the user's alarm")
+
+    path = saved(tmp_path / "run", lattice(60, 60), frames=0)
+    before = signal.signal(signal.SIGALRM, impatient)
+    signal.setitimer(signal.ITIMER_REAL, 0.05)
+    try:
+        with pytest.raises(TimeoutError, match="the user's alarm"):
+            for _ in range(10**6):
+                mpsim.Simulation.resume(path).close()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_a_folder_a_pipe_or_a_file_for_a_folder_is_no_damage(tmp_path):
+    path = two(tmp_path / "run")
+    for make, remove, rule in (
+        (path.mkdir, path.rmdir, r"Is a directory\. It may be undamaged"),
+        (lambda: os.mkfifo(path), path.unlink, "it is a named pipe, not a file"),
+        (lambda: path.symlink_to("/dev/zero"), path.unlink, "it is a device, not a file"),
+    ):
+        path.unlink(missing_ok=True)
+        make()
+        with pytest.raises(mpsim.CheckpointError, match=rule):
+            mpsim.Simulation.resume(path)
+        remove()
+    with pytest.raises(mpsim.CheckpointError, match="Not a directory"):
+        mpsim.Simulation.resume(tmp_path / "run.previous" / "run")
+    with pytest.warns(mpsim.errors.CheckpointWarning, match="no such file"):
+        assert frame_in(path) == 2
+
+
+# --- made to do harm
+
+
+class Bomb:
+    def __reduce__(self):
+        return os.mkdir, (Bomb.target,)
+
+
+def test_a_pickle_in_disguise_executes_nothing(tmp_path):
+    Bomb.target = str(tmp_path / "executed")
+    path = saved(tmp_path / "run")
+    content = pickle.dumps(Bomb())
+    np.save(tmp_path / "array.npy", np.array([Bomb()], dtype=object), allow_pickle=True)
+    member = (tmp_path / "array.npy").read_bytes()
+    whole = path.read_bytes()
+
+    def disguise(members):
+        members["solver.position.npy"] = member
+
+    for write in (lambda: path.write_bytes(content), lambda: rewrite_members(path, disguise)):
+        path.write_bytes(whole)
+        write()
+        with pytest.raises(mpsim.CheckpointError, match="cannot be read"):
+            mpsim.Simulation.resume(path)
+    assert not (tmp_path / "executed").exists()
+    pickle.loads(content)
+    assert (tmp_path / "executed").exists(), "the control does execute"
+
+
+def npy(shape, dtype="<f8", content=b"", version=(1, 0)):
+    """A .npy file whose header says what it likes."""
+    text = repr({"descr": dtype, "fortran_order": False, "shape": shape}).encode()
+    text += b" " * (-(len(text) + 11) % 64) + b"\n"
+    return raw(text, content, version)
+
+
+def raw(text, content=bytes(80), version=(1, 0)):
+    return b"\x93NUMPY" + bytes(version) + len(text).to_bytes(2, "little") + text + content
+
+
+NO_ARRAYS = {
+    "a shape of 8 PB": npy((10**15,)),
+    "a shape beyond 64 bits": npy((2**40, 2**40)),
+    "a negative shape": npy((-1, -8), content=bytes(64)),
+    "a shape of nothing times much": npy((0, 2**62, 2**62)),
+    "objects": npy((1,), "|O", bytes(8)),
+    "texts": npy((1,), "<U9", bytes(36)),
+    "a dtype of no size": npy((2**50,), "|V0"),
+    "another version": npy((1,), content=bytes(8), version=(3, 0)),
+    "no array": b"nothing of the kind",
+    "one byte too many": npy((1,), content=bytes(9)),
+    "a header of minus signs": raw(b"-" * 9000 + b"1"),  # which NumPy's reader evaluates, to a MemoryError
+    "a header of brackets": raw(b"[" * 9000),
+    "a header that is a sum": raw(b"1+" * 4000 + b"1"),
+    "a header of a number too long": raw(
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (" + b"9" * 5000 + b",), }\n"
+    ),
+    "a dtype that is none": raw(b"{'descr': '<f3', 'fortran_order': False, 'shape': (5, 2), }\n"),
+    "another order of axes": raw(b"{'descr': '<f8', 'fortran_order': True, 'shape': (5, 2), }\n"),
+}
+
+
+def test_a_declared_array_is_compared_with_the_file_before_anything_is_allocated(tmp_path):
+    path = saved(tmp_path / "run")
+    whole = path.read_bytes()
+    for what, member in NO_ARRAYS.items():
+        for name in ("solver.velocity.npy", "scene.position.npy", f"{HEADER}.npy"):
+            path.write_bytes(whole)
+            rewrite_members(path, lambda members, name=name, member=member: members.update({name: member}))
+            with pytest.raises(mpsim.CheckpointError, match=r"cannot be read|not a state of a simulation|digest"):
+                mpsim.Simulation.resume(path)
+                pytest.fail(f"{what} in {name}")
+
+
+def test_bombs_of_compressed_or_overlapping_members_are_refused_before_they_are_read(tmp_path):
+    path = saved(tmp_path / "run")
+    rewrite_members(path, lambda members: members.update({"solver.velocity.npy": bytes(2**28)}), zipfile.ZIP_DEFLATED)
+    assert path.stat().st_size < 2**20
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(mpsim.CheckpointError, match="compressed"):
+        mpsim.Simulation.resume(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**17, "kilobytes: the bomb went off"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("first.npy", bytes(2**20))
+        info = file.getinfo("first.npy")
+        for number in range(40):  # forty names for the same million bytes
+            twin = zipfile.ZipInfo(f"twin{number}.npy")
+            for field in ("header_offset", "CRC", "compress_size", "file_size", "compress_type"):
+                setattr(twin, field, getattr(info, field))
+            file.filelist.append(twin)
+    with pytest.raises(mpsim.CheckpointError, match="declares more bytes than it has"):
+        mpsim.Simulation.resume(path)
+
+
+@pytest.mark.parametrize(("length", "rule"), [(2**16, "not a checkpoint"), (2**16 + 1, "longer than 65,536 bytes")])
+def test_the_directory_of_a_file_is_read_up_to_a_length(length, rule, tmp_path):
+    path = tmp_path / "run"
+    each, rest = divmod(length - 46 * 40, 40)  # 46 bytes of an entry beside its name
+    with zipfile.ZipFile(path, "w") as file:
+        for number in range(40):
+            file.writestr(f"{number:02}".ljust(each + (number < rest), "x"), b"")
+    with pytest.raises(mpsim.CheckpointError, match=rule):
+        mpsim.Simulation.resume(path)
+
+
+def of_array(name, change):
+    def changed(header, arrays):
+        arrays[name] = np.asarray(change(arrays[name]))
+
+    return changed
+
+
+def put(name, place, value):
+    def changed(header, arrays):
+        arrays[name][place] = value
+
+    return changed
+
+
+def of_header(key, value, *keys):
+    def changed(header, arrays):
+        for each in keys:
+            header = header[each]
+        header[key] = value
+
+    return changed
+
+
+IMPOSSIBLE = {
+    "a position that is not a number": put("solver.position", (0, 0), np.nan),
+    "a position far outside": put("solver.position", (0, 0), 1e9),
+    "an infinite velocity": put("solver.velocity", (1, 1), np.inf),
+    "radii of 0": of_array("solver.radii", np.zeros_like),
+    "radii above the largest": of_array("solver.radii", lambda a: np.full_like(a, 3.0)),
+    "masses that differ from those of the scene": of_array("solver.masses", lambda a: np.full_like(a, 2.0)),
+    "one mass that differs": of_array("solver.masses", lambda a: np.append(np.ones(6), 2.0)),
+    "a mass that is not a number": of_array("solver.masses", lambda a: np.full_like(a, np.nan)),
+    "masses as whole numbers": of_array("solver.masses", lambda a: np.asarray(a, np.int64)),
+    "no number of discs": lambda header, arrays: header.pop("discs"),
+    **{f"{value!r:.9} discs": of_header("discs", value) for value in (10**7, 10**30, -1, 5.5, "five", [5, 5])},
+    "frames below 0": put("solver.progress", 0, -1),
+    "steps of another number of frames": put("solver.progress", 1, 77),
+    "steps that its frames cannot have": put("solver.progress", 1, 6),
+    "a disc that has half left": put("solver.exits", (0, 0), 0.5),
+    "positions of the wrong dtype": of_array("solver.position", lambda a: a.astype(np.float32)),
+    "positions as whole numbers": of_array("solver.position", lambda a: a.astype(np.int64)),
+    "one velocity too few": of_array("solver.velocity", lambda a: a[:-1]),
+    "fewer discs than the scene": of_array("solver.position", lambda a: a[:2]),
+    "positions in one row": of_array("solver.position", np.ravel),
+    **{
+        f"no {name}": lambda header, arrays, name=name: arrays.pop(name)
+        for name in ("solver.progress", "solver.position", "scene.position")
+    },
+    "an array too many": lambda header, arrays: arrays.update({"solver.more": np.zeros(3)}),
+    "an array that belongs to nothing": lambda header, arrays: arrays.update({"more": np.zeros(3)}),
+    "no settings": lambda header, arrays: header.pop("settings"),
+    "an unknown setting": of_header("colour", "red", "settings"),
+    "an impossible setting": of_header("dt", -1.0, "settings"),
+    "settings of the exact solver": of_header("method", "event", "settings"),
+    "another precision": of_header("precision", "float32", "settings"),
+    "a scene without width": lambda header, arrays: header["scene"].pop("width"),
+    "a scene in a list": of_header("scene", [1, 2]),
+    "an obstacle of unknown kind": of_header("obstacles", [["Exit", {}]], "scene"),
+    "a box that holds no disc": of_header("width", 0.1, "scene"),
+    "a width that is not a number": of_header("width", float("nan"), "scene"),
+    "another frame": of_header("frame", 5, "run"),
+    "a frame in words": of_header("frame", "three", "run"),
+    "no emission": lambda header, arrays: header["run"].pop("emission"),
+    "an emission in a list": of_header("emission", [], "run"),
+    "an emission of something else": of_header("more", [0, 0, 0], "run", "emission"),
+    "an emitter too many": lambda header, arrays: header["run"]["emission"]["due"].append(1),
+    "an emitter due at half a frame": of_header("due", [1.5, 2.0, 3.0], "run", "emission"),
+    "an emission since no time": of_header("since", [0.0, 0.0, float("inf")], "run", "emission"),
+    "more discs emitted than there are": of_header("emitted", [9, 9, 9], "run", "emission"),
+    "a header in a list": of_header("format", [1]),
+    "no digest": lambda header, arrays: header.pop("digest", None),
+}
+
+IMPOSSIBLE_EXACT = {
+    "a partner that is no disc": put("solver.event", (0, 0), 99),
+    "a partner below": put("solver.event", (0, 0), -7),
+    "a side that is none": put("solver.event", (0, 3), 4),
+    "a column beyond the box": put("solver.event", (0, 4), 10**6),
+    "a row below the box": put("solver.event", (0, 5), -1),
+    "a cell that is not that of its place": of_array("solver.event", lambda a: np.roll(a, 1, axis=0)),
+    "an order in which one is twice": put("solver.order", 0, 1),
+    "an order beyond the discs": put("solver.order", 0, 10**6),
+    "an event in the past": put("solver.disc", (0, 6), -5.0),
+    "an event that has no time": put("solver.disc", (0, 5), np.nan),
+    "a place that is none": put("solver.disc", (0, 0), np.nan),
+    "a step of no length": put("solver.clock", 2, 0.0),
+    "a step that is no power of two": put("solver.clock", slice(2, 4), 0.3),
+    "a lap of another length": put("solver.clock", 3, 1e9),
+    "a present after its frame": put("solver.clock", 1, 1e9),
+    "a count below 0": put("solver.counter", 3, -1),
+    "a unit that is no power of two": put("solver.units", 0, 0.3),
+}
+
+
+def of_one(left, name, field, value):
+    """Change a field of the first disc that has left (1), or of the first that has not (0)."""
+
+    def changed(header, arrays):
+        disc = int(np.flatnonzero(arrays["solver.exits"][:, 0] == left)[0])
+        arrays[name][disc, field] = value
+
+    return changed
+
+
+def both(*changes):
+    return lambda header, arrays: [change(header, arrays) for change in changes]
+
+
+IMPOSSIBLE_FEATURES = {
+    "a disc that has half left": of_one(1, "solver.exits", 0, 0.5),
+    "a place of leaving that is not a number": of_one(1, "solver.exits", 1, np.nan),
+    "a place of leaving far outside": of_one(1, "solver.exits", 1, 1e6),
+    "a place of leaving of a disc that is there": of_one(0, "solver.exits", 1, 3.0),
+    "a disc that has left and has an event": of_one(0, "solver.exits", 0, 1.0),
+    "a disc that has left and flies": of_one(1, "solver.disc", 2, 1.0),
+    "a disc that flies and has left": both(
+        of_one(0, "solver.disc", slice(5, 7), np.inf), of_one(0, "solver.exits", 0, 1.0)
+    ),
+    "a disc that is back and left nowhere": of_one(1, "solver.exits", 0, 0.0),
+    "an obstacle beyond the last": of_one(0, "solver.event", 3, 5 + 2),
+    "a disc ahead of the present": of_one(0, "solver.disc", 4, 1e9),
+    "a spin that is not a number": put("solver.spin", 3, np.nan),
+    "no exits": lambda header, arrays: arrays.pop("solver.exits"),
+    "no piston": both(of_header("piston", None, "scene"), put("solver.event", (slice(None), 3), 4)),
+    "a piston that leaves no room": lambda header, arrays: header["scene"]["piston"][1].update(stop=0.5),
+    "no obstacles": both(of_header("obstacles", [], "scene"), put("solver.event", (slice(None), 3), 5)),
+}
+
+STARTS = {
+    "stepped": (IMPOSSIBLE, lambda path: saved(path), 3),
+    "exact": (IMPOSSIBLE_EXACT, lambda path: saved(path, lattice(5, 5), method="event", dt=0.3), 3),
+    "exact with features": (
+        IMPOSSIBLE_FEATURES,
+        lambda path: saved(path, exact_zoo(), method="event", dt=0.3, frames=6),
+        6,
+    ),
+}
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_a_state_that_no_simulation_can_have_is_refused_though_its_digest_is_right(start, tmp_path):
+    changes, save, frame = STARTS[start]
+    path = save(tmp_path / "run")
+    whole = path.read_bytes()
+    for what, change in changes.items():
+        path.write_bytes(whole)
+        rewrite(path, change, right_digest=what != "no digest")
+        with pytest.raises(mpsim.CheckpointError, match=r"(?s)cannot be read|not a state of a simulation"):
+            mpsim.Simulation.resume(path)
+            pytest.fail(what)
+    path.write_bytes(whole)
+    rewrite(path, lambda header, arrays: None)
+    with mpsim.Simulation.resume(path) as sim:
+        assert sim.frame == frame, "the control: one that is only rewritten is taken"
+        assert "features" not in start or 0 < (~sim.state.present).sum() < sim.count, "some have left"
+
+
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_number_of_discs_is_compared_with_the_arrays_before_room_is_made_for_them(method, tmp_path):
+    path = saved(tmp_path / "run", lattice(5, 5), method=method)
+    rewrite(path, of_header("discs", 10**8))
+    tracemalloc.start()
+    try:
+        with pytest.raises(mpsim.CheckpointError, match="no array for 100000000 discs"):
+            mpsim.Simulation.resume(path)
+        assert tracemalloc.get_traced_memory()[1] < 2**24
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("steps", [3, 6, 12])
+def test_frames_that_were_divided_are_no_damage(steps, tmp_path):
+    """With on_fast="substep" each frame may have had several steps, and each as many."""
+    path = saved(tmp_path / "run", zoo(WORDS, count=5), on_fast="substep")
+    rewrite(path, put("solver.progress", 1, steps))
+    with mpsim.Simulation.resume(path) as sim:
+        assert sim.frame == 3
+    rewrite(path, put("solver.progress", 1, steps + 1))
+    with pytest.raises(mpsim.CheckpointError, match=f"3 frames cannot have {steps + 1} steps"):
+        mpsim.Simulation.resume(path)
+
+
+FUZZ = """
+import shutil, warnings
+from pathlib import Path
+import numpy as np
+import mpsim
+from support.checkpoints import rewrite
+from support.scenes import exact_zoo, lattice, simulate
+
+folder, rng = Path({folder!r}), np.random.default_rng(1)
+with simulate({scene}, method={method!r}, dt=0.3) as sim:
+    sim.run(frames=6)
+    sim.save(folder / "whole")
+
+def spoil(header, arrays):
+    name = rng.choice([name for name in arrays if arrays[name].size])
+    array = arrays[name].reshape(-1)
+    place = rng.integers(array.size)
+    if array.dtype.kind == "f":
+        near = [rng.normal(), array[place] * 1.01]
+        array[place] = rng.choice([0.0, -1.0, 1e-300, 1e300, np.inf, -np.inf, np.nan, *near])
+    else:
+        array[place] = rng.choice([-(2**31), -2, -1, 0, 1, 7, 16, 2**31 - 1])
+
+warnings.simplefilter("ignore")
+counts = [0, 0, 0]
+for attempt in range(1000):
+    shutil.copy(folder / "whole", folder / "run")
+    rewrite(folder / "run", spoil)
+    try:
+        sim = mpsim.Simulation.resume(folder / "run")
+    except mpsim.CheckpointError:
+        counts[0] += 1
+        continue
+    with sim:
+        try:
+            sim.run(frames=20)
+            counts[1] += 1
+        except mpsim.MpsimError:
+            counts[2] += 1
+print(*counts)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("method", ["grid", "event", "event with features"])
+def test_a_random_value_anywhere_is_refused_or_runs(method, tmp_path, figures):
+    """Whatever passes the gate must run without a crash: in a process of its own, as a crash would end this one."""
+    scene = "exact_zoo()" if method.endswith("features") else "lattice(4, 4)"
+    outcome = run_script(FUZZ.format(method=method.split()[0], scene=scene, folder=str(tmp_path)), bound=800)
+    assert_clean(outcome)
+    refused, ran, failed = map(int, outcome.out.split())
+    assert refused > 300
+    figures.note("R7", method, "a random value in a random array, with a correct digest",
+                 "refused, or runs, or an error of mpsim",
+                 f"{refused} refused, {ran} ran, {failed} ended by an error of mpsim, 0 crashes")  # fmt: skip

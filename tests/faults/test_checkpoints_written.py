@@ -1,0 +1,364 @@
+"""Whatever happens while a checkpoint is written, a whole one is found, and nothing else is lost."""
+
+import errno
+import json
+import os
+import resource
+import subprocess
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.checkpoints import WORDS, frame_in, saved, two
+from support.processes import assert_clean, run_script
+from support.scenes import lattice, simulate, zoo
+
+import mpsim
+
+pytestmark = pytest.mark.plain
+
+
+def names(folder):
+    return sorted(each.name for each in folder.iterdir())
+
+
+# --- killed
+
+KILLED = """
+import json, os, resource, shutil, signal, sys, tempfile, warnings
+from pathlib import Path
+import mpsim
+from support.checkpoints import frame_in
+from support.scenes import simulate, zoo
+
+STEP, DEEP, NAIVE = {step}, {deep}, {naive}
+OURS = str(Path(mpsim.__file__).parent)
+base, folder = Path(tempfile.mkdtemp()), Path(tempfile.mkdtemp())
+os.fsync = lambda descriptor: None  # a kill loses nothing that the system has
+with simulate(zoo("", count=5), method="grid") as sim:
+    for _ in range(2):
+        sim.run(frames=1)
+        sim.save(base / "run")
+    sim.run(frames=1)
+    whole = sim.save(base / "new").read_bytes()
+shutil.move(base / "new", base.with_suffix(".new"))
+
+def killing_at_line(limit):
+    # Every line of our own; DEEP: of all that they call as well.
+    lines = 0
+    def trace(frame, event, argument):
+        nonlocal lines
+        if not DEEP and not frame.f_code.co_filename.startswith(OURS):
+            return None
+        lines += event == "line"
+        if lines >= limit:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return trace
+    sys.settrace(trace)
+
+def killing_at_byte(limit):
+    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+def naively(path):
+    with path.open("wb", buffering=0) as file:
+        for first in range(0, len(whole), 100):
+            file.write(whole[first : first + 100])
+
+def attempt(kill, limit):
+    # The frame that is found after a kill, 0 for none; or None where the writer came to its end.
+    shutil.rmtree(folder)
+    shutil.copytree(base, folder)
+    if NAIVE:
+        (folder / "run.previous").unlink()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            with mpsim.Simulation.resume(base.with_suffix(".new")) as sim:
+                kill(limit)
+                naively(folder / "run") if NAIVE else sim.save(folder / "run")
+                sys.settrace(None)
+        finally:
+            os._exit(0)
+    _, status = os.waitpid(pid, 0)
+    try:
+        found = frame_in(folder / "run")
+    except mpsim.CheckpointError:
+        found = 0
+    return (found if os.WIFSIGNALED(status) else None), found, len(list(folder.glob(".*.tmp")))
+
+warnings.simplefilter("error")
+warnings.simplefilter("ignore", DeprecationWarning)  # 3.12: fork in a process with threads
+results = {{}}
+for name, kill in (("line", killing_at_line), ("byte", killing_at_byte)):
+    limit, frames, littered = 1, [], 0
+    while True:
+        killed, found, leftovers = attempt(kill, limit)
+        if killed is None:
+            break
+        frames.append(killed)
+        littered += leftovers
+        limit += STEP[name]
+    results[name] = [frames, found, littered]
+with simulate(zoo("", count=5), method="grid") as again:  # what the killed have left is cleared by the next writer
+    again.save(folder / "run")
+results["left"] = [path.name for path in folder.iterdir() if path.name.endswith(".tmp")]
+print(json.dumps(results))
+"""
+
+
+def killed_writers(steps, deep=False, naive=False, bound=170):
+    """Frames found after each kill, by what the killer counts."""
+    outcome = run_script(KILLED.format(step=steps, deep=deep, naive=naive), bound=bound, warm=True)
+    assert_clean(outcome)
+    return json.loads(outcome.out)
+
+
+def assert_always_whole(results, figures, what):
+    for name in ("line", "byte"):
+        frames, end, littered = results[name]
+        assert len(frames) > 10, f"only {len(frames)} kills by {name}: that tests little"
+        assert set(frames) <= {2, 3}, f"frames found after kills by {name}: {frames}"
+        assert end == 3
+        assert littered > 0, "no kill came between the beginning of the file and its renaming"
+        found = f"{len(frames)} of {len(frames)}"
+        figures.note("R4", "grid", f"kill -9 {what[name]} of a write", "a complete checkpoint, no warning", found)
+    assert set(results["line"][0]) == {2, 3}, "no kill came after the renaming"
+    assert results["left"] == []
+
+
+@pytest.mark.slow
+def test_a_writer_killed_at_any_line_or_byte_leaves_a_whole_checkpoint(figures):
+    what = {"line": "at every 37th line of our own code", "byte": "after every 300 bytes"}
+    assert_always_whole(killed_writers({"line": 37, "byte": 300}), figures, what)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1500)
+def test_a_writer_killed_at_any_line_of_all_python_leaves_a_whole_checkpoint(figures):
+    what = {"line": "at every 7th line of Python in it", "byte": "after every byte"}
+    assert_always_whole(killed_writers({"line": 7, "byte": 1}, deep=True, bound=1400), figures, what)
+
+
+def test_control_a_writer_without_these_precautions_leaves_none(figures):
+    frames, end, _ = killed_writers({"line": 10**9, "byte": 500}, naive=True)["byte"]
+    assert end == 3
+    assert set(frames) == {0}
+    what = "control: the same kills, a writer that writes in place"
+    figures.note("R4", "grid", what, "no checkpoint left", f"{len(frames)} of {len(frames)}")
+
+
+# --- no room
+
+FULL = """
+import os
+from pathlib import Path
+import mpsim
+from support.checkpoints import frame_in
+from support.scenes import lattice, simulate
+
+os.chdir("/mnt")
+with simulate(lattice(20, 20), method="grid") as sim:
+    sim.run(frames=1)
+    sim.save("run")
+    Path("ballast").write_bytes(bytes({ballast}))
+    try:
+        while True:
+            sim.run(frames=1)
+            sim.save("run")
+            assert sim.frame < 5, "the disk is never full, which tests nothing"
+    except mpsim.errors.OutputError as error:
+        print(error)
+    print(frame_in("run") >= sim.frame - 1, sorted(os.listdir()))
+    os.unlink("ballast")
+    sim.run(frames=1)
+    sim.save("run")
+    print(frame_in("run") == sim.frame)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pages", [9, 16])
+def test_a_full_disk_is_an_error_and_the_checkpoint_of_before_is_kept(pages, figures):
+    size = 128 * 1024
+    prefix = ["unshare", "--mount", "sh", "-c", f'mount -t tmpfs -o size={size} tmpfs /mnt && exec "$@"', "sh"]
+    try:
+        subprocess.run([*prefix, "true"], check=True, capture_output=True, timeout=20)
+    except (OSError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"no private mount can be made here: {error}")
+    outcome = run_script(FULL.format(ballast=size - 4096 * pages), prefix=prefix)
+    assert_clean(outcome)
+    error, kept, later = outcome.out.splitlines()
+    assert "No space left on device" in error
+    assert "'/mnt/run'" in error
+    assert kept.startswith("True ['ballast', 'run'"), kept
+    assert ".tmp" not in kept
+    assert later == "True"
+    what = f"a disk of 128 KiB of which {pages} pages are free"
+    figures.note("R5", "grid", what, "an error; the previous one is kept", "as expected")
+
+
+@contextmanager
+def largest_file(size):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def failing(number):
+    def fail(*arguments, **options):
+        raise OSError(number, os.strerror(number))
+
+    return fail
+
+
+def test_whatever_the_system_refuses_is_an_error_and_what_was_there_is_untouched(tmp_path, monkeypatch):
+    """A file that cannot grow, at any size; a call that fails; and in the end it is saved."""
+    path = two(tmp_path / "run")
+    before = path.read_bytes()
+    with simulate(zoo(WORDS, count=5), method="grid") as sim:
+        for size in range(0, 5000, 500):
+            with largest_file(size), pytest.raises(mpsim.errors.OutputError, match="before is untouched") as full:
+                sim.save(path)
+            assert "File too large" in str(full.value)
+            assert path.read_bytes() == before, size
+        for place, call in ((os, "fsync"), (os, "link"), (Path, "replace")):
+            with monkeypatch.context() as patch:
+                patch.setattr(place, call, failing(errno.ENOSPC))
+                with pytest.raises(mpsim.errors.OutputError, match="No space left on device"):
+                    sim.save(path)
+            assert (frame_in(path), frame_in(tmp_path / "run.previous")) == (3, 2), call
+            assert names(tmp_path) == ["run", "run.previous"], call
+        sim.run(frames=1)
+        sim.save(path)
+    assert (frame_in(path), frame_in(tmp_path / "run.previous")) == (1, 3)
+
+
+def test_a_disk_that_fails_after_the_renaming_says_that_it_is_written(tmp_path, monkeypatch):
+    """The folder is flushed last: what the user has then is the new checkpoint, perhaps not for ever."""
+    path, flush = two(tmp_path / "run"), os.fsync
+
+    def fail_for_folders(descriptor):
+        if os.path.isdir(f"/proc/self/fd/{descriptor}"):
+            failing(errno.EIO)()
+        flush(descriptor)
+
+    with simulate(zoo(WORDS, count=5), method="grid") as sim:
+        sim.run(frames=1)
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fsync", fail_for_folders)
+            with pytest.raises(mpsim.errors.OutputError, match="must be safe on its disk; .* Check that disk"):
+                sim.save(path)
+    assert (frame_in(path), frame_in(tmp_path / "run.previous")) == (1, 3)
+
+
+def test_a_file_system_without_links_gets_a_copy(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "link", failing(errno.EPERM))
+    path = two(tmp_path / "run")
+    assert (frame_in(path), frame_in(tmp_path / "run.previous")) == (3, 2)
+
+
+def test_no_checkpoint_is_written_that_could_not_be_read_again(tmp_path, monkeypatch):
+    path = saved(tmp_path / "run", zoo("obstacles", count=5))
+    before = path.read_bytes()
+    monkeypatch.setattr("mpsim.engine.checkpoint.MOST_HEADER", 200)  # else it takes 67 MB of obstacles
+    with pytest.raises(mpsim.errors.OutputError, match="must take at most 200 bytes of a checkpoint's header"):
+        saved(path, zoo("obstacles", count=6))
+    assert names(tmp_path) == ["run"]
+    assert path.read_bytes() == before
+
+
+# --- places
+
+
+def test_a_checkpoint_replaces_nothing_but_a_checkpoint(tmp_path):
+    """Known before the first frame; its `.previous` is protected too, and a folder or a pipe is no place at all."""
+    thesis, mine = tmp_path / "thesis.tex", tmp_path / "mine.npz"
+    np.savez(mine, header=np.zeros(3))
+    (tmp_path / "run.previous").write_text("mine")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    with simulate(lattice(4, 4), method="grid") as sim:
+        for text in ("a year of work", "PK\x03\x04" + 60 * "x"):
+            thesis.write_text(text)
+            for deed in (sim.save, lambda path: sim.run(frames=1, checkpoint=path)):
+                match = r"may replace only a checkpoint; .*thesis\.tex.* another kind.* Choose another name"
+                with pytest.raises(mpsim.errors.OutputError, match=match):
+                    deed(thesis)
+            assert thesis.read_text() == text
+        for path, rule in (
+            (mine, "another kind"),
+            (tmp_path / "run", r"run\.previous"),
+            (tmp_path / "pipe", "must be a file; .*pipe"),
+            (tmp_path / "folder", "must be a file; .*folder"),
+            (tmp_path / "nowhere" / "run", "needs a folder that exists"),
+        ):
+            with pytest.raises(mpsim.errors.OutputError, match=rule):
+                sim.run(frames=1, checkpoint=path)
+        with pytest.raises(mpsim.errors.OutputError, match="'/proc/run'"):  # new files are refused even to root there
+            sim.save("/proc/run")
+        for nonsense in (None, 3, "", "a\0b"):
+            with pytest.raises(mpsim.InputError, match="must be a file name"):
+                sim.save(nonsense)
+        assert sim.frame == 0, "a run must be refused before it begins"
+    assert (tmp_path / "run.previous").read_text() == "mine"
+
+
+@pytest.mark.parametrize("damage", ["", "cut off"])
+def test_an_empty_or_cut_checkpoint_may_be_replaced_and_pushes_out_none_that_is_whole(damage, tmp_path):
+    path = two(tmp_path / "run")
+    path.write_bytes(path.read_bytes()[:200] if damage else b"")
+    saved(path, frames=5)
+    assert (frame_in(path), frame_in(tmp_path / "run.previous")) == (5, 2)
+
+
+def test_a_checkpoint_damaged_inside_costs_none_that_is_whole(tmp_path):
+    """It ends as it should, so it becomes the previous one, after the new one stands."""
+    path = two(tmp_path / "run")
+    content = bytearray(path.read_bytes())
+    content[content.index(b"solver.position.npy") + 200] ^= 1  # behind some 170 bytes of headers
+    path.write_bytes(content)
+    saved(path, frames=5)
+    assert frame_in(path) == 5
+    with pytest.raises(mpsim.CheckpointError):
+        frame_in(tmp_path / "run.previous")
+
+
+def test_a_relative_path_means_where_the_run_began_and_a_link_leads_to_its_file(tmp_path, monkeypatch):
+    """Users put checkpoints on a larger disk by a link; a run of no frames writes its checkpoint, too."""
+    (tmp_path / "other").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with simulate(lattice(4, 4), method="grid") as sim:
+        sim.run(frames=0, checkpoint="begun")
+        sim.run(frames=9, checkpoint="run", checkpoint_every=3, progress=lambda done, of: os.chdir(tmp_path / "other"))
+    assert names(tmp_path) == ["begun", "other", "run", "run.previous"]
+    monkeypatch.chdir(tmp_path)
+    assert (frame_in("begun"), frame_in("run")) == (0, 9)
+    (tmp_path / "link").symlink_to(tmp_path / "other" / "run")
+    for frames in (2, 3):
+        saved(tmp_path / "link", frames=frames)
+    assert (tmp_path / "link").is_symlink()
+    assert names(tmp_path / "other") == ["run", "run.previous"]
+    assert frame_in(tmp_path / "link") == 3
+
+
+def bytes_read():
+    """What this process has read from files so far."""
+    lines = Path("/proc/self/io").read_text().splitlines()
+    return int(dict(line.split(": ") for line in lines)["rchar"])
+
+
+def test_overwriting_a_checkpoint_does_not_read_the_one_that_is_there(tmp_path):
+    read = []
+    for _ in range(3):
+        before = bytes_read()
+        saved(tmp_path / "run", lattice(50, 50), frames=0)
+        read.append(bytes_read() - before)
+    size = (tmp_path / "run").stat().st_size
+    assert size > 100_000
+    assert max(read[1:]) < read[0] + size / 10
