@@ -252,7 +252,7 @@ def test_a_disk_that_fails_after_the_renaming_says_that_it_is_written(tmp_path, 
         sim.run(frames=1)
         with monkeypatch.context() as patch:
             patch.setattr(os, "fsync", fail_for_folders)
-            with pytest.raises(mpsim.errors.OutputError, match="must be safe on its disk; .* Check that disk"):
+            with pytest.raises(mpsim.errors.OutputError, match=r"must be safe on its disk; .* Check that disk"):
                 sim.save(path)
     assert (frame_in(path), frame_in(tmp_path / "run.previous")) == (1, 3)
 
