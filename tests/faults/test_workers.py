@@ -1,0 +1,554 @@
+"""A worker that dies is named within a second, or replaced so that nothing shows it; a slow one is waited for."""
+
+import functools
+import itertools
+import logging
+import os
+import random
+import signal
+import threading
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import psutil
+import pytest
+from support.internals import peek
+from support.killing import Killer, often, repeat_until_killed
+from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone, wait_until
+from support.scenes import crowd, gas, lattice, split, struck, zoo
+from support.selection import slow_but
+
+import mpsim
+
+pytestmark = [
+    pytest.mark.compiled,
+    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork in a process with threads
+]
+
+NOTICED_WITHIN = 1.0
+"""Seconds between a death and the exception that reports it."""
+
+PHASES = ["move", "sort", "even columns", "odd columns", "wait"]
+ROOMY = lattice(9, 9, pitch=4.0)
+MORE = lattice(8, 8, pitch=4.0).position + 2.0
+"""Places between them."""
+
+
+def begin(scene=None, workers=3, start_method="fork", **settings):
+    """A simulation on workers, by fork, which starts them in the shortest time."""
+    settings = {"method": "parallel", "workers": workers, "start_method": start_method, **settings}
+    return mpsim.Simulation(scene or gas(2000, 0.5, seed=1), **split(settings))
+
+
+def alone(scene, frames, act=lambda sim: None, **settings):
+    """Digest of the same on one process."""
+    with mpsim.Simulation(scene, **split({"method": "grid", **settings})) as sim:
+        act(sim)
+        sim.run(frames=frames - sim.frame)
+        return sim.digest()
+
+
+def kill(*pids):
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+@contextmanager
+def later(act, seconds=0.1):
+    """Call something in another thread, so many seconds from now; the list gets the time when it was done."""
+    moments = []
+
+    def acting():
+        act()
+        moments.append(time.monotonic())
+
+    timer = threading.Timer(seconds, acting)
+    timer.start()
+    try:
+        yield moments
+    finally:
+        timer.join()
+
+
+def assert_over(sim, pids):
+    """Require that the simulation is closed, its workers gone, and its block removed."""
+    assert all(map(is_gone, pids))
+    assert wait_until(lambda: not blocks_of(os.getpid()), 2)
+    with pytest.raises(mpsim.errors.ClosedError, match="closed after frame"):
+        sim.run(frames=1)
+    sim.close()
+
+
+# --- a death that ends the run
+
+DEATHS = {
+    "one": (lambda pids: kill(pids[1]), {2}, -9, "signal 9 (SIGKILL)"),
+    "all at once": (lambda pids: kill(*pids), {1, 2}, -9, "signal 9 (SIGKILL)"),
+    "by another signal": (lambda pids: os.kill(pids[0], signal.SIGUSR1), {1}, -10, "signal 10 (SIGUSR1)"),
+}
+
+
+@pytest.mark.parametrize("death", DEATHS)
+def test_a_death_in_a_run_is_named_within_a_second_and_nothing_is_left(death):
+    act, workers, code, words = DEATHS[death]
+    sim = begin(lattice(100, 100))
+    pids = sim.pids
+    with later(lambda: act(pids)) as moments, pytest.raises(mpsim.WorkerDiedError) as caught:
+        sim.run(frames=10**6)
+    assert time.monotonic() - moments[0] < NOTICED_WITHIN
+    error = caught.value
+    assert error.worker in workers
+    assert (error.exitcode, error.pid) == (code, pids[error.worker - 1])
+    for word in (f"worker {error.worker}", str(error.pid), words, f"frame {error.frame}", f"'{error.phase}'"):
+        assert word in str(error)
+    assert_over(sim, pids)
+
+
+@pytest.mark.parametrize("then", ["run", "grow"])
+def test_a_death_between_runs_is_noticed_by_what_comes_next_and_the_state_stays_readable(then):
+    sim = begin(ROOMY)
+    sim.run(frames=5)
+    pids, before = sim.pids, sim.digest()
+    kill(pids[1])
+    assert wait_until(lambda: is_gone(pids[1]), 5)
+    assert sim.digest() == before
+    deed = {"run": lambda: sim.run(frames=10**6), "grow": lambda: sim.add(MORE, 0 * MORE)}[then]
+    with pytest.raises(mpsim.WorkerDiedError, match="worker 2") as caught:
+        deed()
+    assert (caught.value.worker, caught.value.frame) == (2, 5)
+    assert_over(sim, pids)
+
+
+def is_stopped(pid):
+    """Whether the process has really stopped, which it does a little after the signal."""
+    return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "T"
+
+
+def kill_in_phase(sim, worker, phase):
+    """Stop the worker again and again until it is found in this phase; kill it there. Returns the frame."""
+    pid = sim.pids[worker - 1]
+    for attempt in range(3000):
+        os.kill(pid, signal.SIGSTOP)
+        assert wait_until(lambda: is_stopped(pid), 2)
+        found, frame = peek(sim, worker)  # nobody else can tell the phase of a worker that has been stopped
+        if found == phase:
+            kill(pid)
+            return frame
+        os.kill(pid, signal.SIGCONT)
+        time.sleep(0.0005 + attempt % 7 * 0.0003)
+    kill(pid)  # or the run would not end
+    raise AssertionError(f"worker {worker} was never found in phase {phase!r}")
+
+
+def kill_at_barrier(sim, worker, other):
+    """Hold another worker up, so that this one waits at a barrier for certain; kill it there."""
+    victim, held_up = sim.pids[worker - 1], sim.pids[other - 1]
+    os.kill(held_up, signal.SIGSTOP)
+    before, now = None, peek(sim, worker)
+    while now != before:  # on a busy machine it may be long on its way to the barrier
+        time.sleep(0.1)
+        before, now = now, peek(sim, worker)
+    kill(victim)
+    assert wait_until(lambda: is_gone(victim), 5)
+    with suppress(ProcessLookupError):  # its death was noticed, and all were stopped
+        os.kill(held_up, signal.SIGCONT)
+    return now[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("phase", "worker"), [*zip(PHASES, [1, 2, 1, 2, 1], strict=True), ("wait", 2)])
+def test_a_death_in_any_phase_is_named_in_full_and_healed(phase, worker, figures):
+    scene, deed = lattice(200, 200), kill_in_phase if phase != "wait" else kill_at_barrier
+    for heals in ("raise", "restart"):
+        sim, found = begin(scene, precision="float32", on_worker_death=heals), []
+        pids, other = sim.pids, 3 - worker
+        act = lambda: found.append(deed(sim, worker, phase if phase != "wait" else other))  # noqa: B023, E731
+        if heals == "raise":
+            with later(act), pytest.raises(mpsim.WorkerDiedError) as caught:
+                sim.run(frames=10**6)
+            error = caught.value
+            assert (error.worker, error.exitcode, error.phase) == (worker, -signal.SIGKILL, phase)
+            assert error.frame == found[0]
+            assert_over(sim, pids)
+        else:
+            with sim, later(act):
+                while not found:
+                    sim.run(frames=10)
+                sim.run(frames=10)
+                assert sim.digest() == alone(scene, sim.frame, precision="float32")
+            figures.note("R9", "parallel on 3", f"a worker killed in phase '{phase}'", "digest of grid", "the same")
+
+
+START_UP = """
+import multiprocessing, os, signal, threading, time
+import mpsim
+from support.scenes import lattice
+
+def kill_the_first_worker():
+    while not multiprocessing.active_children():
+        time.sleep(0.0005)
+    time.sleep({delay})
+    os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
+
+threading.Thread(target=kill_the_first_worker).start()
+try:
+    mpsim.Simulation(lattice(20, 20), mpsim.Settings(method="parallel", workers=2), start_method="{start}")
+except mpsim.WorkerDiedError as error:
+    print(error.worker, error.exitcode, error.phase)
+"""
+
+
+@pytest.mark.parametrize(
+    ("start", "delay"), slow_but([("spawn", 0.1), ("spawn", 0.0), ("forkserver", 0.0)], ("forkserver", 0.0))
+)
+def test_a_death_during_start_up_is_named(start, delay):
+    with Script(START_UP.format(start=start, delay=delay), warm=start != "spawn") as script:
+        outcome = script.finish(30)
+        assert (outcome.code, outcome.out, outcome.err) == (0, "1 -9 start-up\n", "")
+        assert_nothing_left_of(script.pid)
+
+
+def test_a_worker_that_raises_hands_over_its_traceback(monkeypatch):
+    def broken(block):
+        raise ValueError("the kernels are broken")
+
+    monkeypatch.setattr("mpsim.engine.workers.worker.load_kernels", broken)  # which a damaged installation would do
+    with pytest.raises(mpsim.WorkerDiedError, match=r"(?s)ValueError: the kernels are broken") as caught:
+        begin(lattice(20, 20))
+    assert (caught.value.worker, caught.value.exitcode, caught.value.phase) == (1, 1, "start-up")
+
+
+# --- a death that is healed
+
+STEPS = {
+    "add one": lambda sim: sim.add(MORE[0], (0.5, 0.0)),
+    "add many, which moves the workers": lambda sim: sim.add(MORE[1:], 0 * MORE[1:]),
+    "kick": lambda sim: sim.kick(range(0, 80, 5), (0.5, 0.25)),
+    "remove": lambda sim: sim.remove([3, 44]),
+    "change": lambda sim: sim.change(passes=2, dt=0.005),
+    "set": lambda sim: sim.set(7, velocity=(1.0, 1.0)),
+    "nothing": lambda sim: None,
+}
+
+
+def stepwise(sim, before=lambda sim: None):
+    for act in STEPS.values():
+        sim.run(frames=5)
+        before(sim)
+        act(sim)
+        before(sim)
+    sim.run(frames=5)
+    return sim.digest(), sim.count, [change.what for change in sim.journal]
+
+
+def test_workers_that_die_before_and_after_each_change_are_replaced_and_change_nothing(caplog):
+    """One, all at once, or one that was stopped for a while: a line of the log each time."""
+    turns = itertools.cycle([lambda pids: kill(pids[0]), lambda pids: kill(*pids), stop_and_kill])
+
+    def hit(sim):
+        if sim.pids:
+            next(turns)(sim.pids)
+
+    with mpsim.Simulation(ROOMY, mpsim.Settings(method="grid")) as sim:
+        expected = stepwise(sim)
+    with caplog.at_level(logging.WARNING, "mpsim"), begin(ROOMY, on_worker_death="restart") as sim:
+        assert stepwise(sim, hit) == expected
+        assert len(sim.pids) == 2
+    assert len(caplog.records) >= len(STEPS)
+    assert all("on new workers" in record.getMessage() for record in caplog.records)
+
+
+def stop_and_kill(pids):
+    """A stopped worker holds everybody up; it is no death until somebody kills it."""
+    os.kill(pids[0], signal.SIGSTOP)
+    threading.Timer(0.3, kill, (pids[0],)).start()
+
+
+class Hit:
+    """An observer that kills a worker at some frames, once at each."""
+
+    every = 20
+
+    def __init__(self, frames, deed=lambda pids: kill(pids[0])):
+        self.left, self._deed = set(frames), deed
+
+    def look(self, sim, collisions):
+        if sim.frame in self.left:
+            self.left.remove(sim.frame)
+            self._deed(sim.pids)
+
+
+@pytest.mark.parametrize("where", ["main", "a thread"])
+def test_a_run_that_heals_goes_back_with_all_that_it_writes(where, tmp_path):
+    """Trajectory, checkpoints, progress and report are those of a run in which nobody dies."""
+    scene, found, steps = gas(60, 0.4), [], []
+    with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim, mpsim.Trajectory.write(tmp_path / "a.xyz") as o:
+        sim.run(frames=100, observe=o)
+        expected = sim.digest()
+
+    def work():
+        with (
+            begin(scene, on_worker_death="restart") as sim,
+            mpsim.Trajectory.write(tmp_path / "b.xyz") as out,
+        ):
+            kept = {"checkpoint": tmp_path / "run", "checkpoint_every": 30}
+            progress = lambda done, of: steps.append(done)  # noqa: E731
+            report = sim.run(frames=100, observe=[out, Hit([20, 40, 60])], progress=progress, **kept)
+            found.extend([sim.digest(), sim.frame, report.frames, bool((report.frame_seconds > 0).all())])
+
+    thread = threading.Thread(target=work)
+    thread.start() if where == "a thread" else work()
+    if where == "a thread":
+        thread.join(100)
+    assert found == [expected, 100, 100, True]
+    assert (tmp_path / "b.xyz").read_bytes() == (tmp_path / "a.xyz").read_bytes()
+    assert steps[-1] == 100
+    with mpsim.Simulation.resume(tmp_path / "run") as sim:
+        assert (sim.frame, sim.digest()) == (100, expected)
+    with pytest.raises(mpsim.WorkerDiedError), begin(scene) as sim:  # the control: raise is the default
+        sim.run(frames=100, observe=Hit([20]))
+
+
+def test_deaths_without_end_end_the_run():
+    """No progress, so no use in trying again."""
+    sim, over = begin(lattice(100, 100), workers=2, on_worker_death="restart"), threading.Event()
+
+    def kill_all_that_come():
+        while not over.is_set():
+            with suppress(ProcessLookupError, mpsim.errors.ClosedError):
+                kill(*[child.pid for child in psutil.Process().children() if child.pid in sim.pids])
+
+    thread = threading.Thread(target=kill_all_that_come)
+    thread.start()
+    try:
+        with pytest.raises(mpsim.WorkerDiedError):
+            sim.run(frames=10**6)
+    finally:
+        over.set()
+        thread.join()
+    assert_over(sim, [])
+
+
+@pytest.mark.parametrize("deaths", ["raise", "restart"])
+def test_ctrl_c_beside_a_death_leaves_a_state_that_is_one_or_none(deaths):
+    """The frame may be given up half-way. What lies in the block then must not pass for a result, nor a snapshot."""
+
+    def hit(sim):
+        kill(sim.pids[0])
+        os.kill(os.getpid(), signal.SIGINT)
+
+    for attempt in range(4):
+        with begin(lattice(60, 60), workers=2, on_worker_death=deaths) as sim:
+            with (
+                later(lambda: hit(sim), 0.03 + 0.0137 * attempt),
+                pytest.raises((KeyboardInterrupt, mpsim.WorkerDiedError)),
+            ):
+                run_until_interrupted(sim)
+            with suppress(mpsim.errors.ClosedError):
+                assert sim.digest() == alone(lattice(60, 60), sim.frame)
+
+
+def run_until_interrupted(sim):
+    """Ctrl-C may come a little after the error of the death."""
+    try:
+        sim.run(frames=10**6)
+    except mpsim.WorkerDiedError:
+        time.sleep(5)
+
+
+# --- at random moments, with measures
+
+MEASURES = ("pressure", "collision_rate", "largest_overlap", "kinetic_energy", "temperature")
+FRAMES = 2000
+
+
+def values(report):
+    return {name: repr(each) for name, each in report.measures.items()}  # in which NaN equals NaN
+
+
+@functools.cache
+def undisturbed(start=None):
+    """Digest, measures and collisions of the run in which nobody dies."""
+    with mpsim.Simulation(gas(2000, 0.5, seed=1), mpsim.Settings(method="grid")) as sim:
+        report = sim.run(frames=FRAMES, measures=MEASURES, start=start)
+        return sim.digest(), values(report), report.collisions
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [None, 8.0])
+def test_measures_do_not_show_workers_that_die_at_random_moments(start, figures):
+
+    def experiment(killing):
+        with begin(on_worker_death="restart") as sim, killing(sim):
+            report = sim.run(frames=FRAMES, measures=MEASURES, start=start)
+            assert (sim.digest(), values(report), report.collisions) == undisturbed(start)
+            assert report.frames == FRAMES
+
+    # Never more than a run stands without a snapshot in between, of which a slow machine may take none.
+    deaths = repeat_until_killed(experiment, often, least=2, most=5)
+    what = "workers killed at random moments"
+    figures.note("R9", "parallel on 3", what, "digest and measures of grid", f"the same after {deaths} deaths")
+
+
+@pytest.mark.slow
+def test_control_measures_that_do_not_go_back_are_noticed(monkeypatch):
+    from mpsim.engine import run_record  # noqa: PLC0415 - a fault that no user can make
+
+    monkeypatch.setattr(run_record.RunRecord, "rewind", lambda self, mark: setattr(self, "done", mark.done))
+    found = []
+
+    def experiment(killing):
+        with begin(on_worker_death="restart") as sim, killing(sim):
+            report = sim.run(frames=FRAMES, measures=MEASURES)
+            assert sim.digest() == undisturbed()[0]
+            found.append(values(report))
+
+    repeat_until_killed(experiment, lambda: 0.15, most=2)
+    assert found[-1] != undisturbed()[1]
+
+
+@pytest.mark.slow
+def test_a_survivor_that_is_stopped_does_not_keep_the_others_from_going_on():
+    with begin(on_worker_death="restart") as sim:
+        stopped, victim = sim.pids
+        os.kill(stopped, signal.SIGSTOP)
+        kill(victim)
+        sim.run(frames=100)
+        assert sim.digest() == alone(gas(2000, 0.5, seed=1), 100)
+        assert is_gone(stopped)
+
+
+def doors():
+    return zoo("emitters absorbing piston gravity", count=30, side=40.0)
+
+
+def growing():
+    start = crowd(190, 0.2)
+    emitter = mpsim.Emitter((100, 100), (20, 5), every=10)
+    return mpsim.Scene(
+        width=200, height=200, position=start.position, velocity=start.velocity, radius=0.5, emitters=emitter
+    )
+
+
+RUNS = {
+    "frames that a fast disc has divided": (struck, 200, {"dt": 0.05, "on_fast": "substep"}),
+    "emitters and exits": (doors, 1500, {}),
+    "one that becomes parallel on the way": (growing, 6000, {"method": "auto"}),
+}
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.OverlapWarning")
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
+@pytest.mark.parametrize("what", RUNS)
+def test_all_that_a_run_counts_goes_back_too(what):
+    make, frames, settings = RUNS[what]
+
+    def result(sim):
+        sim.run(frames=frames)
+        return sim.substeps, sim.count, sim.absorbed.sum(), sim.digest()
+
+    def experiment(killing):
+        with begin(make(), on_worker_death="restart", **settings) as sim, killing(sim):
+            assert result(sim) == expected
+
+    with begin(make(), workers=1, **settings) as sim:
+        expected = result(sim)
+    repeat_until_killed(experiment, lambda: random.uniform(0.03, 0.15), most=4)
+
+
+# --- slow ones
+
+
+def cpu(pids):
+    return sum(sum(psutil.Process(pid).cpu_times()[:2]) for pid in pids)
+
+
+def test_a_slow_worker_is_waited_for_at_little_cost_and_an_idle_pool_costs_nothing():
+    scene = lattice(40, 40)
+    with begin(scene) as sim:
+        sim.run(frames=1)
+        os.kill(sim.pids[0], signal.SIGSTOP)
+        with later(lambda: os.kill(sim.pids[0], signal.SIGCONT), 1.2):
+            spent, begun = time.process_time() + cpu(sim.pids), time.monotonic()
+            report = sim.run(frames=99)
+            spent = time.process_time() + cpu(sim.pids) - spent
+        assert time.monotonic() - begun > 0.9, "the worker was not stopped, which tests nothing"
+        assert spent < 0.9, f"{spent:.2f} s of processor time during 1.2 s of waiting"
+        longest = report.frame_seconds.argmax()
+        assert report.phase_seconds["wait"][longest, 0] > 0.9, "the time lost must show as waiting"
+        time.sleep(0.2)
+        before = cpu(sim.pids)
+        time.sleep(0.8)
+        assert cpu(sim.pids) - before < 0.04, "seconds of processor time of an idle pool"
+        for pause in (0, 0.001, 0.003, 0.01, 0.1):
+            time.sleep(pause)
+            sim.run(frames=2)
+        assert sim.digest() == alone(scene, 110)
+
+
+def test_workers_that_share_one_core_are_slow_and_right(figures):
+    """A barrier among three on one core means three changes of process; it must not mean three time slices (4 ms)."""
+    cores, found = os.sched_getaffinity(0), []
+    os.sched_setaffinity(0, {min(cores)})
+    try:
+        for settings in ({"method": "grid"}, {"method": "parallel"}):
+            with begin(lattice(40, 40), **settings) as sim:
+                sim.run(frames=20)
+                spent = time.process_time() + cpu(sim.pids)
+                sim.run(frames=300)
+                found += [time.process_time() + cpu(sim.pids) - spent, sim.digest()]
+    finally:
+        os.sched_setaffinity(0, cores)
+    one, digest, shared, same = found
+    assert digest == same
+    assert shared / one < 60, f"frames cost {shared / one:.0f} times as much; time slices at barriers would be 200"
+    what = f"the same, at {shared / one:.1f} times the processor time"
+    figures.note("R13", "parallel on 3", "all pinned to one core", "digest of grid", what)
+
+
+@pytest.mark.slow
+def test_a_coordinator_held_up_between_waking_workers_and_giving_the_command_still_gets_them():
+    """A busy machine may take its core away at that moment; the workers must not go to sleep for good."""
+    with begin(lattice(20, 20), workers=2) as sim:
+        pool = sim._solver._pool  # a moment that no signal hits for certain
+        wake = pool.wake
+        for pause in (0.005, 0.02, 0.1):
+            pool.wake = lambda pause=pause: (wake(), time.sleep(pause))
+            time.sleep(0.05)
+            sim.run(frames=2)
+        assert sim.digest() == alone(lattice(20, 20), 6)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_a_worker_stopped_for_good_ends_the_run_and_is_ended_too():
+    sim = begin(lattice(20, 20))
+    pids = sim.pids
+    os.kill(pids[1], signal.SIGSTOP)
+    with pytest.raises(
+        mpsim.errors.WorkerStalledError, match=r"worker 2 has not reached a barrier within 120 s.*start"
+    ):
+        sim.run(frames=10)
+    assert_over(sim, pids)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_a_hundred_deaths_at_random_moments_change_nothing(figures):
+    deaths, runs, given_up, phases = 0, 0, 0, set()
+    while deaths < 100:
+        with begin(workers=random.choice([2, 3]), on_worker_death="restart") as sim, Killer(sim, often) as killer:
+            try:
+                report = sim.run(frames=FRAMES, measures=MEASURES)
+            except mpsim.WorkerDiedError:  # as it must, where a busy machine has taken no snapshot between so many
+                assert killer.deaths > 5
+                given_up += 1
+                continue
+            assert (sim.digest(), values(report), report.collisions) == undisturbed()
+        deaths, runs, phases = deaths + killer.deaths, runs + 1, phases | killer.phases
+    assert given_up <= runs, f"{given_up} runs were given up, and {runs} healed"
+    what = f"the same in {runs} runs with {deaths} deaths, in phases {', '.join(sorted(phases))}"
+    figures.note("R9", "parallel on 2 and 3", "workers killed at random", "digest and measures of grid", what)
