@@ -61,13 +61,13 @@ FAMILIES = {
 """Modules in which faults are drawn, by subject."""
 
 FIRST = {
-    "contacts": ["tests/determinism/test_golden.py", "tests/agreement"],
-    "laws": ["tests/determinism/test_golden.py", "tests/agreement"],
-    "sort": ["tests/determinism/test_golden.py", "tests/agreement"],
-    "events": ["tests/determinism/test_golden.py", "tests/agreement"],
-    "windows": ["tests/determinism"],
-    "checkpoint": ["tests/determinism/test_written_files.py", "tests/faults/test_checkpoints_read.py"],
-    "changes": ["tests/determinism", "tests/unit/engine"],
+    "contacts": ["tests/contracts/test_golden.py", "tests/twins"],
+    "laws": ["tests/contracts/test_golden.py", "tests/twins"],
+    "sort": ["tests/contracts/test_golden.py", "tests/twins"],
+    "events": ["tests/contracts/test_golden.py", "tests/twins"],
+    "windows": ["tests/contracts"],
+    "checkpoint": ["tests/contracts/test_written_files.py", "tests/faults/test_checkpoints_read.py"],
+    "changes": ["tests/contracts", "tests/unit/engine"],
     "statistics": ["tests/unit/measure", "tests/physics"],
     "readers": ["tests/doors", "tests/unit/output", "tests/unit/scene"],
 }

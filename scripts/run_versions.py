@@ -1,4 +1,4 @@
-"""Runs the unit and determinism tests on each version of Python, with oldest and newest dependencies.
+"""Runs the tests of units and contracts on each version of Python, with oldest and newest dependencies.
 
 python scripts/run_versions.py                                  every cell that is not under results/versions/ yet
 python scripts/run_versions.py --docs docs/contributing.md      and the table there renewed
@@ -30,7 +30,7 @@ from packaging.requirements import Requirement
 from pages import fill_page
 
 TOP = Path(__file__).parents[1]
-TESTS = ("tests/unit", "tests/determinism")
+TESTS = ("tests/unit", "tests/contracts")
 KINDS = ("lowest", "newest")
 
 COMPANIONS = {"pyparsing": "<3.3"}

@@ -93,7 +93,7 @@ def check_all():
 
 
 def test_units_matter_nowhere():
-    text = "from adversary.test_finds import check_all; check_all()"
+    text = "from twins.test_finds import check_all; check_all()"
     assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}))
 
 

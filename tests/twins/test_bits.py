@@ -126,7 +126,7 @@ def check_many(stepped, exact):
 
 
 def plain(stepped, exact, bound):
-    text = f"from adversary.test_bits import check_many; check_many({stepped}, {exact})"
+    text = f"from twins.test_bits import check_many; check_many({stepped}, {exact})"
     outcome = run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=bound)
     assert_clean(outcome)
     return int(outcome.out)

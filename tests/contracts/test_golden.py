@@ -3,7 +3,7 @@
 The scenes are built by integer arithmetic and a frame uses + - * / and square roots only, so neither the mathematical
 library nor the random numbers of NumPy can change a digest. Only an intended change of the dynamics may; then renew:
 
-    python -m pytest tests/determinism/test_golden.py --renew
+    python -m pytest tests/contracts/test_golden.py --renew
 
 and say in the changelog that runs of the new version do not continue those of the old one.
 

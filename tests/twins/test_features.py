@@ -64,7 +64,7 @@ def check_all_as_they_are():
 @pytest.mark.slow
 def test_each_feature_alone_and_any_of_them_together_are_what_the_slow_twin_says():
     outcome = run_script(
-        "from agreement.test_features import check_all_as_they_are; check_all_as_they_are()",
+        "from twins.test_features import check_all_as_they_are; check_all_as_they_are()",
         env={"NUMBA_DISABLE_JIT": "1"},
         bound=120,
     )
@@ -110,7 +110,7 @@ def test_any_features_are_what_the_slow_twin_says_in_thousands_of_scenes():
     text = """
     import warnings
     warnings.simplefilter("ignore")
-    from agreement.test_features import check_anything
+    from twins.test_features import check_anything
     check_anything(300, 8000)
     """
     assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=500))
@@ -131,7 +131,7 @@ def check_that_wrong_friction_is_seen():
 
 def test_a_twin_with_wrong_friction_is_seen():
     """The control."""
-    text = "from agreement.test_features import *; check_that_wrong_friction_is_seen()"
+    text = "from twins.test_features import *; check_that_wrong_friction_is_seen()"
     assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}, bound=60))
 
 

@@ -4,7 +4,7 @@
 and what a trade keeps. They stay as they are for as long as their formats are to be read; only where a format is given
 up on purpose are they written anew:
 
-    python -m support.written determinism/written        (in the folder tests)
+    python -m support.written contracts/written        (in the folder tests)
 """
 
 import json

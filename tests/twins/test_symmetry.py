@@ -119,7 +119,7 @@ def check_many(exact, stepped, most):
 
 
 def plain(exact, stepped, most, bound):
-    text = f"from adversary.test_symmetry import check_many; check_many({exact}, {stepped}, {most})"
+    text = f"from twins.test_symmetry import check_many; check_many({exact}, {stepped}, {most})"
     outcome = run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=bound)
     assert_clean(outcome)
     return int(outcome.out)
@@ -166,5 +166,5 @@ def check_that_a_wrong_mirror_is_seen():
 @pytest.mark.slow
 def test_a_wrong_mirror_is_seen():
     """The control."""
-    text = "from adversary.test_symmetry import *; check_that_a_wrong_mirror_is_seen()"
+    text = "from twins.test_symmetry import *; check_that_a_wrong_mirror_is_seen()"
     assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=60))

@@ -326,7 +326,7 @@ def seen_runs(seeds):
 
 
 RUNS = """
-from adversary.test_measures import seen_runs
+from twins.test_measures import seen_runs
 print(seen_runs(range({first}, {last})))
 """
 
@@ -367,7 +367,7 @@ SCALED = {float: lambda value: value * 1.00001, Measure: lambda found: replace(f
 def test_a_factor_in_a_measure_of_a_run_is_seen():
     """The control."""
     names = ["pressure", "contact_rate", "overlap", "largest_overlap", "momentum_drift", "kinetic_energy"]
-    text = f"from adversary.test_measures import *; check_that_factors_are_seen(103, {names})"
+    text = f"from twins.test_measures import *; check_that_factors_are_seen(103, {names})"
     assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}))
 
 

@@ -19,7 +19,7 @@ CASES = [
 ]
 
 SCRIPT = """
-from agreement.test_without_compilation import CASES, digests
+from twins.test_without_compilation import CASES, digests
 from mpsim.kernels.compiling import compiled_kernels
 
 print(*digests(CASES))

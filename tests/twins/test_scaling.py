@@ -103,7 +103,7 @@ def check_many(first, last, exact):
 
 
 def plain(first, last, exact, bound):
-    text = f"from adversary.test_scaling import check_many; check_many({first}, {last}, {exact})"
+    text = f"from twins.test_scaling import check_many; check_many({first}, {last}, {exact})"
     outcome = run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=bound)
     assert_clean(outcome)
     return int(outcome.out)
@@ -146,5 +146,5 @@ def check_that_forgetting_is_seen():
 
 def test_a_length_or_speed_that_is_not_scaled_is_seen():
     """The control."""
-    text = "from adversary.test_scaling import *; check_that_forgetting_is_seen()"
+    text = "from twins.test_scaling import *; check_that_forgetting_is_seen()"
     assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}))

@@ -3,7 +3,7 @@
 The start is made by integer arithmetic and the solver uses + - * / and square roots only, so the digest is that of
 every machine with IEEE arithmetic. After a change of the dynamics on purpose:
 
-    python -m pytest tests/determinism/test_million.py --renew
+    python -m pytest tests/contracts/test_million.py --renew
 """
 
 import json
