@@ -228,7 +228,9 @@ class Session(Commanded):
             now_shown = (sim.state, sim.frame, sim.time) if self._owned else _now(sim)
             self._tell_gauges(*now_shown, self._collisions.so_far(sim, collisions))
             self._readings.use(now, time.thread_time() - spent)
-        if self._trade.pair is not None and where != self._compared and not self._comparisons.wait(now, *COMPARING):
+        if self._trade.pair is None:
+            self._broadcast.tell_if_new("pair", self._trade.told(sim))  # it may just have ended, and why
+        elif where != self._compared and not self._comparisons.wait(now, *COMPARING):
             spent = time.thread_time()
             self._tell_trade()
             self._comparisons.use(now, time.thread_time() - spent)

@@ -1,0 +1,546 @@
+"""What pages ask of a run: speed, reset, colours, counts, a second stage, passes, a moment to go back to, a search."""
+
+import time
+
+import numpy as np
+import pytest
+from support.scenes import gas, simulate
+from support.visitor import FASTEST, KNEE, Visitor, digest_alone, kept, paused, replayed, viewed
+
+import mpsim
+from mpsim import measure
+
+pytestmark = pytest.mark.plain
+
+SCENE = gas(20, 0.4)
+GRID = mpsim.Settings(method="grid", contact="push", dt=0.01)
+EVENT = mpsim.Settings(method="event")
+EXACT = mpsim.Settings(method="event", dt=0.01)
+
+
+# --- one stage
+
+
+def test_played_at_any_speed_a_run_has_the_bits_of_one_alone():
+    with paused(SCENE, GRID) as page:
+        page.say("play")
+        for speed in (None, 3.0, 0.5, None):
+            page.say("speed", value=speed)
+            before = page.frame
+            page.hear_until(lambda v, before=before: v.frame > before + 5)
+        page.say("pause")
+        page.hear_until(lambda v: v.phase == "paused")
+        session = kept(page.view.address)
+        assert session.frame > 20
+        assert session.digest == digest_alone(SCENE, GRID, session.frame)
+        assert session.digest != digest_alone(SCENE, GRID, session.frame + 1), "the control"
+        page.say("reset")
+        page.hear_until(lambda v: v.frame == 0)
+        page.step_to(10)
+        assert kept(page.view.address).digest == digest_alone(SCENE, GRID, 10)
+
+
+def test_a_scene_with_a_time_between_pictures_begins_at_the_speed_that_shows_25_a_second():
+    with paused(mpsim.Scene.load("gas")) as page, paused(SCENE, GRID) as other:
+        assert (page.last["status"]["speed"], other.last["status"]["speed"]) == (5.0, 1.0)
+
+
+def test_frames_do_not_come_faster_than_was_asked_for_nor_are_missed_ones_made_up_for():
+    with paused(SCENE, GRID) as page:
+        page.say("speed", value=0.05)  # 3 frames a second
+        page.say("play")
+        page.hear_until(lambda v: v.phase == "playing" and v.frame > 0)
+        frame, begun = page.frame, time.monotonic()
+        page.hear_for(1.2)
+        page.hear_until(lambda v: v.frame > frame + 1)
+        assert page.frame - frame <= 3 * (time.monotonic() - begun) + 2
+
+
+def test_pages_are_told_the_dt_in_force():
+    with paused(SCENE, GRID) as page:
+        for name, values, dt in (
+            ("change", {"name": "dt", "value": 0.02, "same": False}, 0.02),
+            ("undo", {}, 0.01),
+            ("change", {"name": "dt", "value": 0.005, "same": False}, 0.005),
+            ("reset", {}, 0.01),
+        ):
+            page.say(name, **values)
+            page.hear_until(lambda v, dt=dt: v.last["scene"]["dt"] == v.last["hands"]["dt"] == dt)
+
+
+def test_gauges_are_the_numbers_of_the_library():
+    with mpsim.Simulation(SCENE, GRID) as alone, paused(SCENE, GRID) as page:
+        report = alone.run(frames=30)
+        page.step_to(30)
+        gauges, state = page.gauges_at(30), alone.state
+    energy, start = measure.kinetic_energy(state, SCENE), mpsim.State(SCENE.position, SCENE.velocity)
+    before = measure.kinetic_energy(start, SCENE)
+    for name, value in {
+        "time": alone.time, "discs": 20, "temperature": measure.temperature(state, SCENE), "energy": energy,
+        "energy_drift": (energy - before) / max(energy, before), "collisions": report.collisions,
+        "with_walls": False, "counting": False, "pressure": None, "energy_note": None,
+    }.items():  # fmt: skip
+        assert gauges[name] == value, name
+    assert report.collisions > 3
+    speeds = measure.speed_distribution(state, len(gauges["speeds"]["density"]))
+    for name, expected in {"edges": speeds.edges, "density": speeds.value, "maxwell": speeds.maxwell}.items():
+        assert gauges["speeds"][name] == expected.tolist()
+
+
+def test_shares_of_each_worker_add_up_to_one_and_rates_are_known_while_it_runs():
+    with viewed(SCENE, GRID) as view, Visitor(view.address, visible=True) as page:
+        page.hear_until(lambda v: v.last.get("gauges", {}).get("workers") and v.last["gauges"]["frame"] > 60)
+        gauges = page.last["gauges"]
+        ((*shares, waiting),) = gauges["workers"]
+        assert sum(shares) + waiting == pytest.approx(1)
+        assert (gauges["waiting"], len(gauges["phases"])) == (waiting, 5)
+        assert 0 < gauges["frames_per_second"] < 200
+        assert gauges["nanoseconds"] > 1
+
+
+REASONS = {
+    "gravity": ({"gravity": (0, -1)}, {}, None, None),
+    "losses": ({"restitution": 0.9}, {}, "contacts take energy", "contacts take energy"),
+    "rough discs": ({"friction": 0.3}, {}, "contacts take energy", "contacts take energy"),
+    "lossy walls": ({"wall_restitution": 0.9}, {}, "contacts take energy", "contacts take energy"),
+    "heated grains": (
+        {"restitution": 0.9, "thermostat": mpsim.Thermostat(temperature=1, rate=1)}, {},
+        "a thermostat heats or cools", "contacts take energy",
+    ),
+    "a piston": ({"piston": mpsim.Piston("right", -0.1, 8.0)}, {}, "a wall moves", None),
+    "an exit": ({"absorbing": "right"}, {}, "discs leave", None),
+    "warm walls": ({"thermal_walls": mpsim.ThermalWalls(left=1, right=1)}, {}, "a thermostat heats or cools", None),
+    "a heat flow": (
+        {"thermal_walls": mpsim.ThermalWalls(left=1, right=2)}, {}, "a thermostat heats or cools",
+        "the walls differ in temperature",
+    ),
+    "an endless fall": ({"gravity": (0, -1), "boundary": "periodic"}, {}, *2 * ["discs fall through a periodic edge"]),
+    "the report's law": ({}, {"law": "reflect", "contact": "push"}, None, "law reflect keeps the speed of each disc"),
+    "two masses": ({"mass": tuple([1.0] * 10 + [2.0] * 10)}, {}, None, "the discs differ in mass"),
+    "few discs": ({"count": 19}, {}, None, "fewer than 20 discs"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", REASONS)
+def test_it_says_why_energy_changes_and_where_no_maxwell_curve_is_expected(words):
+    features, settings, energy, maxwell = REASONS[words]
+    scene = gas(**{"count": 20, "packing": 0.2, **features})
+    with paused(scene, mpsim.Settings(**{"method": "grid"} | settings)) as page:
+        gauges = page.gauges_at(0)
+        assert gauges["energy_note"] == energy
+        assert gauges["speeds"]["note"] == (maxwell and f"no Maxwell curve: {maxwell}")
+        assert (gauges["speeds"]["maxwell"] is None) is (maxwell is not None)
+
+
+def test_pressure_and_overlap_are_counted_when_they_are_asked_for_and_change_no_bit():
+    with mpsim.Simulation(SCENE, GRID) as alone, paused(SCENE, GRID) as page:
+        expected = alone.run(frames=60, measures=["pressure", "largest_overlap"]).measures
+        page.say("count", value=True)
+        page.step_to(60)
+        gauges = page.gauges_at(60)
+        assert gauges["pressure"] == pytest.approx(expected["pressure"].value, rel=1e-9)
+        assert gauges["largest_overlap"] == expected["largest_overlap"].value > 0
+        state = alone.state
+        density, packing = 20 / SCENE.width**2, 20 * np.pi / 4 / SCENE.width**2
+        bulk = density * measure.temperature(state, SCENE) * measure.reference.compressibility(packing)
+        assert gauges["bulk_pressure"] == pytest.approx(bulk)
+        assert kept(page.view.address).digest == alone.digest()
+        page.say("count", value=False)
+        page.step_to(61)
+        assert page.gauges_at(61)["pressure"] is None
+
+
+def test_there_is_no_pressure_before_frames_and_a_collision_are_counted_nor_under_losses():
+    rest = mpsim.Scene(width=9, height=9, position=[[4, 4]], velocity=[[1, 0]], radius=0.5)
+    with paused(rest, GRID) as page:
+        page.say("count", value=True)
+        page.step_to(40)
+        assert (page.gauges_at(40)["pressure"], page.last["gauges"]["collisions"]) == (None, 0)
+    with paused(gas(20, 0.4, restitution=0.9, boundary="periodic"), GRID) as page:
+        page.say("count", value=True)
+        page.step_to(20)
+        page.hear_until(lambda v: "losses" in (v.last["gauges"]["pressure_note"] or ""))
+        assert page.last["gauges"]["pressure"] is None
+    falling = mpsim.Scene(width=6, height=6, radius=0.5, position=[[1, 1]], velocity=[[1, 0]], gravity=(0, -1))
+    with paused(falling, mpsim.Settings(method="grid")) as page:
+        assert page.gauges_at(0)["bulk_pressure"] is None
+
+
+FEW = mpsim.Scene(width=4, height=3, position=[[1, 1], [3, 1], [2, 2]], velocity=[[5, 1], [-4, 2], [1, -6]], radius=0.4)
+
+
+def counted(scene, frames, settings=GRID):
+    """Collisions by the library: all that there are of few discs, and between discs of many."""
+    log = mpsim.Collisions()
+    with mpsim.Simulation(scene, settings) as sim:
+        report = sim.run(frames=frames, observe=log)
+    return len(log.table) if scene.count <= 3 else report.collisions
+
+
+@pytest.mark.parametrize(
+    ("scene", "beside"),
+    [(FEW, None), (SCENE, mpsim.Settings(method="grid", contact="push", dt=0.005))],
+    ids=["few discs, alone", "many discs, on two stages"],
+)
+def test_collisions_are_those_since_the_start_and_go_back_with_the_run(scene, beside):
+    with paused(scene, GRID, beside=beside) as page:
+        numbers = {}
+        for frame in (7, 20, 40):
+            page.step_to(frame)
+            numbers[frame] = page.gauges_at(frame)["collisions"]
+            assert numbers[frame] == counted(scene, frame) > 0
+            if frame == 20:
+                page.say("snapshot")
+        assert page.last["gauges"]["with_walls"] is (scene is FEW)
+        assert len(set(numbers.values())) == 3
+        page.do("change", name="restitution", value=0.5, same=False)
+        page.step_to(60)
+        assert page.gauges_at(60)["collisions"] > numbers[40]
+        page.do("undo")
+        assert page.gauges_at(40)["collisions"] == numbers[40]
+        page.step_to(60)
+        assert page.gauges_at(60)["collisions"] == counted(scene, 60), "it goes on from there"
+        page.say("return")
+        assert page.gauges_at(20)["collisions"] == numbers[20]
+        page.say("reset")
+        assert page.gauges_at(0)["collisions"] == 0
+
+
+def test_314_collisions_make_pi():
+    settings = mpsim.Settings(method="event", dt=1.0)
+    with paused(mpsim.Scene.load("pi"), settings) as page:
+        page.step_to(42)
+        assert page.gauges_at(42)["collisions"] == 314
+
+
+# --- colours
+
+
+def interpolated(values):
+    """Bytes on the scale by percentiles."""
+    return np.interp(values, np.percentile(values, (0, 2, 98, 100)), (0, FASTEST - KNEE, KNEE, FASTEST))
+
+
+def test_own_values_are_on_a_scale_by_percentiles_and_are_read_again_for_each_picture():
+    values = np.random.default_rng(1).normal(size=200)
+    values[:2] = -1e6, 1e6
+    with mpsim.Simulation(gas(200, 0.2), GRID) as sim, paused(sim, colour=values) as page:
+        page.hear_until(lambda v: "colours" in v.last and v.last["colours"]["by"] == "own")
+        page.step_to(1)
+        assert np.abs(page.picture.colour - interpolated(values)).max() <= 1
+        assert np.ptp(page.picture.colour[2:].astype(int)) > 150, "two values of a million darken no others"
+        assert page.last["colours"]["values"] == np.percentile(values, (0, 2, 98, 100)).tolist()
+        assert page.last["colours"]["choices"] == ["speed", "worker", "column", "collision", "own"]
+        values[:] = np.nan  # by the program, in place
+        values[:3] = 1.0, 2.0, 3.0
+        page.step_to(2)
+        assert page.picture.colour[:4].tolist() == [0, 127, FASTEST, 127]
+        values[:] = 7.0
+        page.step_to(3)
+        assert set(page.picture.colour.tolist()) == {127}
+
+
+def test_columns_workers_and_times_since_a_collision_have_colours():
+    scene = gas(40, 0.5)
+    with mpsim.Simulation(scene, GRID) as sim, paused(sim) as page:
+        page.say("colour", by="column")
+        page.hear_until(lambda v: v.last.get("colours", {}).get("by") == "column")
+        page.step_to(2)
+        assert (page.picture.colour == sim.columns().of_disc % 2 * FASTEST).all()
+        assert page.last["colours"]["classes"] == 2
+        page.say("colour", by="worker")
+        page.step_to(3)
+        page.hear_until(lambda v: v.last["colours"]["by"] == "worker")
+        assert not page.picture.colour.any()
+        page.say("colour", by="collision")
+        page.hear_until(lambda v: v.last["colours"]["by"] == "collision")
+        log, begun = mpsim.Collisions(), sim.time
+        sim.run(frames=0, observe=log)
+        page.step_to(4)
+        sim.run(frames=36, observe=log)
+        page.hear_until(lambda v: v.frame == 40)
+        page.step_to(41)
+        last = np.full(40, begun)
+        for row in log.table:
+            for disc in [row["i"], row["j"]] if row["kind"] == 0 else [row["i"]]:
+                last[disc] = max(last[disc], row["time"])
+        assert 0 < (last > begun).sum() < 40, "some have met, some not"
+        assert page.last["colours"]["values"][3] <= sim.time - begun + 1e-12
+        assert "by of colour must be one of" in page.refused("colour", by="own")
+    with paused(scene, EVENT) as page:
+        page.hear_until(lambda v: "colours" in v.last)
+        assert page.last["colours"]["choices"] == ["speed", "collision"]
+
+
+# --- a simulation of a program
+
+
+def test_a_simulation_of_the_program_is_shown_and_stays_its_own():
+    with mpsim.Simulation(SCENE, mpsim.Settings(method="naive")) as sim:
+        sim.run(frames=5)
+        with paused(sim) as page:
+            assert (page.frame, page.last["scene"]["can_reset"], page.last["status"]["can_remember"]) == (
+                5,
+                False,
+                False,
+            )
+            sim.run(frames=7)
+            page.hear_until(lambda v: v.frame == 12)
+            assert page.gauges_at(12)["collisions"] is None, "not known of what ran before"
+            for name, values in (
+                ("reset", {}), ("snapshot", {}), ("seed", {"value": 1}), ("beside", {"settings": None}), ("grid", {}),
+            ):  # fmt: skip
+                assert page.refused(name, **values).startswith(f"{name} needs a scene to start from")
+            assert "which has no columns" in page.refused("pass")
+            for name, values in (("seek", {"index": 3}), ("follow", {"value": True})):
+                assert f"a simulation cannot {name}" in page.refused(name, **values)
+            page.do("remove", id=5, same=False)
+            assert not sim.state.present[5]
+            assert "belongs to a program" in page.do("undo")["note"]
+            assert not sim.state.present[5]
+            sim.close()
+            page.hear_until(lambda v: v.phase == "over")
+            assert "was closed" in page.last["status"]["note"]
+            page.say("play")
+            assert not page.view.wait(0)
+
+
+def test_a_run_that_fails_pauses_with_the_reason_and_can_be_reset():
+    scene = mpsim.Scene(
+        width=9, height=4, position=[[2, 2], [3, 2]], velocity=[[6, 0], [0, 0]], radius=[0.5, 0.05], mass=[1.0, 1.0]
+    )
+    with paused(scene, mpsim.Settings(method="grid", on_fast="error")) as page:
+        page.say("play")
+        page.hear_until(lambda v: v.phase == "paused" and v.last["status"]["note"])
+        assert "disc 1 moves" in page.last["status"]["note"]
+        page.hear_until(lambda v: v.last["gauges"]["frame"] > 0 and v.last["gauges"]["collisions"] is None)
+        page.say("reset")
+        page.hear_until(lambda v: v.frame == 0 and v.last["status"]["note"] is None)
+        assert not page.view.wait(0)
+
+
+# --- two stages
+
+
+def test_two_stages_are_at_one_time_and_their_numbers_are_those_of_both():
+    coarse = mpsim.Settings(method="grid", contact="push", dt=0.04)
+    fine = mpsim.Settings(method="event", dt=0.04)
+    with simulate(SCENE, **vars(coarse)) as one, mpsim.Simulation(SCENE, fine) as other:
+        reports = one.run(frames=20), other.run(frames=20)
+        expected = measure.trajectory_error(one.state, other.state, SCENE)
+        digest, place = one.digest(), other.state.position
+    with paused(SCENE, coarse, beside=EVENT) as page:
+        page.step_to(20)
+        page.hear_until(lambda v: v.last["pair"].get("time") == pytest.approx(0.8))
+        pair = page.last["pair"]
+        assert (pair["first"], pair["second"], pair["exact"]) == ("grid push dt=0.04", "event", True)
+        assert pair["distance"] == pytest.approx(expected.rms, rel=1e-9)
+        assert (pair["largest"], pair["disc"]) == (pytest.approx(expected.largest, rel=1e-9), expected.disc)
+        counts = [each.collisions for each in reports]
+        assert (pair["collisions"], pair["missed"]) == (counts, counts[1] - counts[0])
+        assert pair["missed_fraction"] == pytest.approx((counts[1] - counts[0]) / counts[1])
+        assert pair["cost_ratio"] > 0
+        assert kept(page.view.address).digest == digest, "the second stage changes no bit of the first"
+        assert np.abs(page.stages[1].position - place).max() < 1e-3
+
+
+def test_equal_stages_differ_by_nothing_and_others_part_for_good():
+    with paused(SCENE, GRID, beside=GRID) as page:
+        page.step_to(60)
+        page.hear_until(lambda v: v.last["pair"].get("time") == pytest.approx(0.6))
+        pair = page.last["pair"]
+        assert pair["collisions"][0] == pair["collisions"][1] > 0
+        assert (pair["missed"], pair["distance"], pair["pressure_difference"]) == (0, 0.0, 0.0)
+    crude = mpsim.Settings(method="grid", contact="push", dt=0.08)
+    with paused(gas(12, 0.6), crude, beside=EVENT) as page:
+        page.say("speed", value=None)
+        page.say("play")
+        page.hear_until(lambda v: v.last.get("pair", {}).get("parted"))
+        pair = page.last["pair"]
+        assert 0 < pair["parted"] <= pair["time"]
+        assert (pair["distance"], pair["missed"]) == (None, None), "which mean nothing any more"
+        assert pair["missed_fraction"] is not None
+
+
+def test_a_page_has_a_second_stage_begin_and_end_and_one_that_does_not_fit_is_told():
+    with paused(SCENE, GRID) as page:
+        page.step_to(5)
+        assert page.last["pair"]["second"] is None
+        page.say("beside", settings={"frames": 2})
+        page.hear_until(lambda v: v.last["pair"]["second"] == "grid push dt=0.005" and v.frame == 0)
+        page.step_to(3)
+        assert page.stages[1].frame == 6
+        page.say("beside", settings=None)
+        page.hear_until(lambda v: v.last["pair"]["second"] is None)
+    with paused(SCENE, GRID, beside=mpsim.Settings(dt=0.003)) as page:
+        assert page.last["pair"]["note"].startswith("dt of a second stage must be that of the first one, 0.01, or a ")
+        page.step_to(2)
+
+
+def test_changes_by_hand_and_undo_reach_both_stages():
+    with paused(SCENE, GRID, beside=mpsim.Settings(method="grid", contact="push", dt=0.005)) as page:
+        page.step_to(3)
+        page.do("remove", id=7, same=False)
+        page.do("change", name="restitution", value=0.5, same=False)
+        page.do("change", name="passes", value=2, same=False)  # stays with the first one
+        page.step_to(6)
+        with simulate(SCENE, method="grid", dt=0.005) as second:
+            second.run(frames=6)
+            without = second.state.position
+            second.remove(7)
+            second.change(restitution=0.5)
+            second.run(frames=6)
+            here = np.arange(20) != 7
+            assert np.abs(page.stages[1].position - second.state.position)[here].max() < 1e-3
+        assert page.stages[1].colour[7] == 255
+        assert (page.last["pair"]["first"], page.last["pair"]["second"]) == (
+            "grid push x2 dt=0.01",
+            "grid push dt=0.005",
+        )
+        page.do("change", name="dt", value=0.02, same=False)
+        page.step_to(8)
+        assert page.stages[1].frame == 12 + 2 * 4, "both stay in step"
+        for _ in range(4):
+            page.do("undo")
+        page.hear_until(lambda v: v.frame == 3 and v.stages[1].frame == 6)
+        assert np.abs(page.stages[1].position - without).max() < 1e-3
+        page.step_to(20)
+        page.hear_until(lambda v: v.last["pair"].get("time") == pytest.approx(0.2))
+        assert page.last["pair"]["collisions"][0] == counted(SCENE, 20)
+
+
+def test_what_the_second_stage_has_no_room_for_is_skipped_or_ends_it():
+    scene = mpsim.Scene(width=9, height=9, position=[[2, 2], [6, 6]], velocity=[[1, 0], [0, 0]], radius=0.5)
+    with paused(scene, GRID, beside=EVENT) as page:
+        page.do("hold", id=0, x=5.5, y=6.0)
+        page.do("release", id=0, vx=0.0, vy=0.0)
+        page.step_to(1)
+        page.hear_until(lambda v: v.last["pair"]["skipped"] > 0)
+        page.step_to(30)
+        page.hear_until(lambda v: v.stages[1].frame == 30)
+        x, y = page.stages[1].position[0].tolist()
+        assert page.do("add", x=x, y=y, same=False)["note"] is None, "there is room on the first one"
+        page.hear_until(lambda v: v.last["pair"]["second"] is None)
+        assert "there was no room for one that was added" in page.last["pair"]["note"]
+        page.step_to(32)
+
+
+def test_a_moment_can_be_gone_back_to_again_and_again_on_both_stages():
+    with paused(SCENE, GRID, beside=EVENT) as page:
+        page.step_to(4)
+        page.say("snapshot")
+        page.hear_until(lambda v: v.last["status"]["snapshot"] == 4)
+        for _ in range(2):
+            page.step_to(9)
+            page.say("return")
+            page.hear_until(lambda v: v.frame == 4 and v.stages[1].frame == 4)
+            assert kept(page.view.address).digest == digest_alone(SCENE, GRID, 4)
+        with mpsim.Simulation(SCENE, EXACT) as exact:
+            exact.run(frames=4)
+            assert np.abs(page.stages[1].position - exact.state.position).max() < 1e-3
+        page.say("reset")
+        page.hear_until(lambda v: v.last["status"]["snapshot"] is None)
+        assert "remembered moment" in page.refused("return")
+
+
+def test_other_random_numbers_and_back_to_the_scene():
+    with paused(SCENE, GRID) as page:
+        for seed, scene in ((5, SCENE.redrawn(5)), (0, SCENE)):
+            page.say("seed", value=seed)
+            page.hear_until(lambda v, seed=seed: v.last["scene"]["seed"] == seed)
+            with mpsim.Simulation(scene, GRID) as again:
+                assert kept(page.view.address).digest == again.digest()
+    bare = mpsim.Scene(width=9, height=9, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
+    with paused(bare, GRID) as page:
+        assert not page.last["scene"]["can_redraw"]
+
+
+# --- a frame pass by pass
+
+
+def test_a_frame_pass_by_pass_ends_where_the_frame_does():
+    scene = gas(40, 0.5)
+    with paused(scene, GRID) as page:
+        page.step_to(7)
+        contacts = 0
+        for number, name in ((1, "even"), (2, "odd")):
+            pictures = page.pictures
+            page.say("pass")
+            page.hear_until(lambda v, name=name: v.last["pass"]["name"] == name)
+            told = page.last["pass"]
+            assert (told["number"], told["of"], set(told["owners"])) == (number, 2, {0})
+            contacts += told["contacts"]
+            page.hear_until(lambda v, pictures=pictures: v.pictures > pictures)
+            if number == 1:
+                assert (page.frame, kept(page.view.address).frame) == (7, 7), "the simulation stays as it is"
+        assert kept(page.view.address).digest == digest_alone(scene, GRID, 8)
+        with mpsim.Simulation(scene, GRID) as alone:
+            alone.run(frames=7)
+            assert alone.columns().number == told["columns"]
+            assert alone.run(frames=1).collisions == contacts
+        page.say("pass")
+        page.hear_until(lambda v: v.last["pass"]["name"] == "even")
+        page.do("remove", id=3, same=False)
+        page.hear_until(lambda v: v.last["pass"]["name"] is None and v.picture.colour[3] == 255)
+        page.step_to(9)
+        assert page.last["status"]["note"] is None
+
+
+@pytest.mark.parametrize("method", ["event", "naive"])
+def test_where_the_method_has_no_passes_a_restart_with_grid_is_offered(method):
+    with paused(SCENE, mpsim.Settings(method=method)) as page:
+        page.step_to(3)
+        page.say("pass")
+        page.hear_until(lambda v: "The method grid has passes." in v.last["pass"].get("offer", ""))
+        assert (kept(page.view.address).frame, page.last["status"]["note"]) == (3, None), "nothing else has happened"
+        page.say("grid")
+        page.hear_until(lambda v: v.last["pass"]["name"] == "even")
+        assert (page.last["scene"]["method"], page.phase) == ("grid", "paused")
+    emitter = mpsim.Emitter(position=(2, 2), velocity=(1, 0), interval=1.0)
+    with paused(gas(3, 0.01, emitters=(emitter,)), mpsim.Settings(method="naive")) as page:
+        assert "which has no columns" in page.refused("pass"), "nor has the method grid then"
+        assert "offer" not in page.last["pass"]
+
+
+# --- a search
+
+
+def test_a_search_that_cannot_begin_says_why_and_the_run_goes_on():
+    with paused(mpsim.Scene(width=9, height=9, position=[[4, 4]], velocity=[[0, 0]], radius=0.5), GRID) as page:
+        page.say("tune", measure="pressure", budget=0.1)
+        page.hear_until(lambda v: v.last.get("tune", {}).get("phase") == "failed")
+        assert "needs a scene in which something moves" in page.last["tune"]["text"]
+        page.step_to(2)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of time steps that the search tries
+def test_a_search_is_stopped_and_another_one_sets_both_stages():
+    with paused(gas(20, 0.2), GRID, beside=mpsim.Settings(method="grid", contact="push", dt=0.005)) as page:
+        page.step_to(4)
+        page.say("tune", measure="overlap", budget=0.2)
+        page.hear_until(lambda v: v.last.get("tune", {}).get("phase") == "searching")
+        page.say("stop_tuning")
+        page.hear_until(lambda v: v.last["tune"]["phase"] == "none")
+        page.step_to(5)
+        page.say("tune", measure="overlap", budget=0.2)
+        page.hear_until(lambda v: v.last["tune"]["phase"] == "found")
+        page.hear_until(lambda v: v.last["scene"]["dt"] > GRID.dt and v.frame == 0)
+        assert page.last["pair"]["note"] is None
+        with replayed(page.view.address) as sim:
+            assert sim.settings.dt == page.last["scene"]["dt"]
+        page.step_to(3)
+        page.hear_until(lambda v: v.last["pair"].get("time") == pytest.approx(3 * v.last["scene"]["dt"]))
+
+
+@pytest.mark.slow
+def test_how_long_two_correct_solvers_agree_is_found_meanwhile():
+    with paused(gas(50, 0.4), GRID, beside=EVENT) as page:
+        page.hear_until(lambda v: v.frame >= 0 and v.last["pair"]["second"])
+        for frame in range(1, 200):
+            page.step_to(frame)
+            if page.last["pair"]["lyapunov_time"]:
+                break
+            page.hear_for(0.2)
+        assert 0.05 < page.last["pair"]["lyapunov_time"] < 2.0
+        assert page.last["pair"]["agree_until"] == pytest.approx(20 * page.last["pair"]["lyapunov_time"])

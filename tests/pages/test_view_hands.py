@@ -1,0 +1,446 @@
+"""What is done by hand on a page: it is done as asked or refused with a note, kept in the session, and taken back."""
+
+import json
+import math
+import shutil
+import tempfile
+
+import numpy as np
+import pytest
+from support.scenes import gas, zoo
+from support.visitor import Visitor, digest_alone, kept, paused, replayed
+
+import mpsim
+
+pytestmark = pytest.mark.plain
+
+SCENE = gas(20, 0.2)
+GRID = mpsim.Settings(method="grid", contact="push", dt=0.01)
+PLAIN = mpsim.Settings(method="grid")
+
+
+def free_place(page, *others, radius=0.5):
+    """A place for a disc, clear of all discs and of some other places."""
+    taken, rng = np.vstack([page.picture.position, *others]), np.random.default_rng(1)
+    while True:
+        place = radius + rng.random(2) * (np.array(page.picture.extent) - 2 * radius)
+        if np.hypot(*(taken - place).T).min() > 2 * radius + 0.1:
+            return place.tolist()
+
+
+def state_of(page):
+    with replayed(page.view.address) as sim:
+        return sim.state
+
+
+# --- discs
+
+
+@pytest.mark.parametrize("method", ["grid", "naive", "event"])
+def test_a_disc_is_held_where_the_pointer_is_and_thrown(method):
+    with paused(SCENE, mpsim.Settings(method=method)) as page:
+        page.step_to(5)
+        for _ in range(2):
+            x, y = free_place(page)
+            told = page.do("hold", id=7, x=x, y=y)
+            assert (told["note"], told["held"]) == (None, [7])
+            page.hear_until(lambda v, x=x: abs(v.picture.position[7, 0] - x) < 1e-3)
+        state = state_of(page)
+        assert (state.position[7].tolist(), state.velocity[7].tolist()) == ([x, y], [0, 0])
+        told = page.do("release", id=7, vx=1.0, vy=-2.0)
+        assert (told["note"], told["held"], told["undo"]) == (None, [], 1)
+        assert state_of(page).velocity[7].tolist() == [1.0, -2.0]
+
+
+def test_a_held_disc_stays_while_others_strike_it():
+    scene = mpsim.Scene(width=9, height=4, position=[[2, 2], [7, 2]], velocity=[[3, 0], [0, 0]], radius=0.5)
+    with paused(scene, PLAIN) as page:
+        page.do("hold", id=1, x=5.0, y=2.0)
+        for frame in range(20, 101, 20):
+            page.say("hold", id=1, x=5.0, y=2.0)
+            page.step_to(frame)
+        page.do("hold", id=1, x=5.0, y=2.0)
+        state = state_of(page)
+        assert state.position[1].tolist() == [5.0, 2.0]
+        assert state.velocity[0, 0] <= 0, "the other one has struck it"
+    with mpsim.Simulation(scene, PLAIN) as alone:
+        alone.set([1], position=(5.0, 2.0), velocity=(0, 0))
+        alone.run(frames=100)
+        assert alone.state.position[1, 0] > 5.1, "the control: it moves when nobody holds it"
+
+
+def test_a_disc_is_let_go_when_its_page_falls_silent():
+    with paused(SCENE, PLAIN) as page:
+        x, y = free_place(page)
+        with Visitor(page.view.address) as other:
+            other.say("hold", id=3, x=x, y=y)
+            page.hear_until(lambda v: v.last.get("hands", {}).get("held") == [3])
+        page.say("speed", value=0.1)
+        page.say("play")
+        page.hear_until(lambda v: v.last["hands"]["held"] == [])
+
+
+def test_a_throw_is_at_most_one_radius_a_step_where_there_are_steps():
+    with paused(SCENE, mpsim.Settings(method="grid", dt=0.1)) as page:
+        x, y = free_place(page)
+        page.do("hold", id=3, x=x, y=y)
+        assert "thrown at speed 5, one radius a step" in page.do("release", id=3, vx=300.0, vy=400.0)["note"]
+        assert state_of(page).velocity[3] == pytest.approx([3.0, 4.0])
+    with paused(SCENE, mpsim.Settings(method="event")) as page:
+        page.do("hold", id=3, x=x, y=y)
+        assert "one side of the box a frame" in page.do("release", id=3, vx=3e9, vy=4e9)["note"]
+        side = min(SCENE.width, SCENE.height) / 0.01
+        assert state_of(page).velocity[3] == pytest.approx([0.6 * side, 0.8 * side])
+        assert page.do("release", id=3, vx=1.0, vy=1.0)["note"] is None, "nobody holds it"
+
+
+@pytest.mark.parametrize("words", ["", "radii masses", "rough radii"])
+def test_a_disc_is_added_at_rest_with_what_discs_of_the_scene_have(words):
+    with paused(zoo(words, count=5, side=20.0, seed=2), PLAIN) as page:
+        x, y = free_place(page)
+        assert page.do("add", x=x, y=y, same=False)["note"] is None
+        with replayed(page.view.address) as sim:
+            assert (sim.count, sim.state.position[5].tolist(), sim.state.velocity[5].tolist()) == (6, [x, y], [0, 0])
+            assert sim.radii[5] in sim.radii[:5]
+            assert sim.masses[5] in sim.masses[:5]
+        page.hear_until(lambda v: len(v.picture.colour) == 6)
+
+
+def test_no_disc_is_added_on_another_one_and_a_stroke_adds_them_where_there_is_room():
+    """Through a periodic edge, on a new one, and in an obstacle there is none."""
+    scene = mpsim.Scene(
+        width=8, height=8, position=[[0.1, 4]], velocity=[[0, 0]], radius=0.5, boundary=("periodic", "walls"),
+        obstacles=[mpsim.FixedDisc((4.0, 6.0), 0.5)],
+    )  # fmt: skip
+    with paused(scene, PLAIN) as page:
+        for x in (0.1, 0.6, 7.9):
+            told = page.do("add", x=x, y=4.0, same=False)
+            assert f"a new disc needs a free place; got ({x}, 4), where disc 0 is" in told["note"]
+        assert "obstacle" in page.do("add", x=4.0, y=6.0, same=False)["note"]
+        places = [[0.5, 4.2], [7.7, 3.8], [2.0, 4.0], [2.5, 4.0], [3.2, 4.0], [4.2, 6.4], [6.0, 6.0]]
+        assert page.do("stroke", places=places, same=False)["note"] is None
+        state = state_of(page)
+        assert state.position[1:].tolist() == [[2.0, 4.0], [3.2, 4.0], [6.0, 6.0]]
+        assert not state.velocity.any()
+        assert page.do("stroke", places=places, same=True)["note"] is None, "without room it is not worth a note"
+        assert page.do("stroke", places=[[2.0, 2.0]], same=True)["undo"] == 1, "both are one stroke"
+        page.do("undo")
+        page.hear_until(lambda v: len(v.picture.colour) == 1)
+
+
+def test_pages_may_hold_16_discs_at_a_time():
+    with paused(gas(20, 0.02), PLAIN) as page:
+        places: list = []
+        for disc in range(17):
+            places.append(free_place(page, *places))
+            told = page.do("hold", id=disc, x=places[-1][0], y=places[-1][1])
+        assert "pages may hold at most 16 discs at a time" in told["note"]
+        assert told["held"] == list(range(16))
+        x, y = free_place(page, *places)
+        assert page.do("hold", id=3, x=x, y=y)["note"] is None, "it is held already"
+
+
+@pytest.mark.slow
+def test_pages_may_add_10000_discs():
+    corner = mpsim.Scene(width=120, height=120, position=[[119, 119]], velocity=[[0, 0]], radius=0.5)
+    with paused(corner, PLAIN) as page:
+        for row in range(101):
+            places = [[1 + 1.1 * k, 1 + 1.1 * row] for k in range(100)]
+            page.say("stroke", places=places, same=row > 0)
+        page.hear_until(lambda v: "pages may add at most 10000 discs" in (v.last.get("hands", {}).get("note") or ""))
+        page.hear_until(lambda v: len(v.picture.colour) == 10_001)
+        assert "pages may add at most 10000 discs" in page.do("add", x=117.0, y=119.0, same=False)["note"]
+
+
+@pytest.mark.long
+def test_pages_may_draw_1000_walls():
+    corner = mpsim.Scene(width=40, height=40, position=[[39, 39]], velocity=[[0, 0]], radius=0.5)
+    with paused(corner, PLAIN) as page:
+        for k in range(1001):
+            x, y = 1 + 1.5 * (k % 25), 0.5 + 0.9 * (k // 25)
+            page.say("wall", ax=x, ay=y, bx=x + 1.1, by=y)
+            if k % 100 == 0:
+                page.settle()
+        page.hear_until(lambda v: "pages may draw at most 1,000 walls" in (v.last["hands"]["note"] or ""))
+        assert len(page.last["scene"]["capsules"]) == 1000
+
+
+REFUSED = [
+    ("hold", {"id": 99, "x": 1.0, "y": 1.0}, "id must be the number of a disc, from 0 to 19; got 99"),
+    ("hold", {"id": 3, "x": -4.0, "y": 1.0}, "one radius from the walls"),
+    ("hold", {"id": 3, "x": 1e99, "y": 1.0}, "one radius from the walls"),
+    ("add", {"x": 1e99, "y": 1.0, "same": False}, "one radius from the walls"),
+    ("remove", {"id": 20, "same": False}, "got 20. There are 20 discs"),
+    ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 0.9}, "as long as a disc is wide, 1; got 0.9. Drag further."),
+    ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": -9.0}, "must be in the box"),
+    ("wall", {"ax": 0.0, "ay": 0.0, "bx": 8.8, "by": 8.8}, "a wall must be clear of all discs; got disc"),
+    ("change", {"name": "dt", "value": -1.0, "same": False}, "dt must be from 0.001 to 0.1 here; got -1"),
+    ("change", {"name": "dt", "value": 1e-9, "same": False}, "dt must be from 0.001 to 0.1 here"),
+    ("change", {"name": "dt", "value": [1.0, 2.0], "same": False}, "dt must be"),
+    ("change", {"name": "gravity", "value": 3.0, "same": False}, "gravity must"),
+    ("change", {"name": "gravity", "value": [1e99, 0.0], "same": False}, "gravity must be at most "),
+    ("change", {"name": "restitution", "value": 7.0, "same": False}, "restitution must be from 0 to 1 here; got 7"),
+    ("change", {"name": "substeps", "value": 10**6, "same": False}, "substeps must be from 1 to 16 here"),
+    ("change", {"name": "passes", "value": 1000, "same": False}, "passes must be from 1 to 4 here"),
+    ("change", {"name": "passes", "value": 2.5, "same": False}, "passes must be a whole number"),
+    ("change", {"name": "contact", "value": 1.0, "same": False}, "contact must be one of"),
+    ("change", {"name": "workers", "value": 1024, "same": False}, "workers must be a parameter that the page offers"),
+    ("change", {"name": "piston_speed", "value": 1.0, "same": False}, "must be a parameter that the page offers"),
+    ("change", {"name": "interval", "value": 1.0, "same": False}, "must be a parameter that the page offers"),
+    ("change", {"name": "wall_friction", "value": 0.1, "same": False}, "must be a parameter that the page offers"),
+    ("undo", {}, "undo needs a remembered change"),
+]
+
+
+def test_what_is_refused_is_a_note_and_changes_nothing():
+    with paused(SCENE, GRID) as page:
+        for name, values, text in REFUSED:
+            told = page.do(name, **values)
+            assert text in (told["note"] or ""), (name, values)
+            assert (told["undo"], told["held"]) == (0, []), (name, values)
+        assert kept(page.view.address) == (0, digest_alone(SCENE, GRID, 0), [])
+        page.say("hold", id=99, x=1.0, y=1.0)
+        told = page.do("change", name="passes", value=2, same=False)
+        assert "id must be" in told["note"], "it is told although another action followed at once"
+        assert page.do("change", name="passes", value=3, same=False)["note"] is None
+    with paused(SCENE, mpsim.Settings(method="event")) as page:
+        x, y = SCENE.position[4].tolist()
+        assert "discs that do not overlap" in page.do("hold", id=3, x=x, y=y)["note"]
+        assert page.last["hands"]["held"] == []
+
+
+# --- walls
+
+
+def test_a_drawn_wall_has_the_bits_of_one_that_a_program_adds_and_is_gone_after_undo_and_reset():
+    scene = mpsim.Scene(
+        width=14, height=SCENE.height, position=np.add(SCENE.position, (4, 0)), velocity=SCENE.velocity, radius=0.5
+    )
+    with mpsim.Simulation(scene, PLAIN) as alone:
+        alone.run(frames=5)
+        alone.add_wall([(2, 0), (2, 8)], thickness=0.25)
+        alone.run(frames=60)
+        expected = alone.digest()
+    with paused(scene, PLAIN) as page:
+        page.step_to(5)
+        for way in ("undo", "reset"):
+            assert page.last["scene"]["capsules"] == []
+            assert page.do("wall", ax=2.0, ay=0.0, bx=2.0, by=8.0)["note"] is None
+            page.hear_until(lambda v: v.last["scene"]["capsules"] == [[2.0, 0.0, 2.0, 8.0, 0.125]])
+            page.step_to(65)
+            if way == "undo":
+                assert kept(page.view.address) == (65, expected, ["add_wall"])
+            page.say(way)
+            page.hear_until(lambda v: v.last["scene"]["capsules"] == [] and v.phase == "paused" and v.frame < 60)
+
+
+# --- parameters
+
+BATH = gas(20, 0.4, boundary="periodic", thermostat=mpsim.Thermostat(temperature=1.0, rate=4.0, seed=5))
+WALLS = gas(20, 0.4, thermal_walls=mpsim.ThermalWalls(left=2.0, right=2.0, bottom=2.0, top=2.0, seed=5))
+ROUGH = gas(20, 0.4, friction=0.05, wall_friction=0.05)
+MOVED = zoo("piston emitters", count=5, side=20.0)
+USUAL = {"gravity", "restitution", "wall_restitution", "dt", "contact", "passes", "substeps"}
+OFFERED = [
+    ("bare", SCENE, GRID, USUAL, {"dt": (0.001, 0.1), "passes": (1, 4), "substeps": (1, 16)}),
+    ("a longer step", SCENE, mpsim.Settings(method="grid", dt=0.02), USUAL, {"dt": (0.002, 0.2)}),
+    ("exact", SCENE, mpsim.Settings(method="event"), USUAL - {"contact", "passes", "substeps"}, {}),
+    ("workers", SCENE, mpsim.Settings(method="parallel", workers=1), USUAL | {"workers"}, {}),
+    ("moved", MOVED, PLAIN, USUAL | {"piston_speed", "interval", "every"},
+     {"piston_speed": (-15, -0.15), "interval": (0.012, 1.2), "every": (1, 30)}),
+    ("thermostat", BATH, PLAIN, USUAL | {"temperature"}, {"temperature": (0.1, 10)}),
+    ("thermal walls", WALLS, PLAIN, USUAL | {"wall_temperature"}, {"wall_temperature": (0.2, 20)}),
+    ("several temperatures", gas(20, 0.4, thermal_walls=mpsim.ThermalWalls(left=2.0, right=1.0)), PLAIN, USUAL, {}),
+    ("friction", ROUGH, PLAIN, USUAL | {"friction", "wall_friction"}, {"friction": (0.005, 0.5)}),
+    ("infinite friction", ROUGH.changed(friction=math.inf), PLAIN, USUAL | {"wall_friction"}, {}),
+]  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
+@pytest.mark.parametrize(
+    ("scene", "settings", "names", "ends"), [each[1:] for each in OFFERED], ids=[each[0] for each in OFFERED]
+)
+def test_a_page_offers_the_parameters_of_the_scene_between_ends_that_follow_from_its_start(
+    scene, settings, names, ends
+):
+    with paused(scene, settings) as page:
+        page.hear_until(lambda v: "hands" in v.last)
+        assert page.values.keys() == names
+        sliders = {each["name"]: each for each in page.last["hands"]["parameters"] if "low" in each}
+        for name, (low, high) in ends.items():
+            assert (sliders[name]["low"], sliders[name]["high"]) == (pytest.approx(low), pytest.approx(high))
+            assert low <= sliders[name]["value"] <= high
+            for end in (sliders[name]["low"], sliders[name]["high"]):
+                told = page.do("change", name=name, value=end, same=False)
+                assert (told["note"], page.values[name]) == (None, end)
+            for beyond in (high * 1e9, [low, high * 1e9]):
+                told = page.do("change", name=name, value=beyond, same=False)
+                assert name in (told["note"] or ""), "it would keep the simulation busy for hours"
+                assert page.values[name] == sliders[name]["high"]
+            told = page.do("change", name=name, value=high * 1e9, same=False)
+            assert f"{name} must be from {low:.4g} to {high:.4g} here" in told["note"]
+            assert "Simulation.change" in told["note"]
+
+
+# --- undo
+
+
+def draw_wall(page):
+    """Right before the first disc that has room for it."""
+    state = state_of(page)
+    for place, velocity in zip(state.position[2:], state.velocity[2:], strict=True):  # one of the others is gone
+        ahead = velocity / np.hypot(*velocity)
+        ends = place + 0.63 * ahead + np.outer([0.51, -0.51], (-ahead[1], ahead[0]))
+        if page.do("wall", **dict(zip(("ax", "ay", "bx", "by"), ends.ravel().tolist(), strict=True)))["note"] is None:
+            return
+
+
+def hold_and_throw(page):
+    x, y = free_place(page)
+    page.do("hold", id=7, x=x, y=y)
+    page.step_to(page.frame + 4)
+    page.do("release", id=7, vx=1.0, vy=0.5)
+
+
+def add_two(page):
+    first = free_place(page)
+    for same, (x, y) in ((False, first), (True, free_place(page, first))):
+        page.do("add", x=x, y=y, same=same)
+
+
+def drag_gravity(page):
+    for g in (0.25, 0.5):
+        page.do("change", name="gravity", value=[0.0, -g], same=g > 0.3)
+        page.step_to(page.frame + 3)
+
+
+GESTURES = {
+    "hold and throw": hold_and_throw,
+    "add two": add_two,
+    "remove": lambda page: page.do("remove", id=5, same=False),
+    "gravity dragged": drag_gravity,
+    "dt": lambda page: page.do("change", name="dt", value=0.005, same=False),
+    "wall": draw_wall,
+    "losses": lambda page: page.do("change", name="restitution", value=0.5, same=False),
+}
+
+
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_after_undo_the_run_is_that_in_which_the_change_never_was(method):
+    with paused(gas(20, 0.3), mpsim.Settings(method=method)) as page:
+        page.step_to(5)
+        page.do("remove", id=1, same=False)
+        page.step_to(10)
+        at_once = kept(page.view.address)
+        page.step_to(25)
+        later = kept(page.view.address)
+        page.say("snapshot")
+        page.do("undo")
+        page.do("remove", id=1, same=False)
+        page.step_to(10)
+        for name, gesture in GESTURES.items():
+            gesture(page)
+            page.step_to(max(page.frame, 10) + 15)
+            assert page.last["hands"]["undo"] == 2, f"{name} is one gesture"
+            assert kept(page.view.address).digest != later.digest, f"{name} matters"
+            page.do("undo")
+            page.hear_until(lambda v: v.frame == 10)
+            assert kept(page.view.address) == at_once, name
+        page.step_to(25)
+        assert kept(page.view.address) == later == (25, later.digest, ["remove"])
+
+
+def test_gestures_of_two_pages_at_a_time_are_one_entry_each_and_go_back_one_by_one():
+    with paused(gas(20, 0.05), GRID) as page:
+        start = kept(page.view.address).digest
+        places = [np.array(free_place(page))]
+        places.append(np.array(free_place(page, *places)))
+        for k in range(4):  # each drags a disc
+            for disc, place in ((3, places[0]), (7, places[1])):
+                assert page.do("hold", id=disc, x=place[0] + 0.01 * k, y=float(place[1]))["note"] is None
+            page.step_to(k + 1)
+        assert (page.last["hands"]["undo"], page.last["hands"]["held"]) == (2, [3, 7])
+        assert page.do("release", id=3, vx=1.0, vy=2.0)["held"] == [7]
+        added: list = [*places]
+        for k in range(3):  # one drags a slider, one adds discs along a stroke
+            page.do("change", name="restitution", value=0.9 - k / 10, same=k > 0)
+            added.append(free_place(page, *added))
+            told = page.do("add", x=added[-1][0], y=added[-1][1], same=k > 0)
+            assert told["note"] is None
+        assert told["undo"] == 4
+        told = page.do("undo")
+        assert (told["undo"], told["held"]) == (3, [7]), "a gesture that began before goes on"
+        page.hear_until(lambda v: len(v.picture.colour) == 20)
+        page.do("hold", id=7, x=float(places[1][0]), y=float(places[1][1]))
+        assert page.do("change", name="restitution", value=0.5, same=True)["undo"] == 3
+        assert page.do("change", name="passes", value=2, same=True)["undo"] == 4, "another parameter is another gesture"
+        for left in (3, 2, 1, 0):
+            told = page.do("undo")
+            assert told["undo"] == left
+        assert told["held"] == []
+        assert kept(page.view.address) == (0, start, [])
+
+
+# --- the files of undo
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The folder for temporary files."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def remove_folders(folder):
+    for each in folder.glob("mpsim-view-*"):
+        shutil.rmtree(each)
+
+
+def remove_files(folder):
+    for each in folder.glob("mpsim-view-*/*"):
+        each.unlink()
+
+
+def test_the_last_16_gestures_can_be_undone_and_leave_no_file(folder):
+    with paused(SCENE, PLAIN) as page:
+        for number in range(18):
+            told = page.do("remove", id=number, same=False)
+        assert told["undo"] == 16
+        assert any(folder.iterdir())
+        for left in reversed(range(16)):
+            assert page.do("undo")["undo"] == left
+        page.hear_until(lambda v: (v.picture.colour == 255).sum() == 2)
+    assert not any(folder.iterdir())
+
+
+@pytest.mark.parametrize("clean", [remove_folders, remove_files])
+def test_a_cleaner_of_temporary_files_costs_only_the_moments_before(clean, folder):
+    """On both stages, of which none moves alone."""
+    with paused(SCENE, PLAIN, beside=mpsim.Settings(method="event")) as page:
+        page.say("snapshot")
+        page.do("remove", id=3, same=False)
+        page.step_to(2)
+        page.do("remove", id=4, same=False)
+        assert list(folder.glob("mpsim-view-*/*"))
+        clean(folder)
+        assert "something has removed it" in page.do("undo")["note"]
+        assert (kept(page.view.address).frame, page.stages[1].frame) == (2, 2)
+        page.do("remove", id=5, same=False)
+        assert page.do("undo")["note"] is None
+        page.hear_until(lambda v: (v.picture.colour == 255).sum() == 2)
+        assert "something has removed it" in page.refused("return")
+        clean(folder)
+        page.say("reset")
+        page.hear_until(lambda v: not (v.picture.colour == 255).any() and v.frame == 0)
+        page.do("remove", id=7, same=False)
+        page.do("undo")
+        page.hear_until(lambda v: v.last["hands"]["undo"] == 0 and not (v.picture.colour == 255).any())
+    assert not list(folder.iterdir())
+
+
+def test_without_a_folder_for_temporary_files_changes_are_refused(folder, monkeypatch):
+    with paused(SCENE, PLAIN) as page:
+        monkeypatch.setattr(tempfile, "tempdir", str(folder / "none"))
+        assert "undo needs a folder" in page.do("remove", id=3, same=False)["note"]
+        assert json.dumps(page.last["hands"]["held"]) == "[]"
+        assert not page.view.wait(0)
