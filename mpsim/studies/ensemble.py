@@ -189,13 +189,13 @@ class Ensemble:
             key = f"long {key_of(settings)} {number}"
             if key not in self._saved:
                 tasks[key] = long_run, self.starts[number], settings, self.plan, self._limit_of(settings)
-                forecast += self._seconds_of(settings) / usable_cores()
+                forecast += self._seconds_of(settings)
         for key, settings in unique.items() if self._asks_for(SHORT) else ():
             for number, start in self._starts(first):
                 arguments = short_runs, self._scene, settings, self.plan, start, self.preliminary.reference
                 tasks[f"short {key} {number}"] = arguments
         self._run({key: task for key, task in tasks.items() if key not in self._saved})
-        if forecast > RELIABLE_SECONDS:
+        if (forecast := forecast / usable_cores()) > RELIABLE_SECONDS:
             self._slowness = (time.monotonic() - begun) / forecast
 
     def _limit_of(self, settings: Settings) -> float:
