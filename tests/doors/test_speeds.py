@@ -134,6 +134,14 @@ def test_what_will_be_fast_is_told_at_the_start_and_refused_by_error(scene, text
     quiet(scene, dt=short)
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
+def test_light_discs_become_as_fast_as_is_told_at_the_start():
+    with Simulation(LIGHT, Settings(dt=0.01, method="grid")) as sim:
+        sim.run(frames=3000)
+        assert np.hypot(*sim.state.velocity[LIGHT.masses < 1].T).max() * 0.01 > 0.5
+
+
 def test_what_is_no_danger_is_not_told():
     quiet(Scene(width=1.2, height=9, position=[[0.6, 4]], velocity=[[0, 1]], radius=0.5), dt=0.3)
     quiet(LIGHT, dt=0.01, law="reflect")  # which gives no disc the speed of another

@@ -1,0 +1,156 @@
+"""Observers of collisions: what they choose, count, hand over and refuse."""
+
+import numpy as np
+import pytest
+from support.refusals import assert_says
+from support.scenes import gas, simulate
+
+from mpsim import Collisions, Emitter, FixedDisc, InputError, Scene, Sensor
+
+pytestmark = pytest.mark.plain
+
+DISCS, WALLS, OBSTACLES = 0, 1, 2
+
+
+def obstructed():
+    pegs = [FixedDisc((2.0, 2.0), 0.3), FixedDisc((6.0, 6.0), 0.3)]
+    return Scene.random(count=30, packing=0.3, radius=0.5, seed=3, obstacles=pegs)
+
+
+def run(observers, frames=20, method="event", scene=None):
+    with simulate(scene or obstructed(), method=method, dt=0.1) as sim:
+        sim.run(frames=frames, observe=observers)
+    return sim
+
+
+@pytest.mark.parametrize(("heavy", "count", "until"), [(1e4, 314, 42), (100.0, 31, 36)])
+def test_the_collisions_of_pi_are_all_seen_in_order(heavy, count, until):
+    """The light disc goes from wall to the heavy one and back; the digits are those of pi."""
+    pi = Scene.load("pi")
+    box = {"width": pi.width, "height": pi.height, "position": pi.position, "velocity": pi.velocity, "radius": 0.5}
+    seen, at_wall, anywhere = Collisions(), Sensor(wall="left"), Sensor(region=(0.0, 40.0, 0.0, 1.0))
+    with simulate(Scene(**box, mass=[1.0, heavy]), method="event", dt=0.5) as sim:
+        sim.run(until=until, observe=[seen, at_wall, anywhere])
+    table = seen.table
+    walls = table["kind"] == WALLS
+    assert (len(table), walls.sum()) == (count, count // 2)
+    assert (anywhere.counts.sum(), at_wall.counts.sum()) == (count, count // 2)
+    assert set(table["j"][walls]) == {0}
+    assert (np.diff(table["time"]) > 0).all()
+    assert (np.diff(table["kind"]) != 0).all()
+
+
+def test_what_is_chosen_is_a_part_of_all():
+    every, discs, fixed, two = chosen = (
+        Collisions(), Collisions(between="discs"), Collisions(between=("walls", "obstacles")), Collisions(ids=[3, 7]),
+    )  # fmt: skip
+    run(list(chosen))
+    table = every.table
+    assert {DISCS, WALLS, OBSTACLES} == set(table["kind"])
+    assert discs.table.tobytes() == table[table["kind"] == DISCS].tobytes()
+    assert fixed.table.tobytes() == table[table["kind"] != DISCS].tobytes()
+    with_two = np.isin(table["i"], [3, 7]) | ((table["kind"] == DISCS) & np.isin(table["j"], [3, 7]))
+    assert two.table.tobytes() == table[with_two].tobytes()
+    assert 0 < len(two.table) < len(table)
+
+
+@pytest.mark.parametrize("method", ["event", "grid"])
+def test_sensors_count_what_the_table_says_and_rows_are_handed_over_at_each_look(method):
+    handed = []
+    seen = Collisions(every=5, each=lambda sim, rows: handed.append((sim.frame, rows.copy())))
+    sensors = {
+        "obstacle": Sensor(obstacle=1, every=5),
+        "wall": Sensor(wall="top", every=5),
+        "region": Sensor(region=(0.0, 4.0, 0.0, 3.0), every=5),
+        "discs of the region": Sensor(region=(0.0, 4.0, 0.0, 3.0), every=5, between="discs"),
+    }
+    run([seen, all_rows := Collisions(), *sensors.values()], method=method, frames=40)
+    table = all_rows.table
+    assert [frame for frame, _ in handed] == list(range(5, 41, 5))
+    assert np.concatenate([rows for _, rows in handed]).tobytes() == table.tobytes()
+    x, y = table["place"].T
+    chosen = {
+        "obstacle": (table["kind"] == OBSTACLES) & (table["j"] == 1),
+        "wall": (table["kind"] == WALLS) & (table["j"] == 3),
+        "region": (x < 4.0) & (y < 3.0),
+        "discs of the region": (x < 4.0) & (y < 3.0) & (table["kind"] == DISCS),
+    }
+    for name, sensor in sensors.items():
+        assert sensor.frames.tolist() == list(range(5, 41, 5))
+        look = (table["frame"][chosen[name]] - 1) // 5
+        size = np.hypot(*table["impulse"][chosen[name]].T)
+        assert sensor.counts.tolist() == np.bincount(look, minlength=8).tolist()
+        assert sensor.impulse == pytest.approx(np.bincount(look, size, minlength=8))
+        assert sensor.counts.sum() > 0, name
+        assert not sensor.tangential_impulse.any(), "smooth discs"
+
+
+def test_frames_that_nobody_observed_are_not_in_it():
+    seen, everything = Collisions(), Collisions()
+    with simulate(obstructed(), method="event", dt=0.1) as sim:
+        for observer in (seen, None, seen):
+            sim.run(frames=10, observe=observer)
+    run(everything, frames=30)
+    frames = everything.table["frame"]
+    assert seen.table.tobytes() == everything.table[(frames <= 10) | (frames > 20)].tobytes()
+
+
+@pytest.mark.parametrize("method", ["event", "grid"])
+def test_discs_that_enter_are_seen_too(method):
+    spout = Emitter((1.0, 2.0), velocity=(1.0, 0.0), interval=1.0, limit=1)
+    scene = Scene(width=10.0, height=4.0, position=[[8.0, 2.0]], velocity=[[0.0, 0.0]], radius=0.5, emitters=spout)
+    seen = Collisions(between="discs")
+    run(seen, frames=80, method=method, scene=scene)
+    assert (seen.table["i"][0], seen.table["j"][0]) == (0, 1)
+    assert seen.table["impulse"][0] == pytest.approx([1.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "arguments", "part"),
+    [
+        (Collisions, {"every": 0}, "every must be a whole number from 1"),
+        (Collisions, {"between": "disks"}, "got 'disks'. Did you mean 'discs'?"),
+        (Collisions, {"between": 3}, "between must be one or several of"),
+        (Collisions, {"ids": [1, -1]}, "ids must be numbers of discs"),
+        (Collisions, {"ids": "all"}, "ids must be numbers of discs"),
+        (Collisions, {"each": 3}, "each must be a function of a simulation and a table"),
+        (Sensor, {}, "one of obstacle, wall and region"),
+        (Sensor, {"obstacle": 1, "wall": "left"}, "one of obstacle, wall and region"),
+        (Sensor, {"obstacle": -1}, "obstacle must be a whole number from 0"),
+        (Sensor, {"wall": "lft"}, "wall must be one of"),
+        (Sensor, {"region": (1.0, 0.0, 0.0, 1.0)}, "region must be (x_low, x_high, y_low, y_high)"),
+        (Sensor, {"region": (1.0, 0.0)}, "region must have shape (4,)"),
+    ],
+)
+def test_arguments_out_of_range_are_refused(kind, arguments, part):
+    with pytest.raises(InputError) as caught:
+        kind(**arguments)
+    assert_says(caught, [part])
+
+
+def test_an_obstacle_that_is_not_there_and_another_simulation_are_refused():
+    with pytest.raises(InputError, match="obstacle of a Sensor"):
+        run(Sensor(obstacle=2), frames=1)
+    seen = Collisions()
+    kept = run(seen, frames=1)
+    with pytest.raises(InputError, match="belongs to one simulation"):
+        run(seen, frames=1)
+    assert kept.scene.count == 30
+
+
+def test_an_observer_of_another_kind_looks_every_so_many_frames_and_needs_no_log():
+    class Frames:
+        every = 2
+
+        def look(self, sim, collisions):
+            seen.append((sim.frame, collisions))
+
+    seen = []
+    with simulate(gas(20, 0.4), method="grid", dt=0.05) as sim:
+        report = sim.run(frames=9, observe=Frames())
+        assert "collisions" not in sim.array_names
+        assert report.observing_seconds > 0
+    frames, counts = zip(*seen, strict=True)
+    assert frames == (0, 2, 4, 6, 8)
+    assert counts[0] == 0 < counts[-1] <= report.collisions
+    assert sorted(counts) == list(counts), "collisions of the run until then"

@@ -1,0 +1,57 @@
+"""Reports as tables: text, pandas and Parquet hold the same times of frames, phases and workers."""
+
+import csv
+import sys
+
+import pandas
+import pytest
+from support.scenes import gas, simulate
+
+import mpsim
+
+
+@pytest.fixture(scope="module")
+def report():
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        return sim.run(frames=7, measures=["temperature"])
+
+
+def test_times_as_csv_are_those_of_the_report(report, tmp_path):
+    text = report.to_csv(tmp_path / "times.csv", first_frame=11)
+    assert (tmp_path / "times.csv").read_text() == text
+    rows = list(csv.DictReader(text.splitlines()))
+    assert [row["frame"] for row in rows] == [str(frame) for frame in range(11, 18)]
+    assert [float(row["seconds"]) for row in rows] == report.frame_seconds.tolist()
+    for name, seconds in report.phase_seconds.items():
+        column = [float(row[f"{name.replace(' ', '_')}_0"]) for row in rows]
+        assert column == seconds[:, 0].tolist()
+
+
+def test_each_worker_has_columns_of_its_own():
+    with simulate(gas(200, 0.4), method="parallel", workers=2) as sim:
+        report = sim.run(frames=3)
+    rows = list(csv.DictReader(report.to_csv().splitlines()))
+    workers = report.workers  # one in plain Python
+    for name, seconds in report.phase_seconds.items():
+        for worker in range(workers):
+            assert [float(row[f"{name.replace(' ', '_')}_{worker}"]) for row in rows] == seconds[:, worker].tolist()
+
+
+def test_tables_of_pandas_and_parquet_are_those_of_csv(report, tmp_path, monkeypatch):
+    report.to_parquet(tmp_path / "times.parquet")
+    rows = list(csv.DictReader(report.to_csv().splitlines()))
+    for found in (pandas.read_parquet(tmp_path / "times.parquet"), report.to_pandas().reset_index()):
+        assert list(found.columns) == list(rows[0])
+        assert found.to_dict("records") == [{name: float(value) for name, value in row.items()} for row in rows]
+        assert found.attrs["measures"]["temperature"]["value"] == report.measures["temperature"].value
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(mpsim.errors.OutputError, match=r"a DataFrame needs the package pandas.*`, or use to_csv"):
+        report.to_pandas()
+
+
+def test_places_that_cannot_be_written_are_refused(report, tmp_path):
+    with pytest.raises(mpsim.InputError, match=r"a table of times must .*Use 'times\.csv', or to_parquet\."):
+        report.to_csv(tmp_path / "times.parquet")
+    for write, name in ((report.to_csv, "times.csv"), (report.to_parquet, "times.parquet")):
+        with pytest.raises(mpsim.errors.OutputError, match="a table of times must be a file that can be written; got "):
+            write(tmp_path / "none" / name)
