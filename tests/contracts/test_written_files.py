@@ -13,30 +13,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from support import written
 from support.checkpoints import rewrite
-from support.processes import run_script
+from support.goldens import FRAMES, SCENES, pins
 from support.scenes import OF_PROCESSES
-from support.selection import long_but
-from support.written import CHECKPOINTS, TRAJECTORIES, checkpoint_name, frames_of, words
+from support.selection import slow_but
+from support.written import CANDIDATE, CHECKPOINTS, EVERY, TRADED, TRAJECTORIES, checkpoint_name, frames_of, words
 
 import mpsim
+from mpsim.cli.app import main
 from mpsim.scene import scenefile
 
 FOLDER = Path(__file__).parent / "written"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
-PINNED = json.loads((Path(__file__).parent / "golden.json").read_text())["digests"]
+PINNED = pins()["digests"]
 
-pytestmark = pytest.mark.timeout(400)
-
-
-@pytest.fixture(scope="module")
-def found():
-    """What today's version makes of the files, in plain Python, which needs no compilation for each feature."""
-    text = f"from support import written; written.read({str(FOLDER)!r})"
-    ran = run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, flags=(), bound=300)
-    assert ran.code == 0, ran.err
-    return json.loads(ran.out)
+pytestmark = [
+    pytest.mark.plain,
+    pytest.mark.timeout(400),
+    pytest.mark.filterwarnings(
+        "ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning"
+    ),
+]
 
 
 # --- scene files
@@ -73,13 +72,15 @@ def test_a_state_is_read_to_the_bit():
 # --- checkpoints
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "how"), CHECKPOINTS, ids=lambda each: each if isinstance(each, str) else each["method"]
 )
-def test_a_checkpoint_goes_on_to_the_pinned_digest(name, how, found):
-    case = words(name, how).replace("parallel", "grid")
-    assert found["continued"][checkpoint_name(name, how)] == PINNED[name][case].split()[0]
+def test_a_checkpoint_goes_on_to_the_pinned_digest(name, how):
+    with mpsim.Simulation.resume(FOLDER / checkpoint_name(name, how)) as sim:
+        assert sim.frame == FRAMES // 2
+        sim.run(frames=FRAMES - FRAMES // 2)
+        digest = sim.digest()
+    assert digest == PINNED[name][words(name, how).replace("parallel", "grid")].split()[0]
 
 
 def test_there_is_a_checkpoint_of_every_method_and_feature():
@@ -117,50 +118,58 @@ def test_a_trajectory_is_read_to_the_bit(name):
     assert [frame[0] for frame in frames_of(FOLDER / name)] == [0, 6, 12]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", TRAJECTORIES)
-def test_a_trajectory_is_continued_by_the_run_that_wrote_it(name, found):
-    frames, rest = found["prolonged"][name]
+def test_a_trajectory_is_written_to_the_same_bytes_and_continued_by_the_run_that_wrote_it(name, tmp_path):
+    written.write_trajectories(tmp_path, name)
+    path = tmp_path / name
+    assert path.read_bytes() == (FOLDER / name).read_bytes() or name.endswith(
+        ".gsd"
+    )  # whose library may lay it out anew
+    assert frames_of(path) == EXPECTED["trajectories"][name]
+    start = FOLDER / checkpoint_name(path.stem, {"method": "parallel"})
+    path = Path(shutil.copy(FOLDER / name, tmp_path))
+    with mpsim.Simulation.resume(start) as sim, mpsim.Trajectory.write(path, EVERY, mode="a") as out:
+        sim.run(frames=FRAMES - FRAMES // 2, observe=out)
+        last, here = sim.state, sim.state.present
+    image = None if last.image is None else last.image[here]
+    rest = mpsim.State(last.position[here], last.velocity[here], image=image, box=last.box)
+    frames = frames_of(path)
     assert frames[:3] == EXPECTED["trajectories"][name]
     assert [frame[0] for frame in frames] == [0, 6, 12, 18, 24]
-    assert frames[-1][-1] == rest
-
-
-@pytest.mark.filterwarnings(
-    "ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning"
-)
-def test_extended_xyz_is_written_to_the_same_bytes(tmp_path):
-    written.write_trajectories(tmp_path)
-    for name in TRAJECTORIES:
-        same = (tmp_path / name).read_bytes() == (FOLDER / name).read_bytes()
-        assert same or name.endswith(".gsd"), name  # whose library may lay it out in another order
-        assert frames_of(tmp_path / name) == EXPECTED["trajectories"][name]
+    assert frames[-1][-1] == rest.digest()
 
 
 # --- the folder of a run, and a trade
 
 
-def test_the_folder_of_a_run_is_gone_on_with(found):
-    before, after = json.loads((FOLDER / "run" / "run.json").read_text()), found["run"]["record"]
+def test_the_folder_of_a_run_is_gone_on_with(tmp_path):
+    """A run that never stopped has other bits: at a joint that the version which wrote it resolved otherwise."""
+    copy = shutil.copytree(FOLDER / "run", tmp_path / "run")
+    CliRunner().invoke(main, ["resume", str(copy), "--frames", "12", "--quiet"], catch_exceptions=False)
+    before, after = (json.loads((folder / "run.json").read_text()) for folder in (FOLDER / "run", copy))
+    with mpsim.Simulation.resume(FOLDER / "run" / "checkpoint.mpsim") as sim:
+        sim.run(frames=12)
+        assert after["digest"] == sim.digest() != before["digest"]
     assert (before["frame"], after["frame"], after["status"]) == (12, 24, "done")
-    assert after["digest"] == found["run"]["whole"] != before["digest"]
     assert len(after["parts"]) == 2
     assert repr(after["parts"][0]) == repr(before["parts"][0])  # NaN and all
     kept = ("scene", "scene_digest", "every", "measures", "versions")
     assert {name: after[name] for name in kept} == {name: before[name] for name in kept}
     of_settings = {name: value for name, value in before["settings"].items() if name not in OF_PROCESSES}
     assert after["settings"] == of_settings | {"contact_time": None}, "which is newer than the folder"
-    assert found["run"]["frames"] == [0, 4, 8, 12, 16, 20, 24]
-    assert found["run"]["rows"] == 1 + 7, "a head, and a row for each of these frames"
+    assert [frame[0] for frame in frames_of(copy / after["trajectory"])] == [0, 4, 8, 12, 16, 20, 24]
+    rows = (copy / "measures.csv").read_text().splitlines()
+    assert len(rows) == 1 + 7, "a head, and a row for each of these frames"
     assert mpsim.State.load(FOLDER / "run" / "final.npz").digest() == before["digest"]
 
 
-def test_a_trade_goes_on_from_what_it_kept(found):
+def test_a_trade_goes_on_from_what_it_kept(tmp_path):
     """Costs are times, so they are the same only where nothing was run again."""
-    expected = json.loads((FOLDER / "table.json").read_text())
-    assert found["table"].keys() == expected.keys() | {"contact_time"}, "which is newer than the file"
-    assert found["table"]["contact_time"] is None
-    for got, row in zip(found["table"]["rows"], expected["rows"], strict=True):
+    trade, expected = shutil.copy(FOLDER / "trade.json", tmp_path), json.loads((FOLDER / "table.json").read_text())
+    found = json.loads(mpsim.tradeoff(SCENES["bare"].scene(), [CANDIDATE], path=trade, **TRADED).to_json())
+    assert found.keys() == expected.keys() | {"contact_time"}, "which is newer than the file"
+    assert found["contact_time"] is None
+    for got, row in zip(found["rows"], expected["rows"], strict=True):
         kept = {name: pytest.approx(value) if isinstance(value, float) else value for name, value in row.items()}
         assert got == kept | {"contact_time": None}
 
@@ -183,11 +192,7 @@ OF_FORMAT_6 = {
 """Name of each file, and the case that is pinned; two ranks wrote the one of mpi."""
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings(
-    "ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning"
-)
-@pytest.mark.parametrize("file", long_but(OF_FORMAT_6, "periodic-naive-impact-float64"))
+@pytest.mark.parametrize("file", slow_but(OF_FORMAT_6, "everything-rough-mpi-impact-float64", "everything-exact-event"))
 def test_a_checkpoint_of_format_6_goes_on_to_the_pinned_digest_and_is_rewritten_as_one_of_today(file, tmp_path):
     name, case = OF_FORMAT_6[file]
     path = FOLDER.with_name("format6") / f"{file}.mpsim"

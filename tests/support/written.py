@@ -6,7 +6,6 @@ python -m support.written FOLDER        write them anew; only where a format has
 import json
 import shutil
 import sys
-import tempfile
 import warnings
 from pathlib import Path
 from typing import Any
@@ -101,9 +100,9 @@ def write_checkpoints(folder: Path) -> None:
             sim.save(folder / checkpoint_name(name, how))
 
 
-def write_trajectories(folder: Path) -> None:
+def write_trajectories(folder: Path, *names: str) -> None:
     """The first half of a run in each format; the checkpoints of `parallel` continue them."""
-    for name in TRAJECTORIES:
+    for name in names or TRAJECTORIES:
         with (
             SCENES[Path(name).stem].start(method="grid") as sim,
             mpsim.Trajectory.write(folder / name, EVERY) as out,
@@ -152,69 +151,6 @@ def frames_of(path: Path) -> list[list[Any]]:
             found.append([frame.frame, frame.time, *frame.box, len(frame.ids), int(frame.ids.sum()), sizes,
                           frame.state.digest()])  # fmt: skip
     return found
-
-
-# --- what today's version makes of them
-
-
-def continued(folder: Path) -> dict[str, str]:
-    """Digest of each checkpoint's run at its end."""
-    found = {}
-    for name, how in CHECKPOINTS:
-        with mpsim.Simulation.resume(folder / checkpoint_name(name, how)) as sim:
-            assert sim.frame == FRAMES // 2, f"{name}: frame {sim.frame}"
-            sim.run(frames=FRAMES - FRAMES // 2)
-            found[checkpoint_name(name, how)] = sim.digest()
-    return found
-
-
-def prolonged(folder: Path, scratch: Path) -> dict[str, list[Any]]:
-    """Frames of copies of the trajectories after the rest of their runs, and the digest of the discs at the end."""
-    found = {}
-    for name in TRAJECTORIES:
-        path = Path(shutil.copy(folder / name, scratch))
-        start = folder / checkpoint_name(path.stem, {"method": "parallel"})
-        with mpsim.Simulation.resume(start) as sim, mpsim.Trajectory.write(path, EVERY, mode="a") as out:
-            sim.run(frames=FRAMES - FRAMES // 2, observe=out)
-            last, here = sim.state, sim.state.present
-        image = None if last.image is None else last.image[here]
-        rest = mpsim.State(last.position[here], last.velocity[here], image=image, box=last.box)
-        found[name] = [frames_of(path), rest.digest()]
-    return found
-
-
-def gone_on(folder: Path, scratch: Path) -> dict[str, Any]:
-    """A copy of the folder of a run after twelve frames more, and the digest of its discs by the library.
-
-    A run that never stopped has other bits: at the joint of its polyline, which the version that wrote it resolved
-    otherwise.
-    """
-    copy = shutil.copytree(folder / "run", scratch / "run")
-    arguments = ["resume", str(copy), "--frames", "12", "--quiet"]
-    CliRunner().invoke(main, arguments, catch_exceptions=False)
-    record = json.loads((copy / "run.json").read_text())
-    with mpsim.Simulation.resume(folder / "run" / "checkpoint.mpsim") as sim:
-        sim.run(frames=12)
-        whole = sim.digest()
-    rows = (copy / "measures.csv").read_text().splitlines()
-    frames = [frame[0] for frame in frames_of(copy / record["trajectory"])]
-    return {"record": record, "whole": whole, "rows": len(rows), "frames": frames}
-
-
-def read(folder: str) -> None:
-    """Print all this as JSON."""
-    warnings.simplefilter("ignore")
-    with tempfile.TemporaryDirectory() as name:
-        files, scratch = Path(folder), Path(name)
-        trade = shutil.copy(files / "trade.json", scratch)
-        table = mpsim.tradeoff(SCENES["bare"].scene(), [CANDIDATE], path=trade, **TRADED)
-        found = {
-            "continued": continued(files),
-            "prolonged": prolonged(files, scratch),
-            "run": gone_on(files, scratch),
-            "table": json.loads(table.to_json()),
-        }
-    print(json.dumps(found))
 
 
 if __name__ == "__main__":

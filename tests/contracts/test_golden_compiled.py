@@ -1,0 +1,72 @@
+"""The pinned digests by machine code, and on any number of workers; see test_golden.py."""
+
+import itertools
+
+import pytest
+from support.goldens import KINDS, SCENES, methods, outcome, pins, renew
+from support.scenes import digest_after, lattice
+
+LARGE = {
+    f"{method} {law} {contact} {precision}": {"method": method, "law": law, "contact": contact, "precision": precision}
+    for method, law, (contact, precision) in itertools.product(("naive", "grid"), ("elastic", "reflect"), KINDS)
+} | {"event": {"method": "event"}}
+"""Cases of a lattice of 480 discs without features."""
+
+ONE_KERNEL = [
+    name for name, pinned in SCENES.items()
+    if pinned.features.keys() <= {"restitution", "wall_restitution", "emitters", "width"}
+]  # fmt: skip
+"""Scenes of which none needs an array that the bare scene lacks, so that they share its machine code."""
+
+pytestmark = [pytest.mark.compiled, pytest.mark.timeout(700)]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return {case: digest_after(lattice(24, 20), 200, dt=1 / 32, **how) for case, how in LARGE.items()}
+
+
+@pytest.fixture(scope="module")
+def pinned(request):
+    if request.config.getoption("--renew"):
+        renew({"lattice": request.getfixturevalue("found")})
+    return pins()
+
+
+@pytest.mark.parametrize("case", LARGE)
+def test_the_digest_of_a_lattice_is_the_pinned_one(case, found, pinned):
+    assert found[case] == pinned["lattice"][case], "intended? see the top of test_golden.py"
+
+
+def test_each_case_has_a_digest_of_its_own(found, pinned):
+    assert len(set(found.values())) == len(LARGE)
+    assert pinned["lattice"].keys() == LARGE.keys()
+
+
+@pytest.mark.parametrize("name", ONE_KERNEL)
+def test_workers_have_the_pinned_digests(name, pinned):
+    contact, precision = KINDS[2 + ONE_KERNEL.index(name) % 2]
+    check_parallel(name, contact, precision, 2 if name != "unguarded" else 1, pinned)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_any_number_of_workers_has_the_pinned_digests_with_everything(workers, pinned):
+    for contact in ("push", "impact"):
+        check_parallel("everything", contact, "float64", workers, pinned)
+
+
+def check_parallel(name, contact, precision, workers, pinned):
+    got = outcome(name, method="parallel", workers=workers, contact=contact, precision=precision)
+    expected = pinned["digests"][name][f"grid {contact} {precision}"]
+    assert got == expected, f"{name}, {contact}, {precision}, {workers} workers"
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("name", SCENES)
+def test_each_feature_has_the_pinned_digests_compiled_and_on_any_number_of_workers(name, pinned):
+    assert {words: outcome(name, **how) for words, how in methods().items()} == pinned["digests"][name]
+    for workers, kind in itertools.product((1, 2, 3), KINDS):
+        if name != "unguarded" or workers == 1:  # wrong on purpose, and different at every run
+            check_parallel(name, *kind, workers, pinned)
