@@ -1,0 +1,264 @@
+"""Room for discs: where a piston stops, behind it, in obstacles. What cannot be packed is refused, and nothing else."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from support.many import chain, pegs, pegs_and_emitters, simulated
+from support.scenes import simulate
+from support.seconds import quickest
+
+import mpsim
+from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene
+
+pytestmark = pytest.mark.plain
+
+BOX = {"width": 20, "height": 10, "radius": 0.5}
+NOBODY = {"position": np.zeros((0, 2)), "velocity": np.zeros((0, 2))}
+TO = {stop: Piston("right", -1, stop) for stop in (1, 3, 5, 6, 10)}
+
+
+def rows_of_ten(count):
+    """Discs that touch."""
+    places = np.array([[0.5 + i // 10, 0.5 + i % 10] for i in range(count)])
+    return {"position": places, "velocity": np.zeros((count, 2))}
+
+
+# --- where a piston stops
+
+LIMITED, ENDLESS = Emitter((1, 5), (1, 0), every=5, limit=20), Emitter((1, 5), (1, 0), every=5)
+
+
+@pytest.mark.parametrize(
+    ("features", "text"),
+    [
+        (
+            {**rows_of_ten(50), "piston": TO[3]},
+            r"stop of the piston must leave room for all 50 discs, a box at least 4\.511 long and 10 across: no "
+            r"arrangement of them is denser; got 3, which leaves 3 \(packing 1\.31\)\. Let the piston stop earlier",
+        ),
+        ({**rows_of_ten(50), "piston": Piston("left", 1, 17)}, "got 17, which leaves 3"),
+        ({**rows_of_ten(50), "piston": TO[6]}, None),
+        *(({**rows_of_ten(10 * stop), "piston": TO[stop]}, None) for stop in (1, 5, 10)),  # full to the last place
+        ({**rows_of_ten(50), "emitters": LIMITED, "piston": TO[6]}, r"room for all 70 discs, a box at least 6\."),
+        ({**rows_of_ten(50), "emitters": ENDLESS, "piston": TO[6]}, None),
+        ({**rows_of_ten(50), "emitters": LIMITED, "piston": TO[6], "absorbing": "left"}, None),  # where they may leave
+        ({**NOBODY, "piston": Piston("right", -1, 0.9)}, "stop of the piston must leave room for the largest disc"),
+        ({**NOBODY, "piston": Piston("left", 1, 19.5)}, r"of diameter 1.*got 19\.5, which leaves 0\.5"),
+        ({**NOBODY, "piston": Piston("left", 1, 19)}, None),
+    ],
+)  # fmt: skip
+def test_a_piston_that_would_leave_too_little_room_is_refused_and_no_other(features, text):
+    if text is None:
+        Scene(**BOX, **features)
+        return
+    with pytest.raises(InputError, match=text):
+        Scene(**BOX, **features)
+
+
+def columns_that_fit(sizes):
+    """Discs in hexagonal columns of 20 and 19 in turn, of given radii, in a box that they fill along x."""
+    place = [[0.5 + i * math.sqrt(3) / 2, 0.5 + j + 0.5 * (i % 2)] for i in range(10) for j in range(20 - i % 2)]
+    radius = np.resize(sizes, len(place))
+    length = 1 + 9 * math.sqrt(3) / 2
+    return {"width": 20.0, "height": 20.0, "position": place, "velocity": np.zeros((len(place), 2))}, radius, length
+
+
+@pytest.mark.parametrize("sizes", [[0.5], [0.5, 0.5, 0.2071]])
+def test_a_hexagonal_packing_is_not_refused_and_one_a_tenth_shorter_is(sizes):
+    scene, radius, length = columns_that_fit(sizes)
+    radius = 0.5 if len(sizes) == 1 else radius
+    Scene(**scene, radius=radius, piston=Piston("right", -1, length * (1 + 1e-12)))
+    with pytest.raises(InputError, match="stop of the piston must leave room for all 195 discs"):
+        Scene(**scene, radius=radius, piston=Piston("right", -1, (0.9 if len(sizes) == 1 else 0.6) * length))
+
+
+def test_discs_that_are_added_count_too():
+    with simulate(Scene(**BOX, **rows_of_ten(50), piston=TO[6]), method="naive") as sim:
+        sim.add([(8, 1), (8, 3)], [(0, 0), (0, 0)])
+        more = np.array([[9 + i // 8, 1 + i % 8] for i in range(20)])
+        with pytest.raises(InputError, match=r"position must leave room for all 72 discs, a box at least 6\.\d+"):
+            sim.add(more, 0 * more)
+        assert sim.count == 52
+
+
+def test_among_obstacles_there_is_less_room():
+    peg, box = FixedDisc((2, 3), 1.9), {"count": 30, "width": 20, "height": 6, "radius": 0.5, "seed": 2}
+    text = (
+        r"stop of the piston must leave room for all 30 discs of radius 0\.5 among the obstacles, where no arrangement "
+        r"has more than 25; got 6, which leaves a box of 6 x 6\. Let the piston stop earlier"
+    )
+    with pytest.raises(InputError, match=text):
+        Scene.random(**box, obstacles=peg, piston=Piston("right", -0.5, 6))
+    Scene.random(**box, piston=Piston("right", -0.5, 6))  # the control
+    Scene.random(**box, obstacles=peg, piston=Piston("right", -0.5, 7))
+
+
+def depth(scene, position, radius):
+    """Of the deepest of some discs in an obstacle; 0 if there is none."""
+    found = scene.deepest(np.atleast_2d(position), np.atleast_1d(radius))
+    return 0 if found is None else found.depth
+
+
+def hexagonal(rng, high):
+    """Places of discs of radius 0.5 that touch in a hexagonal lattice, turned and shifted at random, in a box."""
+    index = np.array(list(itertools.product(range(-30, 31), repeat=2)))
+    turn = rng.uniform(0, np.pi)
+    axes = np.array([[np.cos(turn + k * np.pi / 3), np.sin(turn + k * np.pi / 3)] for k in (0, 1)]) * (1 + 1e-12)
+    places = index @ axes + rng.uniform(0, 9, 2)
+    return places[((places >= 0.5) & (places <= high - 0.5)).all(axis=1)]
+
+
+def test_no_packing_that_exists_among_obstacles_is_refused():
+    """Lattices from which the discs in obstacles are taken. Twice as many discs are refused in most of the boxes."""
+    rng, refused = np.random.default_rng(5), 0
+    for _ in range(40):
+        high = rng.uniform(3, 12, 2)
+        obstacles = [FixedDisc(rng.random(2) * high, rng.uniform(0.01, 2)) for _ in range(rng.integers(0, 5))]
+        obstacles += [Polyline(rng.random((3, 2)) * high, rng.choice([0, 0.3])) for _ in range(rng.integers(0, 3))]
+        box = {"height": high[1], "radius": 0.5, "obstacles": obstacles}
+        probe = Scene(width=high[0], **box, **NOBODY)
+        there = np.array([place for place in hexagonal(rng, high) if depth(probe, place, 0.5) == 0])
+        there = there.reshape(-1, 2)
+        piston = Piston("right", -1, high[0])
+        Scene(width=high[0] + 1, **box, position=there, velocity=0 * there, piston=piston)
+        twice = np.repeat(there, 2, axis=0)
+        try:
+            Scene(width=high[0] + 1, **box, position=twice, velocity=0 * twice, piston=piston)
+        except InputError:
+            refused += 1
+    assert refused > 20
+
+
+# --- behind a piston
+
+
+def test_a_disc_behind_the_piston_is_refused_with_the_present_walls():
+    scene = Scene(**BOX, **rows_of_ten(10), piston=Piston("right", -10, 6))
+    with simulate(scene, method="naive", dt=0.1) as sim:
+        sim.add((19, 5), (0, 0))
+        sim.run(frames=5)
+        text = r"must lie in \[0.5, 14.5\] x \[0.5, 9.5\] \(one radius from the walls, the piston's place at time 0.5 i"
+        with pytest.raises(InputError, match=text):
+            sim.add((14.6, 5), (0, 0))
+        assert sim.count == 11
+        sim.add((14.5, 3), (0, 0))
+        sim.run(frames=20)
+        with pytest.raises(InputError, match=r"\[0.5, 5.5\] x"):
+            sim.add((5.6, 5), (0, 0))
+
+
+@pytest.mark.parametrize(("wall", "speed", "stop"), [("left", 4, 9), ("bottom", 2, 3), ("top", -2, 6)])
+def test_any_wall_may_be_the_piston(wall, speed, stop):
+    scene = Scene(**BOX, **NOBODY, piston=Piston(wall, speed, stop))
+    low, high = scene.walls_at(1.0)
+    with simulate(scene, method="naive", dt=0.1) as sim:
+        sim.run(frames=10)
+        for axis, side in ((0, low), (1, low), (0, high), (1, high)):
+            inward = 0.5 if side is low else -0.5
+            place = np.array([10.0, 5.0])
+            place[axis] = side[axis] + 0.9 * inward
+            with pytest.raises(InputError, match="must lie in"):
+                sim.add(place, (0, 0))
+            place[axis] = side[axis] + inward
+            sim.add(place, (0, 0))
+    with pytest.raises(InputError, match="time must be a number >= 0"):
+        scene.walls_at(-1.0)
+
+
+# --- in obstacles
+
+
+def test_a_disc_that_is_added_into_an_obstacle_is_refused():
+    obstacles = [FixedDisc((15, 5), 1), FixedDisc((5, 5), 1)]
+    scene = Scene(**BOX, **NOBODY, obstacles=obstacles, boundary=("periodic", "walls"))
+    with simulate(scene, method="naive") as sim:
+        with pytest.raises(InputError, match=r"position\[1\] must be one radius .* obstacles\[1\] with radius 0.5"):
+            sim.add([(1, 1), (5, 6.4)], np.zeros((2, 2)))
+        assert sim.count == 0
+        sim.add([(1, 1), (5, 6.5)], np.zeros((2, 2)))  # which touches it
+
+
+def distance(place, a, b):
+    """From a point to a segment."""
+    along = (b - a) @ (b - a)
+    part = min(max((place - a) @ (b - a) / along, 0.0), 1.0) if along > 0 else 0.0
+    return math.dist(place, a + part * (b - a))
+
+
+@pytest.mark.parametrize("boundary", ["walls", "periodic", ("walls", "periodic")])
+@pytest.mark.parametrize("count", [5, 60])
+def test_depths_in_obstacles_are_those_of_all_comparisons(count, boundary):
+    """Every disc with every image of every obstacle. Few discs and many take different ways."""
+    rng, size = np.random.default_rng(count), np.array([30.0, 20.0])
+    ends = rng.uniform(0, 1, (24, 2, 2)) * size
+    ends[::3, 1] = ends[::3, 0]
+    ends[1::3, 1, 0] = ends[1::3, 0, 0]  # upright walls
+    thick = 10 ** rng.uniform(-3, 0.5, 24)
+    obstacles = [
+        FixedDisc(a, r) if (a == b).all() else Polyline([a, b], 2 * r) for (a, b), r in zip(ends, thick, strict=True)
+    ]
+    scene = Scene(width=30, height=20, **NOBODY, radius=0.5, obstacles=obstacles, boundary=boundary)
+    position, radius = rng.uniform(0, 1, (count, 2)) * size, 10 ** rng.uniform(-3, 0.5, count)
+    steps = [(-1, 0, 1) if word == "periodic" else (0,) for word in np.broadcast_to(boundary, 2)]
+    depths = [
+        max(
+            r + thick[k] - distance(place + np.array(step) * size, *ends[k])
+            for k in range(24)
+            for step in itertools.product(*steps)
+        )
+        for place, r in zip(position, radius, strict=True)
+    ]
+    assert 0 < sum(depth > 0 for depth in depths) < count
+    for disc in range(count):
+        assert depth(scene, position[disc], radius[disc]) == pytest.approx(max(depths[disc], 0), abs=1e-12)
+    assert depth(scene, position, radius) == pytest.approx(max(depths), abs=1e-12)
+    fewer = scene.changed(obstacles=obstacles[:1])
+    assert depth(fewer, position, radius) < max(depths), "obstacles that are replaced are asked no more"
+
+
+@pytest.mark.parametrize(
+    "obstacles",
+    [
+        [FixedDisc(place, 20.0) for place in np.random.default_rng(2).uniform(0, 10, (3000, 2))],
+        Polyline(np.stack([np.linspace(0, 10, 3001), 10.0 * (np.arange(3001) % 2)], axis=1)),
+    ],
+    ids=["pegs that each cover the box", "a wall that crosses it in each piece"],
+)
+def test_memory_stays_small_where_obstacles_lie_on_each_other(obstacles):
+    """Lists of obstacles near each place would have hundreds of millions of entries in a grid as fine as the disc."""
+    scene = Scene(width=10, height=10, **NOBODY, radius=0.001, obstacles=obstacles)
+    with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim:
+        assert sim.run(frames=0).block_bytes < 64e6
+
+
+# --- very many
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
+@pytest.mark.parametrize("make", [pegs, chain, "emitters", "into pegs"])
+def test_scene_and_first_frame_of_very_many_take_seconds(make, figures):
+    """Bounds that a square of their number would pass many times over."""
+    count = 10_000
+    if make == "emitters":
+        from support.many import emitters  # noqa: PLC0415
+
+        arguments, bound = emitters(count), 2e-5 * count
+    elif make == "into pegs":
+        arguments, bound = pegs_and_emitters(count, 1000, (150.0, 150.0)), 4.5
+    else:
+        arguments, bound = make(count), 2e-5 * count
+
+    def first_frame():
+        with simulated(arguments) as sim:
+            sim.run(frames=1)
+            assert sim.frame == 1
+
+    first_frame()  # its kernels are loaded
+    seconds = quickest(first_frame, bound)
+    assert seconds < bound
+    name = make if isinstance(make, str) else make.__name__
+    figures.note("R22", "grid", f"{count:,} {name}: to the end of frame 1", f"{bound:g} s at most", f"{seconds:.2f} s")

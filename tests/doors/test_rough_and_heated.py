@@ -1,0 +1,287 @@
+"""Friction, spins, thermostats and thermal walls as arguments: of scenes, files, states; what each brings with it."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from support.refusals import GOOD, assert_says
+from support.scenes import gas, simulate
+
+import mpsim
+from mpsim import InputError, Scene, State, ThermalWalls, Thermostat, measure
+from mpsim.cli.app import main
+
+pytestmark = pytest.mark.plain
+
+BATH = Thermostat(temperature=2.0, rate=0.5, seed=7)
+WALLS = ThermalWalls(left=1.0, right=4.0, seed=7)
+ROUGH = {"friction": 0.5, "wall_friction": math.inf, "tangential_restitution": 0.25, "spin": [1.5, -2.0]}
+FEATURES = {"rough": ROUGH, "bath": {"thermostat": BATH}, "walls": {"thermal_walls": WALLS}}
+SHOWN = {
+    "rough": "0.5 of discs, inf of walls, tangential restitution 0.25",
+    "bath": "temperature 2, rate 0.5, seed 7",
+    "walls": "left 1, right 4, seed 7",
+}
+
+
+def scene_of(**more):
+    return Scene(**GOOD | more)
+
+
+# --- what is refused
+
+WRONG = {
+    Thermostat: (
+        {"temperature": 1.0, "rate": 1.0},
+        [
+            ({"temperature": -1.0}, ["temperature of a Thermostat must be a finite number > 0", "-1"]),
+            ({"temperature": 0}, ["temperature of a Thermostat must be a finite number > 0"]),
+            ({"temperature": math.nan}, ["temperature of a Thermostat", "nan"]),
+            ({"temperature": "warm"}, ["temperature of a Thermostat", "'warm'"]),
+            ({"temperature": True}, ["temperature of a Thermostat", "True"]),
+            ({"rate": 0.0}, ["rate of a Thermostat must be a finite number > 0"]),
+            ({"rate": math.inf}, ["rate of a Thermostat", "inf"]),
+            ({"rate": [1.0, 2.0]}, ["rate of a Thermostat"]),
+            ({"seed": -1}, ["seed of a Thermostat must be a whole number", "-1"]),
+            ({"seed": 1.5}, ["seed of a Thermostat must be a whole number", "1.5"]),
+            ({"seed": 2**63}, ["seed of a Thermostat"]),
+            ({"seed": "seven"}, ["seed of a Thermostat", "'seven'"]),
+        ],
+    ),
+    ThermalWalls: (
+        {},
+        [
+            ({}, ["ThermalWalls must have a temperature", "got none"]),
+            ({"seed": 3}, ["ThermalWalls must have a temperature"]),
+            ({"left": 0}, ["left of ThermalWalls must be a finite number > 0", "0"]),
+            ({"right": -1.0}, ["right of ThermalWalls must be a finite number > 0", "-1"]),
+            ({"bottom": math.nan}, ["bottom of ThermalWalls", "nan"]),
+            ({"top": "hot"}, ["top of ThermalWalls", "'hot'"]),
+            ({"left": True}, ["left of ThermalWalls", "True"]),
+            ({"left": [1.0, 2.0]}, ["left of ThermalWalls"]),
+            ({"left": 1.0, "seed": 0.5}, ["seed of ThermalWalls must be a whole number", "0.5"]),
+        ],
+    ),
+    scene_of: (
+        {},
+        [
+            ({"friction": -0.1}, ["friction must be a number >= 0", "-0.1"]),
+            ({"friction": math.nan}, ["friction", ">= 0", "nan"]),
+            ({"friction": "much"}, ["friction", "'much'"]),
+            ({"wall_friction": True}, ["wall_friction", "True"]),
+            ({"tangential_restitution": 1.01}, ["tangential_restitution", "from -1 to 1", "1.01"]),
+            ({"spin": [1.0]}, ["spin", "(2,)", "(1,)"]),
+            ({"spin": [0.0, math.inf]}, ["spin must be finite", "inf"]),
+            ({"spin": "fast"}, ["spin", "fast"]),
+            ({"thermostat": 1.0}, ["thermostat must be an mpsim.Thermostat"]),
+            ({"thermostat": {"temperature": 1.0, "rate": 1.0}}, ["thermostat must be an mpsim.Thermostat"]),
+            ({"thermal_walls": 1.0}, ["thermal_walls must be mpsim.ThermalWalls", "1.0"]),
+            ({"thermal_walls": WALLS, "boundary": "periodic"}, ["must name a wall", "'left'", "periodic along x"]),
+            ({"thermal_walls": WALLS, "absorbing": "right"}, ["must not be absorbing edges", "'right'"]),
+            ({"thermal_walls": WALLS, "piston": mpsim.Piston("left", 1, 3)}, ["must be at rest", "'left'", "piston"]),
+            ({"thermal_walls": WALLS, "wall_friction": 0.5}, ["wall_friction must be 0", "thermal_walls", "0.5"]),
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("make", WRONG)
+def test_what_cannot_be_is_refused(make):
+    good, table = WRONG[make]
+    for change, parts in table:
+        with pytest.raises(InputError) as caught:
+            make(**good | change)
+        assert_says(caught, parts)
+    beside = {"absorbing": "top", "piston": mpsim.Piston("bottom", 1, 3), "friction": 0.5}
+    scene_of(thermal_walls=WALLS, **beside)  # the control
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("[thermostat]\ntemperature = -1.0\nrate = 1.0", ["thermostat.temperature must be a finite number > 0", "-1"]),
+        ("[thermostat]\ntemperature = nan\nrate = 1.0", ["thermostat.temperature", "nan"]),
+        ("[thermostat]\ntemperature = 'warm'\nrate = 1.0", ["thermostat.temperature", "'warm'"]),
+        ("[thermostat]\ntemperature = 1.0\nrate = 0", ["thermostat.rate must be a finite number > 0"]),
+        ("[thermostat]\ntemperature = 1.0", ["thermostat.rate"]),
+        ("[thermostat]\ntemperature = 1.0\nrate = 1.0\nseed = 0.5", ["thermostat.seed"]),
+        ("[thermostat]\ntemprature = 1.0\nrate = 1.0", ["temprature", "temperature"]),
+        ("[thermal_walls]\nleft = -1.0", ["thermal_walls.left must be a finite number > 0", "-1"]),
+        ("[thermal_walls]\ntop = 'hot'", ["thermal_walls.top", "'hot'"]),
+        ("[thermal_walls]\nseed = 3", ["must have a temperature"]),
+        ("[thermal_walls]\nleft = 1.0\nseed = 0.5", ["thermal_walls.seed", "0.5"]),
+        ("[thermal_walls]\nlft = 1.0", ["lft", "left"]),
+        ("friction = -0.5", ["friction must be a number >= 0"]),
+        (
+            "friction = 0.5\n[[discs]]\nposition = [[2.0, 2.0], [4.0, 3.0]]\nradius = 0.5\nspin = [1.0, 2.0, 3.0]",
+            ["spin must be one number or 2, one per disc; got 3"],
+        ),
+    ],
+)
+def test_a_file_says_which_key_is_wrong(text, parts, tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text(f"schema = 1\nwidth = 8\nheight = 6\n{text}\n")
+    with pytest.raises(InputError) as caught:
+        Scene.load(path)
+    for part in parts:
+        assert part in str(caught.value)
+
+
+def test_the_law_of_the_report_has_no_impulse_for_friction():
+    with pytest.raises(InputError) as caught:
+        simulate(scene_of(**ROUGH), law="reflect", method="grid")
+    assert_says(caught, ["law must be 'elastic'", "friction", "'reflect'"])
+
+
+@pytest.mark.parametrize(("name", "says"), [("rough", "friction"), ("bath", "thermostat"), ("walls", "thermal walls")])
+def test_measures_that_mean_nothing_are_refused(name, says):
+    with simulate(scene_of(**FEATURES[name]), method="naive", dt=0.01) as sim:
+        for measure_name in ("momentum_drift", "pressure_virial") + (("energy_drift",) if name != "rough" else ()):
+            with pytest.raises(InputError) as caught:
+                sim.run(frames=1, measures=[measure_name])
+            assert_says(caught, [measure_name, says])
+        assert sim.run(frames=10, measures=["pressure"]).measures["pressure"].value >= 0
+
+
+# --- what a scene is with and without
+
+
+def test_a_scene_without_any_is_what_it_was():
+    plain, spelt = scene_of(), scene_of(friction=0, wall_friction=0.0, tangential_restitution=0, spin=None,
+                                        thermostat=None, thermal_walls=None)  # fmt: skip
+    assert spelt.digest() == plain.digest()
+    assert (plain.friction, plain.wall_friction, plain.spin, plain.thermostat, plain.thermal_walls) == (
+        0, 0, None, None, None,
+    )  # fmt: skip
+    assert not {"friction", "thermostat"} & set(repr(plain).split())
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        *(("rough", change) for change in (
+            {"friction": 0.25}, {"wall_friction": 1.0}, {"tangential_restitution": 0.5}, {"spin": [1.5, 2.0]})),
+        *(("bath", {"thermostat": dataclasses.replace(BATH, **change)}) for change in (
+            {"temperature": 2.5}, {"rate": 0.25}, {"seed": 8})),
+        *(("walls", {"thermal_walls": dataclasses.replace(WALLS, **change)}) for change in (
+            {"left": 2.0}, {"right": None}, {"top": 1.0}, {"seed": 8})),
+    ],
+)  # fmt: skip
+def test_each_number_is_in_the_digest_of_a_scene(name, change):
+    assert scene_of(**FEATURES[name]).digest() != scene_of(**FEATURES[name] | change).digest()
+
+
+@pytest.mark.parametrize(
+    ("features", "arrays"),
+    [
+        ({}, set()),
+        ({"friction": 0.1}, {"friction", "spin"}),
+        ({"wall_friction": 1}, {"wall_friction", "spin"}),
+        ({"spin": 0}, {"spin"}),
+        ({"gravity": (0.0, -1.0)}, {"gravity"}),
+        ({"mass": [1, 2]}, {"mass"}),
+        ({"thermostat": BATH}, {"thermostat"}),
+        ({"thermal_walls": WALLS}, {"thermal_walls"}),
+        ({"absorbing": "left"}, {"exits"}),
+    ],
+)
+def test_a_feature_brings_its_arrays_and_no_other(features, arrays):
+    with simulate(scene_of(), method="grid") as bare, simulate(scene_of(**features), method="grid") as sim:
+        assert set(sim.array_names) - set(bare.array_names) == arrays
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_files_checkpoints_and_show_have_it(name, tmp_path):
+    scene, path = scene_of(**FEATURES[name]), tmp_path / "a.toml"
+    scene.save(path)
+    assert Scene.load(path).digest() == scene.digest()
+    with simulate(scene, method="naive", dt=0.1) as sim:
+        sim.save(tmp_path / "run")
+    with mpsim.Simulation.resume(tmp_path / "run") as sim:
+        assert sim.scene.digest() == scene.digest()
+    assert SHOWN[name] in CliRunner().invoke(main, ["show", str(path)]).output
+
+
+def test_spins_of_many_are_in_a_file_beside_and_groups_may_spin_or_not(tmp_path):
+    many = Scene.random(count=100, packing=0.1, radius=0.5, friction=0.5, spin=np.arange(100.0))
+    many.save(tmp_path / "b.toml")
+    assert (tmp_path / "b.spin.npy").exists()
+    assert Scene.load(tmp_path / "b.toml").digest() == many.digest()
+    groups = "[[discs]]\nposition = [[2.0, 2.0], [4.0, 3.0]]\nradius = 0.5\nspin = 2.5\n"
+    groups += "[[discs]]\nposition = [[6.0, 4.0]]\nradius = 0.5\n"
+    (tmp_path / "a.toml").write_text("schema = 1\nwidth = 8\nheight = 6\nfriction = 0.5\n" + groups)
+    assert Scene.load(tmp_path / "a.toml").spin.tolist() == [2.5, 2.5, 0.0]
+    assert scene_of(spin=3).spin.tolist() == [3.0, 3.0]
+
+
+@pytest.mark.parametrize("name", ["bath", "walls"])
+def test_other_starts_have_other_random_numbers(name):
+    """Else the discs of all runs of an ensemble would get the same velocities, and their mean would not be one."""
+    attribute = {"bath": "thermostat", "walls": "thermal_walls"}[name]
+    scene = gas(20, 0.1, **FEATURES[name])
+    given = getattr(scene, attribute)
+    other = scene.starting_from(State(scene.position, -scene.velocity))
+    starts = [scene, *map(scene.redrawn, range(9)), scene.starting_from(State(scene.position, scene.velocity)), other]
+    seeds = [getattr(start, attribute).seed for start in starts]
+    assert len(set(seeds)) == 12
+    assert getattr(scene.redrawn(3), attribute) == dataclasses.replace(given, seed=seeds[4])
+    assert scene.redrawn(3).digest() == scene.redrawn(3).digest()
+
+
+# --- spins in states and trajectories
+
+
+def test_a_scene_starts_from_the_spins_of_a_state():
+    scene, spins = scene_of(**ROUGH), np.array([0.5, 0.25])
+    flight = scene.position, scene.velocity
+    assert scene.starting_from(State(*flight, spin=spins)).spin.tolist() == [0.5, 0.25]
+    assert scene.starting_from(State(*flight, spin=spins, present=np.array([False, True]))).spin.tolist() == [0.25]
+    assert scene.starting_from(State(*flight)).digest() == scene.digest(), "its own otherwise"
+    assert scene_of().starting_from(State(*flight, spin=spins)).spin is None
+
+
+@pytest.mark.parametrize("spin", [np.zeros(1), np.zeros(2, int), np.zeros((2, 2))])
+def test_a_state_has_a_spin_of_each_disc(spin):
+    with pytest.raises(InputError, match="spin of a state must be real numbers of shape"):
+        State(np.zeros((2, 2)), np.zeros((2, 2)), spin=spin)
+
+
+@pytest.mark.parametrize(("suffix", "precision"), [("xyz", "float64"), ("gsd", "float32")])
+def test_a_trajectory_has_the_spins_to_the_bit(suffix, precision, tmp_path):
+    with simulate(scene_of(**ROUGH), method="naive", dt=0.1, precision=precision) as sim:
+        with mpsim.Trajectory.write(tmp_path / f"a.{suffix}", every=3) as out:
+            sim.run(frames=9, observe=out)
+        last = mpsim.Trajectory(tmp_path / f"a.{suffix}")[-1]
+        assert last.state.digest() == sim.digest()
+        assert last.spin.dtype == precision
+
+
+def test_a_trajectory_of_smooth_discs_says_where_spins_would_be(tmp_path):
+    with simulate(scene_of(), method="naive") as sim, mpsim.Trajectory.write(tmp_path / "a.xyz") as out:
+        sim.run(frames=1, observe=out)
+    with pytest.raises(mpsim.errors.TrajectoryError, match="spin must be in a trajectory") as caught:
+        _ = mpsim.Trajectory(tmp_path / "a.xyz")[0].spin
+    where = "the column spin:R:1 (extended XYZ) or log/particles/mpsim/spin (GSD)"
+    assert str(caught.value).endswith(f"Have the program that wrote it write {where}, too.")
+
+
+def test_kinetic_energy_counts_the_rotation_of_uniform_discs():
+    """m r^2 w^2 / 4 of each disc."""
+    scene = scene_of(mass=[1.0, 4.0], velocity=[[2, 0], [0, 0]], spin=[3.0, 2.0])
+    flight = scene.position, scene.velocity
+    state = State(*flight, spin=scene.spin)
+    assert measure.rotational_energy(state, scene) == 0.25 * (0.25 * 9 + 4 * 0.25 * 4)
+    assert measure.kinetic_energy(state, scene) == 2 + measure.rotational_energy(state, scene)
+    assert measure.temperature(state, scene) == measure.temperature(State(*flight), scene)
+    assert measure.rotational_energy(State(*flight), scene) == 0
+    gone = State(*flight, spin=scene.spin, present=np.array([True, False]))
+    assert measure.rotational_energy(gone, scene) == 0.25 * 0.25 * 9
+
+
+def test_the_energy_drift_of_rough_elastic_discs_is_rounding():
+    scene = gas(30, 0.3, friction=math.inf, tangential_restitution=1.0, spin=2.0)
+    with simulate(scene, method="naive", dt=0.02, contact="impact") as sim:
+        assert abs(sim.run(frames=30, measures=["energy_drift"]).measures["energy_drift"].value) < 1e-12
+    assert scene.dissipates, "energy of translation is not kept"
