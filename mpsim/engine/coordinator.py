@@ -159,7 +159,7 @@ class Coordinator:
         whole, guarded = solver.time == solver.time_of(solver.frame), solver.guarded
         averages = RunAverages(names, frames, self.scene, self._of_discs, whole, skipped)
         self.between_frames(lambda: self.solver.log_collisions(logged))
-        self.between_frames(lambda: self.solver.set_tallied(averages.counting))
+        self.solver.tallied = averages.counting
         if not logged:
             self._logged.clear()
         self.record = RunRecord(max(solver.choice.workers), averages, whole, guarded, self._logged)

@@ -86,6 +86,7 @@ CONTROL = _record(
         ("contact", np.int64),
         ("passes", np.int64),  # searches for contacts in one step
         ("race_free", np.int64),  # 1: odd/even passes; 0: to demonstrate what goes wrong without them
+        ("tallied", np.int64),  # 1: what measures need is counted
         ("absorbing", np.int64, (4,)),  # by edge: 1 where it absorbs discs
         ("workers", np.int64),
         ("members", np.int64),  # of the team: the workers, and with ranks one more that stands for all other ranks

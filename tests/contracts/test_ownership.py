@@ -85,7 +85,7 @@ class Watched:
             self._phase("all columns", self._interleaved(back))
         if "giants" in self._arrays:
             buffers, its = self._views()
-            resolve_giants(buffers[back], its.start, its.features, its.parameters, its.control, None, 0)
+            resolve_giants(buffers[back], its.start, its.features, its.parameters, its.control, its.tally, 0)
         control.live ^= 1
         control.done += 1
 
@@ -97,7 +97,7 @@ class Watched:
         def play(worker):
             buffers, its = self._views()
             discs, spare, mine = buffers[front], buffers[1 - front], its.team[worker]
-            assert move_and_bin(discs, spare, its.changes, its.features, its.parameters, its.control, mine, None)
+            assert move_and_bin(discs, spare, its.changes, its.features, its.parameters, its.control, mine, its.tally)
             list_emigrants(discs, its.changes, its.sent[worker], its.team, worker, its.control)
 
         return play
@@ -118,7 +118,7 @@ class Watched:
         def play(worker):
             buffers, its = self._views()
             common = buffers[front], buffers[back], its.start, its.changes, *self._sorted[worker]
-            rest = its.features, its.parameters, its.control, its.team, None, its.times, worker, 0
+            rest = its.features, its.parameters, its.control, its.team, its.tally, its.times, worker, 0
             self._even[worker], self._odd[worker], _ = resolve_inside(*common, *rest)
 
         return play
@@ -140,7 +140,7 @@ class Watched:
 
     def _resolve(self, back, worker, first, last, step=2):
         buffers, its = self._views()
-        rest = its.features, its.parameters, its.control, its.team[worker], None, its.times, 0
+        rest = its.features, its.parameters, its.control, its.team[worker], its.tally, its.times, 0
         resolve_columns(layout.EVEN, first, last, step, buffers[back], its.start, *rest)
 
     def _watched(self):

@@ -87,7 +87,7 @@ def set_abort(sim: mpsim.Simulation, value: int) -> None:
 def wall_impulses(sim: mpsim.Simulation, frames: int) -> np.ndarray:
     """Run so many frames and return the sums of the impulses on the walls, in the order left, right, bottom, top."""
     solver = sim._solver
-    solver.set_tallied(True)
+    solver.tallied = True
     solver.set_speed_limit(SpeedLimit())  # nobody is told of fast discs here, so they need not end commands
     total = np.zeros(4)
     while frames:

@@ -118,7 +118,7 @@ def test_the_twin_can_tell():
 def counted(sim, frames):
     """What measures count of each frame, and the collisions that are logged meanwhile."""
     solver, tallies, tables = solver_of(sim), [], []
-    solver.set_tallied(True)
+    solver.tallied = True
     solver.log_collisions(True)
     while frames:
         tallies.append(solver.advance(frames, solver.choice.workers[0]).tally)

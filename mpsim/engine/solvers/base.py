@@ -168,9 +168,9 @@ class Solver(ABC):
         choice: what runs.
         substeps: steps of a frame now; 1 without steps.
         origin: when the scene and settings in force began to act.
-        tallied: whether what measures need is counted, and put into Slice.tally. It may be set before `start`; then
-            `set_tallied` changes it.
-        logging: whether collisions are logged, for `take_collisions`. As `tallied`, with `log_collisions`.
+        tallied: whether what measures need is counted, and put into Slice.tally; may be set between two commands.
+        logging: whether collisions are logged, for `take_collisions`; may be set before `start`, and changed by
+            `log_collisions`.
     """
 
     capabilities: ClassVar[Capabilities]
@@ -221,14 +221,6 @@ class Solver(ABC):
 
         Raises:
             DivergedError, StalledError, WorkerDiedError, WorkerStalledError: it can then only be closed, or restored.
-        """
-
-    @abstractmethod
-    def set_tallied(self, tallied: bool) -> None:
-        """Have what measures need counted from now on, or not; see `tallied`.
-
-        Raises:
-            ResourceError, WorkerDiedError, WorkerStalledError: as `start`.
         """
 
     def log_collisions(self, wanted: bool) -> None:

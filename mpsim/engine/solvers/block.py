@@ -135,10 +135,10 @@ class BlockSolver(SteppedSolver):
         arrays = self._block.arrays
         frames = int(arrays["control"].frames)
         contacts = int(arrays["team"]["collisions"].sum())
-        tally = arrays.get("tally")
-        if tally is not None:
+        tally = None
+        if self.tallied:
             scale = float(self._parameters.tally_scale)
-            tally = totals(tally[:, :frames], scale, 2 * self._scene.largest_radius)
+            tally = totals(arrays["tally"][:, :frames], scale, 2 * self._scene.largest_radius)
         return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
 
     def _write_command(self, frames: int, workers: int, stop: float) -> None:
@@ -148,16 +148,10 @@ class BlockSolver(SteppedSolver):
         control.workers = control.members = workers
         for counted in ("collisions", "fastest"):
             arrays["team"][counted] = 0
-        for counts in (arrays["times"], arrays.get("tally")):
-            if counts is not None:
-                counts[:, :frames] = 0
+        control.tallied = self.tallied
+        for counts in ("times", "tally") if self.tallied else ("times",):
+            arrays[counts][:, :frames] = 0
         self._begun = int(control.done)
-
-    def set_tallied(self, tallied: bool) -> None:
-        """Have what measures need counted from now on, or not: frames that are not measured pay nothing for it."""
-        if tallied != self.tallied:
-            self.tallied = tallied
-            self._move(self._capacity, self.choice, self._radii)
 
     def log_collisions(self, wanted: bool) -> None:
         """Have collisions logged from now on, or not: by other kernels, in another block."""
@@ -305,7 +299,7 @@ class BlockSolver(SteppedSolver):
         features = feature_specs(self._scene, capacity, precision)
         grid = self._grid_of(capacity, self._giant_radius(radii))
         self._capacity = capacity
-        arrays = block_arrays(capacity, grid, self._most_workers, precision, features, self.tallied)
+        arrays = block_arrays(capacity, grid, self._most_workers, precision, features)
         arrays |= self._log.specs(capacity, self._most_workers) if self.logging else {}
         return SharedBlock(arrays, alone=self._most_workers == 1)
 
@@ -347,7 +341,7 @@ class BlockSolver(SteppedSolver):
         anew: whether the kernels are others.
         """
         old, before = self._block, (self.choice, self._capacity)
-        loaded = ("tally" in old.arrays or not self.tallied) and (ROWS in old.arrays) == self.logging and not anew
+        loaded = (ROWS in old.arrays) == self.logging and not anew
         self.choice = choice
         try:
             with (new := self._next_block(capacity, radii)).closed_on_error():

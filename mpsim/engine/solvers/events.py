@@ -192,10 +192,6 @@ class EventSolver(Solver):
         tally["collisions"] = counts["collisions"]
         return tally
 
-    def set_tallied(self, tallied: bool) -> None:
-        """Have counts returned, or not. The kernel always counts, which costs 1 %."""
-        self.tallied = tallied
-
     def log_collisions(self, wanted: bool) -> None:
         """Have collisions logged, or not: by other kernels, in another block."""
         if wanted != self.logging:

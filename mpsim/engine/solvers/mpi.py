@@ -146,7 +146,7 @@ class MpiSolver(OnRanks):
                 f"{ranks.size}. Start fewer: mpiexec -n {grid.columns}."
             )
         if self._part is None:
-            self._part = Part(scene, self._settings, self.choice.processes.start_method, self._workers, self.tallied)
+            self._part = Part(scene, self._settings, self.choice.processes.start_method, self._workers)
         part, self._numbered = self._part, None
         given = records(part, grid)
         column = given["cell"] // (grid.rows + 2)
@@ -201,9 +201,9 @@ class MpiSolver(OnRanks):
         part.deal(any(border.is_left for border in self._borders))
         team = part.arrays["team"]
         team["collisions"] = team["fastest"] = team["frame"] = 0
-        for counts in (part.arrays["times"], part.arrays.get("tally")):
-            if counts is not None:
-                counts[:, :frames] = 0
+        self._control.tallied = self.tallied
+        for counts in ("times", "tally") if self.tallied else ("times",):
+            part.arrays[counts][:, :frames] = 0
 
     def _balance(self, part: Part, ranks: Communicator) -> None:
         """Deal the columns anew where one rank has far more discs than others: all know how many each column has."""
@@ -264,7 +264,7 @@ class MpiSolver(OnRanks):
     def _slice(self, part: Part, ranks: Communicator, frames: int) -> Slice:
         """What all ranks took and counted."""
         arrays, own = part.arrays, slice(self._workers)
-        tally = arrays["tally"][own, :frames] if "tally" in arrays else None
+        tally = arrays["tally"][own, :frames] if self.tallied else None
         counts = fastest_in(part.team), int(part.team["collisions"].sum())
         told = ranks.all_of((part.failure, *counts, arrays["times"][own, :frames], tally))
         failures, fastest, collisions, times, tallies = zip(*told, strict=True)
@@ -323,12 +323,6 @@ class MpiSolver(OnRanks):
         own = [disc_at(part.live, int(slot)) for slot in part.team["bad_slot"] if slot >= 0]
         disc, values = min(each for told in ranks.all_of(own) for each in told)
         return DivergedError(disc, self.frame + int(part.team[0].frame), values[:2], values[2:])
-
-    def set_tallied(self, tallied: bool) -> None:
-        """Have what measures need counted from now on, or not."""
-        part, self._half_done = self._held(), True
-        self._shared().on_all(lambda: part.set_tallied(tallied))
-        self.tallied, self._half_done = tallied, False
 
     @property
     def frame(self) -> int:

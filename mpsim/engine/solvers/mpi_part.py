@@ -34,14 +34,13 @@ class Part:
     Args:
         scene, settings: of the simulation.
         workers: of this rank, itself included.
-        tallied: whether measures need counts.
 
     Attributes:
         failure: why this rank cannot go on, as when a worker of it has ended; None: it can. Else parts of a step do
             nothing.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, start_method: StartMethod | None, workers: int, tallied: bool):
+    def __init__(self, scene: Scene, settings: Settings, start_method: StartMethod | None, workers: int):
         self._scene, self._settings, self._workers = scene, settings, workers
         self._start_method = start_method
         names = [column.name for column in columns_of(scene)]
@@ -50,7 +49,6 @@ class Part:
         self._travelling = [columns.SPIN.name] * has_spins + [columns.IMAGE.name] * has_images
         self._outgoing = [np.zeros(FEWEST, self._record) for _ in range(3)]
         self._pair = self._room_for_pair(2 * FEWEST)
-        self._tallied = tallied
         self._block: SharedBlock | None = None
         self._pool: WorkerPool | None = None
         self._arguments: dict[int, GridArguments] = {}  # by the buffer that holds the state
@@ -254,12 +252,6 @@ class Part:
         control.columns_before = self._own.before
         control.cells = len(self.arrays["start"]) - 1
 
-    def set_tallied(self, tallied: bool) -> None:
-        """Have what measures need counted, or not."""
-        if tallied != self._tallied:
-            self._tallied = tallied
-            self._renew(self.count)
-
     def _held(self) -> SharedBlock:
         assert self._block is not None  # between `fill` and `close`
         return self._block
@@ -272,7 +264,7 @@ class Part:
         capacity = int(SPARE * count) + FEWEST
         features = feature_specs(self._scene, max(capacity, self._count_of_all), self._settings.precision)
         grid = Grid(self._own.last - self._own.before, self._grid.rows)
-        specs = block_arrays(capacity, grid, self._workers + 1, self._settings.precision, features, self._tallied)
+        specs = block_arrays(capacity, grid, self._workers + 1, self._settings.precision, features)
         old, new = self._block, SharedBlock(specs, alone=self._workers == 1)
         with new.closed_on_error():
             new.create()
@@ -395,7 +387,7 @@ class Part:
             self._pair = self._room_for_pair(2 * (own + len(beyond)))
         now, own_place = self.arguments(), int(not border.is_left)
         member = 0 if border.is_left else self._workers
-        tally, control = None if now.tally is None else self.arrays["tally"][member], now.control
+        tally, control = self.arrays["tally"][member], now.control
         if border.is_periodic:  # as if the two were all columns: the bracket of the last one with the first
             own_place, control = 1 - own_place, now.control.copy()
             control.columns = 2

@@ -78,12 +78,9 @@ def grid_for(
 
 
 def block_arrays(
-    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, ArraySpec], tallied: bool
+    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, ArraySpec]
 ) -> dict[str, ArraySpec]:
-    """Every array and record of the shared block, by name. `features` holds what only some scenes need.
-
-    tallied: whether measures are gathered, which needs a place for what each worker counts in each frame.
-    """
+    """Every array and record of the shared block, by name. `features` holds what only some scenes need."""
     real, length = np.dtype(precision), capacity + layout.PADDING
     arrays: dict[str, ArraySpec] = {}
     for buffer in ("a", "b"):
@@ -102,6 +99,5 @@ def block_arrays(
     word = np.dtype(np.int64)
     arrays["sent"] = ArraySpec(word, (workers, -(-workers // WORDS) * WORDS))
     arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(layout.PHASES)))
-    if tallied:
-        arrays["tally"] = ArraySpec(records.TALLY, (workers, MOST_FRAMES))
+    arrays["tally"] = ArraySpec(records.TALLY, (workers, MOST_FRAMES))
     return arrays | features

@@ -76,7 +76,7 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
         control=arrays["control"],
         team=arrays["team"],
         sent=arrays["sent"],
-        tally=arrays["tally"][worker] if "tally" in arrays else None,
+        tally=arrays["tally"][worker],
         times=arrays["times"][worker],
         worker=worker,
         linger=LINGER,

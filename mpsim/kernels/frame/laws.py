@@ -220,7 +220,7 @@ def touched(log, discs, i, j, shift_x, shift_y, parameters, control):
 @inlined
 def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control, tally, frame):
     """Resolve two overlapping discs by the contact, one of `layout.CONTACTS`, and the law of the run."""
-    if tally is not None:
+    if control.tallied:
         tally_depth(discs, i, j, shift_x, shift_y, parameters, tally, frame)
     before = touched(features.log, discs, i, j, shift_x, shift_y, parameters, control)
     if control.contact == IMPACT:
@@ -229,7 +229,7 @@ def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control
         impulses = push_contact(discs, i, j, shift_x, shift_y, features, parameters, control.law)
     impulse, nx, ny, across = impulses
     note_contact(discs, i, j, before, impulse, nx, ny, across, features)
-    if tally is not None:
+    if control.tallied:
         relative = touching_distance(discs.radius, i, j, parameters) / parameters.diameter
         virial = impulse * relative * np.float64(parameters.tally_scale)
         tally[frame].virial += np.int64(virial)

@@ -83,12 +83,12 @@ def drift_between_walls(discs, low, high, parameters):
 
 
 @linked
-def tally_walls(discs, low, high, features, parameters, tally, frame):
+def tally_walls(discs, low, high, features, parameters, control, tally, frame):
     """Count the impulses on the walls of a straight flight; done before it, as its vector code does not report them."""
     zero = real(parameters, 0)
     for i in range(low, high):
         x, y = flight_of(discs, i, zero, zero, None, features, parameters)
-        count_impulses(x, y, discs.id[i], features, parameters, tally, frame)
+        count_impulses(x, y, discs.id[i], features, parameters, control, tally, frame)
 
 
 @inlined
@@ -109,8 +109,8 @@ def fly_straight(discs, low, high, special, features, parameters, control, tally
     """
     if special is not None:
         return fly(discs, low, high, None, features, parameters, control, tally, frame)
-    if tally is not None:
-        tally_walls(discs, low, high, features, parameters, tally, frame)
+    if control.tallied:
+        tally_walls(discs, low, high, features, parameters, control, tally, frame)
     log_walls(features.log, discs, low, high, features, parameters, control)
     return drift_between_walls(discs, low, high, parameters)
 

@@ -173,7 +173,7 @@ def run_grid(a, b, start, changes, features, parameters, control, team, sent, ta
     The coordinator, worker 0, gives the command and does its share of it; as both happen in here, nothing can come
     between them. Any other worker runs commands as they come, until none has come for `linger` nanoseconds (IDLE)
     or a message waits (MAILED). control.live says which of the buffers a and b holds the state.
-    times: int64 (frames, phases) and tally: TALLY (frames,) or None, of this worker, zero at first.
+    times: int64 (frames, phases) and tally: TALLY (frames,), of this worker, zero at first.
     Returns RUNNING, what ended the frames before their number was done, IDLE or MAILED.
     """
     mine = team[worker]

@@ -28,9 +28,9 @@ def walls_at_contacts(edges, margin, features, parameters):
 
 
 @inlined
-def count_impulses(x, y, disc, features, parameters, tally, frame):
+def count_impulses(x, y, disc, features, parameters, control, tally, frame):
     """Add the impulses on the walls that a disc has hit along x and along y."""
-    if tally is not None and not is_absent(disc, features):
+    if control.tallied and not is_absent(disc, features):
         scale = np.float64(parameters.tally_scale) * value_or(features.mass, disc, real(parameters, 1))
         changes = (LEFT, x.low_change), (RIGHT, x.high_change), (BOTTOM, y.low_change), (TOP, y.high_change)
         for edge, change in changes:
@@ -46,7 +46,7 @@ def commit_wall_contact(discs, i, x, y, in_flight, features, parameters, control
     """
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x.position, y.position, x.velocity, y.velocity
     x, y = leave_walls(discs, i, x, y, in_flight, features, parameters, control)
-    count_impulses(x, y, discs.id[i], features, parameters, tally, frame)
+    count_impulses(x, y, discs.id[i], features, parameters, control, tally, frame)
     on_walls(discs, i, x, y, in_flight, features, parameters, control)
 
 
