@@ -1,4 +1,4 @@
-"""The file of a sweep: what is in it is not run again; interruptions, kills, damage, other sweeps."""
+"""The file of a sweep: what is in it is not run again; other sweeps and damage are refused; interruptions and kills."""
 
 import functools
 import json
@@ -16,6 +16,8 @@ from support.swept import double, noted
 import mpsim
 from mpsim import InputError, sweep
 from mpsim.errors import OutputError, SweepWarning
+
+pytestmark = pytest.mark.plain
 
 
 @pytest.fixture
@@ -100,21 +102,16 @@ def test_the_file_of_another_sweep_is_refused_by_name_and_left_alone(arguments, 
 def test_scenes_that_are_run_otherwise_are_another_sweep(kept):
     scene = mpsim.Scene.random(count=5, packing=0.1, radius=0.5, seed=1)
     settings = mpsim.Settings(method="naive", passes=2)
-    grid = {"dt": [0.5]}
-    sweep(scene, grid, until=1.0, settings=settings, path=kept)
-    sweep(scene, grid, until=1.0, settings=mpsim.Settings(method="naive", passes=2, workers=1, dt=3), path=kept)
-    for changed in (
-        lambda: sweep(scene, grid, until=2.0, settings=settings, path=kept),
-        lambda: sweep(scene, grid, until=1.0, path=kept),
-        lambda: sweep(scene, grid, until=1.0, settings=settings, measures=["overlap"], path=kept),
-        lambda: sweep(scene.redrawn(3), grid, until=1.0, settings=settings, path=kept),
-    ):
+    how = {"grid": {"dt": [0.5]}, "until": 1.0, "settings": settings, "path": kept}
+    sweep(scene, **how)
+    sweep(scene, **how | {"settings": mpsim.Settings(method="naive", passes=2, workers=1, dt=3)})
+    others = ({"until": 2.0}, {"settings": None}, {"measures": ["overlap"]}, {"function": scene.redrawn(3)})
+    for other in others:
         with pytest.raises(InputError, match="must be a file of the same sweep"):
-            changed()
+            sweep(**{"function": scene} | how | other)
 
 
-def test_a_function_whose_source_has_changed_is_warned_of(kept, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
+def test_a_function_whose_source_has_changed_is_warned_of(kept, tmp_path):
     script = tmp_path / "changing.py"
     program = f"import mpsim, changing; mpsim.sweep(changing.f, {{'x': [1]}}, path={str(kept)!r})"
     script.write_text("def f(x):\n    return {'y': x}\n")

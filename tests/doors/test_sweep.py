@@ -1,0 +1,630 @@
+"""Sweeps: points and seeds, rows in their order, scenes, executors, tables, what fails, and what is refused."""
+
+import csv
+import functools
+import hashlib
+import io
+import itertools
+import json
+import math
+import os
+import platform
+import re
+import sys
+import threading
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from support.executors import dask_pool, process_pool
+from support.processes import assert_clean, run_script
+from support.scenes import gas as drawn
+from support.swept import deadly, double, gas, noted
+
+import mpsim
+from mpsim import InputError, Scene, Settings, Simulation, sweep
+from mpsim.errors import OutputError, SweepWarning
+
+pytestmark = pytest.mark.plain
+
+SCENE = drawn(12, 0.2)
+GRID, SEEDS = {"packing": [0.1, 0.3]}, 2
+
+
+def rows_of(table):
+    return [(row.point, row.run, row.seed, row.values) for row in table.rows]
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return rows_of(sweep(gas, GRID, SEEDS))
+
+
+# --- points and seeds
+
+
+def test_rows_come_in_the_order_of_the_grid_whatever_the_order_in_which_runs_end():
+    last = threading.Event()
+
+    def waits(a, b):
+        if (a, b) == (2, "y"):
+            last.set()
+        assert a == 2 or last.wait(10)
+        return {"both": f"{a}{b}"}
+
+    with ThreadPoolExecutor(4) as executor:
+        table = sweep(waits, {"a": [1, 2], "b": ["x", "y"]}, executor=executor)
+    assert [row.values["both"] for row in table.rows] == ["1x", "1y", "2x", "2y"]
+
+
+WIDE = {"count": [8, 12, 16], "packing": [0.1, 0.3], "law": ["elastic", "reflect"]}
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {name: WIDE[name] for name in ("law", "count", "packing")},
+        {name: values[::-1] for name, values in WIDE.items()},
+        WIDE | {"count": [4, *WIDE["count"]]},
+        WIDE | {"packing": [0.1, 0.2, 0.3]},
+        WIDE | {"law": ["other", "reflect", "elastic"]},
+    ],
+    ids=["names in another order", "values backwards", "a first value", "one between", "a last axis changed"],
+)
+def test_seeds_are_of_points_and_not_of_their_places_in_the_grid(other):
+    """The control: nearly all points of the grid have another place in the other one."""
+    old, new = (
+        {
+            (frozenset(row.point.items()), row.run): (place, row.seed)
+            for place, row in enumerate(sweep(lambda **all_of_it: {}, grid, seeds).rows)
+        }
+        for grid, seeds in ((WIDE, 3), (other, [2, 1, 0]))
+    )
+    assert {key: new[key][1] for key in old} == {key: seed for key, (_, seed) in old.items()}
+    assert len({seed for _, seed in new.values()}) == len(new) >= len(old) == 36
+    assert sum(new[key][0] == place for key, (place, _) in old.items()) <= 4
+
+
+def test_the_seed_is_that_of_the_documented_rule():
+    """Computed here from the rule in words; the order of the names is not in it."""
+    hashed = hashlib.blake2b(b'{"a":1,"b":[0.5,"x"]} 3', digest_size=8).digest()
+    seed = int.from_bytes(hashed, "big") >> 1
+    for grid in ({"a": [1], "b": [(0.5, "x")]}, {"b": [[0.5, "x"]], "a": [np.float64(1)]}):
+        (row,) = sweep(lambda a, b, seed: {"given": seed}, grid, [3]).rows
+        assert row.seed == row.values["given"] == seed < 2**63
+
+
+def test_seeds_are_uniform_over_their_range():
+    rows = sweep(lambda n, seed: {}, {"n": range(250)}, 4).rows
+    counts = np.histogram([row.seed / 2.0**63 for row in rows], 20, (0, 1))[0]
+    assert ((counts - 50) ** 2 / 50).sum() < 45.3, "chi squared of 19 degrees of freedom: 1 in 1500 by chance"
+
+
+class Colour(Enum):
+    RED = 1
+
+
+@dataclass(frozen=True)
+class Shape:
+    side: float
+    name: str = "square"
+    note: str = field(default="", compare=False)
+
+
+def test_any_values_are_points_and_are_handed_over_as_they_are(tmp_path):
+    values = [
+        None, True, False, 1, 0.5, math.inf, math.nan, "True", "1", (1, 2), ("a", None), {"a": 1}, Colour.RED,
+        Shape(1.0), Shape(1.0, "cube"), Settings(dt=0.1), Settings(), SCENE, 2**70, tmp_path, "\ud800",
+    ]  # fmt: skip
+    got = []
+    for _ in range(2):  # the second time from the file
+        table = sweep(lambda value: {"is_it": got.append(value)}, {"value": values}, path=tmp_path / "kept")
+        assert all(row.point["value"] is value for row, value in zip(table.rows, values, strict=True))
+    assert {id(value) for value in got} == {id(value) for value in values}
+    assert len(got) == len(values), "and nothing was called twice"
+
+
+def test_equal_values_are_one_point_and_fields_with_defaults_change_none(tmp_path):
+    same = [[1, 1.0, np.int8(1), np.float32(1)], [(1, 2), [1.0, 2]], [0, -0.0], [Shape(1), Shape(1.0, note="other")]]
+    for one, other in itertools.chain.from_iterable(map(itertools.pairwise, same)):
+        with pytest.raises(InputError, match=r"^grid\['x'\] must hold different values; got .* more than once"):
+            sweep(double, {"x": [one, other]})
+    sweep(lambda x: {}, {"x": [Shape(2.5)]}, path=tmp_path / "kept")
+    (row,) = map(json.loads, (tmp_path / "kept").read_text().splitlines()[1:])
+    assert row["point"]["x"] == {"dataclass": f"{__name__}.Shape", "side": 2.5}, "without its default name"
+
+
+def test_functions_of_all_kinds_are_called():
+    class Method:
+        def here(self, x):
+            return {"y": x}
+
+        def __call__(self, x):
+            return {"y": x}
+
+    part = functools.partial(lambda x, k: {"y": x * k}, k=1)
+    for function in (Method().here, Method(), part, lambda **any_: {"y": any_["x"]}):
+        assert sweep(function, {"x": [5]}).rows[0].values == {"y": 5}
+    at = sweep(lambda dt, until: {"product": dt * until}, {"dt": [2.0], "until": [3.0]})
+    assert at.rows[0].values == {"product": 6.0}, "a parameter of that name, not the setting"
+
+
+# --- results and failures
+
+
+def test_a_failed_run_is_a_row_with_its_error_and_the_others_go_on():
+    class Broken(Exception):  # noqa: N818
+        def __str__(self):
+            raise ValueError
+
+    def root(x):
+        if x in (4, 5, 6):
+            raise {4: SystemExit("enough"), 5: KeyError, 6: Broken}[x]
+        return {"root": math.sqrt(x)}
+
+    table = sweep(root, {"x": [1, -1, 4, 5, 6, 9]})
+    assert [row.failure for row in table.rows] == [
+        None, "ValueError: math domain error", "SystemExit: enough", "KeyError", "Broken: its text cannot be had", None,
+    ]  # fmt: skip
+    assert [row.values for row in table.rows] == [{"root": 1.0}, {}, {}, {}, {}, {"root": 3.0}]
+    assert 'return {"root": math.sqrt(x)}' in table.failed[0].traceback
+    assert len(table.failed) == 4
+    assert "4 failed" in repr(table)
+
+
+def test_results_of_all_kinds_of_scalars_are_plain():
+    given = {
+        "numpy": np.float32(0.5), "integer": np.int64(3), "truth": np.bool_(True), "text": np.str_("a"),
+        "zero": np.array(2.5), "nan": math.nan, "infinite": -np.inf, "none": None, "large": 2**80,
+        "measure": mpsim.measure.Measure(2.5, 0.5, 9),
+    }  # fmt: skip
+    (row,) = sweep(lambda x: given, {"x": [1]}).rows
+    assert math.isnan(row.values.pop("nan"))
+    assert row.values == {
+        "numpy": 0.5, "integer": 3, "truth": True, "text": "a", "zero": 2.5, "infinite": -math.inf, "none": None,
+        "large": 2**80, "measure": 2.5, "measure_error": 0.5,
+    }  # fmt: skip
+    assert {type(value) for value in row.values.values()} == {float, int, bool, str, type(None)}
+
+
+@pytest.mark.parametrize(
+    ("result", "text"),
+    [
+        (None, "the result of the function must be a dictionary of numbers.*; got None, a NoneType"),
+        (3.5, "the result of the function must be a dictionary.*; got 3.5, a float. Return {'name': value}"),
+        (SCENE, "got <Scene.* a Scene.*To run scenes, say how long: until="),
+        ({"a": [1]}, "the result 'a' must be a number, a text, True, False or None; got .1., a list"),
+        ({"a": np.zeros(2)}, "the result 'a' must be a number.*; got array.*keep arrays in a file"),
+        ({"a": 1j}, "the result 'a' must be a number.*; got 1j, a complex"),
+        ({1: 2}, "the names of results must be texts; got 1"),
+        ({"x": 2}, "the names of results must not be those of parameters.*; got 'x'"),
+        ({"failure": 2}, "the names of results must not be those of.*; got 'failure'"),
+    ],
+)
+def test_a_result_that_is_no_row_ends_a_sweep_without_any_but_is_a_failed_row_beside_others(result, text):
+    with pytest.raises(InputError, match=text):
+        sweep(lambda x: result, {"x": [1, 2]})
+    with ThreadPoolExecutor(1) as executor:
+        table = sweep(lambda x: {"y": x} if x == 1 else result, {"x": [1, 2, 3]}, executor=executor)
+    assert [row.failure is None for row in table.rows] == [True, False, False]
+    assert table.rows[1].failure.startswith("InputError: the ")
+
+
+def test_progress_counts_runs_and_failures(capsys):
+    calls = []
+    sweep(lambda x: {"y": 1 / x}, {"x": [2, 1, 0]}, progress=lambda *words: calls.append(words))
+    assert [call[:2] for call in calls] == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert [calls[0][2], calls[3][2]] == ["runs", "runs, 1 failed"]
+    sweep(double, {"x": [1, 2]}, progress=True)
+    assert re.fullmatch(r"2 of 2: runs(, [\d.,e+]+/s)?\n", capsys.readouterr().err)
+
+
+# --- what is refused
+
+
+def takes(x, *, seed=0):
+    return {"y": x}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((double, {}), "grid must hold at least one parameter; got none"),
+        ((double, [1, 2]), r"grid must be a dictionary of lists.*; got \[1, 2\]"),
+        ((double, {1: [2]}), "grid must have names of parameters as its keys; got 1"),
+        ((double, {"x": []}), r"grid\['x'\] must hold at least one value; got none"),
+        ((double, {"x": 3}), r"grid\['x'\] must be a list of values; got 3. Write \[value\]"),
+        ((double, {"x": "grid"}), r"grid\['x'\] must be a list of values; got 'grid'"),
+        ((double, {"x": [object]}), r"grid\['x'\] must hold None, True or False.*; got <class 'object'>, a type"),
+        ((double, {"x": range(100_000_000)}), r"grid\['x'\] must have at most 10,000,000 values"),
+        ((gas, {"packings": [1]}), r"grid\['packings'\] must be an argument of gas.*Did you mean 'packing'"),
+        ((gas, {"packing": [0.1]}), "grid must hold every argument that gas needs.*it lacks seed.*ask for seeds"),
+        ((double, {"x": [1]}, 2), "function must take an argument 'seed' where seeds are asked for; double takes x"),
+        ((takes, {"x": [1], "seed": [1]}, 2), "grid must not have the names run, seed.*got 'seed'"),
+        ((takes, {"x": [1]}, 0), "seeds must be a whole number from 1 to 1000000; got 0"),
+        ((takes, {"x": [1]}, True), "seeds must be a whole number from 1 to 1000000; got True"),
+        ((takes, {"x": [1]}, []), r"seeds must be a number of runs, or different numbers of them; got \[\]"),
+        ((takes, {"x": [1]}, [1, 1]), r"seeds must be a number of runs, or different numbers of them; got \[1, 1\]"),
+        ((takes, {"x": [1]}, [-1]), "a number in seeds must be a whole number from 0 to .*; got -1"),
+        ((takes, {"x": [1]}, 2, ThreadPoolExecutor), "executor must be a concurrent.futures.Executor; got type"),
+        ((takes, {"x": [1]}, 2, 4), "executor must be a concurrent.futures.Executor; got int. Use ProcessPool"),
+        ((7, {"x": [1]}), "function must be a function, an mpsim.Scene, or the name or path of one; got 7"),
+        ((takes, {"dt": [1]}), r"grid\['dt'\] must be an argument of takes.*To run the scene.*until="),
+    ],
+)  # fmt: skip
+def test_what_is_refused_before_anything_runs(arguments, text):
+    with pytest.raises(InputError, match=f"^{text}"):
+        sweep(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"units": ["m"]}, "units must be a dictionary of texts by the name of a column; got"),
+        ({"units": {"y": 1}}, "units must be a dictionary of texts"),
+        ({"progress": 3}, r"progress must be True, False or a function, called as progress\(done, of"),
+        ({"retry_failed": 1}, "retry_failed must be True or False; got 1"),
+        ({"path": 7}, "path must be a file in a folder that can be written to; got 7"),
+        ({"path": "/no/such/folder"}, "path must be a file in a folder that can be written to; got '/no/such/folder'"),
+    ],
+)
+def test_options_are_checked(options, text):
+    with pytest.raises(InputError, match=f"^{text}"):
+        sweep(double, {"x": [1]}, **options)
+
+
+# --- sweeps that run scenes
+
+
+def found_by(scene, settings, names, **length):
+    with Simulation(scene, settings) as sim:
+        report = sim.run(**length, measures=names)
+    found = {name: report.measures[name].value for name in names}
+    return found | {"frames": report.frames, "collisions": report.collisions}
+
+
+def assert_has(row, values):
+    assert {name: row.values[name] for name in values} == values
+
+
+def test_settings_of_the_grid_are_those_of_the_runs():
+    table = sweep(SCENE, {"dt": [0.1, 0.05], "contact": ["push"], "method": ["naive"]}, until=1.0, measures=["overlap"])
+    for row in table.rows:
+        assert_has(row, found_by(SCENE, Settings(**row.point), ["overlap"], until=1.0))
+    assert [row.values["frames"] for row in table.rows] == [10, 20]
+    assert table.results == ("overlap", "overlap_error", "frames", "collisions")
+    assert (table.units["dt"], table.units["overlap_error"]) == ("time", "length")
+    settings = Settings(dt=0.1, method="grid", passes=2)
+    for row in sweep(SCENE, {"frames": [5, 10]}, settings=settings, measures="kinetic_energy").rows:
+        found = found_by(SCENE, settings, ["kinetic_energy"], frames=row.point["frames"])
+        del found["frames"]  # which the grid has
+        assert_has(row, found)
+
+
+def test_seeds_draw_the_scene_again_and_without_them_it_is_as_it_is():
+    grid, how = {"dt": [0.1]}, {"until": 1.0, "settings": Settings(method="naive"), "measures": ["pressure"]}
+    rows = [*sweep(SCENE, grid, **how).rows, *sweep(SCENE, grid, 2, **how).rows]
+    for row in rows:
+        scene = SCENE if row.seed is None else SCENE.redrawn(row.seed)
+        assert_has(row, found_by(scene, Settings(dt=0.1, method="naive"), ["pressure"], until=1.0))
+    assert rows[1].values["pressure"] != rows[2].values["pressure"]
+    given = Scene(width=4, height=4, position=[(1, 1)], velocity=[(1, 0)], radius=0.5)
+    with pytest.raises(InputError, match=r"^another start needs a scene that was drawn at random"):
+        sweep(given, {"dt": [0.1]}, 2, until=1.0)
+
+
+def recommending(packing, seed=0):
+    """A scene that recommends settings of its own."""
+    settings = Settings(dt=0.05 if packing > 0.15 else 0.1, method="naive")
+    return Scene.random(count=12, packing=packing, radius=0.5, duration=0.5, settings=settings, seed=seed)
+
+
+def test_a_function_makes_the_scenes_and_they_bring_their_settings():
+    grid = {"packing": [0.1, 0.2]}
+    assert [row.values["frames"] for row in sweep(recommending, grid, measures=["overlap"]).rows] == [5, 10]
+    given = sweep(recommending, grid, measures=["overlap"], settings=Settings(dt=0.125, method="naive"))
+    assert [row.values["frames"] for row in given.rows] == [4, 4]
+    varied = sweep(recommending, {**grid, "dt": [0.0625]}, 2, measures=["overlap"])
+    assert [row.values["frames"] for row in varied.rows] == [8] * 4
+    for row in varied.rows:
+        scene = recommending(row.point["packing"], row.seed)
+        settings = Settings(dt=0.0625, method="naive", workers=1)
+        assert_has(row, found_by(scene, settings, ["overlap"], frames=8))
+
+
+def test_a_name_brings_its_settings_and_its_duration():
+    table, scene = sweep("pi", {"substeps": [1]}), Scene.load("pi")
+    assert [row.failure for row in table.rows] == [None]
+    assert {row.values["frames"] for row in table.rows} == {round(scene.duration / scene.settings.dt)}
+    assert table.function == "pi"
+
+
+def test_a_run_that_fails_is_a_row_and_measures_that_cannot_be_are_left_out_unless_asked_for():
+    rows = sweep(SCENE, {"law": ["elastic", "reflect"], "method": ["event"]}, until=0.5).rows
+    assert rows[0].failure is None
+    assert rows[1].failure.startswith("InputError: ")
+    falling = drawn(8, 0.2, gravity=(0, -1), boundary="periodic")
+    (row,) = sweep(falling, {"method": ["naive"]}, frames=2).rows
+    assert "pressure" not in row.values
+    assert "collision_rate" in row.values
+    with pytest.raises(InputError, match=r"^measures may hold 'pressure' only without gravity"):
+        sweep(falling, {"method": ["naive"]}, frames=2, measures=["pressure"])
+
+
+@pytest.mark.parametrize(
+    ("function", "grid", "options", "text"),
+    [
+        (SCENE, {"dtt": [0.1]}, {"until": 1}, r"grid\['dtt'\] must be one of dt, .*Did you mean 'dt'.*give a function"),
+        (SCENE, {"dt": [0.1, -1]}, {"until": 1}, "dt must be a finite number > 0 .time.; got -1"),
+        (SCENE, {"method": ["gird"]}, {"until": 1}, "method must be one of .* got 'gird'. Did you mean 'grid'"),
+        (SCENE, {"method": ["grid", "mpi"]}, {"until": 1}, "method must be one that runs in a process.*got 'mpi'"),
+        (SCENE, {"dt": [1]}, {"until": 1, "settings": Settings(method="mpi")}, "method must be one that runs in a pro"),
+        (SCENE, {"frames": [1.5]}, {}, "frames must be a whole number from 0"),
+        (SCENE, {"until": [-1]}, {}, "until must be a finite number >= 0"),
+        (SCENE, {"dt": [0.1]}, {}, "a sweep of runs must have their length.*got neither"),
+        (SCENE, {"dt": [0.1]}, {"until": 1, "frames": 2}, "a sweep of runs must have.*got until and frames"),
+        (SCENE, {"dt": [0.1], "frames": [3]}, {"until": 1}, "a sweep of runs must have.*got until and frames"),
+        (SCENE, {"dt": [0.1]}, {"until": 1, "measures": ["presure"]}, "measures must be.*Did you mean 'pressure'"),
+        (SCENE, {"dt": [0.1]}, {"until": 1, "settings": 3}, "settings must be mpsim.Settings; got int"),
+        ("gass", {"dt": [0.1]}, {"until": 1}, "scene must be a path.*Did you mean 'gas'"),
+        ("no.toml", {"dt": [0.1]}, {"until": 1}, "scene must be a file that can be read; got 'no.toml'"),
+        (lambda count: 3, {"count": [1]}, {"until": 1}, "a function whose scenes are to be run must return"),
+        (Scene.random, {"count": [1]}, {"until": 1}, "grid must hold every argument that Scene.random .*lacks radius"),
+    ],
+)  # fmt: skip
+def test_a_sweep_of_runs_that_cannot_be_is_refused(function, grid, options, text):
+    with pytest.raises(InputError, match=f"^{text}"):
+        sweep(function, grid, **options)
+
+
+# --- executors
+
+
+def process(x):
+    return {"pid": os.getpid()}
+
+
+def test_threads_give_the_same_rows_and_a_result_that_an_executor_loses_is_a_failed_row(expected):
+    class Wandering(ThreadPoolExecutor):
+        def submit(self, task, /, *arguments):
+            if arguments[1].get("x") == 2:
+                future = Future()
+                future.set_exception(ConnectionError("the worker is gone"))
+                return future
+            return super().submit(task, *arguments)
+
+    with Wandering(2) as executor:
+        assert rows_of(sweep(gas, GRID, SEEDS, executor)) == expected
+        table = sweep(double, {"x": [1, 2, 3]}, executor=executor)
+    assert [row.failure for row in table.rows] == [None, "ConnectionError: the worker is gone", None]
+    with pytest.raises(InputError, match=r"^executor must accept tasks; got Wandering.*not shut down"):
+        sweep(double, {"x": [1]}, executor=executor)
+
+
+def test_an_executor_holds_a_bounded_number_of_tasks_and_is_asked_for_none_again():
+    """Each future is looked at a few times, whatever else is pending: `wait` would look at all for each one."""
+    submitted, finished, most, looks, held = 0, 0, 0, 0, []
+
+    class Watched(Future):
+        def __getattribute__(self, name):
+            nonlocal looks
+            looks += 1
+            return super().__getattribute__(name)
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, task, /, *arguments):
+            nonlocal submitted, most
+            submitted, future = submitted + 1, Watched()
+            most = max(most, submitted - finished)
+            held.append((future, task, arguments))
+            if submitted % 1000 == 0:  # the last one first
+                while held:
+                    last, task, arguments = held.pop()
+                    last.set_result(task(*arguments))
+            return future
+
+    def count(done, of, what):
+        nonlocal finished
+        finished = done
+
+    with Counting(1) as executor:
+        table = sweep(double, {"x": range(6000)}, executor=executor, progress=count)
+    assert [row.values["y"] for row in table.rows] == list(range(0, 12_000, 2))
+    assert 1000 <= most <= 5000
+    assert 6000 < looks < 100 * 6000
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_rows_refuse_what_pickle_cannot_send_and_may_die(expected, tmp_path):
+    with process_pool(1) as executor:
+        assert rows_of(sweep(gas, GRID, SEEDS, executor)) == expected
+        for function in (lambda x: {"y": x}, functools.partial(noted, folder=threading.Lock())):
+            with pytest.raises(InputError, match=r"^function and the values of the grid must be what pickle can send"):
+                sweep(function, {"x": [1, 2]}, executor=executor)
+        assert sweep(double, {"x": [1]}, executor=executor).rows[0].values == {"y": 2}, "the pool is as it was"
+        with pytest.warns(SweepWarning) as warned:
+            table = sweep(deadly, {"x": [1, 2, 3, 4, 5]}, executor=executor, path=tmp_path / "kept")
+    assert [row.values for row in table.rows] == [{"y": 2}, {"y": 4}, {}, {}, {}]
+    assert all(row.failure.startswith("BrokenProcessPool: ") for row in table.failed)
+    assert str(warned[0].message).startswith("the executor broke, and 3 runs failed with it: BrokenProcessPool")
+    assert warned[0].filename == __file__
+    with process_pool(1) as executor:
+        again = sweep(deadly, {"x": [1, 2, 4, 5]}, executor=executor, path=tmp_path / "kept")
+    assert [row.values["y"] for row in again.rows] == [2, 4, 8, 10]
+
+
+@pytest.mark.slow
+def test_dask_gives_the_same_rows_takes_lambdas_and_refuses_what_nobody_can_send(expected):
+    with dask_pool() as dask:
+        assert rows_of(sweep(gas, GRID, SEEDS, dask)) == expected
+        assert os.getpid() not in {row.values["pid"] for row in sweep(process, {"x": range(8)}, executor=dask).rows}
+        table = sweep(lambda x: {"y": x + 0.5}, {"x": [1, 2]}, executor=dask)
+        assert [row.values for row in table.rows] == [{"y": 1.5}, {"y": 2.5}]
+        lock = threading.Lock()
+        with pytest.raises(InputError, match=r"^function and the values of the grid must be what pickle can send"):
+            sweep(lambda x: {"y": lock.locked()}, {"x": [1, 2]}, executor=dask)
+
+
+MPI = """
+import json
+from mpi4py import MPI
+from mpi4py.futures import MPIPoolExecutor
+import mpsim
+from support.swept import double, gas
+
+def rank(x):
+    return {"rank": MPI.COMM_WORLD.rank}
+
+if __name__ == "__main__":
+    with MPIPoolExecutor() as executor:
+        table = mpsim.sweep(gas, {"packing": [0.1, 0.3]}, 2, executor, "kept")
+        print(json.dumps([(row.point, row.run, row.seed, row.values) for row in table.rows]))
+        ranks = mpsim.sweep(rank, {"x": list(range(20))}, executor=executor)
+        print(sorted({row.values["rank"] for row in ranks.rows}))
+        try:
+            mpsim.sweep(lambda x: {"y": x}, {"x": [1]}, executor=executor)
+        except mpsim.InputError as error:
+            print(error)
+    try:
+        mpsim.sweep(double, {"x": [1]}, executor=executor)
+    except mpsim.InputError as error:
+        print(error)
+"""
+
+
+@pytest.mark.slow
+def test_mpi_gives_the_same_rows_on_ranks_of_its_own(expected):
+    mpiexec = str(Path(sys.executable).with_name("mpiexec"))
+    outcome = run_script(MPI, prefix=(mpiexec, "-n", "2"), flags=("-W", "error", "-m", "mpi4py.futures"))
+    assert_clean(outcome)
+    rows, ranks, unpicklable, closed = outcome.out.splitlines()
+    assert [tuple(row) for row in json.loads(rows)] == expected
+    assert ranks == "[1]", "and none on the rank of the script"
+    assert unpicklable.startswith("function and the values of the grid must be what pickle can send"), unpicklable
+    assert closed.startswith("executor must accept tasks; got MPIPoolExecutor"), closed
+
+
+# --- the table
+
+
+def measured(a, b, seed):
+    if a == 2 and b is None:
+        raise ValueError("no such case")
+    found = {"size": a + 0.5, "count": a, "even": a % 2 == 0, "word": f"<{b}>"}
+    return found | ({"late": math.nan} if a == 2 else {})
+
+
+@pytest.fixture(scope="module")
+def table():
+    grid = {"a": [1, 2], "b": ["x", None, (1, 2)]}
+    return sweep(measured, grid, 2, units={"a": "length", "size": "length", "nowhere": "time"})
+
+
+COLUMNS = (
+    "a", "b", "run", "seed", "size", "count", "even", "word", "late", "wall_seconds", "failure", "mpsim_version",
+    "numpy_version", "numba_version", "python_version",
+)  # fmt: skip
+
+
+def test_columns_are_parameters_seeds_results_and_versions(table):
+    assert table.columns == COLUMNS
+    assert table.units == {"a": "length", "size": "length", "wall_seconds": "s"}, "a unit of nothing is left out"
+    here = {"mpsim": mpsim.__version__, "numpy": np.__version__, "numba": numba.__version__}
+    here["python"] = platform.python_version()
+    assert table.rows[0].versions == here
+    assert table.versions == {name: (version,) for name, version in here.items()}
+    seeded = sweep(lambda seed: {"y": seed}, {"seed": [3, 4]})
+    assert seeded.columns[:3] == ("seed", "run", "y"), "a seed that is a parameter is a column once"
+    assert [row.record()["seed"] for row in seeded.rows] == [3, 4]
+
+
+def test_csv_has_a_line_for_each_run_with_units_in_its_head_and_json_plain_values(table, tmp_path):
+    text = table.to_csv(tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_text() == text
+    head, *lines = csv.reader(io.StringIO(text))
+    assert [word.split(" [")[0] for word in head] == list(COLUMNS)
+    assert [word for word in head if "[" in word] == ["a [length]", "size [length]", "wall_seconds [s]"]
+    assert len(lines) == 12
+    first, failed = dict(zip(COLUMNS, lines[0], strict=True)), dict(zip(COLUMNS, lines[8], strict=True))
+    assert (first["a"], first["b"], first["size"], first["even"], first["failure"]) == ("1", "x", "1.5", "False", "")
+    assert (failed["size"], failed["failure"]) == ("", "ValueError: no such case")
+    assert lines[4][1] == "(1, 2)"
+    found = json.loads(table.to_json(tmp_path / "table.json"))
+    assert json.loads((tmp_path / "table.json").read_text()) == found
+    assert (found["parameters"], found["units"]["size"]) == (["a", "b"], "length")
+    assert found["versions"]["mpsim"] == [mpsim.__version__]
+    assert [row["seed"] for row in found["rows"]] == [row.seed for row in table.rows]
+    assert found["rows"][6]["late"] is None, "JSON has no NaN"
+
+
+@pytest.mark.slow
+def test_pandas_and_parquet_have_types_units_and_versions(table, tmp_path):
+    import pandas  # noqa: PLC0415 - which takes a second
+
+    frame = table.to_pandas()
+    table.to_parquet(tmp_path / "table.parquet")
+    again = pandas.read_parquet(tmp_path / "table.parquet")
+    assert tuple(frame.columns) == tuple(again.columns) == COLUMNS
+    assert frame["a"].dtype == frame["run"].dtype == frame["seed"].dtype == np.int64
+    assert (len(frame), frame["size"].isna().sum()) == (12, 2)
+    assert frame.attrs["units"] == again.attrs["units"] == table.units
+    assert frame.attrs["versions"]["numpy"] == [np.__version__]
+    assert again["size"].tolist()[:2] == [1.5, 1.5]
+    mixed = sweep(lambda a: {"what": a}, {"a": [1, "one", True, None, 2**70, 0.5]})
+    mixed.to_parquet(tmp_path / "mixed.parquet")
+    found = pandas.read_parquet(tmp_path / "mixed.parquet")["what"]
+    assert [None if pandas.isna(each) else each for each in found] == ["1", "one", "True", None, str(2**70), "0.5"]
+
+
+@pytest.mark.slow
+def test_xarray_has_a_dimension_for_each_parameter(table):
+    data = table.to_xarray()
+    assert dict(data.sizes) == {"a": 2, "b": 3, "run": 2}
+    assert data["a"].values.tolist() == [1, 2]
+    assert data["b"].values.tolist() == ["x", "None", "(1, 2)"]
+    assert data["size"].attrs == data["a"].attrs == {"units": "length"}
+    assert np.isnan(data["size"].sel(a=2, b="None")).all()
+    assert (data["size"].sel(a=1) == 1.5).all()
+    assert data["word"].sel(a=2, b="x", run=1).item() == "<x>"
+    assert data["seed"].dtype == np.int64
+    assert data["seed"].sel(a=2, b="x", run=1).item() == table.rows[7].seed
+    assert data.attrs["numba_version"] == numba.__version__
+    kinds = sweep(lambda a: {"kind": type(a).__name__}, {"a": [True, 1, "1", math.nan]}).to_xarray()
+    assert kinds["kind"].values[:, 0].tolist() == ["bool", "int", "str", "float"]
+    assert kinds["a"].values.tolist() == ["True", "1", "1", "nan"]
+
+
+@pytest.mark.parametrize(
+    ("missing", "method", "what"),
+    [
+        ("pandas", "to_pandas", "DataFrame"),
+        ("pyarrow", "to_parquet", "Parquet file"),
+        ("xarray", "to_xarray", "Dataset"),
+    ],
+)
+def test_without_a_package_an_error_says_which_and_what_to_do(missing, method, what, table, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, missing, None)
+    arguments = (tmp_path / "table.parquet",) if method == "to_parquet" else ()
+    with pytest.raises(OutputError, match=rf"{what} needs the package {missing},.*mpsim\[sweep\]"):
+        getattr(table, method)(*arguments)
+    assert table.to_csv()
+
+
+def test_a_table_that_cannot_be_written_is_an_error(table, tmp_path):
+    for method, ending in (
+        ("to_csv", r"\.csv or \.txt"),
+        ("to_json", r"\.json or \.txt"),
+        ("to_parquet", r"\.parquet"),
+    ):
+        with pytest.raises(InputError, match=rf"must be a file that ends in {ending} here; got .*s\.xlsx"):
+            getattr(table, method)(tmp_path / "s.xlsx")
+    with pytest.raises(InputError, match=r"must be a file that ends in \.json or \.txt here; .*Use 's\.json'\."):
+        table.to_json(tmp_path / "s.csv")
+    for method in ("to_csv", "to_json"):
+        with pytest.raises(OutputError, match=r"^the table of a sweep must be a file that can be written; .*No such"):
+            getattr(table, method)(tmp_path / "nowhere" / f"table.{method[3:]}")
+    assert not list(tmp_path.iterdir())
