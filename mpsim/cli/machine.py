@@ -10,7 +10,6 @@ from mpsim.core.cores import usable_cores
 from mpsim.core.plain import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.kernels.compiling import compiled_kernels
-from mpsim.measure.registry import NAMES
 from mpsim.scene import scenefile
 from mpsim.scene.settings import LAWS, PRECISIONS, Law, Precision, Settings
 from mpsim.studies import benchmark
@@ -91,19 +90,16 @@ WARMUP_EXAMPLES = """\b
 Examples:
   mpsim warmup                         for all scenes that come with mpsim: minutes, once
   mpsim warmup gas hopper
-  mpsim warmup my_scene.toml --precision float32 --measure pressure
+  mpsim warmup my_scene.toml --precision float32
 """
 
 
 @click.command(epilog=WARMUP_EXAMPLES, short_help="Compile ahead of the first run.")
 @click.argument("scenes", nargs=-1, shell_complete=terminal.complete_scene)
 @terminal.settings_options
-@click.option(
-    "--measure", "measures", type=terminal.Choice(NAMES), multiple=True, help="A measure that later runs will use."
-)
 @terminal.json_option
 @terminal.quiet_option
-def warmup(scenes: tuple[str, ...], measures: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) -> None:
+def warmup(scenes: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) -> None:
     """Compile the loops that SCENES need, so that their first run starts at once. The result is kept.
 
     A kernel is compiled for each combination of features, so scenes with the same ones share theirs.
@@ -116,7 +112,7 @@ def warmup(scenes: tuple[str, ...], measures: tuple[str, ...], as_json: bool, qu
                 progress(number, len(files), file.name)
             before, started = compiled_kernels(), time.perf_counter()
             with Simulation(file.scene, terminal.settings_of(file, options)) as sim:
-                sim.run(frames=0, measures=measures or None)
+                sim.run(frames=0)
             seconds, kernels = time.perf_counter() - started, compiled_kernels() - before
             found.append({"scene": file.name, "seconds": seconds, "kernels": kernels})
     if as_json:
