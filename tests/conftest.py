@@ -33,6 +33,9 @@ hang between tests."""
 LEFT = {"slow": "takes seconds; run with --slow", "long": "takes minutes; run with --long"}
 """Why tests with these marks are left out."""
 
+SLOW_EXAMPLES = {"mpsim.studies.tune.tune"}
+"""Examples of docstrings that compile several kernels."""
+
 LONGEST_EXIT = 60
 """Seconds that the interpreter may take to end after the last test."""
 
@@ -126,6 +129,9 @@ def pytest_xdist_auto_num_workers(config):
 def pytest_collection_modifyitems(config, items):
     """Which tests run, whatever their files: those of the session's kind, and all of them with --long."""
     kind = kind_of(config)
+    for item in items:
+        if item.name in SLOW_EXAMPLES:
+            item.add_marker(pytest.mark.slow)
     if kind == "long":
         return
     if kind == "slow":

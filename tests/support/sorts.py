@@ -6,7 +6,7 @@ by its first mark where the whole default suite runs it:
     pytestmark = pytest.mark.plain       features of small scenes: in the process with NUMBA_DISABLE_JIT=1
     pytestmark = pytest.mark.compiled    machine code, workers, thousands of discs: in the other
 
-Files without such a mark, and the examples of docstrings, run in either, when its own are done.
+Files without such a mark run in either, when its own are done; the examples of docstrings are compiled.
 """
 
 import os
@@ -15,6 +15,8 @@ from functools import cache
 from pathlib import Path
 
 from xdist.scheduler import LoadFileScheduling
+
+PACKAGE = Path(__file__).parents[2] / "mpsim"
 
 PLAIN_NODE = "gw0"
 """The process of the plain files, by the name that xdist gives it."""
@@ -37,6 +39,8 @@ def variables() -> dict[str, str]:
 @cache
 def sort_of(path: Path) -> str | None:
     """`plain`, `compiled`, or None for a file of no sort."""
+    if path.is_relative_to(PACKAGE):
+        return "compiled"
     found = _MARK.search(path.read_text())
     return found.group(1) if found else None
 
