@@ -61,7 +61,7 @@ FAMILIES = {
 """Modules in which faults are drawn, by subject."""
 
 FIRST = {
-    **dict.fromkeys(("contacts", "laws", "sort", "events"), ["tests/twins", "tests/contracts", "tests/physics"]),
+    **{key: ["tests/twins", "tests/contracts", "tests/physics"] for key in ("contacts", "laws", "sort", "events")},
     "windows": [],
     "checkpoint": ["tests/contracts", "tests/faults"],
     "changes": ["tests/doors/test_changes.py", "tests/contracts"],

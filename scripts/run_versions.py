@@ -2,7 +2,7 @@
 
 python scripts/run_versions.py                                  every cell that is not under results/versions/ yet
 python scripts/run_versions.py --docs docs/contributing.md      and the table there renewed
-python scripts/run_versions.py 3.13-lowest --tests tests/unit/core/test_state.py     one cell, a few tests
+python scripts/run_versions.py 3.13-lowest --tests tests/doors/test_state.py          one cell, a few tests
 python scripts/run_versions.py --long                           with the tests marked long
 python scripts/run_versions.py --install                        only make the environments: can all be had together?
 
@@ -30,7 +30,7 @@ from packaging.requirements import Requirement
 from pages import fill_page
 
 TOP = Path(__file__).parents[1]
-TESTS = ("tests/unit", "tests/contracts")
+TESTS = ("tests/doors", "tests/contracts")
 KINDS = ("lowest", "newest")
 
 COMPANIONS = {"pyparsing": "<3.3"}
