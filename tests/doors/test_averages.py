@@ -1,50 +1,57 @@
-"""Means with errors: numbers worked by hand, noise of known correlation, biases of known order."""
+"""Averages with errors, stationary parts, orders and growth rates: by hand, and of series whose truth is known."""
 
 import math
 
 import numpy as np
 import pytest
+from support.scenes import gas, simulate
 
-from mpsim.errors import InputError
-from mpsim.measure.statistics import (
-    FEWEST_BLOCKS,
+from mpsim import InputError
+from mpsim.measure import (
     Measure,
+    Series,
     block_average,
     block_errors,
+    comparable_until,
+    equilibration,
     fit_order,
     independent_average,
+    kinetic_energy,
+    predictability,
     ratio_average,
+    require_predictable,
 )
+
+pytestmark = pytest.mark.plain
+
+FEWEST_BLOCKS = 16
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "text"),
+    ("measure", "text"),
     [
-        (2.23991, 0.00163, "2.2399(16)"),
-        (5.641119, 0.00063, "5.64112(63)"),
-        (22.41, 1.63, "22.4(1.6)"),
-        (12345.6, 67.8, "12346(68)"),
-        (2.0, 0.0996, "2.00(10)"),
-        (-0.5, 0.02, "-0.500(20)"),
-        (1.2345e-9, 2.1e-11, "1.234(21)e-09"),
-        (0.0, 1e-12, "0.0(1.0)e-12"),
-        (3.0, 0.0, "3(0)"),
-        (3.25, math.nan, "3.25(?)"),
-        (math.nan, math.nan, "nan(?)"),
+        (Measure(2.23991, 0.00163, 9), "2.2399(16)"),
+        (Measure(5.641119, 0.00063, 9), "5.64112(63)"),
+        (Measure(22.41, 1.63, 9), "22.4(1.6)"),
+        (Measure(12345.6, 67.8, 9), "12346(68)"),
+        (Measure(2.0, 0.0996, 9), "2.00(10)"),
+        (Measure(-0.5, 0.02, 9), "-0.500(20)"),
+        (Measure(1.2345e-9, 2.1e-11, 9), "1.234(21)e-09"),
+        (Measure(0.0, 1e-12, 9), "0.0(1.0)e-12"),
+        (Measure(3.0, 0.0, 9), "3(0)"),
+        (Measure(3.25, math.nan, 9), "3.25(?)"),
+        (Measure(math.nan, math.nan, 9), "nan(?)"),
+        (Measure(2.24, 0.16, 9, settled=False), "2.24(>16)"),
+        (Measure(0.0, 1.8e-4, 9, settled=False, upper=True), "0(<0.00018)"),
+        (Measure(2.24, 0.16, 9, settled=False, upper=True), "2.24(<16)"),
+        (Measure(0.0, math.nan, 9, settled=False), "0(?)"),
     ],
 )
-def test_a_measure_prints_its_error_in_units_of_the_last_digit(value, error, text):
-    assert repr(Measure(value, error, 10)) == text
-
-
-def test_an_unsettled_error_prints_as_a_lower_bound():
-    assert repr(Measure(2.24, 0.16, 10, settled=False)) == "2.24(>16)"
-
-
-def test_an_upper_bound_prints_as_one():
-    assert repr(Measure(0.0, 1.8e-4, 10, settled=False, upper=True)) == "0(<0.00018)"
-    assert repr(Measure(2.24, 0.16, 10, settled=False, upper=True)) == "2.24(<16)"
-    assert repr(Measure(0.0, math.nan, 10, settled=False)) == "0(?)"
+def test_a_measure_prints_its_error_in_units_of_the_last_digit(measure, text):
+    """A lower bound as >, an upper one as <."""
+    assert repr(measure) == f"{measure}" == text
+    assert float(measure) == pytest.approx(measure.value, nan_ok=True)
+    assert f"{measure:.3f}" == f"{measure.value:.3f}"
 
 
 def test_deviation_counts_standard_errors():
@@ -154,13 +161,6 @@ def test_from_sixteen_events_on_their_scatter_counts():
     assert np.sqrt((settled**2).mean()) == pytest.approx(math.sqrt(0.01 * 0.99 / 4000), rel=0.06)
 
 
-def test_an_event_must_have_a_size():
-    with pytest.raises(InputError, match=r"event must be a finite number > 0"):
-        block_average([0.0] * 20, event=0.0)
-    with pytest.raises(InputError, match=r"alternation must be"):
-        block_average([0.0] * 20, alternation=-1.0)
-
-
 def alternating(n, time, beneath, seed):
     """Changes of a smooth quantity that forgets itself after some `time`, with noise beneath; the mean over n."""
     rng = np.random.default_rng(seed)
@@ -186,6 +186,19 @@ def test_what_is_known_to_alternate_more_slowly_has_an_upper_bound():
     assert found.upper
     assert found.error > true
     assert not block_average(series, alternation=400 / 31).upper, "the control"
+
+
+def test_what_rises_too_steeply_from_frequency_zero_has_an_upper_bound():
+    """Amplitudes exp(r k^2 / 2) of the frequencies k/16, up to a limit."""
+
+    def rising(strength, seed):
+        k, rng = np.arange(501), np.random.default_rng(seed)
+        amplitudes = np.exp(np.minimum(strength * (k / 16) ** 2, 60) / 2) * (k > 0)
+        return block_average(np.fft.irfft(amplitudes * (rng.normal(size=501) + 1j * rng.normal(size=501)), 1000))
+
+    steep, flat = ([rising(strength, seed) for seed in range(20)] for strength in (12, 0))
+    assert all(each.upper and not each.settled for each in steep)
+    assert np.mean([each.settled for each in flat]) > 0.9
 
 
 def test_a_series_that_drifts_is_not_settled():
@@ -319,12 +332,147 @@ def test_the_tables_of_push_and_impact():
     assert impact.value > push.value + 2 * math.hypot(push.error, impact.error)
 
 
+# --- stationary parts
+
+
+def by_hand(values):
+    """The marginal standard error rule as it is written."""
+    number = len(values)
+    found = []
+    for d in range(number // 2 + 1):
+        rest = values[d:]
+        found.append(sum((each - np.mean(rest)) ** 2 for each in rest) / len(rest) ** 2)
+    return found
+
+
+@pytest.mark.parametrize("number", [10, 11, 57])
+def test_the_stationary_part_begins_where_the_rule_says(number):
+    values = 1e6 + np.random.default_rng(number).normal(size=number)
+    assert equilibration(values, batch=1).start == np.argmin(by_hand(values))
+
+
+def relaxing(seed, size=20.0, time=60.0, number=3000):
+    """Correlated noise about 5, which begins `size` above."""
+    rng = np.random.default_rng(seed)
+    noise = np.zeros(number)
+    for k in range(1, number):
+        noise[k] = 0.8 * noise[k - 1] + 0.6 * rng.normal()
+    return 5 + noise + size * np.exp(-np.arange(number) / time)
+
+
+def test_the_mean_without_the_transient_covers_the_truth_and_that_with_it_does_not():
+    found = [equilibration(relaxing(seed)) for seed in range(60)]
+    found = [each for each in found if each.found]
+    assert len(found) > 50
+    assert all(each.measure.settled for each in found)
+    assert all(100 < each.start < 1200 for each in found), [each.start for each in found]
+    z = np.array([each.measure.deviation(5.0) for each in found])
+    assert (np.abs(z) < 2).mean() > 0.85
+    assert np.abs(z.mean()) < 0.6
+    whole = np.array([block_average(relaxing(seed)).value for seed in range(60)])
+    assert (whole - 5).mean() > 0.3  # 20 * 60 / 3000
+    assert np.mean([each.measure.value - 5 for each in found]) < 0.03
+
+
+def test_a_stationary_series_keeps_nearly_all_of_itself():
+    starts = np.array([equilibration(relaxing(seed, size=0.0)).start for seed in range(40)])
+    assert np.median(starts) < 300
+    assert equilibration(np.full(100, 3.5)).start == 0
+
+
+def test_a_series_that_keeps_rising_is_not_found_to_be_stationary():
+    found = equilibration(np.arange(1000.0))
+    assert not found.found
+    assert not found.measure.settled
+    assert found.start == 500
+    assert not equilibration(relaxing(1, time=5000.0)).found
+
+
+# --- how fast runs part
+
+
+def cat_map_distances(steps, seed):
+    """Distances of two orbits of Arnold's cat map, (x, y) -> (2x + y, x + y) mod 1, starting 1e-13 apart."""
+    a = np.random.default_rng(seed).random(2)
+    b = a + np.array([1e-13, 0])
+    found = []
+    for _ in range(steps):
+        found.append(np.hypot(*((a - b + 0.5) % 1 - 0.5)))
+        a, b = (np.array([2 * p[0] + p[1], p[0] + p[1]]) % 1 for p in (a, b))
+    return np.array(found)
+
+
+def test_the_exponent_of_the_cat_map():
+    exact = math.log((3 + math.sqrt(5)) / 2)
+    for seed in range(3):
+        found = predictability(np.arange(60) * 0.5, cat_map_distances(60, seed), lowest=1e-12, highest=1e-2)
+        assert found.rate.value == pytest.approx(2 * exact, rel=0.01)
+        assert found.horizon == pytest.approx(20 / found.rate.value)
+        assert found.comparable_until == pytest.approx(found.horizon / 2)
+
+
+def test_negative_control_the_whole_series_with_its_plateau_grows_slower():
+    distance = cat_map_distances(60, 0)
+    exact = math.log((3 + math.sqrt(5)) / 2)
+    assert predictability(np.arange(60.0), distance, highest=10.0).rate.value < 0.6 * exact
+
+
+def test_noisy_growth_has_an_error_that_covers_it():
+    rng = np.random.default_rng(1)
+    deviations = []
+    for _ in range(60):
+        walk = np.cumsum(rng.normal(0.05, 0.2, 400))
+        deviations.append(predictability(np.arange(400.0), 1e-9 * np.exp(walk), highest=1e30).rate.deviation(0.05))
+    assert 0.7 < np.std(deviations) < 1.5
+    assert abs(np.mean(deviations)) < 0.5
+
+
+def test_growth_starts_after_a_meeting_and_ends_before_the_ceiling():
+    distance = np.array([1e-9, 0.0, 1e-12, *(1e-12 * np.exp(np.arange(1, 30))), 1.0, 1e-12])
+    found = predictability(np.arange(len(distance)), distance, highest=1e-2)
+    assert found.rate.value == pytest.approx(1.0, rel=1e-12)
+
+
+def test_a_comparison_up_to_half_of_twenty_lyapunov_times_is_allowed():
+    assert comparable_until(2.9) == pytest.approx(10 / 2.9)
+    require_predictable(10 / 2.9, rate=2.9)
+    with pytest.raises(InputError, match=r"at most 3\.44828 .* got 3\.5.*compare averages"):
+        require_predictable(3.5, rate=2.9)
+
+
+def test_a_series_notes_each_frame_once_with_its_time():
+    scene, found, other = (
+        gas(8, 0.2),
+        Series(lambda state, scene: state.position[3, 0], every=3),
+        Series(kinetic_energy),
+    )
+    expected = []
+    with simulate(scene, dt=0.05, method="naive") as sim, simulate(scene, dt=0.05, method="naive") as again:
+        for frames in (4, 0, 5, 6):
+            sim.run(frames=frames, observe=found)
+        for frame in range(16):
+            if frame % 3 == 0:
+                expected.append((again.time, again.state.position[3, 0]))
+            again.run(frames=1, observe=other)
+        with pytest.raises(InputError, match="a Series must observe one simulation"):
+            sim.run(frames=1, observe=other)
+        with pytest.raises(InputError, match="what function of a Series gives must be a number; got 'hot'"):
+            sim.run(frames=1, observe=Series(lambda state, scene: "hot"))
+    assert np.column_stack([found.time, found.value]).tolist() == np.array(expected).tolist()
+    assert repr(found) == "<Series: 6 values>"
+
+
+# --- refusals
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
         (lambda: block_average([]), "series must hold at least 1 sample; got 0"),
         (lambda: block_average([1.0, math.nan]), r"series\[1\] is nan"),
         (lambda: block_average([[1.0]]), "series must have shape"),
+        (lambda: block_average([0.0] * 20, event=0.0), "event must be a finite number > 0"),
+        (lambda: block_average([0.0] * 20, alternation=-1.0), "alternation must be"),
         (lambda: independent_average([1.0]), "values must hold at least 2"),
         (lambda: fit_order([0.1], [1.0], [1.0]), "h must hold at least 2"),
         (lambda: fit_order([0.1, 0.2], [1.0, 2.0]), "h must hold at least 3"),
@@ -334,13 +482,28 @@ def test_the_tables_of_push_and_impact():
         (lambda: fit_order([0.1, 0.2], [0.0, 2.0], [1.0, 1.0]), "bias must be of one sign"),
         (lambda: fit_order([0.1, 0.2], [1.0, 2.0], [0.0, 1.0]), "errors must be > 0"),
         (lambda: fit_order([0.1, 0.2], [1.0, 2.0, 3.0], [0.1, 1.0]), "bias must have shape"),
+        (lambda: equilibration(np.zeros(49)), "at least 10 batches of 5 samples .* part; got 49 samples"),
+        (lambda: equilibration([]), "got 0 samples"),
+        (lambda: equilibration([1.0, np.nan] * 50), "series must be finite"),
+        (lambda: equilibration(np.zeros((10, 10))), r"series must have shape \(n,\)"),
+        (lambda: equilibration("abc"), "series must be numbers"),
+        (lambda: equilibration(np.zeros(100), batch=0), "batch must be a whole number from 1"),
+        (lambda: equilibration(np.zeros(100), batch=2.5), "batch must be a whole number"),
+        (lambda: predictability([0, 1, 3], [1, 2, 3], highest=9), "equal steps"),
+        (lambda: predictability([0, 1], [1, 2], highest=9), "at least 3 times"),
+        (lambda: predictability([0, 1, 2], [1, -2, 3], highest=9), "distance must be >= 0"),
+        (lambda: predictability([0, 1, 2], [1, 2, 3], lowest=9, highest=9), "highest above lowest"),
+        (lambda: predictability([0, 1, 2], [1, 2, 3], highest=1.5), "at least 3 samples"),
+        (lambda: predictability([0, 1, 2], [0, 0, 0], highest=1.5), "at least 3 samples"),
+        (lambda: predictability([0, 1, 2], [1, 1, 1], highest=9), "distance must grow"),
+        (lambda: predictability([0, 1, 2], [1, math.inf, 1], highest=9), "must be finite"),
+        (lambda: comparable_until(0.0), "rate must be a finite number > 0"),
+        (lambda: require_predictable(-1.0, 1.0), "time must be a finite number >= 0"),
+        (lambda: Series("temperature"), r"must be called as function\(state, scene\); got 'temp"),
+        (lambda: Series(kinetic_energy, every=0), "every must be a whole number"),
+        (lambda: Series(kinetic_energy).equilibration(), "got 0 samples"),
     ],
-)
-def test_bad_input_is_refused_by_name(call, words):
+)  # fmt: skip
+def test_wrong_input_is_refused_by_name(call, words):
     with pytest.raises(InputError, match=words):
         call()
-
-
-def test_a_measure_is_formatted_as_its_value_and_converted_to_it():
-    measure = Measure(2.23991, 0.00163, 24)
-    assert (f"{measure:.3f}", f"{measure}", float(measure)) == ("2.240", "2.2399(16)", 2.23991)
