@@ -68,7 +68,8 @@ def band_along(axis, cell, region, box):
     own = region.own[axis]
     if place < -BAND or place >= own + BAND:
         return ELSEWHERE
-    return (place >= 0) + (place >= BAND) + (place >= own - BAND) + (place >= own)  # OUTER_LOW, INNER_LOW, ...
+    # OUTER_LOW, INNER_LOW, ... In plain Python the sum of NumPy's truths is their `or`.
+    return int(place >= 0) + int(place >= BAND) + int(place >= own - BAND) + int(place >= own)
 
 
 @inlined
