@@ -18,7 +18,7 @@ from support import written
 from support.checkpoints import rewrite
 from support.goldens import FRAMES, SCENES, pins
 from support.scenes import OF_PROCESSES
-from support.selection import slow_but
+from support.selection import long_but
 from support.written import CANDIDATE, CHECKPOINTS, EVERY, TRADED, TRAJECTORIES, checkpoint_name, frames_of, words
 
 import mpsim
@@ -192,7 +192,7 @@ OF_FORMAT_6 = {
 """Name of each file, and the case that is pinned; two ranks wrote the one of mpi."""
 
 
-@pytest.mark.parametrize("file", slow_but(OF_FORMAT_6, "everything-rough-mpi-impact-float64", "everything-exact-event"))
+@pytest.mark.parametrize("file", long_but(OF_FORMAT_6, "everything-rough-mpi-impact-float64", "everything-exact-event"))
 def test_a_checkpoint_of_format_6_goes_on_to_the_pinned_digest_and_is_rewritten_as_one_of_today(file, tmp_path):
     name, case = OF_FORMAT_6[file]
     path = FOLDER.with_name("format6") / f"{file}.mpsim"

@@ -1,0 +1,118 @@
+"""What was saved on some workers goes on with the same bits on others, in another process and in a thread, also from inside a frame."""
+
+import threading
+
+import pytest
+from support.compare import assert_same_bits
+from support.processes import assert_clean, run_script
+from support.scenes import ZOO, crowd, gas, lattice, simulate, state_after, zoo
+
+import mpsim
+
+FRAMES = 24
+SETTINGS = {"dt": 0.02, "substeps": 2}
+
+pytestmark = pytest.mark.compiled
+
+
+def in_parts(scene, path, parts, workers, resumed_on, **settings):
+    """State after runs of so many frames, each but the first by a simulation of its own that is resumed."""
+    with simulate(scene, workers=workers, **settings) as sim:
+        sim.run(frames=parts[0])
+        sim.save(path)
+    for number, frames in zip(resumed_on, parts[1:], strict=True):
+        with mpsim.Simulation.resume(path, workers=number) as sim:
+            sim.run(frames=frames)
+            sim.save(path)
+            state = sim.state
+    return state
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_run_that_is_resumed_on_other_numbers_of_workers_has_the_same_bits(workers, tmp_path):
+    scene = crowd(400, 0.8, seed=1)
+    expected = state_after(scene, FRAMES, method="grid", **SETTINGS)
+    state = in_parts(scene, tmp_path / "run", (7, 6, 11), workers, (2, 1), method="parallel", **SETTINGS)
+    assert_same_bits(state, expected, f"resumed on 2 and 1 after {workers} workers")
+
+
+def test_auto_goes_on_with_the_method_it_had(tmp_path):
+    for scene in (gas(100, 0.5, seed=2), gas(300, 0.5, seed=2), gas(900, 0.5, seed=2)):
+        expected = state_after(scene, FRAMES, method="auto", workers=2)
+        state = in_parts(scene, tmp_path / "run", (10, 14), 2, (3,), method="auto")
+        assert_same_bits(state, expected, f"auto with {scene.count} discs")
+
+
+def test_an_exact_run_that_was_stopped_inside_a_frame_is_resumed_there(tmp_path):
+    def interrupt(done, of):
+        raise KeyboardInterrupt
+
+    scene, names = lattice(9, 9), ["pressure", "collision_rate"]
+    with simulate(scene, method="event", dt=50.0) as sim:
+        whole = sim.run(frames=2, measures=names)
+        expected = sim.state
+    with simulate(scene, method="event", dt=50.0) as sim:
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(frames=2, progress=interrupt)
+        assert sim.frame == 0 < sim.time
+        stopped = sim.time, sim.digest()
+        sim.save(tmp_path / "run")
+    with mpsim.Simulation.resume(tmp_path / "run") as sim:
+        assert (sim.time, sim.digest()) == stopped
+        report = sim.run(frames=2, measures=names)
+        assert_same_bits(sim.state, expected, "stopped inside a frame")
+    for name in names:
+        assert report.measures[name].value == whole.measures[name].value, "what the frame had counted is lost"
+
+
+ELSEWHERE = """
+import mpsim
+with mpsim.Simulation.resume({path!r}, workers=2) as sim:
+    sim.run(frames=12)
+    print(sim.digest())
+"""
+
+
+def test_another_process_and_a_thread_go_on_with_the_same_bits(tmp_path):
+    scene, found = gas(500, 0.6, seed=5), []
+    expected = state_after(scene, 24, method="grid").digest()
+
+    def work():
+        with simulate(scene, method="parallel", workers=3) as sim:
+            sim.run(frames=12, checkpoint=tmp_path / "run")
+        with mpsim.Simulation.resume(tmp_path / "run", workers=2) as sim:
+            sim.run(frames=12, checkpoint=tmp_path / "other")
+            found.append(sim.digest())
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    outcome = run_script(ELSEWHERE.format(path=str(tmp_path / "run")))
+    assert_clean(outcome)
+    assert [outcome.out.strip()] == found == [expected]
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning")
+@pytest.mark.parametrize("name", ZOO)
+def test_features_are_resumed_on_other_numbers_of_workers(name, tmp_path):
+    expected = state_after(zoo(ZOO[name]), FRAMES, method="grid")
+    state = in_parts(zoo(ZOO[name]), tmp_path / "run", (11, 4, 9), 1, (2, 3), method="parallel")
+    assert_same_bits(state, expected, name)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_a_thousand_frames_after_a_dense_checkpoint_agree_on_any_number_of_workers(tmp_path, figures):
+    scene = gas(20_000, 0.7, seed=1)
+    with simulate(scene, method="grid", dt=0.02) as sim:
+        assert sim.run(frames=100).collisions > 100_000
+        sim.save(tmp_path / "run")
+        sim.run(frames=1000)
+        expected = sim.state
+    for workers in (1, 2, 3, 8):
+        with mpsim.Simulation.resume(tmp_path / "run", workers=workers) as sim:
+            sim.run(frames=1000, checkpoint=tmp_path / "other", checkpoint_every=73)
+            assert_same_bits(sim.state, expected, f"on {workers} workers")
+    figures.note("R1", "parallel on 1, 2, 3, 8", "20,000 discs, 1000 frames after a resume",
+                 "that of an uninterrupted run", "the same")  # fmt: skip
