@@ -6,8 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from mpsim.viewer import wire
-from mpsim.viewer.notebook import Live
+from support.visitor import Picture, read
 
 PATIENCE = 150.0
 
@@ -19,7 +18,7 @@ class FrontEnd:
         busy: what waits for a kernel that takes no message while it runs a cell; None: it takes them as they come.
     """
 
-    def __init__(self, live: Live):
+    def __init__(self, live: Any):
         self.widget, self.pages = live.widget, dict[str, "NotebookPage"]()
         self.news = threading.Condition()
         self.busy: list[Any] | None = None
@@ -59,7 +58,7 @@ class NotebookPage:
         self.front, self.name = front, name
         self.opened, self.closed, self.pictures, self.pings, self.dead = 0, None, 0, 0, False
         self.last: dict[str, dict[str, Any]] = {}
-        self.picture: wire.Picture | None = None
+        self.picture: Picture | None = None
         self.kept: dict[str, Any] = {}
         self.loses: Callable[[dict[str, Any]], bool] = lambda content: False
         self.received = 0
@@ -82,11 +81,11 @@ class NotebookPage:
         elif "text" in content:
             found = json.loads(content["text"])
             self.last[found["type"]] = found
-        elif buffers[0][5] == wire.PICTURE:
-            found = wire.unpack(buffers[0])
-            if found.header.stage == 0:  # which comes last, and is acknowledged for both
+        else:
+            found = read(bytes(buffers[0]))[2]
+            if isinstance(found, Picture) and found.stage == 0:  # it comes last, and is acknowledged for both
                 self.picture, self.pictures = found, self.pictures + 1
-                self.say("ack", serial=found.header.serial)
+                self.say("ack", serial=found.serial)
 
     def say(self, do: str, **values: Any) -> None:
         if not self.dead:
@@ -102,7 +101,7 @@ class NotebookPage:
 
     @property
     def frame(self) -> int:
-        return -1 if self.picture is None else self.picture.header.frame
+        return -1 if self.picture is None else self.picture.frame
 
     @property
     def phase(self) -> str | None:

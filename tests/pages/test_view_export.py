@@ -1,0 +1,207 @@
+"""What is kept of a view: a session and a program that run again to the same bits, a scene that goes on, and films."""
+
+import io
+import shutil
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+from support.scenes import gas, simulate, zoo
+from support.sessions import stage
+from support.tiles import first_free_place
+from support.visitor import downloaded, fetch, paused, unpacked
+
+import mpsim
+
+pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")]
+
+SCENES = {"a gas": lambda: gas(20, 0.2), "many features": lambda: stage(20)}
+GROUND, CLOSED, SOLID = (255, 255, 255), (154, 163, 173), (58, 63, 69)
+SLOWEST, FAST = (0x44, 0x01, 0x54), (187, 222, 46)
+"""Of viridis: a disc at rest, and the faster one of two discs, which is at 0.89 of the scale."""
+
+
+def played(sim):
+    """Changes of each kind, with frames between."""
+    sim.run(frames=4)
+    sim.set([1], velocity=(0.5, 0.1))
+    sim.run(frames=3)
+    sim.kick([2, 3], (0.25, 0.0))
+    sim.change(dt=0.005, gravity=(0.0, -0.5))
+    sim.remove([4])
+    sim.add_wall([(0, 0.01), (0.4, 0.01)], thickness=0.01)
+    sim.run(frames=5)
+    return sim
+
+
+@pytest.mark.parametrize("words", SCENES)
+def test_a_session_and_a_program_run_again_to_the_same_bits(words, tmp_path):
+    with simulate(SCENES[words](), method="grid") as sim, paused(played(sim), name="gas") as page:
+        digest, address = sim.digest(), page.view.address
+        answer = fetch(address, path="keep/session.zip")
+        assert answer.headers["Content-Type"] == "application/zip"
+        names = unpacked(answer.body, tmp_path)
+        text = downloaded(address, "program.py").decode()
+    assert {"session.toml", "session.scene.toml"} <= set(names)
+    with mpsim.Simulation.replay(tmp_path / "session.toml", method="parallel", workers=1) as again:
+        assert again.digest() == digest
+    tables = tomllib.loads((tmp_path / "session.toml").read_text())
+    assert [each["what"] for each in tables["change"]] == ["set", "kick", "change", "remove", "add_wall"]
+    assert (tables["frame"], tables["digest"]) == (12, digest)
+    assert "Scene.load" not in text, "the scene is not the one of that name"
+    assert "    sim.add_wall(points=[[0.0, 0.01], [0.4, 0.01]], thickness=0.01)\n" in text
+    assert f'    assert sim.digest() == "{digest}", ' in text
+    exec(compile(text, "program.py", "exec"), {})  # it ends by comparing digests
+    with pytest.raises(AssertionError, match="another version of mpsim"):
+        exec(text.replace("sim.kick(ids=[2, 3]", "sim.kick(ids=[2, 5]"), {})
+
+
+def test_the_program_of_a_named_scene_names_it_and_one_of_very_many_numbers_is_refused():
+    with paused(mpsim.Scene.load("gas"), mpsim.Settings(method="grid", dt=0.02), name="gas") as page:
+        page.do("remove", id=3, same=False)
+        page.step_to(2)
+        text = downloaded(page.view.address, "program.py").decode()
+        assert text.startswith('"""')
+        assert "scene = mpsim.Scene.load('gas')\n" in text
+        assert "settings = mpsim.Settings(dt=0.02, method='grid')\n" in text
+        exec(text, {})
+    place = np.stack(np.divmod(np.arange(2001), 50), axis=1) * 1.5 + 0.75
+    large = mpsim.Scene(width=75, height=75, position=place, velocity=np.zeros((2001, 2)), radius=0.5)
+    with paused(large, mpsim.Settings(method="naive")) as page:
+        answer = fetch(page.view.address, path="keep/program.py")
+        assert answer.status == 409
+        assert b"at most 2000 discs; this scene has 2,001 and does not come with mpsim. Download the ses" in answer.body
+        assert downloaded(page.view.address, "session.zip")[:2] == b"PK"
+
+
+@pytest.mark.parametrize("words", SCENES)
+@pytest.mark.parametrize("added", [False, True])
+def test_the_scene_of_this_moment_goes_on_from_it(words, added, tmp_path):
+    with simulate(SCENES[words](), method="grid") as sim, paused(sim, name="a name") as page:
+        sim.run(frames=4)
+        sim.change(dt=0.005, gravity=(0.0, -0.75))
+        sim.remove([4])
+        if added:
+            sim.add(first_free_place(sim.state), (0.5, 0.0), **({} if words == "a gas" else {"mass": 2.0, "spin": 3.0}))
+        state, count, masses, moment = sim.state, sim.count, sim.masses, sim.time
+        assert "scene.toml" in unpacked(downloaded(page.view.address, "scene.zip"), tmp_path)
+    scene, here = mpsim.Scene.load(tmp_path / "scene.toml"), state.present
+    tables = tomllib.loads((tmp_path / "scene.toml").read_text())
+    assert f"a name at time {moment:g}" in (tmp_path / "scene.toml").read_text()
+    assert tables["settings"]["dt"] == 0.005
+    assert (scene.gravity.tolist(), scene.count) == ([0.0, -0.75], count - 1)
+    assert np.array_equal(scene.position, state.position[here])
+    assert np.array_equal(scene.velocity, state.velocity[here])
+    if words == "many features":
+        assert scene.box == state.box != stage(20).box, "the piston is where it was"
+        assert np.array_equal(scene.mass, masses[here])
+        assert np.array_equal(scene.spin, state.spin[here])
+    with simulate(scene, method="grid") as again:
+        again.run(frames=3)
+
+
+def test_a_scene_of_this_moment_that_would_guess_is_refused():
+    with simulate(zoo("acceleration", count=5, side=20.0), method="naive") as sim, paused(sim) as page:
+        sim.add((1.0, 1.0), (0, 0), (3.0, 0.0))
+        answer = fetch(page.view.address, path="keep/scene.zip")
+        assert (answer.status, b"needs the acceleration of each disc" in answer.body) == (409, True)
+        sim.close()
+        answer = fetch(page.view.address, path="keep/session.zip")
+        assert answer.status == 409
+        assert b"closed" in answer.body or b"ended" in answer.body
+
+
+# --- films
+
+TABLE = mpsim.Scene(
+    width=20, height=10, position=[[2, 5], [15, 5]], velocity=[[100, 0], [0, 0]], radius=1.0,
+    obstacles=mpsim.FixedDisc((10, 8), 1.0), piston=mpsim.Piston("right", -5.0, 12.0),
+)  # fmt: skip
+PLAIN = mpsim.Settings(method="naive", dt=0.01)
+
+
+def frames_of(content):
+    return [np.asarray(each.convert("RGB"), int) for each in ImageSequence.Iterator(Image.open(io.BytesIO(content)))]
+
+
+def at(frame, x, y, stage=0):
+    """The colour of a film at a place of the box, 24 pixels for a unit of length."""
+    return frame[int((10 - y) * 24), stage * (480 + 8) + int(x * 24)]
+
+
+def near(pixel, colour):
+    return np.abs(pixel - colour).max() < 24
+
+
+def film_of(page, places, ending="gif"):
+    """A film whose last pictures show some frames, each of them long enough to be kept."""
+    for frame in places:
+        page.step_to(frame)
+        page.hear_for(0.12)
+    return downloaded(page.view.address, f"film.{ending}")
+
+
+def test_a_film_shows_discs_walls_and_obstacles_where_they_were():
+    with paused(TABLE, PLAIN) as page:
+        frames = frames_of(film_of(page, (0, 3, 6)))
+        for index, x in ((0, 2.0), (-1, 8.0)):
+            frame = frames[index]
+            assert frame.shape == (240, 480, 3)
+            assert [near(at(frame, other, 5), FAST) for other in (2.0, 5.0, 8.0)] == [other == x for other in (2, 5, 8)]
+            assert near(at(frame, x + 0.9, 5), FAST), "at true radius"
+            assert near(at(frame, x + 1.15, 5), GROUND), "and no larger"
+            assert near(at(frame, 15, 5), SLOWEST)
+            assert near(at(frame, 10, 8), SOLID)
+            assert near(at(frame, 1, 9), GROUND)
+        assert near(at(frames[-1], 19.85, 5), CLOSED), "behind the wall"
+        page.do("wall", ax=4.0, ay=0.0, bx=4.0, by=3.0)
+        page.do("remove", id=0, same=False)
+        frames = frames_of(film_of(page, (7,)))
+        assert near(at(frames[-1], 4, 2), SOLID), "each picture has the walls of its time"
+        assert not any(near(at(frame, 4, 2), SOLID) for frame in frames[:3])
+        assert near(at(frames[-1], 9, 5), GROUND), "a disc that has left is not drawn"
+
+
+def test_two_stages_are_side_by_side_and_a_film_begins_with_them():
+    with paused(TABLE, PLAIN) as page:
+        film_of(page, (0, 1))
+        page.say("beside", settings={"frames": 2})
+        page.hear_until(lambda v: v.last["pair"]["second"] and v.frame == 0)
+        frames = frames_of(film_of(page, (3, 6)))
+        assert {frame.shape for frame in frames} == {(240, 480 + 8 + 480, 3)}, "none of one stage alone"
+        for stage in (0, 1):
+            assert near(at(frames[-1], 8, 5, stage), FAST)
+            assert near(at(frames[-1], 10, 8, stage), SOLID)
+        assert near(frames[-1][120, 480 + 4], CLOSED)
+
+
+@pytest.mark.slow
+def test_an_mp4_has_the_same_pictures(tmp_path):
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra film is not installed")
+    with paused(TABLE, PLAIN) as page:
+        (tmp_path / "a.mp4").write_bytes(film_of(page, (0, 3, 6), "mp4"))
+        expected = np.array(frames_of(downloaded(page.view.address, "film.gif")))
+    decode = [shutil.which("ffmpeg") or imageio_ffmpeg.get_ffmpeg_exe(), "-i", str(tmp_path / "a.mp4")]
+    raw = subprocess.run([*decode, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True, check=True).stdout
+    found = np.frombuffer(raw, np.uint8).reshape(-1, 240, 480, 3).astype(int)
+    assert np.abs(found[-1] - expected[-1]).mean() < 1.5, "what is lost by encoding"
+    assert np.abs(found[-1] - expected[0]).mean() > 2.5, "the control: another picture"
+
+
+def test_films_that_cannot_be_made_say_why(tmp_path, monkeypatch):
+    with paused(TABLE, PLAIN) as page:
+        broken = tmp_path / "ffmpeg"
+        broken.write_text("#!/bin/sh\ncat >/dev/null\necho Unknown encoder >&2\nexit 8\n")
+        broken.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
+        answer = fetch(page.view.address, path="keep/film.mp4")
+        assert answer.status == 409
+        assert b"encodes H.264; it ended with 8 ('Unknown encoder" in answer.body
+        assert b"Take the film as a GIF." in answer.body
+        monkeypatch.setenv("PATH", str(tmp_path / "none"))
+        monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+        answer = fetch(page.view.address, path="keep/film.mp4")
+        assert b"pip install 'mpsim[film]'" in answer.body

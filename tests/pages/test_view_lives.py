@@ -1,0 +1,126 @@
+"""Views that live in programs and commands of their own: what they print, what ends them, and what they leave."""
+
+import re
+import signal
+import threading
+
+import pytest
+from support.commands import mpsim_command
+from support.processes import Script, assert_clean, assert_nothing_left_of, run_script
+from support.scenes import gas
+from support.visitor import Visitor, kept, viewed
+
+import mpsim
+
+PLAIN = {"NUMBA_DISABLE_JIT": "1"}
+ASKED = "scene=gas&seed=3&dt=0.005&method=grid&gravity=0.0,-1.5&restitution=0.9&beside=event"
+
+
+def address_in(line):
+    return re.search(r"http://\S+", line)[0]
+
+
+COMMAND = """
+from mpsim.cli.app import main
+main({!r})
+"""
+
+
+def test_the_command_opens_what_an_address_asks_for_until_ctrl_c():
+    words = ["view", f"http://127.0.0.1:8000/a-token/?{ASKED}&wait&speed=2#top", "--passes", "2", "--no-browser"]
+    with Script(COMMAND.format(words), env=PLAIN) as script:
+        base, _, query = address_in(script.line()).partition("?")
+        assert query == f"{ASKED.replace('&gravity', '&passes=2&gravity')}&wait=&speed=2", "options count more"
+        with Visitor(base, visible=True) as page:
+            page.step_to(3)
+            assert (page.last["scene"]["name"], page.last["pair"]["second"]) == ("gas", "event")
+            found = kept(base)
+            script.send(signal.SIGINT)
+            outcome = script.finish()
+    assert_clean(outcome)
+    assert "Do not share this address: anyone who has it can control the view." in outcome.out
+    assert_nothing_left_of(script.pid)
+    with mpsim.Simulation(mpsim.Scene.load("gas").redrawn(3), mpsim.Settings(dt=0.005, method="grid", passes=2)) as sim:
+        sim.change(gravity=(0.0, -1.5), restitution=0.9)
+        sim.run(frames=3)
+        assert found == (3, sim.digest(), ["change"])
+
+
+TWO = """
+from mpsim.cli.app import main
+for path in {!r}:
+    try:
+        main(["view", path, "--no-browser", "--paused"])
+    except SystemExit:
+        pass
+"""
+
+
+@pytest.mark.slow
+def test_the_command_shows_the_folder_of_a_run_with_its_obstacles_and_its_file(tmp_path):
+    scene, folder = tmp_path / "pegs.toml", tmp_path / "run"
+    mpsim.Scene(
+        width=9, height=9, position=[[2, 2]], velocity=[[1, 0]], radius=0.5, obstacles=[mpsim.FixedDisc((6, 6), 0.5)]
+    ).save(scene)
+    words = ["run", scene, "--frames", "20", "--every", "5", "--out", folder, "--method", "naive"]
+    assert mpsim_command(*words).exit_code == 0
+    with Script(TWO.format([str(folder), str(folder / "trajectory.xyz")]), env=PLAIN) as script:
+        for name, obstacles in (("run", 1), ("trajectory.xyz", 0)):
+            with Visitor(address_in(script.line()), visible=True) as page:
+                page.hear_until(lambda v: v.frame == 0 and "timeline" in v.last)
+                assert (page.last["scene"]["name"], len(page.last["scene"]["capsules"])) == (name, obstacles)
+                assert (page.last["timeline"]["count"], page.last["timeline"]["follow"]) == (5, False)
+                script.send(signal.SIGINT)
+            assert script.line().startswith("Do not share")
+        assert_clean(script.finish())
+
+
+WORKERS = """
+import mpsim
+scene = mpsim.Scene.random(count=300, packing=0.2, radius=0.5, seed=1)
+mpsim.view(scene, mpsim.Settings(method="parallel", workers=2), browser=False)
+print("and on")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_view_with_its_workers_and_after_ctrl_c_the_program_goes_on(number):
+    with Script(WORKERS, warm=True) as script, Visitor(address_in(script.line()), visible=True) as page:
+        page.hear_until(lambda v: v.frame > 30)
+        script.send(number)
+        outcome = script.finish()
+    assert outcome.out.endswith("and on\n") is (number == signal.SIGINT)
+    assert (outcome.err == "") or number == signal.SIGTERM
+    assert_nothing_left_of(script.pid)
+
+
+def test_a_program_that_ends_takes_an_open_view_with_it():
+    outcome = run_script(WORKERS.replace("browser=False)", "browser=False, wait=False)"), warm=True)
+    assert_clean(outcome)
+    assert outcome.out.endswith("and on\n")
+
+
+def test_a_signal_that_another_thread_receives_ends_the_wait_of_the_main_thread():
+    """Python only notes such a signal for the main thread, which slept on, for ever."""
+
+    class CameError(Exception):
+        pass
+
+    def come(number, frame):
+        raise CameError
+
+    with viewed(gas(20, 0.2), mpsim.Settings(method="naive"), playing=False) as view:
+        other = threading.Thread(target=view.wait, args=(20,), daemon=True)
+        other.start()
+        before = signal.signal(signal.SIGUSR1, come)
+        timer = threading.Timer(0.3, signal.pthread_kill, (other.ident, signal.SIGUSR1))
+        try:
+            timer.start()
+            with pytest.raises(CameError):
+                view.wait()
+        finally:
+            timer.join()
+            signal.signal(signal.SIGUSR1, before)
+        view.close()
+        other.join()
