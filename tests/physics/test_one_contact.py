@@ -1,0 +1,324 @@
+"""One contact in one frame against numbers that can be worked by hand: discs, walls, pistons, obstacles, open edges."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from support.scenes import simulate
+
+import mpsim
+from mpsim import FixedDisc, Piston, Polyline, Scene
+
+pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
+
+SHORT = 1e-9
+"""A frame in which nothing moves to speak of."""
+
+
+def after(scene, dt, frames=1, **settings):
+    """State after a frame."""
+    with simulate(scene, method=settings.pop("method", "naive"), dt=dt, **settings) as sim:
+        sim.run(frames=frames)
+        return sim.state
+
+
+# --- two discs
+
+APART = {(3, 4): [(50, 50), (53, 54)], "swapped": [(53, 54), (50, 50)]}
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize(
+    ("law", "velocities", "changes"),
+    [
+        ("elastic", [(0, 0), (0, 0)], [(0, 0), (0, 0)]),
+        ("elastic", [(5, 10), (5, -5)], [(-7.2, -9.6), (7.2, 9.6)]),  # they exchange 11 and -1 along (0.6, 0.8)
+        ("reflect", [(5, 10), (5, -5)], [(-13.2, -17.6), (1.2, 1.6)]),  # each loses twice its part along it
+        ("elastic", [(-5, -10), (5, 5)], [(0, 0), (0, 0)]),  # they part already
+        ("elastic", [(2, 1), (2, 1)], [(0, 0), (0, 0)]),  # at rest to each other
+    ],
+)
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_push_parts_discs_and_a_law_changes_their_velocities(swapped, law, velocities, changes, precision):
+    """Centres 5 apart of discs of diameter 6: each moves 0.5 along the line of centres, (0.6, 0.8)."""
+    order = [1, 0] if swapped else [0, 1]
+    places, expected = np.array([(50, 50), (53, 54)]), np.array([(49.7, 49.6), (53.3, 54.4)])
+    scene = Scene(width=100, height=100, position=places[order], velocity=np.array(velocities)[order], radius=3)
+    state = after(scene, SHORT, law=law, precision=precision)
+    rel = 1e-5 if precision == "float32" else 1e-7
+    assert state.position[order] == pytest.approx(expected, rel=rel)
+    assert state.velocity[order] == pytest.approx(np.add(velocities, changes), rel=rel, abs=1e-7)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("law", ["elastic", "reflect"])
+@pytest.mark.parametrize("offset", [(0, 0), (1e-30, 0), (0, 1e-38), (5e-324, 5e-324), (1e-7, 1e-7)])
+def test_centres_at_nearly_one_point_part_by_a_diameter_and_keep_their_energy(offset, law, precision):
+    scene = Scene(width=20, height=20, position=[(0, 0), offset], velocity=[(1, 2), (-1, 3)], radius=0.5,
+                  boundary="periodic")  # fmt: skip
+    state = after(scene, 1e-30, law=law, precision=precision)
+    apart = np.diff(state.unwrapped.astype(float), axis=0)[0]
+    apart -= 20 * np.round(apart / 20)
+    assert np.hypot(*apart) == pytest.approx(1, rel=1e-5)
+    assert (apart != 0).all(), "along no axis of the box"
+    assert (state.velocity**2).sum() == pytest.approx(15, rel=1e-5)
+
+
+def test_a_push_does_not_carry_a_disc_through_a_wall():
+    scene = Scene(width=10, height=6, position=[(0.5, 3), (1, 3)], velocity=np.zeros((2, 2)), radius=0.5)
+    assert after(scene, SHORT).position[:, 0].tolist() == [0.5, 1.25]
+
+
+def energy(state, pulls, mass):
+    return ((state.velocity**2 / 2 - np.array(pulls) * state.position) * np.reshape(mass, (-1, 1))).sum()
+
+
+def lifted(offset, parting, mass=(1.0, 1.0), contact="impact", restitution=1.0):
+    """A disc on the floor and another 0.625 above it: height of both, and energies before and after."""
+    velocity = [(0, 0), parting * np.array(offset) / 0.625]
+    box = {"width": 10, "height": 10, "radius": 0.5, "gravity": (0, -8.0), "restitution": restitution}
+    scene = Scene(**box, position=[(5, 0.5), np.add((5, 0.5), offset)], velocity=velocity, mass=mass)
+    state = after(scene, SHORT, contact=contact)
+    before = mpsim.State(scene.position, scene.velocity)
+    return state.position[:, 1], *(energy(each, (0, -8.0), mass) for each in (before, state))
+
+
+@pytest.mark.parametrize("mass", [(1.0, 1.0), (1.0, 3.0), (4.0, 1.0)])
+def test_a_lift_against_gravity_is_paid_for_by_the_speed_of_parting(mass):
+    """3/8 are missing along (0.6, 0.8). The floor does not yield, so the upper disc's half is a lift."""
+    height, before, now = lifted((0.375, 0.5), 5.0, mass)
+    pushed, _, control = lifted((0.375, 0.5), 5.0, mass, "push")
+    assert height == pytest.approx(pushed, abs=1e-7)
+    assert height[0] == pytest.approx(0.5, abs=1e-7)
+    assert height[1] > 1.05
+    assert now == pytest.approx(before, rel=1e-7)
+    assert control > before + 0.5, "a push that nobody pays must show"
+
+
+def test_who_cannot_pay_for_a_lift_is_lifted_as_far_as_it_can_be():
+    """A parting speed of 0.8 has the energy 0.8^2/4 = 0.16 of relative motion: a lift of 0.16/8 = 0.02."""
+    height, before, now = lifted((0.0, 0.625), 0.8)
+    assert height == pytest.approx([0.5, 1.145], abs=1e-6)
+    assert now == pytest.approx(before, rel=1e-6)
+    height, before, now = lifted((0.375, 0.5), 0.0, restitution=0.5)
+    assert height == pytest.approx(lifted((0.375, 0.5), 0.0, contact="push")[0], abs=1e-7)
+    assert now > before, "in a heap that loses energy a lift may cost more than there is"
+
+
+@pytest.mark.parametrize("mass", [(1.0, 1.0), (1.0, 3.0)])
+def test_an_impact_of_discs_that_are_pulled_differently_keeps_the_energy(mass):
+    pulls = [(3.0, -1.0), (-7.0, 2.0)]
+    discs = {"position": [(4, 5), (6.2, 4.9)], "velocity": [(1.0, -2.0), (-9.0, 1.0)], "mass": mass, "radius": 0.5}
+    scene = Scene(width=10, height=10, **discs, acceleration=pulls)
+    state = after(scene, 1 / 8, contact="impact", frames=2)
+    assert (np.abs(state.velocity - scene.velocity) > 3).any(), "they have met"
+    before = energy(mpsim.State(scene.position, scene.velocity), pulls, mass)
+    assert energy(state, pulls, mass) == pytest.approx(before, rel=1e-12)
+    pushed = after(scene, 1 / 8, contact="push", frames=2)
+    assert abs(energy(pushed, pulls, mass) - before) > 0.1, "the control"
+
+
+def test_each_law_and_contact_does_something_of_its_own_and_only_one_law_exchanges_energy():
+    found = {}
+    discs = {"position": [(4.75, 4.9375), (6.0, 5.8125)], "velocity": [(1.0, 0.5), (-2.0, -0.25)], "radius": 0.5}
+    for law, contact in itertools.product(("elastic", "reflect"), ("push", "impact")):
+        velocity = after(Scene(width=10, height=10, **discs), 0.25, law=law, contact=contact).velocity
+        found[law, contact] = velocity.tolist()
+        energies = (velocity**2).sum(axis=1) - [1.25, 4.0625]
+        assert energies.sum() == pytest.approx(0, abs=1e-13)
+        assert (np.abs(energies).min() > 0.01) == (law == "elastic")
+    assert len(set(map(str, found.values()))) == 4
+
+
+# --- walls
+
+FLOOR = {"width": 10, "height": 60, "radius": 0.5}
+
+
+@pytest.mark.parametrize(("restitution", "height", "speed"), [(1.0, 3.5 / 9, 3.0), (0.5, 1.5 / 9, 1.0), (0.0, 0, 0)])
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_bounce_goes_back_to_the_wall_and_on(side, axis, restitution, height, speed):
+    """Thrown off the wall at 4 under a pull of 9, it is back after 8/9, and has 1/9 of the frame left."""
+    pull, velocity, place = np.zeros(2), np.zeros(2), np.array([5.0, 5.0])
+    pull[axis], velocity[axis], place[axis] = -9 * side, 4 * side, 0.5 if side == 1 else 9.5
+    box = {"width": 10, "height": 10, "radius": 0.5, "gravity": pull, "wall_restitution": restitution}
+    state = after(Scene(**box, position=[place], velocity=[velocity]), 1.0, contact="impact")
+    assert state.position[0, axis] == pytest.approx(place[axis] + side * height, abs=1e-14)
+    assert state.velocity[0, axis] == pytest.approx(side * speed, abs=1e-13)
+
+
+@pytest.mark.parametrize(("restitution", "place", "speed"), [(1.0, 0.75, 2.0), (0.5, 0.625, 1.0)])
+def test_a_bounce_without_a_pull_is_as_far_inside_as_it_would_be_outside(restitution, place, speed):
+    scene = Scene(**FLOOR, position=[(5, 2.25)], velocity=[(0, -2)], wall_restitution=restitution)
+    state = after(scene, 1.0, contact="impact")
+    assert (state.position[0, 1], state.velocity[0, 1]) == (place, speed)
+    assert after(scene, 1.0, contact="push").position[0, 1] == 0.5, "the control stops at the wall"
+
+
+@pytest.mark.parametrize(
+    ("velocity", "restitution", "expected"), [(1.0, 1.0, -3.0), (1.0, 0.5, -2.0), (0.0, 1.0, -2.0), (-0.25, 1.0, -1.75)]
+)
+def test_a_piston_gives_a_disc_twice_its_speed(velocity, restitution, expected):
+    """At the end of the frame of 1/2 its surface is at 10, so that centres end at 9.5; the disc would be at 9.75."""
+    discs = {"position": [(9.75 - velocity / 2, 5)], "velocity": [(velocity, 0)], "radius": 0.5}
+    scene = Scene(width=10.5, height=10, **discs, piston=Piston("right", -1, 2), wall_restitution=restitution)
+    state = after(scene, 0.5, contact="impact")
+    assert state.velocity[0, 0] == expected
+    assert state.position[0, 0] == 9.5 - 0.25 * restitution
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_a_piston_stands_where_its_time_says_until_it_stops(precision, substeps):
+    """It arrives in the middle of the third frame, and pushes a disc along."""
+    discs = {"position": [(9.0, 5)], "velocity": [(0, 0)], "radius": 0.5}
+    scene = Scene(width=9.5, height=10, **discs, piston=Piston("right", -1, 8.9), wall_restitution=0.0)
+    found = []
+    with simulate(scene, method="naive", dt=0.25, contact="impact", substeps=substeps, precision=precision) as sim:
+        for _ in range(4):
+            sim.run(frames=1)
+            found.append((sim.state.box[1], float(sim.state.position[0, 0])))
+    walls, discs = zip(*found, strict=True)
+    assert walls == (9.25, 9.0, 8.9, 8.9)
+    assert discs[:2] == pytest.approx((8.75, 8.5), abs=1e-6)
+    assert max(discs[2:]) <= 8.4 + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("edges", "velocity", "pull", "contact", "leaves"),
+    [
+        ("left", (-1.5, 0), 0, "push", True),
+        ("left", (-1.0, 0), 0, "push", False),  # to touch the edge is not to leave
+        ("bottom", (-1.5, 0), 0, "push", False),
+        (("left", "bottom"), (0, -1.5), 0, "push", True),
+        ("bottom", (0, 0), 4.0, "push", False),  # v += g dt, y += v dt brings it 1/4 far with g = 4
+        ("bottom", (0, 0), 4.004, "push", True),
+        ("bottom", (0, 0), 8.0, "impact", False),  # on a parabola with 8
+        ("bottom", (0, 0), 8.008, "impact", True),
+    ],
+)
+def test_an_edge_absorbs_what_the_step_brings_beyond_it(edges, velocity, pull, contact, leaves):
+    """A disc 1/4 from both edges, in a frame of 1/4; where it leaves, it stays."""
+    box = {"width": 10, "height": 10, "radius": 0.5, "absorbing": edges, "gravity": (0, -pull)}
+    scene = Scene(**box, position=[(0.75, 0.75)], velocity=[velocity])
+    with simulate(scene, method="naive", dt=0.25, contact=contact) as sim:
+        sim.run(frames=1)
+        assert sim.absorbed.tolist() == [leaves]
+        if leaves:
+            sim.run(frames=2)
+            assert sim.state.position.tolist() == [[0.75, 0.75]]
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("way", [0.0, -2.5, -1e-20, 8.0, 3 * 7.25, 1e6 * 7.25, -1e5 * 7.25])
+def test_a_place_comes_back_into_a_periodic_box_with_its_periods_counted(way, precision):
+    scene = Scene(width=7.25, height=9, position=[(0, 4)], velocity=[(way, 0)], radius=0.5,
+                  boundary=("periodic", "walls"))  # fmt: skip
+    state = after(scene, 1.0, precision=precision)
+    assert 0 <= state.position[0, 0] < 7.25
+    assert state.image[0].tolist() == [math.floor(way / 7.25) if abs(way) > 1e-9 else 0, 0]
+    assert state.unwrapped[0, 0] == pytest.approx(way, rel=1e-6, abs=1e-6)
+
+
+# --- obstacles
+
+LINE, PEG = Polyline([(5, 5), (15, 5)]), FixedDisc((5, 5), 0.5)
+THICK = Polyline([(5, 5), (15, 5)], 0.5)
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "place", "velocity", "restitution", "then", "now"),
+    [
+        (LINE, (10, 5.3), (1, -2), 1.0, (10, 5.7), (1, 2)),
+        (LINE, (10, 5.3), (1, -2), 0.5, (10, 5.6), (1, 1)),
+        (LINE, (10, 4.7), (1, 2), 1.0, (10, 4.3), (1, -2)),
+        (THICK, (10, 5.6), (1, -2), 1.0, (10, 5.9), (1, 2)),
+        (LINE, (15.4, 5), (-1, 0), 1.0, (15.6, 5), (1, 0)),
+        (PEG, (5.8, 5), (-2, 0), 1.0, (6.2, 5), (2, 0)),
+        (PEG, (5.48, 5.64), (-3, -4), 1.0, (5.72, 5.96), (3, 4)),
+        (PEG, (4.4, 5.6), (2, 0), 1.0, (4.144, 5.792), (-0.56, 1.92)),  # touched at (-0.8, 0.6), 0.1 ago
+    ],
+    ids=["side", "lossy side", "side from below", "thick side", "end", "peg", "peg aslant", "peg grazed"],
+)
+def test_an_impact_on_an_obstacle_happens_where_they_touched(obstacle, place, velocity, restitution, then, now):
+    start = np.array(place, float) - velocity
+    box = {"width": 20, "height": 20, "radius": 0.5, "obstacles": obstacle, "wall_restitution": restitution}
+    scene = Scene(**box, position=[start], velocity=[velocity])
+    state = after(scene, 1.0, contact="impact")
+    assert state.position[0] == pytest.approx(then, abs=1e-13)
+    assert state.velocity[0] == pytest.approx(now, abs=1e-13)
+
+
+@pytest.mark.parametrize("contact", ["push", "impact"])
+@pytest.mark.parametrize(
+    ("obstacle", "place", "velocity", "then"),
+    [
+        (LINE, (10, 5.25), (0, 1e-3), (10, 5.5)),  # it does not approach: it is only put out
+        (LINE, (10, 5.0), (0, 0), (10, 5.5)),
+        (Polyline([(5, 5), (5, 15)]), (5, 10), (0, 0), (4.5, 10)),
+        (PEG, (5, 5), (0, 0), (5, 6)),
+        (FixedDisc((1, 10), 5.0), (0.5, 10), (0, 0), (15.5, 10)),  # beyond a periodic border
+    ],
+    ids=["parting", "on a level line", "on an upright line", "in a peg", "beyond a border"],
+)
+def test_a_disc_in_an_obstacle_is_put_across_it(obstacle, place, velocity, then, contact):
+    box = {"width": 20, "height": 20, "radius": 0.5, "obstacles": obstacle, "boundary": "periodic"}
+    state = after(Scene(**box, position=[place], velocity=[velocity]), SHORT, contact=contact)
+    assert state.position[0] == pytest.approx(then, abs=1e-11)
+    assert state.velocity[0].tolist() == list(velocity)
+    assert state.image[0].tolist() == [-1 if then[0] > 15 else 0, 0]
+
+
+@pytest.mark.parametrize("obstacle", [LINE, FixedDisc((10, 4.5), 0.5)], ids=["line", "peg"])
+def test_a_disc_at_rest_on_an_obstacle_stays_there(obstacle):
+    box = {"width": 20, "height": 20, "radius": 0.5, "obstacles": obstacle, "gravity": (0, -2)}
+    state = after(Scene(**box, position=[(10, 5.5)], velocity=[(0, 0)]), 0.25, contact="impact", frames=8)
+    assert state.position[0] == pytest.approx((10, 5.5), abs=1e-14)
+    assert state.velocity[0] == pytest.approx((0, 0), abs=1e-14)
+
+
+# --- flights of the exact method under gravity
+
+
+def met(place, velocity, until, radius=0.25, peg=(10.0, 10.0), scale=1.0, **features):
+    """Times at which a disc meets a peg of its own size under gravity of 1, and where it is at the end."""
+    box = {"width": 20 * scale, "height": 20 * scale, "radius": radius * scale, "gravity": (0, -scale)}
+    obstacle = FixedDisc(np.multiply(peg, scale), radius * scale)
+    position, seen = np.add(peg, place) * scale, mpsim.Collisions(between="obstacles")
+    scene = Scene(**{**box, **features}, position=[position], velocity=[np.multiply(velocity, scale)],
+                  obstacles=obstacle)  # fmt: skip
+    with simulate(scene, method="event", dt=until) as sim:
+        sim.run(frames=1, observe=seen)
+        return seen.table["time"], sim.state.position[0] / scale
+
+
+@pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9, -1e-9, -1e-6])
+def test_grazes_are_found_where_they_are_deep_and_left_out_where_they_miss(depth):
+    """The top of the flight is below the peg at time 1.1; from there the overlap is depth - (v^2 / R + g) s^2 / 2."""
+    times, _ = met((-0.7 * 1.1, -0.5 - 1.1**2 / 2 + depth), (0.7, 1.1), 2.0)
+    assert len(times) == (depth > 0)
+    if depth > 0:
+        expected = 1.1 - math.sqrt(2 * depth / (0.7**2 / 0.5 + 1.0))
+        assert times[0] == pytest.approx(expected, abs=2e-2 * math.sqrt(depth))
+
+
+@pytest.mark.parametrize(("place", "velocity", "times"), [
+    ((0, 0.5), (0.0, 0.5), [1.0]),  # thrown straight up from the top: back after 2 v / g
+    ((0, -0.5), (0.0, 0.0), []),  # from the bottom it falls away for good
+    ((0, 0.5), (0.75, 0.0), []),  # off the top along the tangent, faster than sqrt(g R)
+    ((0.35, -1.2), (0.0, 0.0), []),
+])  # fmt: skip
+def test_a_disc_that_touches_a_peg_leaves_it_as_it_moves(place, velocity, times):
+    found, _ = met(place, velocity, 1.25)
+    assert found == pytest.approx(times, abs=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-6, 1e30])
+def test_units_do_not_matter(scale):
+    times, place = met((0.05, 3.0), (0.1, 0.0), 4.0)
+    scaled, same = met((0.05, 3.0), (0.1, 0.0), 4.0, scale=scale)
+    assert scaled == pytest.approx(times, rel=1e-12)
+    assert same == pytest.approx(place, rel=1e-9)
+    assert len(times) > 0
