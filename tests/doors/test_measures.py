@@ -1,0 +1,531 @@
+"""Measures of a state, by hand and by slow twins, and measures of a run: which a scene has, and from when on.
+
+tests/twins/test_measures.py puts states and runs of any kind to all of them.
+"""
+
+import builtins
+import math
+
+import numpy as np
+import pytest
+from support.scenes import gas, simulate
+from support.states import box_of, drop, scene_of, state_of
+
+import mpsim
+from mpsim import Emitter, FixedDisc, InputError, Piston, Scene, State, measure
+from mpsim.measure import reference
+
+pytestmark = pytest.mark.plain
+
+PAIR = [[2, 2], [5, 5]]
+
+
+def moving(velocity):
+    return State(np.zeros_like(velocity, dtype=float), velocity)
+
+
+# --- energies, speeds, displacements
+
+
+def test_energies_momentum_and_temperature_of_a_mixture_by_hand():
+    scene = Scene(
+        width=10, height=8, position=[[1, 1], [5, 5], [8, 2]], velocity=[[3, 4], [0, 1], [-2, 0]],
+        radius=[0.5, 1.0, 0.25], mass=[2.0, 4.0, 1.0], gravity=(0, -10), acceleration=[[1, 0], [0, 0], [0, 3]],
+    )  # fmt: skip
+    state = State(scene.position, scene.velocity)
+    assert measure.kinetic_energy(state, scene) == 0.5 * (2 * 25 + 4 + 4)
+    assert measure.potential_energy(state, scene) == 10 * (2 * 1 + 4 * 5 + 1 * 2) - 2 * 1 - 3 * 2
+    assert measure.momentum(state, scene).tolist() == [2 * 3 - 2, 2 * 4 + 4]
+    assert measure.temperature(state, scene) == (50 + 4 + 4) / 6
+    rest = (scene.masses[:, None] * (scene.velocity - np.array([4.0, 12.0]) / 7) ** 2).sum() / 4
+    assert measure.temperature(state, scene, remove_drift=True) == pytest.approx(rest)
+
+
+def test_speed_kurtosis_and_distribution_by_hand():
+    for scale in (1, 1e-200, 1e200):
+        assert measure.speed_kurtosis(moving(scale * np.array([[1, 0], [0, 3]]))) == pytest.approx(1.64)
+    found = measure.speed_distribution(moving([[2, 0], [0, 2]]), bins=[0, 1, 3])
+    below = [1 - math.exp(-1 / 4), 1 - math.exp(-9 / 4)]
+    assert found.value.tolist() == [0.0, 0.5]
+    assert found.maxwell == pytest.approx([below[0], (below[1] - below[0]) / 2])
+    rng = np.random.default_rng(4)
+    assert measure.speed_distribution(moving(rng.normal(0, 2.0, (20_000, 2)))).distance < 1.28 / math.sqrt(20_000)
+    angle = rng.uniform(0, 2 * np.pi, 900)
+    equal = measure.speed_distribution(moving(np.stack([np.cos(angle), np.sin(angle)], axis=1)))
+    assert equal.distance == pytest.approx(1 - math.exp(-1))
+
+
+def test_sums_of_a_float32_state_are_taken_in_float64():
+    velocity = np.full((200_000, 2), 0.1, np.float32)
+    exact = 200_000 * float(np.float32(0.1))
+    assert measure.momentum(State(velocity, velocity), scene_of([[5, 5]]))[0] == pytest.approx(exact, rel=1e-13)
+    assert abs(np.cumsum(velocity[:, 0])[-1] - exact) > 1e-4 * exact, "the control: the same sum in float32"
+
+
+def test_displacements_count_periods_and_errors_go_the_short_way_round():
+    scene = box_of(position=[[2, 4]], velocity=[[3, 0]], boundary="periodic")
+    with simulate(scene, method="naive", dt=1 / 8) as sim:
+        start = sim.state
+        sim.run(until=4)
+        end = sim.state
+    assert measure.mean_squared_displacement(start, end, scene) == pytest.approx(144)
+    assert measure.mean_squared_displacement(start, end) == pytest.approx(144), "no scene is needed"
+    assert measure.trajectory_error(end, start, scene).rms == pytest.approx(2)
+    bare = [State(state.position, state.velocity) for state in (start, end)]
+    assert measure.mean_squared_displacement(*bare, scene) == pytest.approx(4), "without image flags"
+    for pair in ((bare[0], end), (end, bare[0])):
+        with pytest.raises(InputError, match=r"needs image flags \(State.image\) in both states or in neither"):
+            measure.mean_squared_displacement(*pair, scene)
+    three = State([[3.0, 4.0], [0, 0], [0, -1]], np.zeros((3, 2)))
+    found = measure.trajectory_error(three, moving(np.zeros((3, 2))))
+    assert (found.largest, found.disc, found.rms) == (5.0, 0, pytest.approx(math.sqrt(26 / 3)))
+
+
+def test_only_discs_that_are_present_count():
+    scene = gas(60, 0.3, seed=4, gravity=(0, -0.25), absorbing="bottom", mass=(1, 2) * 30)
+    here = np.arange(60) % 3 > 0
+    state, everybody = State(scene.position, scene.velocity, present=here), State(scene.position, scene.velocity)
+    rest, left = scene.starting_from(state), State(scene.position[here], scene.velocity[here])
+    for name in ("kinetic_energy", "potential_energy", "temperature", "momentum"):
+        function = getattr(measure, name)
+        assert np.all(function(state, scene) == function(left, rest)), name
+        assert np.any(function(everybody, scene) != function(left, rest)), "the control"
+    assert measure.speed_kurtosis(state) == measure.speed_kurtosis(left)
+    assert measure.trajectory_error(state, state).disc == 1, "one that is absent in both has no place"
+    moved = State(scene.position + 1.0, scene.velocity, present=here)
+    assert measure.mean_squared_displacement(everybody, moved) == pytest.approx(2)
+    nobody = State(scene.position, scene.velocity, present=np.zeros(60, bool))
+    assert measure.potential_energy(nobody, scene) == 0
+    assert measure.overlap(nobody, scene) == measure.Overlap(0, 0.0, 0.0, None)
+
+
+# --- overlaps and structure
+
+
+def test_overlaps_by_hand_and_of_touching_discs_in_float32():
+    scene = scene_of([[2, 2], [2.75, 2], [2, 2.5], [9, 9], [9, 9], [15, 3]])
+    found = measure.overlap(state_of(scene), scene)
+    deep = [0.25, 0.5, 1 - math.hypot(0.75, 0.5), 1.0]
+    assert (found.pairs, found.largest, found.worst, found.mean) == (4, 1.0, (3, 4), pytest.approx(np.mean(deep)))
+    touching = scene_of([[17.3, 11.1], [18.3, 11.1]])
+    place = touching.position.astype(np.float32)
+    for nearer, pairs in (
+        (np.nextafter(place, np.float32([[99, 11.1], [0, 11.1]])), 0),
+        (place - [[0, 0], [1e-3, 0]], 1),
+    ):
+        assert measure.overlap(State(nearer.astype(np.float32), touching.velocity), touching).pairs == pairs
+
+
+@pytest.mark.parametrize("boundary", ["walls", "periodic", ("periodic", "walls")])
+def test_overlaps_of_several_sizes_agree_with_all_pairs(boundary):
+    rng = np.random.default_rng(3)
+    radius, position = rng.uniform(0.1, 0.9, 200), rng.uniform(0.9, [19.1, 11.1], (200, 2))
+    if boundary == "periodic":
+        position[:100] = rng.uniform(0, [20, 12], (100, 2))
+    scene = Scene(width=20, height=12, position=position, velocity=np.zeros((200, 2)), radius=radius, boundary=boundary)
+    r = position[:, None] - position[None]
+    for axis, length in enumerate((20.0, 12.0)):
+        r[..., axis] -= scene.periodic[axis] * length * np.round(r[..., axis] / length)
+    depth = (radius[:, None] + radius[None] - np.hypot(r[..., 0], r[..., 1]))[np.triu_indices(200, 1)]
+    found = measure.overlap(State(position, np.zeros((200, 2))), scene)
+    assert found.pairs == (depth > 0).sum() > 20
+    assert found.mean == pytest.approx(depth[depth > 0].mean(), rel=1e-12)
+    i, j = found.worst
+    assert found.largest == pytest.approx(depth.max(), rel=1e-12)
+    assert radius[i] + radius[j] - np.hypot(*r[i, j]) == pytest.approx(depth.max(), rel=1e-12)
+
+
+def test_an_ideal_gas_has_no_correlation_with_walls_or_without():
+    rng, still = np.random.default_rng(6), np.zeros((500, 2))
+    torus = Scene(width=20, height=20, position=[[1, 1]], velocity=[[0, 0]], radius=0.01, boundary="periodic")
+    states = [State(rng.uniform(0, 20, (500, 2)), still) for _ in range(20)]
+    found = measure.pair_correlation(states, torus, bins=20, r_max=10.0)
+    assert (found.references, found.density) == (20 * 500, pytest.approx(500 / 400))
+    assert np.abs((found.value - 499 / 500) / found.error).max() < 4
+    walls = drop(800, 20.0, seed=1)
+    boxed = measure.pair_correlation([state_of(drop(800, 20.0, seed=k)) for k in range(20)], walls, bins=60, r_max=4.0)
+    assert np.abs((boxed.value - 1) / boxed.error).max() < 4
+    assert abs(boxed.contact.deviation(1.0)) < 3
+    few = measure.pair_correlation(state_of(walls), walls, bins=6, r_max=4.0)
+    assert math.isnan(few.contact.value), "too few shells near contact"
+
+
+def test_pair_correlation_agrees_with_all_pairs_and_knows_the_box_behind_a_piston():
+    scene = drop(200, 12.0, seed=5)
+    found = measure.pair_correlation(state_of(scene), scene, bins=8, r_max=3.0)
+    edges, inside = np.linspace(1, 3, 9), ((scene.position >= 3.5) & (scene.position <= 8.5)).all(axis=1)
+    r = np.hypot(*(scene.position[inside][:, None] - scene.position[None]).transpose(2, 0, 1))
+    counts = np.histogram(r[r > 0], edges)[0]
+    assert found.references == inside.sum()
+    density = inside.sum() / 25.0
+    assert found.value == pytest.approx(counts / (inside.sum() * density * math.pi * np.diff(edges**2)), rel=1e-12)
+    half = gas(300, 0.3, seed=2)
+    side, arrays = half.width, {"position": half.position, "velocity": half.velocity, "radius": 0.5}
+    piston = Scene(width=2 * side, height=side, **arrays, piston=Piston("right", -1.0, side, start=side))
+    with simulate(piston, method="naive") as sim:
+        state = sim.state
+    behind = measure.pair_correlation(state, piston, bins=20, r_max=4.0)
+    assert behind.density == measure.pair_correlation(State(*np.array(arrays["position"])[None].repeat(2, 0)), half,
+                                                      bins=20, r_max=4.0).density  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_contact_value_of_a_dense_gas_is_that_of_the_equation_of_state():
+    scenes = [Scene.random(count=600, packing=0.5, radius=0.5, seed=seed) for seed in range(20)]
+    found = measure.pair_correlation([state_of(scene) for scene in scenes], scenes[0], bins=60, r_max=3.0)
+    expected = reference.contact_value(found.density * math.pi / 4)
+    assert abs(found.contact.deviation(expected)) < 3, (found.contact, expected)
+    assert found.contact.value > 5 * found.contact.error + 2.5, "the control: not that of packing 0.4, 2.3"
+
+
+ROW = math.sqrt(0.75)
+
+
+def scene_at(places, width, height, boundary="periodic"):
+    return Scene(
+        width=width, height=height, position=places, velocity=np.zeros_like(places), radius=0.01, boundary=boundary
+    )
+
+
+def random_points(count, seed, boundary="periodic"):
+    return scene_at(0.02 + np.random.default_rng(seed).random((count, 2)) * [9.96, 7.96], 10, 8, boundary)
+
+
+def triangular(columns=12, rows=14):
+    column, row = np.divmod(np.arange(columns * rows), rows)
+    places = np.stack([column + 0.5 * (row % 2) + 0.1, (row + 0.1) * ROW], axis=1)
+    return scene_at(np.mod(places, [columns, rows * ROW]), columns, rows * ROW)
+
+
+def test_the_structure_factor_is_that_of_its_slow_twin_and_of_points_at_random_one():
+    scene = random_points(40, 1)
+    found = measure.structure_factor(state_of(scene), scene, bins=7, k_max=6.0)
+    sums, numbers = np.zeros(7), np.zeros(7, int)
+    for n in range(-20, 21):
+        for m in range(-20, 21):
+            k = 2 * math.pi * np.array([n / 10, m / 8])
+            if 0 < math.hypot(*k) <= 6.0 and (n > 0 or (n == 0 and m > 0)):
+                shell = min(math.ceil(math.hypot(*k) / (6 / 7)) - 1, 6)
+                sums[shell] += abs(np.exp(1j * scene.position @ k).sum()) ** 2 / 40
+                numbers[shell] += 1
+    assert found.vectors.tolist() == numbers.tolist()
+    assert found.value == pytest.approx(sums / numbers, rel=1e-9)
+    states = [state_of(random_points(200, seed)) for seed in range(20)]
+    found = measure.structure_factor(states, random_points(200, 2), bins=12, k_max=10.0)
+    deviations = (found.value - 1) / found.error
+    assert (np.abs(deviations) < 3).all()
+    assert 0.5 < deviations.std() < 1.6
+
+
+def test_a_triangular_lattice_is_in_order_at_any_distance_and_points_are_not():
+    start = triangular()
+    found = measure.hexatic_order(state_of(start), start)
+    assert found.psi == pytest.approx(np.ones(168))
+    assert (found.local, found.whole) == pytest.approx((1.0, 1.0))
+    turned = scene_at(start.position[:, ::-1].copy(), start.height, start.width)
+    assert measure.hexatic_order(state_of(turned), turned).psi == pytest.approx(-np.ones(168))
+    far = measure.hexatic_correlation(state_of(start), start, bins=5, r_max=5.0)
+    assert far.value[far.pairs > 0] == pytest.approx(np.ones((far.pairs > 0).sum()))
+    assert far.r.tolist() == [0.5, 1.5, 2.5, 3.5, 4.5]
+    points, half = random_points(400, 5), np.array([5.0, 4.0])
+    gaseous = measure.hexatic_correlation([state_of(points)] * 2, points, bins=4, r_max=4.0)
+    assert np.abs(gaseous.value[2:]).max() < 0.05
+    place = points.position
+    distances = [np.hypot(*(np.mod(place[n + 1 :] - place[n] + half, 2 * half) - half).T) for n in range(400)]
+    assert gaseous.pairs.sum() == 2 * (np.concatenate(distances) < 4.0).sum()
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "walls"])
+def test_six_nearest_neighbours_are_those_of_the_slow_twin(boundary):
+    scene, images = random_points(60, 4, boundary), boundary == "periodic"
+    psi = []
+    for n in range(60):
+        r = scene.position[:, None] + np.array([(x, y) for x in (-10, 0, 10) for y in (-8, 0, 8)]) * images
+        r = r.reshape(-1, 2) - scene.position[n]
+        near = np.unique(r[(r != 0).any(axis=1)].round(12), axis=0)
+        near = near[np.argsort(np.hypot(*near.T))[:6]]
+        psi.append(np.exp(6j * np.arctan2(near[:, 1], near[:, 0])).mean())
+    found = measure.hexatic_order(state_of(scene), scene)
+    assert found.psi == pytest.approx(psi, abs=1e-9)
+    present = np.arange(60) % 3 > 0
+    state, fewer = (
+        State(scene.position, scene.velocity, present=present),
+        scene_at(scene.position[present], 10, 8, boundary),
+    )
+    assert (
+        measure.hexatic_order(state, scene).psi.tolist() == measure.hexatic_order(state_of(fewer), fewer).psi.tolist()
+    )
+    assert measure.hexatic_order(state, scene).disc.tolist() == np.flatnonzero(present).tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("boundary", ["periodic", "walls"])
+def test_freud_finds_the_same_order(boundary):
+    import freud  # noqa: PLC0415 - which takes a second, and complains at its end
+
+    scene = random_points(60, 4, boundary)
+    theirs = freud.order.Hexatic(k=6)
+    theirs.compute(measure.to_freud(state_of(scene), scene))
+    assert measure.hexatic_order(state_of(scene), scene).psi == pytest.approx(theirs.particle_order, abs=1e-3)
+    box, points = measure.to_freud(State(scene.position, scene.velocity, present=np.arange(60) > 19), scene)
+    assert tuple(box.periodic) == (boundary == "periodic", boundary == "periodic", False)
+    assert points.shape == (40, 3)
+
+
+# --- refusals
+
+
+ONE, POINTS, WALLS = scene_of([[5, 5]]), random_points(20, 1), random_points(20, 1, "walls")
+FALLING_ROUND = scene_of([[5, 5]], gravity=(0, -1), boundary=("walls", "periodic"))
+SIZES = scene_of([[5, 5], [9, 9], [3, 3]], radius=[0.5, 1.0, 0.25], mass=[2.0, 4.0, 1.0])
+THIN = scene_at(np.stack([np.arange(20) + 0.5, np.full(20, 0.5)], axis=1), 20, 1)
+NOWHERE = State(POINTS.position * np.nan, POINTS.velocity)
+P, IN_9 = state_of(POINTS), State([[5, 5]], [[0, 0]], box=(0, 9, 0, 9))
+OWN = scene_of([[5, 5]], acceleration=[[0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: measure.temperature(moving(np.zeros((0, 2))), ONE), "temperature needs at least 1 disc; got 0"),
+        (lambda: measure.temperature(moving([[1, 1]]), ONE, remove_drift=True), "at least 2 discs; got 1"),
+        (lambda: measure.kinetic_energy(moving([[1, math.nan]]), ONE), r"velocity of a state\[0, 1\] is nan"),
+        (lambda: measure.speed_kurtosis(moving([[0, 0]])), "needs a disc that moves"),
+        (lambda: measure.temperature(ONE, ONE), r"must be a State; got Scene\. Use sim\.state of a Simulation"),
+        (lambda: measure.speed_kurtosis([[1, 0]]), "state must be a State; got list"),
+        (lambda: measure.speed_distribution(moving([[0, 0]])), "needs a disc that moves"),
+        (lambda: measure.speed_distribution(moving([[1, 0]]), bins=0), "bins must be a whole number"),
+        (lambda: measure.speed_distribution(moving([[1, 0]]), bins=[1.0, 1.0]), "rising edges"),
+        (lambda: measure.mean_squared_displacement(moving([[1, 0]]), moving([[1, 0]] * 2)), "got 1 and 2 discs"),
+        (lambda: measure.trajectory_error(*[moving(np.zeros((0, 2)))] * 2), "trajectory_error needs at least 1"),
+        (lambda: measure.potential_energy(moving(np.zeros((2, 2))), OWN), "1 and 2 discs"),
+        (lambda: measure.potential_energy(state_of(FALLING_ROUND), FALLING_ROUND), "along a periodic axis.*walls"),
+        (lambda: measure.temperature(P, SIZES), "needs one mass of the scene per disc; got 3 and 20 discs"),
+        (lambda: measure.overlap(P, SIZES), "overlap needs one radius of the scene per disc; got 3 and 20 discs"),
+        (lambda: measure.overlap(IN_9, ONE), "whose box is 9 x 9; got one of 20"),
+        (lambda: measure.pair_correlation(state_of(ONE), ONE, 10, 1.0), "r_max must lie above one diameter"),
+        (lambda: measure.pair_correlation(state_of(ONE), ONE, 10, 9.6), "below 9.5"),
+        (lambda: measure.pair_correlation(state_of(ONE), ONE, 10, 6.0), "needs discs at least"),
+        (lambda: measure.pair_correlation(state_of(ONE), ONE, 0, 3.0), "bins must be a whole number"),
+        (lambda: measure.pair_correlation(state_of(SIZES), SIZES, 10, 3.0), "of one radius; got radii from 0.25 to 1"),
+        (lambda: measure.pair_correlation(P, POINTS, 10, 4.1), r"r_max must lie above .* and below 4.*its own images"),
+        (lambda: measure.structure_factor(state_of(WALLS), WALLS, 50, 5.0), "periodic in both axes"),
+        (lambda: measure.structure_factor([], POINTS, 50, 5.0), "states must be at least one State; got none"),
+        (lambda: measure.structure_factor(POINTS, POINTS, 50, 5.0), "must be a State or a list of them; got Scene"),
+        (lambda: measure.structure_factor([P, 3], POINTS, 50, 5.0), r"states\[1\] must be a State; got int"),
+        (lambda: measure.structure_factor(P, P, 50, 5.0), "scene must be a Scene; got State"),
+        (lambda: measure.structure_factor(P, POINTS, 50, 0.0), "k_max must be a finite number > 0"),
+        (lambda: measure.structure_factor(P, POINTS, 50, 1e5), "k_max must be small enough for at most 2,000,000"),
+        (lambda: measure.hexatic_order(state_of(ONE), ONE), "hexatic_order needs at least 7 discs; got 1"),
+        (lambda: measure.hexatic_order(NOWHERE, POINTS), "must be finite"),
+        (lambda: measure.hexatic_order(state_of(THIN), THIN), r"6 neighbours .* half of each periodic axis, 0\.5"),
+        (lambda: measure.hexatic_correlation(P, POINTS, 5, 4.1), "r_max must be at most half of a periodic axis, 4"),
+        (lambda: measure.hexatic_correlation(P, POINTS, 0, 4.0), "bins must be a whole number"),
+        (lambda: measure.to_freud(NOWHERE, POINTS), "must be finite"),
+    ],
+)  # fmt: skip
+def test_what_a_measure_cannot_take_is_refused_by_name(call, words):
+    with pytest.raises(InputError, match=words):
+        call()
+
+
+def test_pair_correlation_is_refused_where_density_is_not_uniform():
+    plain = gas(60, 0.1)
+    parts = {name: getattr(plain, name) for name in ("width", "height", "position", "velocity", "radius")}
+    state, middle = State(plain.position, plain.velocity), plain.width / 2
+    for features, words in (
+        ({"gravity": (0, -1)}, "has gravity"),
+        ({"acceleration": np.ones((60, 2))}, "has acceleration"),
+        ({"emitters": Emitter((middle, middle), (1, 0), interval=1.0)}, "has emitters"),
+        ({"piston": Piston("left", 1, middle)}, "needs a box at rest; got a piston on its way"),
+        ({"obstacles": FixedDisc((middle, middle), 0.1)}, r"box without obstacles.*got 1\. Leave them out"),
+    ):
+        with pytest.raises(InputError, match=words):
+            measure.pair_correlation(state, Scene(**parts, **features), 10, 3.0)
+    leaky = Scene(**parts, absorbing="left")
+    assert measure.pair_correlation(state, leaky, 10, 3.0).references > 0, "nobody has left yet"
+    gone = State(plain.position, plain.velocity, present=np.arange(60) > 0)
+    with pytest.raises(InputError, match=r"discs have left through an absorbing edge \(1 absent in 2 states\)"):
+        measure.pair_correlation([state, gone], leaky, 10, 3.0)
+
+
+def test_without_freud_the_error_says_how_to_get_it(monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *rest):
+        if name == "freud":
+            raise ImportError("no module")
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(mpsim.errors.NotMeasurableError, match="pip install freud-analysis"):
+        measure.to_freud(P, POINTS)
+
+
+# --- measures of runs
+
+VIRIALS = ["pressure_virial", "pressure_xx", "pressure_yy"]
+COUNTED = ["pressure", "collision_rate", "contact_rate", "overlap", "largest_overlap"]
+SAMPLED = ["kinetic_energy", "temperature", "speed_kurtosis"]
+DRIFTS = ["energy_drift", "momentum_drift"]
+NAMES = [*COUNTED, *VIRIALS, "pressure_xy", *SAMPLED, *DRIFTS]
+FLOWING = [*VIRIALS, "collision_rate", "contact_rate", "energy_drift", "momentum_drift"]
+
+REFUSED = {
+    "gravity": ({"gravity": (0, -1)}, [*VIRIALS], "gravity and acceleration"),
+    "obstacles": ({"obstacles": FixedDisc((8, 8), 1)}, [*VIRIALS, "momentum_drift"], "obstacles"),
+    "losses": ({"restitution": 0.9}, [*VIRIALS], "losses"),
+    "losses under gravity": ({"restitution": 0.9, "gravity": (0, -1)}, [*VIRIALS, "collision_rate"], ""),
+    "losses at walls, acceleration": ({"wall_restitution": 0.9, "acceleration": np.ones((2, 2))},
+                                      [*VIRIALS, "collision_rate"], ""),
+    "sizes": ({"radius": [0.5, 0.4]}, [*VIRIALS], "several sizes"),
+    "sizes, channel": ({"radius": [0.5, 0.4], "boundary": ("walls", "periodic")}, [*VIRIALS], "several sizes"),
+    "piston": ({"piston": Piston("left", 1, 3)}, ["pressure", *VIRIALS, "energy_drift"], "piston"),
+    "absorbing": ({"absorbing": "left"}, FLOWING, "absorbing edges"),
+    "no wall": ({"absorbing": ["left", "right", "bottom", "top"]}, ["pressure", *FLOWING], "absorbing edges"),
+    "emitters": ({"emitters": Emitter((8, 6), (0, 0), every=1)}, FLOWING, "emitters"),
+    "emitters of masses": ({"mass": 2.0, "emitters": Emitter((8, 6), (0, 0), every=1, mass=1.0)},
+                           [*FLOWING, "kinetic_energy", "temperature"], ""),
+    "falling round": ({"gravity": (0, -1), "boundary": ("walls", "periodic")}, [*VIRIALS, "energy_drift"], ""),
+    "periodic": ({"boundary": "periodic"}, [], ""),
+    "periodic, sizes": ({"boundary": "periodic", "radius": [0.5, 0.4]}, [], ""),
+    "periodic, losses": ({"boundary": "periodic", "restitution": 0.9}, ["pressure", *VIRIALS], "losses"),
+    "periodic, obstacles": ({"boundary": "periodic", "obstacles": FixedDisc((8, 7), 1)},
+                            ["pressure", *VIRIALS, "momentum_drift"], "obstacles"),
+    "channel": ({"boundary": ("periodic", "walls")}, [], ""),
+    "masses": ({"mass": [1.0, 9.0]}, [], ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_scene_has_the_measures_that_mean_something_in_it_and_no_others(case):
+    changes, names, word = REFUSED[case]
+    scene = box_of(position=PAIR, velocity=np.ones((2, 2)), **changes)
+    smooth = [] if all(scene.periodic) and VIRIALS[0] not in names else ["pressure_xy"]  # walls take up none
+    texts = {}
+    with simulate(scene, method="naive") as sim:
+        for name in NAMES:
+            try:
+                sim.run(frames=0, measures=name)
+            except InputError as error:
+                texts[name] = str(error)
+    assert texts.keys() == {*names, *smooth}
+    assert all(text.startswith(f"measures may hold {name!r} only") for name, text in texts.items())
+    assert all(word in texts[name] for name in names)
+
+
+def drifts(scene, frames, **settings):
+    """energy_drift and momentum_drift of a run."""
+    with simulate(scene, **settings) as sim:
+        measures = sim.run(frames=frames, measures=DRIFTS).measures
+    return measures["energy_drift"].value, measures["momentum_drift"].value
+
+
+def test_balances_by_hand():
+    """A fall by push is n g dt^2/2 too low: -0.2 of 2 in a time of 1; a bounce at 1/2 leaves a quarter of the energy.
+
+    Under `reflect` a disc at rest stays at rest and the other turns round: 2 m v = 4 over the speeds, 2, and 0.5.
+    """
+    energy, momentum = drifts(box_of(position=[[5, 4]], velocity=[[0, 0]], gravity=(0, -2)), 10, dt=0.1, method="naive")
+    assert (energy, momentum) == (pytest.approx(-0.1, rel=1e-12), pytest.approx(0, abs=1e-14))
+    bounce = box_of(position=[[8.5, 1.5]], velocity=[[2, 0]], wall_restitution=0.5)
+    for method in ("grid", "event"):
+        energy, momentum = drifts(bounce, 8, dt=0.25, method=method, contact="impact")
+        assert (energy, momentum) == (pytest.approx(-0.375), pytest.approx(0, abs=1e-9))
+    hit = box_of(position=[[4, 5], [5.5, 5]], velocity=[[2, 0], [0, 0]])
+    assert drifts(hit, 5, dt=0.1, method="naive", law="reflect")[1] == pytest.approx(4, rel=1e-9)
+    assert drifts(hit, 5, dt=0.1, method="naive", law="elastic")[1] < 1e-12
+    assert drifts(box_of(position=[[4, 5]], velocity=[[0, 0]]), 3, dt=0.1, method="naive") == (0, 0)
+
+
+def values(report):
+    return {name: repr(each) for name, each in report.measures.items()}  # in which NaN equals NaN
+
+
+@pytest.mark.parametrize("method", ["naive", "grid", "event"])
+def test_measures_from_a_start_on_are_those_of_a_run_that_begins_there_and_change_no_bit(method):
+    scene, names = gas(20, 0.4), [*COUNTED, *SAMPLED, *DRIFTS]
+    plain, whole, parts = (simulate(scene, method=method) for _ in range(3))
+    with plain, whole, parts:
+        start = 7.5 * whole.settings.dt  # inside a frame: the next one counts
+        found = whole.run(frames=40, measures=names, start=start)
+        parts.run(frames=8)
+        expected = parts.run(frames=32, measures=names)
+        assert values(found) == values(expected)
+        assert (found.frames, list(found.measures)) == (40, names)
+        again = whole.run(frames=10, measures=names, start=start)
+        assert values(again) == values(parts.run(frames=10, measures=names)), "a start that is over counts all"
+        everything = plain.run(frames=40, measures=names)
+        assert values(everything) != values(expected), "the control"
+        plain.run(frames=10)
+        assert plain.digest() == whole.digest() == parts.digest()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"start": 0.1}, "start needs measures, which are taken from then on; got start=0.1 and none"),
+        ({"start": 0.1, "measures": []}, "start needs measures"),
+        ({"start": -1.0, "measures": "pressure"}, ">= 0 [time]; got"),
+        ({"start": float("nan"), "measures": "pressure"}, ">= 0 [time]; got"),
+        ({"start": "late", "measures": "pressure"}, ">= 0 [time]; got"),
+        ({"start": 0.2, "measures": "pressure"}, "start must lie before the end of the run, at time 0.2; got 0.2"),
+        ({"start": float("inf"), "measures": "pressure"}, "start must be"),
+        ({"measures": ["presure"]}, "Did you mean 'pressure'"),
+    ],
+)
+def test_measures_that_cannot_be_taken_are_refused(arguments, text):
+    with simulate(gas(8, 0.2), method="naive", dt=0.01) as sim:
+        with pytest.raises(InputError) as refused:
+            sim.run(frames=20, **arguments)
+        assert text in str(refused.value)
+        assert sim.frame == 0
+        report = sim.run(frames=1, measures="temperature")
+        with pytest.raises(mpsim.errors.NotRecordedError, match=r"pressure was not recorded.*measures=\['pressure'\]"):
+            report.measures["pressure"]
+
+
+def test_what_has_left_does_not_count_in_a_run():
+    """Half of the discs leave at once: the temperature is that of the others, which fly on for ever."""
+    with simulate(box_of(position=[[2, 2], [5, 6]], velocity=[[0, -50], [3, 0]], absorbing="bottom"),
+                  method="naive", contact="impact") as sim:  # fmt: skip
+        sim.run(until=0.5)
+        found = sim.run(frames=60, measures=SAMPLED).measures
+        assert [found[name].value for name in SAMPLED] == pytest.approx([4.5, 4.5, 1], rel=1e-12)
+    with simulate(box_of(position=[[2, 2]], velocity=[[0, -5]], absorbing="bottom"), method="naive", dt=0.1) as sim:
+        report = sim.run(until=2, measures=["temperature"])
+        assert np.isnan(report.measures["temperature"].value), "of nobody"
+
+
+@pytest.mark.parametrize(
+    ("change", "lost"),
+    [
+        (lambda sim: None, set()),  # the control
+        (lambda sim: sim.kick(0, (0.5, 0.0)), {"pressure_virial", "energy_drift"}),
+        (lambda sim: sim.change(restitution=0.5), {"pressure_virial", "pressure_xx", "energy_drift"}),
+        (lambda sim: sim.change(gravity=(0.0, -1.0)), {"pressure_virial", "pressure_xx", "energy_drift"}),
+        (lambda sim: sim.remove([3, 4]), {"pressure_virial", "pressure_xx", "energy_drift", "collision_rate"}),
+        (lambda sim: sim.add((2.0, sim.scene.height - 2), (0.0, 0.0), mass=2.0),
+         {"pressure_virial", "pressure_xx", "energy_drift", "kinetic_energy"}),
+    ],
+    ids=["nothing", "kick", "losses", "gravity", "remove", "add"],
+)  # fmt: skip
+def test_what_a_change_in_the_run_makes_wrong_is_nan_and_nothing_else(change, lost):
+    names = {"pressure", "pressure_virial", "pressure_xx", "collision_rate", "kinetic_energy", "energy_drift"}
+
+    class Halfway:
+        every = 10
+
+        def look(self, sim, collisions):
+            if sim.frame == 10:
+                change(sim)
+
+    below = gas(16, 0.35, seed=3)
+    scene = Scene(width=below.width, height=below.height + 6, position=below.position, velocity=below.velocity,
+                  radius=0.5, mass=np.linspace(1, 2, 16))  # fmt: skip
+    with simulate(scene, method="naive", dt=0.05) as sim:
+        found = sim.run(frames=20, measures=names, observe=Halfway()).measures
+        assert {name for name in names if np.isnan(found[name].value)} == lost
+        if sim.count > 16:
+            with pytest.raises(InputError, match=r"only where the scene holds the mass of every disc; it has 16"):
+                sim.run(frames=1, measures="temperature")
