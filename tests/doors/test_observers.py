@@ -69,6 +69,8 @@ def test_sensors_count_what_the_table_says_and_rows_are_handed_over_at_each_look
     assert [frame for frame, _ in handed] == list(range(5, 41, 5))
     assert np.concatenate([rows for _, rows in handed]).tobytes() == table.tobytes()
     x, y = table["place"].T
+    if method == "grid":  # by `push`, which finds a contact where the frame ends
+        assert table["time"] == pytest.approx(table["frame"] * 0.1)
     chosen = {
         "obstacle": (table["kind"] == OBSTACLES) & (table["j"] == 1),
         "wall": (table["kind"] == WALLS) & (table["j"] == 3),

@@ -236,11 +236,12 @@ THICK = Polyline([(5, 5), (15, 5)], 0.5)
         (LINE, (10, 4.7), (1, 2), 1.0, (10, 4.3), (1, -2)),
         (THICK, (10, 5.6), (1, -2), 1.0, (10, 5.9), (1, 2)),
         (LINE, (15.4, 5), (-1, 0), 1.0, (15.6, 5), (1, 0)),
+        (LINE, (10, 5.5), (1, -2), 1.0, (10, 5.5), (1, -2)),
         (PEG, (5.8, 5), (-2, 0), 1.0, (6.2, 5), (2, 0)),
         (PEG, (5.48, 5.64), (-3, -4), 1.0, (5.72, 5.96), (3, 4)),
         (PEG, (4.4, 5.6), (2, 0), 1.0, (4.144, 5.792), (-0.56, 1.92)),  # touched at (-0.8, 0.6), 0.1 ago
     ],
-    ids=["side", "lossy side", "side from below", "thick side", "end", "peg", "peg aslant", "peg grazed"],
+    ids=["side", "lossy side", "side from below", "thick side", "end", "in touch", "peg", "peg aslant", "peg grazed"],
 )
 def test_an_impact_on_an_obstacle_happens_where_they_touched(obstacle, place, velocity, restitution, then, now):
     start = np.array(place, float) - velocity
@@ -294,10 +295,13 @@ def met(place, velocity, until, radius=0.25, peg=(10.0, 10.0), scale=1.0, **feat
         return seen.table["time"], sim.state.position[0] / scale
 
 
+@pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9, -1e-9, -1e-6])
-def test_grazes_are_found_where_they_are_deep_and_left_out_where_they_miss(depth):
+def test_grazes_are_found_where_they_are_deep_and_left_out_where_they_miss(depth, axis):
     """The top of the flight is below the peg at time 1.1; from there the overlap is depth - (v^2 / R + g) s^2 / 2."""
-    times, _ = met((-0.7 * 1.1, -0.5 - 1.1**2 / 2 + depth), (0.7, 1.1), 2.0)
+    place, velocity, pull = (-0.7 * 1.1, -0.5 - 1.1**2 / 2 + depth), (0.7, 1.1), (0, -1.0)
+    turned = [each[::-1] if axis == 0 else each for each in (place, velocity, pull)]
+    times, _ = met(*turned[:2], 2.0, gravity=turned[2])
     assert len(times) == (depth > 0)
     if depth > 0:
         expected = 1.1 - math.sqrt(2 * depth / (0.7**2 / 0.5 + 1.0))
