@@ -152,7 +152,7 @@ def test_discs_keep_their_numbers_where_some_enter_and_leave(tmp_path):
 
 
 def test_files_of_other_programs_are_shown_in_their_box(tmp_path):
-    """From the corner, inside where it is periodic, at its edge where there are walls, in order where numbers are wild."""
+    """From the corner, inside where it is periodic, at the edge where there are walls, in order if numbers are wild."""
     (tmp_path / "a.extxyz").write_text(
         '2\nLattice="10 0 0 0 6 0 0 0 1" Origin="-5 -3 0" pbc="T F F" Properties=id:I:1:pos:R:3:velo:R:3:radius:R:1\n'
         "7000000 -6.0 -4.0 0 1 0 0 0.5\n3 0.0 1.0 0 0 1 0 0.5\n"

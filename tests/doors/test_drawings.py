@@ -1,0 +1,275 @@
+"""Pictures: `mpsim.draw` of a state, a frame, a simulation and a scene, `Report.plot`, and stills in notebooks."""
+
+import dataclasses
+import io
+
+import matplotlib
+import numpy as np
+import pytest
+from IPython.core.formatters import DisplayFormatter
+from matplotlib.colors import LogNorm, to_hex
+from matplotlib.figure import Figure
+from PIL import Image
+from support.scenes import gas, simulate
+
+import mpsim
+
+pytestmark = pytest.mark.plain
+
+SAFE = {"0072b2", "d55e00", "009e73", "cc79a7", "e69f00", "56b4e9", "f0e442", "000000", "cccccc"}
+"""The colours of Okabe and Ito, which colour-blind people can tell apart, and grey."""
+
+
+def discs_in(figure):
+    return figure.axes[0].collections[-1]
+
+
+def centres(figure):
+    """Where the discs of a picture are; images at periodic edges come after them."""
+    return np.asarray(discs_in(figure).get_offsets())
+
+
+def labels_of(figure):
+    return [text.get_text() for text in figure.axes[0].texts]
+
+
+def three(**features):
+    """Three discs in a row, and their scene."""
+    scene = mpsim.Scene(width=8, height=4, position=[[1, 2], [4, 2], [7, 2]], velocity=[[1, 0], [0, 2], [0, 0]],
+                        radius=[0.5, 0.75, 0.25], **features)  # fmt: skip
+    return mpsim.State(scene.position, scene.velocity, box=scene.box), scene
+
+
+def test_discs_are_where_they_are_and_as_large_as_they_are():
+    state, scene = three()
+    figure = mpsim.draw(state, scene)
+    assert centres(figure).tolist() == scene.position.tolist()
+    assert (discs_in(figure).get_widths() == 2 * scene.radii).all()
+    axes = figure.axes[0]
+    assert (axes.get_xlim(), axes.get_ylim(), axes.get_title()) == ((0, 8), (0, 4), "3 discs")
+    assert discs_in(figure).get_array().tolist() == [1, 2, 0]
+    assert [each.get_ylabel() for each in figure.axes] == ["", "speed [length/time]"]
+    assert discs_in(mpsim.draw(state, scene, colour="radius")).get_array().tolist() == [0.5, 0.75, 0.25]
+    assert discs_in(mpsim.draw(state, scene, colour="mass")).get_array().tolist() == [1, 1, 1]
+
+
+def test_what_was_absorbed_is_not_drawn_and_others_keep_their_numbers():
+    state, scene = three(absorbing="left")
+    state = mpsim.State(state.position, state.velocity, present=np.array([True, False, True]), box=state.box)
+    figure = mpsim.draw(state, scene, colour=[10, 20, 30], labels=True)
+    assert centres(figure).tolist() == [[1, 2], [7, 2]]
+    assert discs_in(figure).get_array().tolist() == [10, 30]
+    assert labels_of(figure) == ["0", "2"]
+    assert labels_of(mpsim.draw(state, scene, labels=["a", "b", "c"])) == ["a", "c"]
+
+
+def test_an_array_of_ones_own_has_its_words_at_the_colour_bar_and_its_scale():
+    state, scene = three()
+    figure = mpsim.draw(state, scene, colour=[1.0, np.nan, 100.0], colour_label="charge [e]", scale="log")
+    assert figure.axes[1].get_ylabel() == "charge [e]"
+    assert isinstance(discs_in(figure).norm, LogNorm)
+    assert not isinstance(discs_in(mpsim.draw(state, scene, colour="radius")).norm, LogNorm)
+    figure.draw_without_rendering()
+    red, green, blue = discs_in(figure).get_facecolor()[1][:3]
+    assert max(red, green, blue) - min(red, green, blue) < 0.1, "without a value: grey"
+    colours = []
+    for lowest in (0.0, 1.0):
+        figure = mpsim.draw(state, scene, colour=[lowest, 1.0, 100.0], scale="log")
+        figure.draw_without_rendering()
+        colours.append(tuple(discs_in(figure).get_facecolor()[0]))
+    assert colours[0] == colours[1], "zero is at the lower end of a logarithmic scale"
+
+
+def scale_of(values):
+    """Ends of the colour bar, and where it has arrows."""
+    scene = gas(len(values), 0.02)
+    figure = mpsim.draw(scene, colour=values)
+    low, high = discs_in(figure).get_clim()
+    return low, high, discs_in(figure).colorbar.extend
+
+
+def test_the_scale_is_by_percentiles_with_arrows_for_what_lies_outside():
+    low, high, arrows = scale_of(np.r_[np.linspace(0, 1, 199), 500.0])
+    assert (0 < low < 0.05, 0.95 < high < 1.0, arrows) == (True, True, "both"), "one does not stretch it"
+    assert scale_of(np.r_[np.linspace(0, 1, 180), np.full(20, 500.0)])[1] == 500, "many do: there is to see"
+    assert scale_of([0.0] * 49 + [1.0]) == (0.0, 1.0, "neither")
+    assert scale_of([0.0, 0.0]) == scale_of([np.nan]) == (0.0, 1.0, "neither")
+    assert scale_of([-2.0])[:2] == (-2.0, 0.0)
+
+
+def test_all_discs_can_have_one_colour():
+    state, scene = three()
+    figure = mpsim.draw(state, scene, colour="tab:red")
+    assert len(figure.axes) == 1, "no colour bar"
+    assert matplotlib.colors.same_color(discs_in(figure).get_facecolor()[0], "tab:red")
+    assert len(mpsim.draw(state, scene, colour=None).axes) == 1
+
+
+def test_a_simulation_is_drawn_with_discs_that_were_added_and_the_wall_where_it_is():
+    scene = gas(10, 0.1, piston=mpsim.Piston("right", -1.0, 3.0))
+    with simulate(scene, method="grid", dt=0.01) as sim:
+        sim.add([[1.0, 1.0]], [[0.0, 0.0]])
+        sim.run(frames=50)
+        figure, state = mpsim.draw(sim), sim.state
+    assert len(centres(figure)) == 11
+    assert figure.axes[0].get_title() == "time 0.5, 11 discs"
+    wall = figure.axes[0].patches[-1].get_bbox()
+    assert (wall.x0, wall.x1) == (state.box[1], scene.width)
+    assert wall.x0 == pytest.approx(scene.width - 0.5)
+    with pytest.raises(mpsim.InputError, match=r"as many discs as the state; got 10 and 11.*use draw\(sim\)"):
+        mpsim.draw(state, scene)
+
+
+def test_a_frame_needs_no_scene_but_shows_obstacles_with_one(tmp_path):
+    (tmp_path / "a.xyz").write_text(
+        '3\nLattice="8 0 0 0 4 0 0 0 1" Time=1.5 pbc="T F F" Properties=pos:R:3:radius:R:1:velo:R:3:id:I:1\n'
+        "1 2 0 0.5 1 0 0 5\n4 2 0 0.75 0 2 0 6\n7 2 0 0.25 0 0 0 9\n"
+    )
+    (frame,) = mpsim.Trajectory(tmp_path / "a.xyz")
+    _, scene = three(obstacles=[mpsim.FixedDisc((2.5, 2), 0.2)])
+    alone = mpsim.draw(frame, labels=True)
+    assert labels_of(alone) == ["5", "6", "9"]
+    assert len(centres(alone)) == 6, "with images beyond the periodic border"
+    assert alone.axes[0].get_title() == "time 1.5, 3 discs"
+    assert len(mpsim.draw(frame, scene).axes[0].collections) == len(alone.axes[0].collections) + 1
+
+
+def test_axes_of_ones_own_are_drawn_into_and_a_picture_has_the_shape_of_the_box():
+    figure = Figure()
+    left, right = figure.subplots(1, 2)
+    assert mpsim.draw(gas(5, 0.1), ax=right) is figure
+    assert not left.collections
+    assert right.collections
+    for width, height in ((2, 20), (20, 2)):
+        scene = mpsim.Scene(width=width, height=height, position=[[1, 1]], velocity=[[0, 0]], radius=0.5)
+        figure = mpsim.draw(scene)
+        assert (figure.get_size_inches()[0] > figure.get_size_inches()[1]) == (width > height)
+        figure.draw_without_rendering()
+        room, inside = figure.bbox, [axes.get_tightbbox() for axes in figure.axes]
+        assert all(room.x0 <= each.x0 and each.x1 <= room.x1 for each in inside), "nothing is cut off"
+        assert all(room.y0 <= each.y0 and each.y1 <= room.y1 for each in inside)
+
+
+def test_very_many_discs_are_drawn_in_part_and_it_says_so():
+    place = np.stack(np.divmod(np.arange(50_001), 250), axis=1) + 0.5
+    scene = mpsim.Scene(width=202, height=250, position=place, velocity=np.ones((50_001, 2)), radius=0.5)
+    figure = mpsim.draw(scene)
+    assert (len(centres(figure)), figure.axes[0].get_title()) == (25_001, "25,001 of 50,001 discs")
+    assert len(scene._repr_png_()) < 100_000
+    with pytest.raises(mpsim.InputError, match=r"labels must be for at most 2,000 discs; got 50,001"):
+        mpsim.draw(scene, labels=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"colour": "sped"}, r"colour must be one of 'speed', 'radius', 'mass', 'spin'; got 'sped'. Did you mean"),
+        ({"colour": [1, 2]}, r"colour must be one of .*, or an array of 3 numbers, one for each disc; got \[1, 2\]"),
+        ({"colour": ["a", "b", "c"]}, r"an array of 3 numbers, one for each disc; got"),
+        ({"colour": "spin"}, r"colour must not be 'spin' of smooth discs"),
+        ({"scale": "logarithmic"}, r"scale must be one of 'linear', 'log'; got 'logarithmic'"),
+        ({"labels": ["a"]}, r"labels must be True, or 3 texts or numbers, one for each disc; got 1"),
+        ({"labels": "abc"}, r"labels must be True, or 3 texts or numbers, one for each disc; got 'abc'"),
+        ({"labels": 3}, r"labels must be True, or 3 texts"),
+        ({"ax": 1}, r"ax must be an Axes of matplotlib; got int"),
+        ({"color": "speed"}, r"an argument of draw must be one of .*; got 'color'. Did you mean 'colour'"),
+        ({"scene": None}, r"scene must be given with a State, which has no radii; got <State: 3"),
+        ({"scene": "gas"}, r"scene must be an mpsim.Scene; got str"),
+        ({"state": np.zeros((3, 2))}, r"state must be a State, a frame .*; got ndarray. Use sim.state"),
+        ({"state": gas(5, 0.1)}, r"scene must be left out with a Scene, which has its own"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(arguments, text):
+    state, scene = three()
+    with pytest.raises(mpsim.InputError, match=text):
+        mpsim.draw(**{"state": state, "scene": scene, **arguments})
+
+
+# --- in notebooks
+
+
+def test_a_notebook_shows_pictures_and_scenes_as_small_stills():
+    formatter = DisplayFormatter()
+    data, _ = formatter.format(mpsim.draw(gas(5, 0.1)))
+    assert data["image/png"][:4] == b"\x89PNG"
+    assert "image/png" not in formatter.format(Figure())[0], "a plain figure is not shown"
+    for name in ("gas", "galton", "piston", "cradle", "rough-hopper"):
+        content = mpsim.Scene.load(name)._repr_png_()
+        assert len(content) < 100_000
+        with Image.open(io.BytesIO(content)) as picture:
+            assert (picture.format, getattr(picture, "n_frames", 1)) == ("PNG", 1)
+            assert 50 < min(picture.size) <= max(picture.size) < 400
+
+
+# --- a report
+
+
+@pytest.fixture(scope="module")
+def report():
+    with simulate(gas(20, 0.4), method="grid") as sim:
+        return sim.run(frames=20)
+
+
+def test_a_report_is_drawn_with_a_bar_for_each_worker_that_adds_up_to_a_usual_frame(report):
+    seconds = np.full(20, 6e-6)
+    phases = {name: np.full((20, 2), 6e-6 / len(report.phase_seconds)) for name in report.phase_seconds}
+    seconds[3] = 1.0  # a frame that was disturbed is in no bar
+    made = dataclasses.replace(report, frame_seconds=seconds, phase_seconds=phases, workers=2, method="parallel")
+    above, below = made.plot().axes
+    assert above.lines[0].get_ydata() == pytest.approx(seconds * 1e6)
+    assert above.get_title() == "20 frames by parallel, 2 workers"
+    bars = {each.get_label(): [bar.get_width() for bar in each] for each in below.containers}
+    for worker in range(2):
+        assert sum(bars[name][worker] for name in bars) == pytest.approx(6.0)
+    colours = {to_hex(bar.get_facecolor()).lstrip("#") for each in below.containers for bar in each}
+    assert colours <= SAFE
+    assert "; 20 % is waiting for others" in below.get_xlabel()
+
+
+def test_frames_before_auto_had_chosen_are_in_no_bar(report):
+    """The bars of a run that began with two workers and went on with one still add up to a frame."""
+    phases = {name: np.zeros((8, 2)) for name in report.phase_seconds}
+    phases["move"][:3] = 50e-6, 50e-6
+    phases["move"][3:, 0] = 10e-6
+    made = dataclasses.replace(report, frame_seconds=phases["move"][:, 0].copy(), phase_seconds=phases)
+    (bars,) = made.plot().axes[1].containers
+    assert [round(bar.get_width(), 6) for bar in bars] == [10.0]
+
+
+@pytest.mark.parametrize(("method", "words"), [("naive", {"move", "pairs"}), ("event", {"events"})])
+def test_a_method_without_columns_has_no_phases_called_after_them(method, words):
+    with simulate(gas(20, 0.4), method=method) as sim:
+        found, none = sim.run(frames=5), sim.run(frames=0)
+        one = sim.run(frames=1)
+    assert {each.get_label() for each in found.plot().axes[1].containers} == words
+    assert len(none.plot().axes) == 2
+    assert one.plot().axes[0].lines[0].get_marker() == ".", "the time of a single frame is a point"
+
+
+def test_times_of_frames_are_written_without_powers_and_shown_in_a_notebook(report):
+    figure = report.plot()
+    figure.draw_without_rendering()
+    texts = [text.get_text() for text in figure.axes[0].get_yticklabels(which="both")]
+    assert any(texts)
+    assert not any("10^" in text for text in texts)
+    assert DisplayFormatter().format(figure)[0]["image/png"][:4] == b"\x89PNG"
+
+
+def test_nothing_but_pictures_imports_matplotlib():
+    from support.processes import assert_clean, run_script  # noqa: PLC0415
+
+    outcome = run_script(
+        """
+        import sys, mpsim
+        with mpsim.Simulation(mpsim.Scene.load("cradle"), mpsim.Settings(method="naive")) as sim:
+            report = sim.run(frames=3)
+        with mpsim.Trajectory.write("a.xyz") as out:
+            pass
+        print(sorted({"matplotlib", "gsd", "PIL", "click"} & set(sys.modules)))
+        report.plot()
+        print("matplotlib" in sys.modules)
+        """,
+        warm=True,
+    )
+    assert_clean(outcome)
+    assert outcome.out == "[]\nTrue\n"

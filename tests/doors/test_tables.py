@@ -1,0 +1,233 @@
+"""Tables for people and for programs: of a trade-off, of a report in a notebook, and how an error is written."""
+
+import csv
+import dataclasses
+import html
+import io
+import json
+import math
+import re
+
+import numpy as np
+import pandas
+import pytest
+from support.campaign import PIECES, SCENE, Costs, MadeUp
+from support.scenes import gas, simulate
+
+import mpsim
+from mpsim import Settings
+from mpsim.measure import Measure
+
+pytestmark = pytest.mark.plain
+
+COARSE, FINE = Settings(dt=0.1, method="grid"), Settings(dt=0.02, method="grid")
+PUSH = Settings(dt=0.05, method="grid", contact="push")
+REFLECT = Settings(dt=0.05, method="grid", contact="push", law="reflect")
+
+
+# --- the measures of a report
+
+
+@pytest.fixture(scope="module")
+def report():
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        return sim.run(frames=10, measures=["temperature"])
+
+
+@pytest.mark.parametrize(
+    ("name", "measure", "text"),
+    [
+        ("pressure", Measure(2.239912, 0.016, 500), "2.240(16)"),
+        ("pressure", Measure(100 + 3e-14, 2.8e-14, 500), "100(0)"),
+        ("pressure", Measure(12345.678, 210.0, 500), "12346(210)"),
+        (
+            "pressure",
+            Measure(2.24, 0.016, 500, settled=False),
+            "2.240(&gt;16) (error at least 0.016, not settled: run longer or start later)",
+        ),
+        (
+            "pressure",
+            Measure(0.0, 0.018, 500, settled=False, upper=True),
+            "0(&lt;0.018) (error at most 0.018, not settled: run longer or start later)",
+        ),
+        ("pressure", Measure(0.3, math.nan, 500, settled=False), "0.3 (error unknown)"),
+        ("pressure", Measure(0.3, math.nan, 3, settled=False), "0.3 (too few samples for an error)"),
+        ("energy_drift", Measure(0.0, math.nan, 1, settled=False), "0 (one number per run, without an error)"),
+        ("largest_overlap", Measure(0.0, math.nan, 5000, settled=False), "0 (one number per run, without an error)"),
+        ("overlap", Measure(0.0, math.nan, 0, settled=False), "0 (no overlaps)"),
+        ("overlap", Measure(0.0, math.nan, 7, settled=False), "0 (too few samples for an error)"),
+    ],
+)
+def test_an_error_in_words(report, name, measure, text):
+    found = dataclasses.replace(report, measures={name: measure})
+    assert f"<th>{name}</th><td>{text}</td>" in found._repr_html_()
+
+
+def test_a_report_in_a_notebook_is_a_small_table(report):
+    text = report._repr_html_()
+    assert text.startswith("<table>")
+    for word in (
+        "<th>method</th><td>grid, 1 worker</td>",
+        "<td>median ",
+        "even columns ",
+        "<th>temperature</th><td>1 ",
+    ):
+        assert word in text
+    assert "compiling" not in dataclasses.replace(report, compile_seconds=0.0)._repr_html_()
+    cold = dataclasses.replace(report, compile_seconds=6.25)
+    assert "<th>compiling before</th><td>6.2 s</td>" in cold._repr_html_()
+    assert len(text) < 2000
+    with simulate(gas(20, 0.2), method="event") as sim:
+        assert "<th>frames</th><td>0</td>" in sim.run(frames=0)._repr_html_()
+        assert "columns" not in sim.run(frames=2)._repr_html_()
+
+
+# --- the table of a trade-off
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A table of made-up runs."""
+
+    def law(settings, number):
+        return {"pressure": np.full(PIECES, 1.0 + settings.dt + 0.001 * number), "overlap": np.full(PIECES, 0.01)}
+
+    folder = tmp_path_factory.mktemp("study")
+    costs = Costs(folder)
+    path = costs.write(folder / "study.json", [COARSE], lambda settings: 10.0)
+    options = {"measures": ["pressure", "overlap"], "replicas": 2, **costs.how}
+    return mpsim.tradeoff(SCENE, COARSE, executor=MadeUp(law), path=path, **options)
+
+
+@pytest.fixture(scope="module")
+def made(study):
+    """Tables like the study, with other rows."""
+    (like,) = study.rows
+    deviation = type(like.errors["pressure"])
+
+    def row(settings, price=None, failure=None, **errors):
+        if failure is not None:
+            return type(like)(settings, failure=failure)
+        found = {name: each if isinstance(each, deviation) else deviation(*each) for name, each in errors.items()}
+        return dataclasses.replace(like, settings=settings, cost=price or like.cost, errors=found)
+
+    def table(rows, **others):
+        return dataclasses.replace(study, rows=tuple(rows), **others)
+
+    table.row, table.deviation, table.price = row, deviation, lambda ns: dataclasses.replace(
+        like.cost, median=ns, low=ns, high=ns
+    )  # fmt: skip
+    return table
+
+
+@pytest.fixture(scope="module")
+def rows(made):
+    return [
+        made.row(COARSE, made.price(12345.6), pressure=(0.0192, 0.0006), overlap=(0.05, 0.001)),
+        made.row(FINE, made.price(1.523), pressure=(0.0004, 0.0006), overlap=(0.0, 0.0)),
+        made.row(PUSH, failure="DivergedError: [/red] a|b <b>bold</b>, and so on"),
+    ]
+
+
+def test_csv_json_and_parquet_hold_the_same(made, rows, tmp_path):
+    infinite = made.row(REFLECT, made.price(1.523), pressure=(math.inf, math.nan), overlap=(0.1, 0.01))
+    found = made([*rows, infinite])
+    lines = list(csv.DictReader(io.StringIO(found.to_csv())))
+    assert [float(line["dt"]) for line in lines] == [0.1, 0.02, 0.05, 0.05]
+    assert lines[0] | {"pressure": "0.0192", "pressure_error": "0.0006", "pressure_resolved": "True"} == lines[0]
+    assert lines[1]["pressure_resolved"] == "False"
+    assert (lines[2]["cost"], lines[2]["failure"]) == ("", rows[2].failure)
+    values = json.loads(found.to_json(), parse_constant=pytest.fail)
+    assert [row["cost"] for row in values["rows"]] == [12345.6, 1.523, None, 1.523]
+    assert values["rows"][3]["pressure"] is None
+    found.to_parquet(tmp_path / "table.parquet")
+    frame = pandas.read_parquet(tmp_path / "table.parquet")
+    assert tuple(frame.columns) == found.columns
+    assert (frame["cost"].tolist()[:2], frame["pressure"].tolist()[:2]) == ([12345.6, 1.523], [0.0192, 0.0004])
+    assert frame["failure"].isna().tolist() == [True, True, False, True]
+    for name in ("csv", "json", "parquet"):
+        with pytest.raises(mpsim.errors.OutputError, match="the table of a trade-off study must be a file that"):
+            getattr(found, f"to_{name}")(tmp_path / "none" / f"table.{name}")
+
+
+def test_an_error_that_is_not_measurable_is_in_every_form_with_its_reason(made):
+    reason = "all <runs> are one run"
+    found = made([made.row(COARSE, pressure=made.deviation.unknown(reason), overlap=(0.05, 0.001))])
+    (line,) = csv.DictReader(io.StringIO(found.to_csv()))
+    assert (line["pressure"], line["pressure_reason"], line["overlap_reason"]) == ("nan", reason, "")
+    (row,) = json.loads(found.to_json(), parse_constant=pytest.fail)["rows"]
+    assert (row["pressure"], row["pressure_reason"], row["overlap_reason"]) == (None, reason, "")
+    assert f"n/m, pressure: {reason}" in str(found)
+    assert "n/m, pressure: all &lt;runs&gt; are one run" in found._repr_html_()
+
+
+def test_a_difference_below_its_noise_is_not_resolved_in_every_form(made, rows):
+    text = str(made(rows))
+    assert "1.920(60)" in text
+    assert "< 0.16" in text
+    assert "0.04" not in text, "a figure that is not resolved is not shown as one"
+    assert "<: not resolved" in " ".join(text.split())
+    assert "&lt; 0.16" in made(rows)._repr_html_()
+    seen = str(made([made.row(COARSE, pressure=(0.0, 0.01), overlap=(0.0, 0.0))]))
+    assert "< 2" in seen, "nothing seen is not nothing"
+
+
+def test_the_title_says_what_is_not_resolved_and_what_few_runs_need(made):
+    """The number is the rule itself: so many standard errors are resolved, and fewer are not."""
+    many, two = made.deviation(0.04, 0.01, freedom=15), made.deviation(0.02, 0.001, freedom=1)
+    found = made([made.row(COARSE, pressure=many, overlap=two)])
+    for text in (str(found), found._repr_html_()):
+        words = " ".join(html.unescape(text).split())
+        needed = int(re.search(r"not resolved, below 3 standard errors, or (\d+) with so few runs", words)[1])
+    assert not made.deviation(needed * 0.00099, 0.001, freedom=1).resolved
+    assert made.deviation(needed * 0.00101, 0.001, freedom=1).resolved
+    enough = made([made.row(COARSE, pressure=many, overlap=made.deviation.unknown("nothing moves"))])
+    assert "below 3 standard errors; n/m" in " ".join(str(enough).split())
+
+
+def test_units_and_reasons_with_brackets_are_text_not_markup(made, rows):
+    text, page = str(made(rows)), made(rows, scene="<script>")._repr_html_()
+    for words in ("[diam.]", "[%]", "[/red] a|b <b>bold</b>", "(disc"):
+        assert words in " ".join(text.split()), words
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+    assert "<b>" not in page
+    assert page.count("<tr>") == 4
+
+
+@pytest.mark.parametrize("width", [1, 60, 80, 400])
+def test_no_line_is_wider_than_the_terminal_and_nothing_is_lost(made, rows, width, monkeypatch):
+    names = ("pressure", "collision_rate", "energy_drift", "momentum_drift", "overlap", "largest_overlap",
+             "speed_distribution", "trajectory", "missed_collisions")  # fmt: skip
+    found = made([made.row(COARSE, **dict.fromkeys(names, (0.01, 0.001))), rows[2]], measures=names)
+    monkeypatch.setenv("COLUMNS", str(width))
+    lines = str(found).splitlines()
+    assert width == 1 or max(map(len, lines)) <= width
+    assert all(word in str(found) for name in names for word in name.split("_"))
+    assert any("1.00(10)" in line for line in lines)
+    assert "…" not in str(found)
+
+
+def test_the_frontier_is_what_no_other_row_beats_and_noise_does_not_choose_it(made):
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        sizes = {(int(p), int(e)) for p, e in rng.integers(1, 7, (rng.integers(1, 13), 2))}
+        found = made(
+            made.row(COARSE, made.price(p), pressure=(e * rng.choice([-1, 1]), 0.0), overlap=(0.0, 0.0))
+            for p, e in sizes
+        ).frontier("pressure")
+        beaten = {(p, e) for p, e in sizes if any(a <= p and b <= e and (a, b) != (p, e) for a, b in sizes)}
+        assert [(row.cost.median, abs(row.errors["pressure"].value)) for row in found] == sorted(sizes - beaten)
+    pairs = [(0.002, 0.001), (-0.0001, 0.001), (0.004, 0.0001)]
+    noisy = [made.row(COARSE, made.price(k + 1.0), pressure=pair, overlap=(0, 0)) for k, pair in enumerate(pairs)]
+    assert made(noisy).frontier("pressure") == noisy[:1], "the second is smaller by chance alone"
+
+
+def test_the_answer_of_tune_in_a_notebook_is_a_small_table(study, made):
+    (row,) = study.rows
+    errors = {"overlap": made.deviation(0.02, 0.001)}
+    tuned = mpsim.Tuned(Settings(dt=0.05), row.cost, errors, {"overlap": 0.05}, "event <exact>", (), 1.5)
+    text = tuned._repr_html_()
+    assert "<th>settings</th><td>auto impact dt=0.05</td>" in text
+    assert "<th>overlap</th><td>0.0200(10), budget 0.05</td>" in text
+    assert "event &lt;exact&gt;" in text
