@@ -1,4 +1,4 @@
-"""What was saved on some workers goes on with the same bits on others, in another process and in a thread, also from inside a frame."""
+"""What was saved on some workers goes on with the same bits on others, elsewhere, and from inside a frame."""
 
 import threading
 
