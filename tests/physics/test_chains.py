@@ -4,18 +4,18 @@ A stepped disc sinks into its floor by a fraction of a frame, where the ends of 
 stop it if each were an obstacle of its own.
 """
 
-import itertools
 import math
 
 import numpy as np
 import pytest
 from support.scenes import simulate
-from support.selection import slow_but
 
 import mpsim
 
+pytestmark = pytest.mark.plain
+
 LENGTH, SPEED = 40.0, 5.0
-STEPPED = slow_but(itertools.product(["naive", "grid"], ["push", "impact"]), ("naive", "push"), ("naive", "impact"))
+STEPPED = [("naive", "push"), ("naive", "impact"), ("grid", "impact")]
 
 
 def along(angle, pieces, side=1, middle=(20.0, 15.0)):
@@ -33,15 +33,14 @@ def slide(chain, t, n, *, radius=0.25, pull=10.0, lift=0.0, boundary="walls", un
             width=LENGTH, height=30, position=[start], velocity=[SPEED * t], radius=radius, gravity=tuple(-pull * n),
             obstacles=chain, boundary=boundary, **(more or {}),
         ),
-        **{"dt": 0.01, **settings},
+        **{"dt": 0.02, **settings},
     ) as sim:  # fmt: skip
         sim.run(until=until)
         return sim.state
 
 
-@pytest.mark.parametrize(("method", "contact"), STEPPED)
-@pytest.mark.parametrize("pieces", [1, 40, 400])
-@pytest.mark.parametrize("wall_restitution", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(("method", "contact"), STEPPED[:2])
+@pytest.mark.parametrize(("pieces", "wall_restitution"), [(1, 0.5), (40, 0.0), (40, 1.0), (400, 0.5)])
 def test_a_smooth_disc_keeps_its_speed_along_a_straight_chain(wall_restitution, pieces, method, contact):
     """From either side, level or not, thrown onto it or laid, under both laws, also if larger than segments."""
     for angle, side, lift, radius, law in (
@@ -73,11 +72,11 @@ def test_a_level_chain_moves_discs_as_one_segment_does_rough_ones_too(method, co
     assert abs(chain.velocity[0, 0] / SPEED - 1) > 0.01, "friction has done nothing, which tests little"
 
 
-@pytest.mark.parametrize(("method", "contact"), STEPPED)
+@pytest.mark.parametrize(("method", "contact"), STEPPED[:2])
 @pytest.mark.parametrize("thickness", [0.0, 0.2])
 def test_walls_that_end_on_a_floor_do_not_stick_out_of_it(thickness, method, contact):
     """Below it, or in line with it and joined but for rounding, whichever is given first."""
-    for angle, side in ((0.0, 1), (0.3, -1), (2.5, 1)):
+    for angle, side in ((0.0, 1), (2.5, -1)):
         floor, t, n = along(angle, 1, side)
         places = np.array(floor.points[0]) + np.linspace(0.2, 26.5, 58)[:, None] * t
         below = [mpsim.Polyline([place, place - 4 * n + t], thickness) for place in places]
@@ -96,7 +95,7 @@ def test_walls_that_end_on_a_floor_do_not_stick_out_of_it(thickness, method, con
             assert abs(state.velocity[0] @ t / SPEED - 1) < 1e-9, (angle, number)
 
 
-@pytest.mark.parametrize(("method", "contact"), STEPPED)
+@pytest.mark.parametrize(("method", "contact"), STEPPED[:2])
 def test_there_is_no_joint_where_a_ring_or_a_line_through_a_border_closes(method, contact):
     """Nor where two Polylines meet, in whichever direction each is given."""
     ring = mpsim.Polyline([(20, 15), (39, 15), (39, 25), (1, 25), (1, 15), (20, 15)])
@@ -119,27 +118,27 @@ def test_a_corner_that_sticks_out_is_met_like_a_disc_of_no_size(shift):
     """Under `impact`, along the normal at touch; and so is the end of a chain."""
     corner, radius = np.array([10.0, 10.0]), 0.5
     velocity = np.array([-3.0, -2.0])
-    for points in ([(2, 10), corner, (10, 2)], [(10, 2), corner, (2, 10)], [(2, 7), corner]):
+    for points in ([(2, 10), corner, (10, 2)], [(2, 7), corner]):
         for offset in (-0.3, 0.0, 0.2):
             t = velocity / np.hypot(*velocity)
             across = offset * np.array([-t[1], t[0]])
             touch = corner + across - math.sqrt(radius**2 - offset**2) * t
             normal = (touch - corner) / radius
-            start = touch - velocity * (0.5 + 0.01 * shift)
+            start = touch - velocity * (0.5 + 0.02 * shift)
             scene = mpsim.Scene(
                 width=20, height=20, position=[start], velocity=[velocity], radius=radius,
                 obstacles=[mpsim.Polyline(points)],
             )  # fmt: skip
-            with simulate(scene, method="naive", contact="impact", dt=0.01) as sim:
+            with simulate(scene, method="naive", contact="impact", dt=0.02) as sim:
                 sim.run(until=1.0)
                 after = velocity - 2 * (velocity @ normal) * normal
                 assert sim.state.velocity[0] == pytest.approx(after, rel=1e-12)
-                place = touch + after * (sim.time - 0.5 - 0.01 * shift)
+                place = touch + after * (sim.time - 0.5 - 0.02 * shift)
                 assert sim.state.position[0] == pytest.approx(place, rel=1e-12)
 
 
 def test_a_disc_slides_off_the_end_of_a_chain_without_a_blow():
-    for start in np.linspace(17.0, 17.05, 11):
+    for start in np.linspace(17.0, 17.05, 5):
         scene = mpsim.Scene(
             width=LENGTH, height=30, position=[[start, 15.25]], velocity=[[SPEED, 0.0]], radius=0.25, gravity=(0, -10),
             wall_restitution=0.0, obstacles=[mpsim.Polyline([(10, 15), (15, 15), (20, 15)])],

@@ -1,0 +1,304 @@
+"""A wall that moves, by the exact and the stepped solvers: closed forms of one disc, work, and discs without room."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from support.scenes import simulate
+from support.tiles import on_tiles
+
+import mpsim
+from mpsim import Piston, Scene, State
+from mpsim.measure import independent_average, observables
+
+pytestmark = pytest.mark.plain
+
+
+def exactly(scene, dt=1.0):
+    return simulate(scene, method="event", dt=dt)
+
+
+def one(position, velocity, piston, width=11.0, height=3.0, **features):
+    return Scene(width=width, height=height, position=[position], velocity=[velocity], radius=0.5,
+                 piston=piston, **features)  # fmt: skip
+
+
+# --- one disc
+
+
+@pytest.mark.parametrize("how", [{"method": "event"}, {"method": "naive", "contact": "impact"}], ids=str)
+@pytest.mark.parametrize("wall", ["left", "right", "bottom", "top"])
+def test_a_disc_between_a_wall_and_a_piston_keeps_its_adiabatic_invariant(wall, how, figures):
+    """At each impact L (v - V) is the same: L_n = L_0 (v_0 - V) / (v_n - V), v_n = v_0 + 2 n V."""
+    start, v, speed, bounces = 10.0, 3.0, 0.25, 9
+    sign, across = (1 if wall in ("left", "bottom") else -1), wall in ("bottom", "top")
+    stop = 11.0 - 1.5 if sign > 0 else 1.5
+    place, velocity, size = [6.0, 1.5], [-3.0 * sign, 0.4], {"width": 11.0, "height": 3.0}  # on its way to the piston
+    if across:
+        place, velocity, size = place[::-1], velocity[::-1], {"width": 3.0, "height": 11.0}
+    until = (5.5 if sign > 0 else 4.5) / (v + speed)  # when it first meets it, at L_0
+    first = start - speed * until
+    last = first * (v + speed) / (v + (2 * bounces + 1) * speed)
+    until += (first - last) / speed
+    frames = 400 if "contact" in how else 1
+    with simulate(
+        one(place, velocity, Piston(wall, sign * speed, stop), **size), dt=(until + 1e-9) / frames, **how
+    ) as sim:
+        sim.run(frames=frames)
+        found, now = sim.state, sim.time
+    after, axis = v + 2 * (bounces + 1) * speed, int(across)
+    assert found.velocity[0, axis] == pytest.approx(sign * after, rel=1e-12)
+    assert abs(found.velocity[0, 1 - axis]) == pytest.approx(0.4, rel=1e-14)
+    met = found.box[("left", "right", "bottom", "top").index(wall)] - sign * speed * (now - until) + sign * 0.5
+    assert found.position[0, axis] == pytest.approx(met + sign * after * (now - until), abs=1e-9)
+    assert after - v > 1, "the control: each impact has added 0.5"
+    figures.note("piston", how["method"], f"speed after {bounces + 1} impacts, {wall}", after, after, "v - 2 V: less")
+
+
+def test_a_ball_on_a_floor_that_rises_bounces_as_on_one_at_rest_and_then_as_on_it(figures):
+    gravity, rise, height = 1.0, 0.2, 1.0
+    relative = math.sqrt(rise**2 + 2 * gravity * height)
+    period, first = 2 * relative / gravity, (relative - rise) / gravity
+    scene = one((2.0, 0.5 + height), (0.0, 0.0), Piston("bottom", rise, 1.0), width=4.0, height=20.0,
+                gravity=(0, -gravity))  # fmt: skip
+    top = rise * (first + period / 2) + 0.5 + relative**2 / 2
+    for settings in ({"method": "event"}, {"method": "naive", "contact": "impact"}):
+        frames = 1 if settings["method"] == "event" else 100
+        with simulate(scene, dt=(first + period / 2) / frames, **settings) as sim:  # the top of a bounce
+            sim.run(frames=frames)
+            assert sim.state.velocity[0, 1] == pytest.approx(rise, abs=1e-12)
+            assert sim.state.position[0, 1] == pytest.approx(top, abs=1e-12)
+    # The floor stops at 5, in the second bounce; what the ball then has it keeps.
+    with exactly(scene, dt=20.0) as sim:
+        sim.run(frames=1)
+        found = sim.state
+    assert first + period < 5 < first + 2 * period
+    energy = 0.5 * (relative + rise) ** 2 + gravity * rise * (first + period)
+    assert 0.5 * found.velocity[0, 1] ** 2 + gravity * (found.position[0, 1] - 0.5) == pytest.approx(energy, rel=1e-13)
+    figures.note("rising floor", "event", "height of a bounce", f"{top:.6f}", f"{top:.6f}", "at rest: -1.0")
+
+
+def test_a_piston_sweeps_up_discs_at_rest_at_twice_its_speed_and_not_after_its_stop():
+    scene = Scene(width=12, height=6, position=[[3.0, 1.0], [6.0, 3.0], [9.5, 5.0]], velocity=np.zeros((3, 2)),
+                  radius=0.5, piston=Piston("left", 1.0, 6.0))  # fmt: skip
+    for settings in ({"method": "event", "dt": 5.8}, {"method": "grid", "contact": "impact", "dt": 0.0725}):
+        with simulate(scene, **settings) as sim:
+            sim.run(until=5.8)
+            assert sim.state.velocity.tolist() == [[2.0, 0.0], [2.0, 0.0], [0.0, 0.0]]
+            assert sim.state.position[:2, 0] == pytest.approx([3.0 + 2 * 3.3, 6.0 + 2 * 0.3], abs=1e-12)
+            assert sim.state.box == pytest.approx((5.8, 12.0, 0.0, 6.0))
+    with exactly(scene, dt=30.0) as sim:
+        sim.run(frames=1)
+        assert sim.state.box == (6.0, 12.0, 0.0, 6.0)
+        assert (sim.state.velocity**2).sum() == 8.0
+        assert sim.state.position[:, 0].min() >= 6.5
+
+
+def test_a_disc_that_is_on_the_wall_when_it_stops_stays_inside():
+    """Slow discs in contact at the moment of the stop, at many places: none is lost behind it."""
+    for part in np.linspace(0.0, 1.0, 21):
+        scene = one((2.5 + part, 1.5), (0.0, 0.0), Piston("left", 0.5, 3.0 - part * 1e-16))
+        with exactly(scene, dt=40.0) as sim:
+            sim.run(frames=1)
+            assert 3.5 - 1e-12 <= sim.state.position[0, 0] <= 10.5
+
+
+# --- no room
+
+
+WEDGE = mpsim.Polyline([[5, 1], [3, 3], [5, 5]], thickness=0.4)
+ACROSS = mpsim.Polyline([[2, 0], [2, 6]], thickness=0.4)
+
+
+def pressed(stop=2.0, position=(6.0, 3.0), velocity=(0.1, 0.03), **features):
+    """A piston that comes from the right at a speed of 0.5, until it is at `stop`."""
+    return one(position, velocity, Piston("right", -0.5, stop), width=12.0, height=6.0, **features)
+
+
+@pytest.mark.slow  # ten thousand bounces
+@pytest.mark.parametrize(
+    ("features", "at"),
+    [
+        ({"obstacles": ACROSS}, 3.2),
+        ({"obstacles": WEDGE, "velocity": (0.0, 0.0)}, 4.49),
+        pytest.param({"stop": 1.0}, 1.0, marks=pytest.mark.long),
+        pytest.param({"obstacles": ACROSS, "wall_restitution": 0.5}, 3.2, marks=pytest.mark.long),
+        pytest.param({"obstacles": ACROSS, "wall_restitution": 0.0}, 3.2, marks=pytest.mark.long),
+    ],
+    ids=["before an obstacle", "in a wedge", "before a wall", "with losses", "without a bounce"],
+)
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
+def test_a_disc_that_is_crushed_is_an_error_that_names_it_and_what_to_do(features, at):
+    """It would meet both without end."""
+    with exactly(pressed(**features), dt=0.5) as sim, pytest.raises(mpsim.errors.StalledError) as caught:
+        sim.run(frames=60)
+    found = re.match(
+        r"disc 0 is crushed in frame \d+: the piston, now at (.*) and on its way to [12], leaves it no room before an "
+        r"obstacle, a wall or other discs, and has driven it to a speed of 5[.\d]*e\+03, more than 10000 times any at "
+        r"the start\. Let the piston stop earlier, or make room for the discs before it\.$",
+        str(caught.value),
+    )
+    assert found, caught.value
+    assert float(found[1]) == pytest.approx(at, abs=0.01)
+
+
+@pytest.mark.slow
+def test_a_disc_with_just_enough_room_lives_on():
+    """The control: in a gap that shrinks to a hundredth it becomes as much faster, and stays so."""
+    with exactly(pressed(3.25, (6.0, 3.0), (-1.0, 0.0), obstacles=ACROSS), dt=0.5) as sim:
+        sim.run(frames=60)
+        assert 20 < abs(sim.state.velocity[0, 0]) < 500
+        assert 2.7 <= sim.state.position[0, 0] <= 2.75 + 1e-12
+
+
+def test_a_fast_disc_that_is_added_is_not_taken_for_one_that_is_crushed(tmp_path):
+    """A hundred thousand times as fast as all at the start, also after the run was saved."""
+    with exactly(pressed(5.0), dt=0.001) as sim:
+        sim.run(frames=1)
+        sim.add((8.0, 1.0), (5e4, 0.0))
+        assert sim.run(frames=1).frames == 1
+        sim.save(tmp_path / "fast")
+    with mpsim.Simulation.resume(tmp_path / "fast") as sim:
+        assert sim.run(frames=1).frames == 1
+        assert np.abs(sim.state.velocity).max() >= 5e4
+
+
+@pytest.mark.slow
+def test_a_disc_that_is_fast_already_when_a_run_is_saved_is_crushed_at_the_same_event(tmp_path):
+    """What counts as crushed follows from the start, not from the discs that are there when a run is resumed."""
+    scene, texts, last = pressed(2.0, (4.5, 3.0), obstacles=ACROSS), [], 0
+    for path in (None, tmp_path / "run"):
+        sim = exactly(scene, dt=1 / 64)
+        if path:
+            sim.run(frames=last)
+            assert np.abs(sim.state.velocity).max() > 10 * np.abs(scene.velocity).max()
+            sim.save(path)
+            sim.close()
+            sim = mpsim.Simulation.resume(path)
+        with sim, pytest.raises(mpsim.errors.StalledError, match="is crushed") as caught:
+            sim.run(frames=2000)
+        texts.append(str(caught.value))
+        last = int(re.findall(r"frame (\d+)", texts[0])[0])
+    assert texts[0] == texts[1]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [1, 2])
+def test_discs_are_crushed_alike_on_tiles(workers):
+    """The same disc, place and speed on tiles and as a whole. Patched tiles: a user's have thousands of discs."""
+    place = np.stack(np.meshgrid(np.arange(30) * 1.2 + 2.2, np.arange(40) * 1.2 + 0.8), -1).reshape(-1, 2)
+    velocity = np.random.default_rng(1).normal(size=place.shape)
+    place, velocity = np.append(place, [[58.5, 24.5]], axis=0), np.append(velocity, [[0.0, 0.0]], axis=0)
+    scene = Scene(width=60, height=49, radius=0.5, position=place, velocity=velocity,
+                  obstacles=mpsim.Polyline([[57, 20], [57, 29]], thickness=0.2),
+                  piston=Piston("right", -1.0, 50.0))  # fmt: skip
+    texts = []
+    for tiling, number in (((1, 1), 1), ((2, 1), workers)):
+        with on_tiles(scene, tiling, number, dt=0.25) as sim, pytest.raises(mpsim.errors.StalledError) as caught:
+            sim.run(frames=200)
+        texts.append(str(caught.value))
+    assert texts[0] == texts[1]
+    assert re.match("disc 1200 is crushed in frame 7: the piston, now at 58.1 ", texts[0])
+
+
+# --- many discs
+
+
+def crowd(gravity=None, **features):
+    return Scene.random(count=16, width=9, height=7, radius=0.4, seed=3, gravity=gravity,
+                        **{"piston": Piston("right", -0.5, 7.0), **features})  # fmt: skip
+
+
+@pytest.mark.parametrize("gravity", [None, (0.3, -1.0)])
+def test_no_disc_is_ever_behind_the_piston_and_it_works_on_the_gas(gravity):
+    scene = crowd(gravity)
+    with exactly(scene, dt=0.5) as sim:
+        before = (sim.state.velocity**2).sum()
+        for _ in range(10):
+            sim.run(frames=1)
+            state = sim.state
+            assert (state.position[:, 0] <= state.box[1] - 0.4).all()
+            assert state.box[1] == max(9 - 0.5 * sim.time, 7.0)
+            assert observables.overlap(state, scene).largest < 1e-12
+        assert gravity or (sim.state.velocity**2).sum() > 1.2 * before
+        later = scene.starting_from(sim.state)
+    with exactly(later) as sim:
+        assert sim.state.box[1] == 7.0
+
+
+def test_a_run_goes_back_once_the_piston_has_stopped():
+    scene = crowd(piston=Piston("right", -0.5, 8.5))
+    with exactly(scene) as sim:
+        sim.run(until=2.0)
+        rest = scene.starting_from(sim.state)
+    with exactly(rest) as there:
+        assert there.run(until=1.0).collisions > 5
+        state = there.state
+    with exactly(rest.starting_from(State(state.position, -state.velocity, box=state.box))) as back:
+        back.run(until=1.0)
+        assert observables.trajectory_error(back.state, State(rest.position, rest.velocity), rest).largest < 1e-9
+
+
+def test_stepped_runs_come_to_the_exact_one_as_their_step_shrinks(figures):
+    """`impact` is exact for one contact a step. The control: a piston that is faster by a tenth."""
+    scene, until, errors = crowd((0.3, -1.0)), 1.6, {}
+    with exactly(scene, dt=until) as sim:
+        sim.run(frames=1)
+        exact = sim.state
+    for contact, steps in (("impact", 400), ("push", 50), ("push", 400)):
+        with simulate(scene, method="grid", contact=contact, dt=until / steps) as sim:
+            sim.run(frames=steps)
+            errors[contact, steps] = observables.trajectory_error(sim.state, exact, scene).rms
+    assert errors["impact", 400] < 1e-9
+    assert errors["push", 50] / errors["push", 400] > 3
+    with exactly(crowd((0.3, -1.0), piston=Piston("right", -0.6, 7.0)), dt=until) as sim:
+        sim.run(frames=1)
+        assert observables.trajectory_error(sim.state, exact, scene).rms > 1e-3
+    figures.note("piston", "impact", "rms error of grid", "< 1e-9", f"{errors['impact', 400]:.0e}", "V + 10 %: fails")
+
+
+def test_a_piston_stops_at_the_same_time_however_long_the_frames_are():
+    ends = []
+    for dt in (0.25, 6.0):
+        with exactly(crowd(), dt=dt) as sim:
+            sim.run(until=6.0)
+            ends.append(sim.digest())
+    assert ends[0] == ends[1]
+
+
+def compressed(speed, seed, how, count=24, radius=0.1, side=8.0):
+    """After a right wall has halved a box: energy over that at the start, and what impulse times speed of the right
+    and of the left wall would make of it."""
+    scene = Scene.random(count=count, width=side, height=side / 2, radius=radius, seed=seed)
+    scene = scene.changed(piston=Piston("right", -speed, side / 2))
+    sensors = [mpsim.Sensor(wall=wall) for wall in ("right", "left")]
+    before = (scene.velocity**2).sum() / 2
+    with simulate(scene, **how) as sim:
+        sim.run(until=side / 2 / speed, observe=sensors)
+        energy = (sim.state.velocity**2).sum() / 2
+    return energy / before, *(speed * sensor.impulse.sum() / before for sensor in sensors)
+
+
+def test_a_piston_does_the_work_that_the_gas_gains():
+    """By any contact that keeps energy. The control: what the wall at rest takes up is another quantity."""
+    for how in ({"method": "event", "dt": 2.0}, {"method": "naive", "contact": "impact", "dt": 0.01}):
+        energy, work, other = compressed(2.0, 0, how)
+        assert energy > 1.5
+        assert abs(work - (energy - 1)) < 1e-8
+        assert abs(other - (energy - 1)) > 0.1
+
+
+@pytest.mark.long
+def test_a_slow_piston_keeps_temperature_times_area(figures):
+    """T A is constant in two dimensions (gamma = 2) for an ideal gas; d ln T = -Z d ln A for discs, A for centres."""
+    radius, count, side = 0.1, 200, 40.0
+    how = {"method": "naive", "contact": "impact", "dt": 0.02}
+    gained = independent_average([compressed(0.02, seed, how, count, radius, side)[0] for seed in range(3)])
+    area = [(width - 2 * radius) * (side / 2 - 2 * radius) for width in (side, side / 2)]
+    covered = 2 * count * math.pi * radius**2  # Z = 1 / (1 - 2 eta) at this order: the area that is left to move in
+    expected = (area[0] - covered) / (area[1] - covered)
+    assert abs(gained.value / expected - 1) < 3 * gained.error / expected + 0.01
+    fast, _, _ = compressed(2.0, 0, how, count, radius, side)
+    assert fast > 1.5 * expected, f"a piston as fast as the discs must heat by more; got {fast}"
+    figures.note("P1", "impact", "box halved by a piston at 0.02: T/T0", f"{expected:.3f}", gained, f"at 2: {fast:.2f}")
