@@ -1,0 +1,834 @@
+"""Ctrl-C is one KeyboardInterrupt, SIGTERM a checkpoint; a user's handler is served, and the state stays whole."""
+
+import contextlib
+import itertools
+import json
+import math
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+import pytest
+from support.checkpoints import frame_in
+from support.commands import mpsim_command
+from support.compare import assert_inside_and_finite, assert_same_bits, overlapping_pairs
+from support.processes import Script, assert_clean, assert_nothing_left_of, blocks_of, is_gone, run_script
+from support.scenes import gas, lattice, simulate, split, state_after
+from support.selection import long_but, slow_but
+
+import mpsim
+
+pytestmark = [
+    pytest.mark.compiled,
+    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork in a process with threads
+]
+
+ENDS_WITHIN = {"running": 2.0, "starting": 5.0}
+"""Seconds from Ctrl-C to the end of the process. A slice of frames is 0.05 s, ending Python and workers the rest, on a
+busy machine; a worker that is still starting gets 2 s to come to its senses before it is ended."""
+
+SMALL = lattice(9, 9)
+
+
+def begin(scene, method="grid", **settings):
+    return mpsim.Simulation(scene, **split({"method": method, "start_method": "fork", **settings}))
+
+
+@contextlib.contextmanager
+def handled(number, handler):
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+
+
+def alarm(seconds):
+    """Ctrl-C in so many seconds. On a busy machine that may be before the next line runs."""
+    threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+
+# --- Ctrl-C that ends a program
+
+SCRIPT = """
+import mpsim
+from support.scenes import lattice, split
+
+scene = lattice(100, 100)
+print("starting")
+with mpsim.Simulation(scene, **split(dict(method="{method}", workers=3, start_method="{start}"))) as sim:
+    print("running")
+    sim.run(frames=10**9)
+"""
+
+
+def interrupt(text, after, delay, warm=False):
+    """Run a script, press Ctrl-C a while after it has printed a word, and check how it ends."""
+    with Script(text, warm=warm) as script:
+        while script.line() != after:
+            pass
+        time.sleep(delay)
+        pressed = time.monotonic()
+        script.send_to_group(signal.SIGINT)
+        outcome = script.finish(15)
+        took = time.monotonic() - pressed
+        assert_nothing_left_of(script.pid)
+    assert outcome.code == -signal.SIGINT, f"{outcome.code}: {outcome.err}"
+    # It may come while functools or the compiler handles an exception of its own: then that one's is written above.
+    tracebacks = outcome.err.count("Traceback") - outcome.err.count("During handling of the above exception")
+    assert tracebacks == 1, f"more or less than one traceback:\n{outcome.err}"
+    assert outcome.err.rstrip().endswith("KeyboardInterrupt"), outcome.err
+    assert "Exception ignored" not in outcome.err, outcome.err
+    assert took < ENDS_WITHIN[after], f"it took {took:.1f} s to end"
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize(
+    ("method", "start", "after", "delay"),
+    slow_but(
+        [
+            ("naive", "fork", "running", 0.1),
+            ("parallel", "fork", "running", 0.3),
+            ("parallel", "forkserver", "running", 0.3),
+            ("parallel", "fork", "starting", 0.05),
+            ("parallel", "spawn", "starting", 0.5),
+        ],
+        ("naive", "fork", "running", 0.1),
+        ("parallel", "fork", "running", 0.3),
+    ),
+)
+def test_ctrl_c_is_one_keyboard_interrupt(method, start, after, delay):
+    interrupt(SCRIPT.format(method=method, start=start), after, delay, warm=(start, after) == ("fork", "running"))
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("start", ["fork", "spawn", "forkserver"])
+def test_ctrl_c_at_any_moment_is_one_keyboard_interrupt(start, figures):
+    for attempt in range(25):
+        interrupt(SCRIPT.format(method="parallel", start=start), "starting", attempt * 0.06)
+    deed = "Ctrl-C at 25 moments of start-up and run"
+    figures.note("R8", f"parallel on 3, {start}", deed, "one KeyboardInterrupt, nothing left", "25 of 25")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("start", ["fork", "forkserver"])
+def test_a_storm_of_interrupts_leaves_nothing_behind(start, figures):
+    """As somebody presses who loses patience. What such a script still prints is in Python's hands."""
+    with Script(SCRIPT.format(method="parallel", start=start)) as script:
+        while script.line() != "running":
+            pass
+        pressed = 0
+        while not is_gone(script.pid) and pressed < 2000:
+            with contextlib.suppress(ProcessLookupError):
+                script.send_to_group(signal.SIGINT)
+            pressed += 1
+            time.sleep(0.0005)
+        outcome = script.finish(15)
+        assert_nothing_left_of(script.pid)
+    assert outcome.code == -signal.SIGINT, f"{outcome.code}: {outcome.err}"
+    assert "worker_main" not in outcome.err, f"a worker's traceback:\n{outcome.err}"
+    assert pressed > 1, "a control: once is no storm"
+    deed = "Ctrl-C every 0.5 ms until the end"
+    figures.note("R8", f"parallel on 3, {start}", deed, "nothing is left", f"nothing; pressed {pressed} times")
+
+
+WHILE_LOADING = """
+import signal
+from numba.core.registry import cpu_target
+import mpsim
+from support.scenes import lattice
+
+engine = cpu_target.target_context.codegen()._engine._ee
+load = engine._object_cache_getbuffer
+
+def interrupt_and_load(module):
+    print("loading")
+    signal.raise_signal(signal.SIGINT)
+    return load(module)
+
+engine._object_cache_getbuffer = interrupt_and_load
+mpsim.Simulation(lattice(9, 9), mpsim.Settings(method="parallel", workers=2))
+print("made")
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_kernels_are_loaded_is_one_keyboard_interrupt():
+    """Numba loads machine code from a callback of LLVM, in which Python throws a KeyboardInterrupt away."""
+    outcome = run_script(WHILE_LOADING)
+    assert "loading" in outcome.out, "the moment was not hit, which tests nothing"
+    assert "made" not in outcome.out, f"Ctrl-C was lost:\n{outcome.err}"
+    assert (outcome.code, outcome.err.count("Traceback")) == (-signal.SIGINT, 1), outcome.err
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_the_command_is_imported_is_no_traceback():
+    """The import takes a second or more. The control: a program of one's own that imports mpsim keeps its handler."""
+    program = Path(sys.executable).with_name("mpsim")
+    for delay in (0.15, 0.4):
+        with subprocess.Popen([program, "show", "gas"], stderr=subprocess.PIPE, stdout=subprocess.PIPE) as run:
+            time.sleep(delay)
+            run.send_signal(signal.SIGINT)
+            errors = run.communicate(timeout=60)[1]
+        assert run.returncode in (-signal.SIGINT, 130)
+        assert b"Traceback" not in errors
+    handler = "import signal, mpsim.cli.app; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+    assert run_script(handler, warm=True).out == "True\n"
+
+
+def command(*words, at):
+    """A script that is a command of mpsim, and sends Ctrl-C to its own group after so many frames."""
+    return f"""
+        import os, signal
+        import mpsim
+        from mpsim.cli.app import main
+
+        run, sent = mpsim.Simulation.run, []
+
+        def pressed(sim, *given, progress=None, **named):
+            def show(done, of):
+                if done >= {at} and not sent:
+                    sent.append(done)
+                    os.killpg(0, signal.SIGINT)
+            return run(sim, *given, progress=show, **named)
+
+        mpsim.Simulation.run = pressed
+        main({words!r}, prog_name="mpsim")
+    """
+
+
+@pytest.mark.slow
+def test_ctrl_c_stops_all_workers_of_a_command_and_leaves_a_run_that_goes_on(tmp_path):
+    whole, out = tmp_path / "whole", tmp_path / "run"
+    settings = ("run", "gas", "--frames", "400", "--every", "50", "--quiet", "--method")
+    outcome = run_script(
+        command(*settings, "parallel", "--workers", "2", "--out", str(out), at=50), bound=150, warm=True
+    )
+    assert outcome.code == 130, outcome.err
+    frame = json.loads((out / "run.json").read_text())["frame"]
+    assert outcome.out == ""
+    assert outcome.err == f"Interrupted at frame {frame} of 400. Continue with: mpsim resume {out}\n"
+    assert 50 <= frame < 400
+    for words in ((*settings, "grid", "--out", str(whole)), ("resume", str(out), "--workers", "1", "--quiet")):
+        assert mpsim_command(*words).exit_code == 0
+    for name in ("trajectory.xyz", "final.npz"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes()
+
+
+# --- Ctrl-C after which a simulation goes on
+
+
+def assert_whole(sim, scene, frames):
+    """Of the exact solver the instant may lie inside a frame: then no two discs overlap, and no energy is missing."""
+    if sim.settings.method != "event":
+        assert_same_bits(sim.state, state_after(scene, frames, method="grid", contact="impact"), f"frame {frames}")
+        return
+    state = sim.state
+    assert_inside_and_finite(state, scene, f"interrupted in frame {frames}")
+    assert len(overlapping_pairs(state.position, 1 - 1e-11)[0]) == 0
+    assert (state.velocity**2).sum() == pytest.approx((scene.velocity**2).sum(), rel=1e-11)
+    assert frames * sim.settings.dt <= sim.time <= (frames + 1) * sim.settings.dt
+
+
+@pytest.mark.parametrize(
+    ("method", "settings"),
+    [("grid", {}), ("parallel", {"workers": 3}), ("event", {"dt": 0.01}), ("event", {"dt": 300.0})],
+)
+def test_an_interrupted_simulation_is_whole_and_goes_on_with_the_same_bits(method, settings):
+    """Ctrl-C may come at any instruction: between short frames, or inside long ones."""
+    alone = {"method": "grid" if method == "parallel" else method, "contact": "impact", **settings, "workers": 1}
+    with begin(SMALL, method, **settings) as sim:
+        for attempt in range(3):
+            alarm(0.03 + attempt * 0.0137)
+            with pytest.raises(KeyboardInterrupt):
+                sim.run(frames=10**9)
+            frames = sim.frame
+            assert_whole(sim, SMALL, frames)
+        sim.run(frames=2)
+        assert_same_bits(sim.state, state_after(SMALL, frames + 2, **alone), f"interrupted, last in frame {frames}")
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(frames=10**6, progress=interrupted)
+        assert sim.run(frames=3).frames == 3
+
+
+def interrupted(done, of):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.slow
+def test_a_frame_that_was_interrupted_counts_whole():
+    """What the walls got before Ctrl-C belongs to the frame: the pressure is per time of whole frames."""
+    names = ["pressure", "collision_rate", "momentum_drift"]
+    with begin(SMALL, "event", dt=50.0) as whole, begin(SMALL, "event", dt=50.0) as sim:
+        expected = whole.run(frames=2, measures=names).measures
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(frames=2, measures=names, progress=interrupted)
+        assert sim.frame == 0 < sim.time
+        found = sim.run(frames=2, measures=names).measures
+    for name in ("pressure", "collision_rate"):
+        assert found[name].value == expected[name].value
+    assert math.isnan(found["momentum_drift"].value), "no state of the start of that frame is known"
+    assert expected["momentum_drift"].value < 1e-12
+
+
+def pressed_while_running(sim, delay):
+    """Processor seconds from Ctrl-C until `run` has ended with KeyboardInterrupt, after so long a run."""
+    pressed = []
+
+    def press():
+        pressed.append(time.process_time())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Timer(delay, press).start()
+    with pytest.raises(KeyboardInterrupt):
+        sim.run(frames=10**9)
+    return time.process_time() - pressed[0]
+
+
+def longest_silence(sim, seconds):
+    """The most processor seconds between two calls of `progress` while one long frame runs so long."""
+    calls = [time.process_time()]
+
+    def progress(done, frames):
+        assert (done, frames) == (0, 1)
+        calls.append(time.process_time())
+        if calls[-1] - calls[0] > seconds:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sim.run(frames=1, progress=progress)
+    return max(later - earlier for earlier, later in itertools.pairwise(calls))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("method", "side", "dt"), [("event", 10, 0.01), ("event", 100, 1e4), ("event", 250, 1e4), ("naive", 60, 0.01)]
+)
+def test_ctrl_c_and_progress_come_through_within_a_tenth_of_a_second(method, side, dt):
+    """However long a frame is and however many discs there are; of the processor's time, as other processes take some.
+
+    As many frames as a command may hold would take seconds.
+    """
+    with begin(lattice(side, side), method, dt=dt) as sim:
+        took = [pressed_while_running(sim, 0.1 + 0.0137 * attempt) for attempt in range(3)]
+        assert statistics.median(took) < 0.15, f"processor seconds from Ctrl-C to the end of run: {took}"
+        if dt > 1 and side == 100:
+            silences = [longest_silence(sim, 0.3) for _ in range(3)]
+            assert statistics.median(silences) < 0.1, f"processor seconds without a call of progress: {silences}"
+
+
+GROWTH = """
+import os, signal, threading, time, warnings
+import numpy as np
+import mpsim
+from support.scenes import lattice, simulate, state_after
+
+warnings.simplefilter("ignore", mpsim.FastWarning)  # of a box that is too full
+more = np.clip(lattice(12, 12).position, 0.6, 8.4)
+
+
+def attempt(seconds):
+    sim = simulate(lattice(8, 8), method="{method}", workers=2, start_method="fork", precision="float64")
+    sim.run(frames=1)
+    before = sim.state
+    ctrl_c = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT))
+    finished = False
+    try:
+        ctrl_c.start()
+        sim.add(more, np.zeros_like(more))
+        finished = True
+        ctrl_c.join()
+        time.sleep(1)
+    except KeyboardInterrupt:
+        pass
+    try:
+        check(sim, before)
+    except mpsim.errors.ClosedError:
+        pass  # a simulation that cannot go on says so
+    sim.close()
+    return not finished
+
+
+def check(sim, before):
+    state = sim.state
+    added = len(state.position) - 64
+    assert added in (0, len(more)) and added == sim.count - 64, added
+    assert np.array_equal(state.position[:64], before.position), "discs have moved"
+    assert np.array_equal(state.position[64:], more[:added]), "half of the discs were added"
+    scene = mpsim.Scene(width=9, height=9, position=state.position, velocity=state.velocity, radius=0.5)
+    sim.run(frames=3)
+    assert sim.digest() == state_after(scene, 3, method="grid").digest(), "the run went on from another state"
+
+
+print(sum(attempt(number * {step}) for number in range({attempts})) > 3)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(("method", "step"), [("grid", 5e-6), ("parallel", 4e-5)])
+def test_ctrl_c_while_discs_are_added_leaves_a_whole_state_or_a_closed_simulation(method, step, request, figures):
+    """It comes a little later each time, so that over the attempts it meets every part of the growth."""
+    attempts, step = (2000, 1e-6) if request.config.getoption("--long") else (50, step)
+    outcome = run_script(GROWTH.format(method=method, attempts=attempts, step=step), bound=500, warm=True)
+    assert_clean(outcome)
+    assert outcome.out == "True\n", "hardly any interrupt came in time, which tests little"
+    deed = f"Ctrl-C at {attempts} moments while discs are added"
+    found = f"{attempts} of {attempts}"
+    figures.note("R8", f"{method} on 2", deed, "a complete state or a closed simulation", found)
+
+
+# --- signals that come while mpsim must not be disturbed
+
+
+def test_signals_that_come_at_the_birth_and_at_the_end_of_a_block_are_handled_afterwards(monkeypatch):
+    """All of them, by what handled them before, though one raises; and nothing is left."""
+
+    def sending(call, *numbers):
+        def send(*arguments, **named):
+            for number in numbers:
+                signal.raise_signal(number)
+            return call(*arguments, **named)
+
+        return send
+
+    import _posixshmem  # noqa: PLC0415 - what makes and removes shared memory
+
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD)]
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    with monkeypatch.context() as patch:
+        patch.setattr(_posixshmem, "shm_open", sending(_posixshmem.shm_open, signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            begin(SMALL)
+    assert blocks_of(os.getpid()) == set()
+    sim = begin(SMALL, "parallel", workers=2)
+    pids = sim.pids
+    with monkeypatch.context() as patch:
+        patch.setattr(_posixshmem, "shm_unlink", sending(_posixshmem.shm_unlink, signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            sim.close()
+    assert all(map(is_gone, pids))
+    assert blocks_of(os.getpid()) == set()
+
+    def fail(number, frame):
+        caught.append((number, frame is not None))
+        raise ZeroDivisionError
+
+    caught, numbers = [], (signal.SIGUSR1, signal.SIGUSR2)
+    with handled(numbers[0], fail), handled(numbers[1], fail):
+        with monkeypatch.context() as patch:
+            patch.setattr(_posixshmem, "shm_open", sending(_posixshmem.shm_open, *numbers))
+            with pytest.raises(ZeroDivisionError):
+                begin(SMALL)
+        assert [signal.getsignal(number) for number in numbers] == [fail, fail]
+    assert sorted(caught) == [(number, True) for number in numbers]
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD)] == before
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == mask
+
+
+@pytest.mark.parametrize("start", slow_but(["forkserver", "spawn"], "forkserver"))
+def test_a_handler_of_the_user_gets_the_ctrl_c_that_comes_while_a_worker_starts(start, monkeypatch):
+    """Whoever handles SIGINT differently, to stop after the current batch for instance, must not get an exception."""
+    caught, launch = [], BaseProcess.start
+
+    def start_and_interrupt(process):
+        os.kill(os.getpid(), signal.SIGINT)
+        launch(process)
+
+    monkeypatch.setattr(BaseProcess, "start", start_and_interrupt)
+    with handled(signal.SIGINT, lambda number, frame: caught.append(number)):
+        try:
+            with begin(SMALL, "parallel", workers=2, start_method=start) as sim:
+                assert sim.run(frames=3).frames == 3
+        except KeyboardInterrupt:  # which would end the whole test run
+            pytest.fail("a KeyboardInterrupt although the user handles SIGINT")
+    assert caught == [signal.SIGINT]
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_started_while_signals_wait_has_them():
+    """A fork server that started with SIGCHLD blocked, as a user handles it, would not tell of the end of a worker."""
+    outcome = run_script(
+        """
+        import os, signal
+        import mpsim, psutil
+        from support.scenes import lattice, simulate
+
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        with simulate(lattice(20, 20), method="parallel", workers=2, on_worker_death="raise") as sim:
+            print(psutil.Process(sim.pids[0]).ppid() != os.getpid())
+            os.kill(sim.pids[0], signal.SIGKILL)
+            try:
+                sim.run(frames=10**6)
+            except mpsim.WorkerDiedError as death:
+                print(death.exitcode)
+        """
+    )
+    assert_clean(outcome)
+    assert outcome.out == "True\n-9\n"
+
+
+# --- SIGTERM
+
+TERMINATED = """
+import signal, sys
+import mpsim
+from support.scenes import lattice, split
+
+{before}
+settings = dict(method="{method}", workers={workers}, dt={dt}, start_method="{start}")
+sim = mpsim.Simulation(lattice(20, 20), **split(settings))
+print("running")
+sim.run(frames=10**9{options})
+"""
+
+
+def terminated(path, method="parallel", start="fork", before="", checkpoint=True, dt=0.01):
+    """Run, end the whole group by SIGTERM, and require that nothing is left; code and errors."""
+    options = f", checkpoint={str(path)!r}, checkpoint_every=10**9" if checkpoint else ""
+    workers = 3 if method == "parallel" else 1
+    text = TERMINATED.format(method=method, workers=workers, start=start, options=options, before=before, dt=dt)
+    with Script(text, warm=start == "fork") as script:
+        assert script.line() == "running"
+        time.sleep(0.2)
+        script.send_to_group(signal.SIGTERM)
+        outcome = script.finish(20)
+        assert_nothing_left_of(script.pid)
+    return outcome.code, outcome.err
+
+
+@pytest.mark.parametrize(
+    ("method", "start", "dt"),
+    slow_but(
+        [
+            ("grid", "fork", 0.01),
+            ("parallel", "fork", 0.01),
+            ("event", "fork", 1e6),
+            ("event", "fork", 0.01),
+            ("parallel", "forkserver", 0.01),
+            ("parallel", "spawn", 0.01),
+        ],
+        ("parallel", "fork", 0.01),
+        ("event", "fork", 1e6),
+    ),
+)
+def test_sigterm_writes_a_checkpoint_that_goes_on_with_the_same_bits(method, start, dt, tmp_path, figures):
+    path, scene = tmp_path / "run", lattice(20, 20)
+    assert terminated(path, method, start, dt=dt) == (143, "")
+    with mpsim.Simulation.resume(path, workers=1) as sim:
+        frame = sim.frame
+        if dt > 1:
+            assert frame == 0 < sim.time
+            return
+        assert frame > 0
+        sim.run(frames=10)
+        alone = "grid" if method == "parallel" else method
+        assert sim.digest() == state_after(scene, frame + 10, method=alone, contact="impact").digest()
+    figures.note(
+        "R8", f"{method}, {start}", "SIGTERM to the whole group",
+        "exit code 143, a checkpoint, the same bits when resumed", f"as expected, at frame {frame}",
+    )  # fmt: skip
+
+
+def test_sigterm_without_a_checkpoint_does_what_it_did(tmp_path):
+    assert terminated(tmp_path / "run", checkpoint=False) == (-signal.SIGTERM, "")
+    handler = "signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))"
+    assert terminated(tmp_path / "run", "grid", checkpoint=False, before=handler) == (7, "")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_handler_of_sigterm_is_back_after_a_run_and_none_is_lost_that_comes_at_its_end(tmp_path):
+    """The progress callback is called after the last checkpoint of the run."""
+
+    def mine(number, frame):
+        caught.append(number)
+
+    caught, place = [], tmp_path / "run"
+    with handled(signal.SIGTERM, mine), begin(lattice(4, 4)) as sim:
+        sim.run(frames=3, checkpoint=place)
+        assert signal.getsignal(signal.SIGTERM) is mine
+        for frames, at in ((10**9, 0), (5, 5)):
+            press = lambda done, of, at=at: done >= at and signal.raise_signal(signal.SIGTERM)  # noqa: E731
+            with pytest.raises(SystemExit) as ended:
+                sim.run(frames=frames, checkpoint=place, progress=press)
+            assert ended.value.code == 143
+            assert signal.getsignal(signal.SIGTERM) is mine
+            assert frame_in(place) == sim.frame
+    assert caught == []
+
+
+IN_C = """
+import ctypes, faulthandler, signal
+import mpsim
+from support.scenes import gas, lattice, simulate
+
+def address():
+    action = ctypes.create_string_buffer(512)
+    ctypes.CDLL(None).sigaction(signal.SIGTERM, None, action)
+    return action.raw[:8]
+
+caught = []
+mine = ctypes.CFUNCTYPE(None, ctypes.c_int)(caught.append)
+dump = open({dump!r}, "w+b", buffering=0)
+{register}
+before = address()
+with simulate(lattice(4, 4), method="grid") as sim:
+    sim.run(frames=3, checkpoint={path!r})
+    try:
+        sim.run(frames=10**9, checkpoint={path!r}, progress=lambda *_: signal.raise_signal(signal.SIGTERM))
+    except SystemExit as end:
+        print(end.code, address() == before)
+mpsim.tradeoff(
+    gas(20, 0.3), [mpsim.Settings(dt=0.1, method="grid")], until=2.0, replicas=2, measures=["overlap"],
+    progress=lambda *_: address() == before or print("replaced"),
+)
+signal.raise_signal(signal.SIGTERM)
+print(caught, dump.seek(0, 2) > 0)
+dump.close()
+"""
+REGISTER = {
+    "ctypes": "ctypes.CDLL(None).signal(signal.SIGTERM, mine)",
+    "before Python": "ctypes.CDLL(None).signal(signal.SIGTERM, mine)\nknown = signal.getsignal\n"
+    "signal.getsignal = lambda number: None if known(number) == signal.SIG_DFL else known(number)",
+    "faulthandler": "faulthandler.register(signal.SIGTERM, file=dump)",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("register", REGISTER)
+def test_a_handler_in_c_is_back_after_a_run_and_left_alone_by_a_search_of_settings(register, tmp_path):
+    """Python knows of the default alone; of what came before it, nothing."""
+    paths = {"path": str(tmp_path / "run"), "dump": str(tmp_path / "dump")}
+    outcome = run_script(IN_C.format(register=REGISTER[register], **paths), warm=True)
+    assert_clean(outcome)
+    assert outcome.out == "143 True\n" + ("[] True\n" if register == "faulthandler" else "[15] False\n")
+
+
+# --- handlers that use a simulation
+
+
+def test_a_signal_handler_may_read_while_its_thread_is_reading():
+    """The run waited for the reader, and the reader, in its handler, for the run."""
+
+    def handler(*_):
+        if not stop:
+            seen.append(sim.frame)
+            signal.setitimer(signal.ITIMER_REAL, 0.001)
+
+    def run_until_seen():
+        while len(seen) < 30:
+            sim.run(frames=500)
+
+    seen, stop = [], []
+    with handled(signal.SIGALRM, handler), begin(lattice(30, 30)) as sim:
+        thread = threading.Thread(target=run_until_seen)
+        thread.start()
+        signal.setitimer(signal.ITIMER_REAL, 0.001)
+        while thread.is_alive():
+            sim.state  # noqa: B018
+        stop.append(True)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        assert (sim.frame % 500, seen) == (0, sorted(seen))
+
+
+class AtMoment:
+    """Acts once as a signal handler would: at the `number`-th call or return of a function in the `with` block.
+
+    Attributes:
+        count: of such moments so far.
+        found: what the action has returned, or the BusyError by which it was refused.
+    """
+
+    def __init__(self, number, sim, act):
+        self.count, self.found = 0, None
+        self._number, self._sim, self._act = number, sim, act
+
+    def __enter__(self):
+        sys.setprofile(self._look)
+        return self
+
+    def __exit__(self, *exception):
+        sys.setprofile(None)
+
+    def _look(self, frame, event, argument):
+        self.count += 1
+        if self.count == self._number:
+            try:
+                self.found = self._act(self._sim)
+            except mpsim.errors.BusyError as error:
+                self.found = error
+
+
+HANDLERS = {
+    "add": lambda sim: sim.add((15.0, 5.0), (0.0, 0.0)),
+    "save": lambda sim: sim.save("run.mpsim"),
+    "close": lambda sim: sim.close(),
+    "read": lambda sim: (sim.frame, sim.count, sim.digest()),
+}
+
+
+def emitting(method):
+    """Discs enter before frames 5 and 10."""
+    scene = mpsim.Scene(
+        width=20, height=10, position=[(18.0, 8.0)], velocity=[(0.0, 0.0)], radius=0.1,
+        emitters=mpsim.Emitter((2.0, 2.0), (50.0, 0.0), every=5),
+    )  # fmt: skip
+    return simulate(scene, method=method, dt=0.001)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_signal_handler_changes_nothing_inside_a_run_and_reads_what_is_whole(method, request, tmp_path, monkeypatch):
+    """It added discs to a store that the kernel had left, and saved discs of which the emitter did not know yet."""
+
+    def four_frames_and_then_six(number, act):
+        sim = emitting(method)
+        sim.run(frames=4)
+        with contextlib.suppress(mpsim.errors.ClosedError), AtMoment(number, sim, act) as handler:
+            sim.run(frames=6)
+        return handler, sim
+
+    monkeypatch.chdir(tmp_path)
+    read, refused = HANDLERS["read"], []
+    with emitting(method) as sim:
+        whole = [read(sim), *(sim.run(frames=1) and read(sim) for _ in range(10))]
+    entered = [(frame, count) for (frame, _, _), (_, count, _) in itertools.pairwise(whole)]  # before the next frame
+    counter, sim = four_frames_and_then_six(0, read)
+    sim.close()
+    step = 1 if request.config.getoption("--long") else counter.count // 40
+    for number, name in zip(range(1, counter.count + 1, step), itertools.cycle(HANDLERS), strict=False):
+        handler, sim = four_frames_and_then_six(number, HANDLERS[name])
+        with sim:
+            if isinstance(handler.found, mpsim.errors.BusyError):
+                refused.append(str(handler.found))
+                assert read(sim) == whole[10], f"{name}, moment {number} of {counter.count}"
+            elif name == "read" and handler.found:
+                assert handler.found in whole or handler.found[:2] in entered, f"moment {number} of {counter.count}"
+    assert len(refused) > 20
+    rule = r"run() of thread 'MainThread' is in progress; "
+    assert all(each.startswith(rule) for each in refused), refused
+
+
+# --- searches of settings
+
+CANDIDATES = [mpsim.Settings(dt=dt, method="grid") for dt in (0.1, 0.05)]
+
+
+def trade(path, **options):
+    return mpsim.tradeoff(gas(20, 0.3), CANDIDATES, until=5, replicas=2, path=path, **options)
+
+
+def kept_in(path):
+    return json.loads(path.read_text())["results"] if path.exists() else []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("what", "done"), long_but([("accuracy", 13), ("accuracy", 1), ("timing", 1)], ("accuracy", 13))
+)
+def test_ctrl_c_keeps_what_a_trade_has_finished_and_the_next_call_does_the_rest_alone(what, done, tmp_path):
+    path, made = tmp_path / "kept.json", []
+
+    def press(number, of, kind):
+        if (kind, number) == (what, done):
+            raise KeyboardInterrupt
+
+    threads = threading.active_count()
+    with pytest.raises(KeyboardInterrupt):
+        trade(path, progress=press)
+    assert threading.active_count() == threads, "no thread goes on"
+    kept = len(kept_in(path))
+    assert kept >= done
+    resumed = trade(path, progress=lambda *told: made.append(told))
+    assert len(made) <= len(kept_in(path)) - kept + 2, "what was kept is not run again"
+    assert len(kept_in(path)) > kept, "the control: the interruption came before the end"
+    assert trade(path) == resumed
+    assert [row.errors for row in resumed.rows] == [row.errors for row in trade(None).rows]
+    assert [each.name for each in tmp_path.iterdir()] == ["kept.json"]
+
+
+SEARCH = """
+import mpsim
+from mpsim import Settings
+from support.scenes import gas
+
+if __name__ == "__main__":
+    print("begun")
+    candidates = [Settings(dt=dt, method="grid") for dt in (0.1, 0.05)]
+    mpsim.{call}
+    print("over")
+"""
+TRADE = "tradeoff(gas(20, 0.3), candidates, until={until}, replicas=2, path={path!r}, progress=lambda *a: print(*a))"
+TUNE = "tune(gas(20, 0.3), {'pressure': 0.01}, until=1e6)"
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize(
+    ("call", "number"),
+    slow_but([("trade", signal.SIGINT), ("trade", signal.SIGTERM), ("tune", signal.SIGTERM)], ("trade", signal.SIGINT)),
+)
+def test_a_signal_ends_a_search_of_long_runs_within_seconds_and_leaves_nothing(call, number, tmp_path):
+    """Each run would take minutes; threads that nobody waits for must not go on, nor may the tracker complain."""
+    text = TUNE if call == "tune" else TRADE.format(until=1e6, path=str(tmp_path / "kept.json"))
+    with Script(SEARCH.format(call=text), warm=True) as script:
+        while not blocks_of(script.pid):
+            time.sleep(0.05)
+        time.sleep(0.5)
+        begun = time.monotonic()
+        script.send_to_group(number)
+        outcome = script.finish(30)
+        took = time.monotonic() - begun
+        assert_nothing_left_of(script.pid)
+    assert "over" not in outcome.out
+    assert took < 4, f"it took {took:.1f} s to end"
+    if number == signal.SIGTERM:
+        assert (outcome.code, outcome.err) == (143, "")
+    else:
+        assert outcome.code == -signal.SIGINT, outcome.err
+        assert outcome.err.count("Traceback") == 1, outcome.err
+        assert outcome.err.rstrip().endswith("KeyboardInterrupt")
+
+
+@pytest.mark.slow
+def test_sigterm_that_the_system_gives_to_another_thread_ends_a_search_or_is_left_to_who_handles_it():
+    """The main thread waits for its threads meanwhile; it must look now and then, or it would until they are done."""
+    text = (
+        "import signal, threading, time\nlate = lambda: time.sleep(2) or signal.pthread_kill(threading.get_ident(), "
+        "signal.SIGTERM)\nthreading.Thread(target=late, daemon=True).start()\n"
+    )
+    outcome = run_script(text + SEARCH.format(call=TUNE), bound=30, warm=True)
+    assert (outcome.code, outcome.out, outcome.err) == (143, "begun\n", "")
+    caught = []
+    with handled(signal.SIGTERM, mine := lambda *_: caught.append(1)):
+        trade(None, progress=lambda *_: caught or signal.raise_signal(signal.SIGTERM))
+        assert signal.getsignal(signal.SIGTERM) is mine
+    assert caught == [1]
+
+
+@pytest.mark.slow
+def test_a_killed_trade_leaves_a_file_to_go_on_from(tmp_path):
+    path = tmp_path / "kept.json"
+    text = "from mpsim.studies import saved_results\nsaved_results.SAVE_EVERY = 0.0\n"  # else it is seconds
+    text += SEARCH.format(call=TRADE.format(until=5, path=str(path)))
+    # Warnings are no errors here: CPython's resource tracker inherits the flag, and with it gives up all blocks after
+    # the first whose thread was killed between announcing and making it.
+    with Script(text, flags=()) as script:
+        while not script.line().startswith("5 "):
+            pass
+        script.send(signal.SIGKILL)
+        assert script.finish(10).code == -signal.SIGKILL
+        assert_nothing_left_of(script.pid)
+    assert len(kept_in(path)) >= 4
+    resumed = trade(path)
+    assert [row.errors for row in resumed.rows] == [row.errors for row in trade(None).rows]
+    more = mpsim.tradeoff(gas(20, 0.3), [*CANDIDATES, mpsim.Settings(dt=0.02, method="grid")], until=5, replicas=2,
+                          path=path)  # fmt: skip
+    assert len(more.rows) == 3, "further candidates use the reference that is there"
