@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from support.checkpoints import rewrite
 from support.processes import assert_clean, run_script
 from support.refusals import GOOD
 from support.scenes import crowd, gas, simulate
@@ -142,6 +143,66 @@ def test_discs_added_to_a_full_box_are_found_and_those_that_part_at_once_are_not
         sim.run(frames=4095)
         sim.add([(8, 1), (8.4, 1), (10, 3)], np.zeros((3, 2)))
         sim.run(frames=5000)
+
+
+# --- what a checkpoint holds
+
+
+def test_a_lattice_is_a_few_numbers_in_a_checkpoint_and_a_lattice_again_when_read(tmp_path):
+    scene = Scene.lattice(count=5000, packing=0.4, radius=0.5, seed=2, duration=3.0)
+    with simulate(scene, method="grid") as sim:
+        sim.run(frames=3)
+        path, digest = sim.save(tmp_path / "run.mpsim"), sim.digest()
+    with np.load(path) as file:
+        assert [name for name in file.files if name.startswith("scene.")] == ["scene.radius"]
+        assert (file["solver.radii"].shape, file["solver.masses"].shape) == ((), ()), "equal ones are one number"
+    assert path.stat().st_size < 33 * scene.count, "the positions and velocities of now"
+    with Simulation.resume(path) as sim:
+        assert (sim.scene.on_lattice, sim.scene.digest()) == (scene.on_lattice, scene.digest())
+        assert (sim.scene.duration, sim.digest()) == (3.0, digest)
+        assert (len(sim.radii), sim.masses.sum()) == (5000, 5000)
+
+
+def of_lattice(**changed):
+    return lambda header, arrays: header["scene"]["lattice"].update(changed)
+
+
+def of_run(**changed):
+    return lambda header, arrays: header["run"].update(changed)
+
+
+def of_arrays(**changed):
+    return lambda header, arrays: arrays.update({f"scene.{name}": value for name, value in changed.items()})
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (of_lattice(seed=3), "its lattice has other discs here"),
+        (of_lattice(digest=None), "its lattice has other discs here"),
+        (of_lattice(count=49), "its lattice has other discs here"),
+        (of_lattice(count=10**15), "count must be a whole number from 0 to 100000000"),
+        (of_lattice(count=5000), "count must leave room for a hexagonal lattice"),
+        (of_lattice(temperature=-1.0), "temperature must be"),
+        (of_lattice(temperature="hot"), "temperature must be"),
+        (of_lattice(packing=0.4), "its lattice must have count, temperature, seed and digest"),
+        (lambda header, arrays: header["scene"].update(lattice=[1]), "its lattice must have"),
+        (of_arrays(position=np.ones((50, 2)), velocity=np.ones((50, 2))), "position"),
+        (of_arrays(mass=np.full(50, 2.0)), "mass must be left out"),
+        (of_arrays(radius=np.linspace(0.4, 0.5, 50)), "radius of discs on a lattice must be one number"),
+        *((of_run(origin=[frame, 0.0]), "the origin must be a frame that is done") for frame in (4, -1, 0.0, True)),
+        (of_run(origin=[0, -1.0]), "the origin must be a frame that is done, and its time"),
+    ],
+)
+def test_what_was_changed_in_a_checkpoint_is_damage(change, text, tmp_path):
+    with simulate(Scene.lattice(count=50, packing=0.3, radius=0.5, seed=2), method="naive") as sim:
+        sim.kick(0, (0, 0))
+        sim.run(frames=3)
+        path = sim.save(tmp_path / "run.mpsim")
+    Simulation.resume(path).close()  # the control
+    rewrite(path, change)
+    with pytest.raises(mpsim.CheckpointError, match=text):
+        Simulation.resume(path)
 
 
 # --- reports

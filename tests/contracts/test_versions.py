@@ -1,0 +1,133 @@
+"""The versions that pyproject.toml allows are those that are tested and that the pages name; modules import by name."""
+
+import ast
+import contextlib
+import re
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
+from support.scripts import fixture_of
+
+import mpsim
+
+TOP = Path(__file__).parents[2]
+HERE = f"{sys.version_info[0]}.{sys.version_info[1]}"
+
+script, speed = fixture_of("run_versions"), fixture_of("check_speed")
+
+
+def rows_of_page():
+    """Rows of the table in the docs, as dictionaries."""
+    page = (TOP / "docs" / "contributing.md").read_text()
+    block = re.search(r"<!-- run_versions: table -->\n(.*?)<!-- end -->", page, re.DOTALL)[1]
+    head, _, *rows = [[word.strip() for word in line.split("|")[1:-1]] for line in block.splitlines() if "|" in line]
+    return [dict(zip(head, row, strict=True)) for row in rows]
+
+
+def wrong_rows(script):
+    """Rows of the lowest versions that are not the bounds."""
+    return [
+        (row["Python"], name)
+        for row in rows_of_page()
+        if row[""] == "lowest"
+        for name, bound in script.lower_bounds(row["Python"].rpartition(".")[0], extras=False).items()
+        if Version(row[name]) != Version(bound)
+    ]
+
+
+def test_every_python_has_one_lower_bound_of_everything_which_the_lowest_environment_has(script, monkeypatch):
+    names = [script.lower_bounds(python).keys() for python in script.pythons()]
+    assert all(each == names[0] for each in names)
+    assert {"numpy", "numba", "sphinx", "pytest", "gsd"} <= names[0]
+    held = [Requirement(line) for line in script.constraints(HERE, "lowest")]
+    bounds = {name: f"=={bound}" for name, bound in script.lower_bounds(HERE).items()}
+    assert {each.name: str(each.specifier) for each in held} == bounds | script.COMPANIONS
+    assert script.constraints(HERE, "newest") == []
+    assert not [str(each) for each in script.requirements(HERE) if version(each.name) not in each.specifier]
+    for wrong in (["numpy>=2.0", "numpy>=2.1; python_version >= '3.13'"], ["numpy<3"]):  # the control
+        monkeypatch.setattr(script, "project", lambda wrong=wrong: {"name": "mpsim", "dependencies": wrong})
+        with pytest.raises(ValueError, match=r"one lower bound of numpy for Python 3\.13"):
+            script.lower_bounds("3.13", extras=False)
+
+
+def test_the_pages_show_every_python_with_the_bounds(script, monkeypatch):
+    shown = [(row["Python"].rpartition(".")[0], row[""]) for row in rows_of_page()]
+    assert shown == [(python, kind) for python in script.pythons() for kind in script.KINDS]
+    assert not wrong_rows(script)
+    assert script.project()["requires-python"] == f">={script.pythons()[0]}"
+    *first, last = script.pythons()
+    assert f"present {', '.join(first)} and {last}" in (TOP / "docs" / "policy.md").read_text()
+    changed = script.project()["dependencies"][0].replace(">=", ">=1!")
+    monkeypatch.setattr(script, "project", lambda: {"name": "mpsim", "dependencies": [changed]})
+    assert wrong_rows(script), "the control: a bound that was changed and not tried"
+
+
+def cell(python, numba, digest, **more):
+    names = ("numpy", "numba", "matplotlib", "psutil", "rich", "pydantic", "click", "orjson")
+    versions = dict.fromkeys(names, "1.0") | {"python": f"{python}.1", "numba": numba}
+    scenes = {"starts": {"a scene": "start"}, "digests": {"a scene": digest}}
+    counts = {"passed": 3, "failed": [], "skipped": 1, "exit_code": 0, "seconds": 60.0}
+    asked = {"tests": ["tests"], "long": False, "commit": "abc"}
+    return {"python": python, "kind": "newest", "versions": versions, "scenes": scenes, **counts, **asked, **more}
+
+
+def test_digests_that_differ_under_one_compiler_and_failures_are_told(script):
+    same = [cell("3.11", "0.61", "x"), cell("3.12", "0.61", "x")]
+    assert script.disagreements([*same, cell("3.13", "0.68", "y")]) == []
+    wrong = [*same, cell("3.13", "0.61", "y")]
+    assert script.disagreements(wrong) == ["a scene with Numba 0.61"]
+    assert "**Digests differ that must not**: a scene with Numba 0.61." in script.table(wrong, [])
+    bad = [cell("3.11", "0.61", "x", failed=["test_one"], exit_code=1), cell("3.12", "0.61", "x", broken="pip\nnone")]
+    assert [script.good(each) for each in [*bad, same[0]]] == [False, False, True]
+    text = script.table(bad, ["3.13"])
+    assert "| 3.12 | newest | does not run: none |" in text
+    assert "Not found on this machine: Python 3.13." in text
+
+
+@pytest.mark.parametrize(
+    ("ratios", "turns", "lost"),
+    [([1.29], 1, False), ([1.3, 2.0, 1.31], 3, True), ([3.0, 1.0], 2, False), ([1.4, 1.4, 1.29], 3, False)],
+)
+def test_a_loss_of_speed_is_one_that_three_turns_confirm(speed, ratios, turns, lost):
+    name, lines, timed = next(iter(speed.SCENES)), [], []
+
+    def time_turn(turn, asked):
+        timed.append(list(asked))
+        return {each: 10.0 * (ratios[turn] if each == name else 1.0) for each in asked}, dict.fromkeys(asked, 10.0)
+
+    assert speed.confirmed_losses(time_turn, lines.append) == [name] * lost
+    assert timed == [list(speed.SCENES), *[[name]] * (turns - 1)]
+    assert len(lines) == len(speed.SCENES) + turns - 1
+
+
+def test_the_check_of_speed_fails_on_losses_and_passes_without_a_version_to_compare_with(speed, monkeypatch):
+    lines = []
+    assert speed.check(TOP, "no-such-revision", lines.append) == 0
+    assert lines[0].startswith("nothing to compare with: --before must be a git revision of this checkout; got 'no-suc")
+    monkeypatch.setattr(speed.feature_cost, "checkout_of", lambda revision: contextlib.nullcontext(TOP))
+    for losses in (["bare, grid"], []):
+        monkeypatch.setattr(speed, "compare", lambda here, there, say, losses=losses: losses)
+        assert speed.check(TOP, "HEAD~1", lines.append) == len(losses)
+
+
+OTHERS = {"core/interpreter.py", "core/optional_packages.py", "engine/solvers/mpi_ranks.py"}
+"""Modules that look up modules of others, which may be missing."""
+
+
+def imports_by_name(source):
+    """Lines on which something is called that imports a module by its name, which no checker of imports sees."""
+    calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    return [c.lineno for c in calls if ast.unparse(c.func).split(".")[-1] in ("import_module", "__import__")]
+
+
+def test_only_the_package_itself_looks_up_its_modules_by_name():
+    package = Path(mpsim.__file__).parent
+    found = {str(path.relative_to(package)) for path in package.rglob("*.py") if imports_by_name(path.read_text())}
+    assert found == {"__init__.py"} | OTHERS
+    assert [name for name in OTHERS if '"mpsim.' in (package / name).read_text()] == []
+    for line in ("importlib.import_module('mpsim.cli')", "import_module(name)", "__import__('mpsim')"):
+        assert imports_by_name(f"import importlib\n{line}") == [2]
