@@ -1,0 +1,300 @@
+"""The docs: every block runs and prints what it says, links lead somewhere, docstrings and lists are complete.
+
+How each kind of block is run, and how one is left out, is written in support/pages.py.
+"""
+
+import inspect
+import re
+import tomllib
+from collections.abc import Iterator
+from types import FunctionType, ModuleType
+from typing import Any
+
+import pytest
+from support.commands import mpsim_command
+from support.pages import DRAWING, EXECUTED, PAGES, ROOT, Block, blocks_of, run_blocks
+from support.selection import slow_but
+
+import mpsim
+from mpsim import measure
+from mpsim.measure import reference, reference_motion
+
+FIRST = [ROOT / "README.md", ROOT / "docs" / "tutorial" / "1-first-run.md"]
+"""Pages whose blocks are run by default."""
+
+LINK = re.compile(r"\]\((?!https?:|mailto:|#)(?P<target>[^)#\s]+)")
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+# --- blocks of pages
+
+
+@pytest.mark.parametrize("page", slow_but(PAGES, *FIRST), ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_blocks_of_a_page_do_what_they_say(page, request):
+    run_blocks(str(page), blocks_of(page.read_text()), request.config.getoption("--long"))
+
+
+def test_no_block_of_a_page_escapes_and_links_to_files_lead_to_files():
+    """Each block is of a kind that is run, or says why not; drawings hold neither commands nor prompts."""
+    for page in PAGES:
+        text, wrong = page.read_text(), f"{page.relative_to(ROOT)}, line {{}}: "
+        blocks = blocks_of(text)
+        commands = "".join(block.code for block in blocks if block.language in ("sh", "console") and not block.why)
+        for block in blocks:
+            here = wrong.format(block.line)
+            assert block.language in (*EXECUTED, DRAWING), f"{here}nobody runs {block.language!r}"
+            assert not (block.language == "python" and block.file) or block.file in commands, f"{here}nobody runs it"
+            assert block.language != DRAWING or not re.search(r"^(>>>|\$) ", block.code, re.MULTILINE), here
+        missing = [target for target in LINK.findall(text) if not (page.parent / target).exists()]
+        assert not missing, f"{page.name} links to {missing}, which do not exist"
+
+
+SAMPLE = """
+```python
+>>> a = 1
+>>> a + 1
+2
+```
+
+<!-- not run: it would end the tests -->
+```sh
+exit 1
+```
+
+```python
+b = a + 41
+```
+
+```text
+a --> b
+```
+
+```{{toctree}}
+page
+```
+
+```console
+$ echo one; \\
+  echo two
+one
+...
+$ python -c "print(6 * 7)"
+{answer}
+```
+
+<!-- long -->
+```sh
+exit 1
+```
+
+```toml
+# box.toml
+schema = 1
+width = 4.0
+height = 4.0
+```
+
+```python
+# half.py
+print({answer} // 2)
+```
+
+```console
+$ python half.py
+21
+```
+
+```python
+>>> b
+{answer}
+```
+"""
+
+
+def test_blocks_share_their_names_and_their_folder_and_run_in_order():
+    assert run_blocks("sample", blocks_of(SAMPLE.format(answer=42))) == 7
+
+
+def test_what_is_wrong_in_a_block_is_noticed_with_its_line():
+    """The control."""
+    text = SAMPLE.format(answer=42).replace(">>> b\n42", ">>> b\n43")
+    line = text.splitlines().index(">>> b") + 1
+    with pytest.raises(AssertionError, match=rf"line {line}, in sample(.|\n)*Expected:\s*43\s*Got:\s*42"):
+        run_blocks("sample", blocks_of(text))
+    with pytest.raises(AssertionError, match=r"line \d+: \$ python(.|\n)*Expected:\s*43\s*Got:\s*42"):
+        run_blocks("sample", blocks_of(SAMPLE.format(answer=43)))
+    with pytest.raises(AssertionError):
+        run_blocks("sample", blocks_of(SAMPLE.format(answer=42)), long=True)
+    for block, error in (
+        (Block("python", "1 / 0\n", 0), ZeroDivisionError),
+        (Block("sh", "false\necho on\n", 0), AssertionError),
+        (Block("console", "no command\n", 0), AssertionError),
+        (Block("toml", "schema = 2\n", 0), ValueError),
+        (Block("perl", "1", 0), AssertionError),
+    ):
+        with pytest.raises(error):
+            run_blocks("sample", [block])
+
+
+# --- lists on pages
+
+
+def names_table() -> str:
+    rows = re.findall(r"^([\w-]+) {2,}(\S.*)$", mpsim_command("scenes").output, re.MULTILINE)
+    return "\n".join(["| name | what it is |", "|---|---|", *(f"| `{name}` | {title} |" for name, title in rows)])
+
+
+def keys_tables() -> str:
+    from mpsim.scene.scenefile import schema  # noqa: PLC0415 - the page is made from it, by --renew
+
+    return schema.reference()
+
+
+@pytest.mark.parametrize(("name", "table"), [("names", names_table), ("keys", keys_tables)])
+def test_lists_of_scenes_and_of_their_keys_are_up_to_date(name, table, request):
+    """Run with --renew to write them anew."""
+    page, wanted = ROOT / "docs" / "scenes.md", f"\n{table().strip()}\n\n"
+    pattern = re.compile(f"(?<=<!-- {name} -->\n).*(?=<!-- /{name} -->)", re.DOTALL)
+    if request.config.getoption("--renew"):
+        page.write_text(pattern.sub(lambda _: wanted, page.read_text()))
+    assert pattern.findall(page.read_text()) == [wanted], "docs/scenes.md is stale: run this test with --renew"
+
+
+def test_the_example_of_a_scene_file_is_one(tmp_path):
+    (example,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "scenes.md").read_text(), re.DOTALL)
+    (tmp_path / "example.toml").write_text(example)
+    assert mpsim.Scene.load(tmp_path / "example.toml").count == tomllib.loads(example)["discs"][0]["count"]
+
+
+def test_the_map_of_the_modules_leaves_none_out():
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    paths = list((ROOT / "mpsim").rglob("[!_]*.py"))
+    assert [str(path) for path in paths if not re.search(rf"\b{path.stem}\b", page)] == []
+
+
+# --- docstrings of public names, whose examples --doctest-modules runs
+
+MADE_BY = {
+    "Report": mpsim.Simulation,
+    "Tradeoff": mpsim.tradeoff,
+    "Tuned": mpsim.tune,
+    "Equilibration": measure.equilibration,
+    "HexaticCorrelation": measure.hexatic_correlation,
+    "HexaticOrder": measure.hexatic_order,
+    "Overlap": measure.overlap,
+    "PairCorrelation": measure.pair_correlation,
+    "Predictability": measure.predictability,
+    "SpeedDistribution": measure.speed_distribution,
+    "StructureFactor": measure.structure_factor,
+    "TrajectoryDeviation": measure.trajectory_error,
+    "ClosedBox": reference.closed_box,
+    "TwoDiscs": reference.two_discs,
+}
+"""Results, which nobody makes by hand, and whose example shows one."""
+
+
+def members(module: ModuleType) -> dict[str, Any]:
+    """Public names of a module and what they stand for."""
+    names = getattr(module, "__all__", None) or [
+        name
+        for name, value in vars(module).items()
+        if not name.startswith("_") and getattr(value, "__module__", None) == module.__name__
+    ]
+    return {f"{module.__name__}.{name}": getattr(module, name) for name in names}
+
+
+PUBLIC = {
+    name: value
+    for module in (mpsim, measure, reference, reference_motion)
+    for name, value in members(module).items()
+    if callable(value) and not isinstance(value, ModuleType)
+}
+
+
+def parts(owner: type) -> Iterator[tuple[str, Any]]:
+    """Public methods and properties that a class defines itself."""
+    for name, value in vars(owner).items():
+        if not name.startswith("_") and isinstance(value, FunctionType | property | classmethod | staticmethod):
+            yield name, value
+
+
+def is_exception(value: Any) -> bool:
+    return isinstance(value, type) and issubclass(value, BaseException)
+
+
+def text_of(value: Any) -> str:
+    """The docstring, if somebody wrote one: a dataclass without makes its own."""
+    text = inspect.getdoc(value) or ""
+    return "" if text.startswith(f"{getattr(value, '__name__', '')}(") else text
+
+
+def unnamed(value: Any) -> list[str]:
+    """Arguments that the docstring does not name."""
+    function = value.__func__ if isinstance(value, classmethod | staticmethod) else value
+    names = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
+    return [each for each in names if not re.search(rf"\b{each}\b", text_of(value))]
+
+
+def problems(name: str, value: Any) -> list[str]:
+    """What the docstring of a public name lacks."""
+    text, found = text_of(value), []
+    if not text:
+        return [f"{name} has no docstring"]
+    if is_exception(value):
+        return []
+    result = isinstance(value, type) and value.__name__ in MADE_BY
+    record = isinstance(value, type) and "Attributes:" in text  # which checks nothing
+    if ">>>" not in (text_of(MADE_BY[value.__name__]) if result and ">>>" not in text else text):
+        found.append(f"{name} has no example")
+    if missing := unnamed(value):
+        found.append(f"{name} does not say what {', '.join(missing)} are")
+    if inspect.signature(value).parameters and not record and "Raises:" not in text:
+        found.append(f"{name} does not say what it raises")
+    if not re.search(r"\[\w[^\]]*\]", text):
+        found.append(f"{name} gives no dimension")
+    return found
+
+
+def test_every_public_name_says_what_it_is():
+    """Its arguments by name, their dimensions, what it raises, an example; types are shown as they are written."""
+    found = [problem for name, value in PUBLIC.items() for problem in problems(name, value)]
+    for name, owner in PUBLIC.items():
+        of_class = list(parts(owner)) if isinstance(owner, type) else []
+        for part, value in of_class:
+            if not text_of(value):
+                found.append(f"{name}.{part} has no docstring")
+            elif not isinstance(value, property) and unnamed(value):
+                found.append(f"{name}.{part} does not say what {unnamed(value)} are")
+        if not is_exception(owner):
+            doors = [owner, *(value for _, value in of_class if not isinstance(value, property))]
+            shown = [str(inspect.signature(getattr(each, "__func__", each))) for each in doors]
+            found += [each for each in shown if re.search(r"numpy\.|_typing|collections\.abc|mpsim\.", each)]
+    for module in (reference, reference_motion):
+        silent = [name for name, value in members(module).items() if callable(value) and "ource" not in text_of(value)]
+        found += [f"{name} names no source" for name in silent]
+    assert found == []
+
+
+def test_a_bad_docstring_is_noticed():
+    """The control."""
+
+    def bare(width):
+        return width
+
+    def half(width, height):
+        """Double the width.
+
+        >>> half(1, 2)
+        2
+        """
+
+    assert problems("bare", bare) == ["bare has no docstring"]
+    assert problems("half", half) == [
+        "half does not say what height are",
+        "half does not say what it raises",
+        "half gives no dimension",
+    ]

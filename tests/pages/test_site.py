@@ -1,0 +1,70 @@
+"""The site is made without a warning, loads nothing from elsewhere, and holds every public name."""
+
+import inspect
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from support.pages import ROOT
+
+import mpsim
+
+pytestmark = pytest.mark.slow
+
+LOADED = re.compile(r"""<(?:script|img|link|iframe|source)\b[^>]*?\b(?:src|href)=["'](?:https?:)?//[^"']+""")
+LOADED_BY_STYLE = re.compile(r"""(?:@import|url\()\s*["']?(?:https?:)?//[^"')]+""")
+
+
+def build(pages, out):
+    """Sphinx as the checks call it: warnings are errors."""
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(pages), str(out)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=170)
+
+
+def loaded_from_elsewhere(site):
+    """What a browser would fetch from another machine to show a page. Links that a reader may follow do not count."""
+    found = [match for page in site.rglob("*.html") for match in LOADED.findall(page.read_text())]
+    return found + [match for style in site.rglob("*.css") for match in LOADED_BY_STYLE.findall(style.read_text())]
+
+
+def test_the_site(tmp_path):
+    done = build(ROOT / "docs", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert loaded_from_elsewhere(tmp_path) == []
+    library, commands = ((tmp_path / "reference" / f"{name}.html").read_text() for name in ("library", "commands"))
+    for module, text in (
+        (mpsim, library),
+        (mpsim.measure, (tmp_path / "reference" / "measure.html").read_text()),
+    ):
+        names = [f"{module.__name__}.{name}" for name in module.__all__ if not inspect.ismodule(getattr(module, name))]
+        assert [name for name in names if f'id="{name}"' not in text] == []
+    kinds = [kind for kind in vars(mpsim.errors).values() if inspect.isclass(kind) and kind.__module__[:5] == "mpsim"]
+    assert len(kinds) > 25
+    assert [kind for kind in kinds if f'id="{kind.__module__}.{kind.__name__}"' not in library] == []
+    words = " ".join(re.sub(r"<[^>]+>", "", library).split())
+    assert "position: ArrayLike, velocity: ArrayLike" in words, "types are shown as they are written"
+    literal = re.findall(r"<pre>(.*?)</pre>", commands, re.DOTALL)
+    assert any("mpsim run gas --until 50 --out run      " in re.sub("<.*?>", "", block) for block in literal)
+    pages = sorted((tmp_path / "tutorial").glob("*.html"))
+    assert len(pages) == len(list((ROOT / "docs" / "tutorial").glob("*.md")))
+    for page in pages:
+        (name,) = re.findall(r'href="([^"]+[.]ipynb)"', page.read_text())
+        assert (page.parent / name).is_file(), "each page of the tutorial offers its notebook"
+
+
+def test_pages_that_lead_nowhere_are_errors_and_what_is_loaded_from_elsewhere_is_seen(tmp_path):
+    """The control."""
+    shutil.copy(ROOT / "docs" / "conf.py", tmp_path)
+    (tmp_path / "index.md").write_text("# A\n\n[b](b.md)\n\n```{eval-rst}\n.. autofunction:: mpsim.nothing\n```\n")
+    done = build(tmp_path, tmp_path / "out")
+    assert done.returncode != 0
+    assert "cross-reference target not found: 'b.md'" in done.stderr
+    assert "failed to import 'nothing'" in done.stderr
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "a.html").write_text('<a href="https://a.org">go</a> <link rel="x" href="https://b.org/c.css">')
+    (other / "a.css").write_text("@import url(//fonts.org/a); body { background: url(here.png) }")
+    first, second = loaded_from_elsewhere(other)
+    assert ("b.org/c.css" in first, "fonts.org/a" in second) == (True, True)
