@@ -1,6 +1,6 @@
 """Which worker writes which disc in which phase: no disc has two writers, and no worker reads what another writes.
 
-The compiled kernels themselves are watched. A frame is played phase by phase, as `step` does; in each phase every
+The kernels themselves are watched. A frame is played phase by phase, as `step` does; in each phase every
 worker plays its part on a copy of the block as it was at the start of the phase, and what differs afterwards is what it
 has written. Then each plays once more on a copy in which whatever the others have written is not a number: had it read
 any of that, its own part would come out differently.
@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from support.scenes import ZOO, crowd, gas, simulate, zoo
-from support.selection import long_but
 
 from mpsim.engine.workers.worker import kernel_arguments
 from mpsim.kernels import layout
@@ -22,6 +21,8 @@ from mpsim.kernels.frame.giants import resolve_giants
 from mpsim.kernels.frame.passes import resolve_inside
 from mpsim.kernels.frame.sharing import list_emigrants
 from mpsim.kernels.frame.sorting import begin_sort, move_and_bin
+
+pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")]
 
 WORKERS = 3
 
@@ -225,60 +226,45 @@ def _with_room_for_workers(sim):
 
 
 SCENES = {
-    "dense gas": lambda: gas(400, 0.7, seed=1),
-    "crowd": lambda: crowd(300, 0.9, seed=2),
+    "dense gas": lambda: gas(150, 0.7, seed=1),
+    "crowd": lambda: crowd(100, 0.9, seed=2),
     "few columns": lambda: crowd(40, 0.9, seed=3),
-    "everything": lambda: zoo(EVERYTHING, count=100),
-    **{name: (lambda name=name: zoo(ZOO[name], count=60)) for name in ("giants", "periodic", "absorbing")},
+    "everything": lambda: zoo(EVERYTHING, count=60),
+    **{name: (lambda name=name: zoo(ZOO[name], count=60)) for name in ("giants", "periodic")},
 }
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # one of everything's emitters finds its place taken
-@pytest.mark.parametrize(
-    "name",
-    [
-        *long_but([name for name in SCENES if name != "everything"], "dense gas", "crowd", "few columns"),
-        pytest.param("everything", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("name", SCENES)
 def test_no_disc_has_two_writers_in_a_phase_and_none_is_read_while_it_is_written(name, figures):
-    watched = watch(SCENES[name](), frames=8)
+    watched = watch(SCENES[name](), frames=4)
     assert watched.clashes == []
-    assert watched.writes > 1000
+    assert watched.writes > 500
     assert watched.merges > 0 or name == "few columns", "the order must have been repaired, too"
-    figures.note(
-        "R13",
-        f"parallel on {WORKERS}",
-        f"discs with two writers, or read while written, in a phase: {name}",
-        0,
-        f"0 of {watched.writes:,} writes",
-    )
+    figures.note("R13", f"parallel on {WORKERS}", f"discs with two writers, or read while written, in a phase: {name}",
+                 0, f"0 of {watched.writes:,} writes")  # fmt: skip
 
 
 def test_without_odd_and_even_passes_discs_have_two_writers(figures):
-    """The control: the demonstration of the race, on the same scene by the same checker."""
-    watched = watch(gas(400, 0.7, seed=1), frames=8, guarded=False)
+    """The control: the demonstration of the race, by the same checker."""
+    watched = watch(gas(400, 0.7, seed=1), frames=4, guarded=False)
     assert {(clash.phase, clash.kind) for clash in watched.clashes} == {("all columns", "written twice")}
-    figures.note(
-        "R13", f"parallel on {WORKERS}", "control: unguarded=True", "clashes", f"{len(watched.clashes)} clashes"
-    )
+    clashes = f"{len(watched.clashes)} clashes"
+    figures.note("R13", f"parallel on {WORKERS}", "control: unguarded=True", "clashes", clashes)
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 def test_a_wall_that_moves_while_contacts_read_its_place_is_noticed():
     """The control of the barrier after it."""
-    with simulate(SCENES["everything"](), method="grid") as sim:
+    with simulate(zoo(EVERYTHING, count=100), method="grid") as sim:
         watched = _with_room_for_workers(sim)
         watched.waits_for_walls = False
-        for _ in range(8):
+        for _ in range(6):
             watched.frame()
         assert {clash.kind for clash in watched.clashes} == {"read"}
 
 
 def test_a_worker_that_reads_what_another_writes_is_noticed():
     """The control of the second half: each worker takes over the place of the next one's first disc."""
-    with simulate(gas(400, 0.7, seed=1), method="grid") as sim:
+    with simulate(gas(60, 0.7, seed=1), method="grid") as sim:
         watched = _with_room_for_workers(sim)
 
         def play(worker):

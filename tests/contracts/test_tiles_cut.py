@@ -1,0 +1,208 @@
+"""Runs on tiles that are saved, resumed, stopped, grown or left inside a window have the same bits."""
+
+import itertools
+
+import numpy as np
+import pytest
+from support.compare import assert_same_bits
+from support.internals import solver_of
+from support.scenes import simulate
+from support.tiles import always_tiled, everything, first_free_place, on_tiles, tallies, windows_of
+
+import mpsim
+from mpsim.engine.solvers import event_windows
+
+pytestmark = [pytest.mark.compiled, pytest.mark.slow, pytest.mark.timeout(300)]
+
+COUNT, FRAMES, DT = 3000, 24, 0.125
+NAMES = ["pressure", "collision_rate"]
+SCENES = {"walls": {"radius": 0.5}, "everything": everything(COUNT)}
+EMITTERS = (mpsim.Emitter((2.0, 2.0), (3.0, 2.0), interval=0.7), mpsim.Emitter((60.0, 2.0), (-2.0, 3.0), interval=0.45))
+TILING = (3, 2)
+
+
+def scene_of(name):
+    return mpsim.Scene.random(count=COUNT, packing=0.4, seed=2, **SCENES[name])
+
+
+@pytest.fixture(scope="module")
+def as_a_whole():
+    """State, and what was counted in each frame, of the box that is played as a whole."""
+    with on_tiles(scene_of("walls"), (1, 1), dt=DT) as sim:
+        counted = tallies(sim, FRAMES)
+        return sim.state, counted
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_run_that_is_resumed_in_other_tiles_on_other_workers_has_the_same_bits(name, tmp_path, figures):
+    with on_tiles(scene_of(name), (1, 1), dt=DT) as sim:
+        report = sim.run(frames=FRAMES)
+        expected = sim.state
+    path, collisions = tmp_path / "run", 0
+    for part, (workers, tiling) in enumerate(((2, (2, 2)), (1, (1, 1)), (3, (2, 2)), (1, (3, 1)))):
+        with always_tiled(*tiling):
+            begun = None if part else simulate(scene_of(name), method="event", workers=workers, dt=DT)
+            with begun or mpsim.Simulation.resume(path, workers=workers) as sim:
+                assert len(sim.pids) == workers - 1
+                collisions += sim.run(frames=FRAMES // 4).collisions
+                sim.save(path)
+                state = sim.state
+    assert_same_bits(state, expected, name)
+    assert collisions == report.collisions > COUNT
+    figures.note("R1", "event on 2, 1, 3, 1", f"digest after 3 resumes: {name}", "of an uninterrupted run", "the same")
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_discs_that_are_added_on_the_way_have_the_same_bits(name):
+    states = []
+    for tiling, workers in (((1, 1), 1), ((2, 2), 1), ((2, 2), 3)):
+        with on_tiles(scene_of(name), tiling, workers, dt=DT) as sim, always_tiled(*tiling):
+            sizes = {"radius": [0.375], "mass": [2.0]} if name == "everything" else {}
+            for frames in (5, 1, 9):
+                sim.run(frames=frames)
+                sim.add([first_free_place(sim.state)], [[2.0, 1.0]], **sizes)
+            sim.run(frames=9)
+            assert sim.count == COUNT + 3
+            states.append(sim.state)
+    assert_same_bits(states[1], states[0], "added, one process")
+    assert_same_bits(states[2], states[0], "added, three workers")
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
+@pytest.mark.parametrize("dt", [0.05, 1.7])
+def test_emitters_that_stop_inside_frames_have_the_same_bits(dt, tmp_path):
+    """A disc enters at its time, which lies inside a frame; also of a run that is resumed in between."""
+    gas, strip = scene_of("walls"), np.array([0.0, 5.0])
+    scene = mpsim.Scene(width=gas.width, height=gas.height + 5.0, radius=0.5, position=gas.position + strip,
+                        velocity=gas.velocity, emitters=EMITTERS)  # fmt: skip
+    frames = round(5.1 / dt)
+    with on_tiles(scene, (1, 1), dt=dt) as sim:
+        report = sim.run(frames=frames, measures=["pressure"])
+        expected = sim.state
+        assert sim.count > COUNT + 10
+    with on_tiles(scene, (2, 2), 2, dt=dt) as sim, always_tiled(2, 2):
+        found = sim.run(frames=frames, measures=["pressure"])
+        assert_same_bits(sim.state, expected, "emitters on 2 workers")
+        assert windows_of(sim)["windows"] > 0
+    assert (repr(found.measures), found.collisions) == (repr(report.measures), report.collisions)
+    with always_tiled(2, 2):
+        with simulate(scene, method="event", workers=2, dt=dt) as sim:
+            sim.run(frames=frames // 2)
+            sim.save(tmp_path / "run")
+        with mpsim.Simulation.resume(tmp_path / "run", workers=3) as sim:
+            sim.run(frames=frames - frames // 2)
+            assert_same_bits(sim.state, expected, "emitters, resumed")
+
+
+# --- commands whose time is over
+
+
+@pytest.fixture
+def no_time(monkeypatch):
+    """Every command of a simulation on tiles then plays one tile for each worker; else it takes a slow machine."""
+    monkeypatch.setattr(event_windows, "PATIENCE", 0)
+
+
+def test_a_run_that_is_saved_inside_a_frame_goes_on_there(tmp_path, no_time):
+    """A frame far longer than a command is left by Ctrl-C, and goes on elsewhere."""
+    calls = itertools.count()
+
+    def interrupt(done, of):
+        if next(calls) == 25:
+            raise KeyboardInterrupt
+
+    scene, dt = scene_of("walls"), 30.0
+    with on_tiles(scene, (1, 1), dt=dt) as sim:
+        report = sim.run(frames=2, measures=NAMES)
+        expected = sim.state
+    with on_tiles(scene, (2, 2), 2, dt=dt) as sim:
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(frames=2, progress=interrupt)
+        assert sim.frame == 0 < sim.time
+        stopped = sim.time, sim.digest()
+        sim.save(tmp_path / "run")
+    with always_tiled(3, 1), mpsim.Simulation.resume(tmp_path / "run", workers=3) as sim:
+        assert (sim.time, sim.digest()) == stopped
+        found = sim.run(frames=2, measures=NAMES)
+        assert_same_bits(sim.state, expected, "from inside a frame, on 3")
+    for name in NAMES:
+        assert found.measures[name].value == report.measures[name].value, "what the frame had counted is lost"
+
+
+def plan_of(sim):
+    return solver_of(sim)._block.arrays["plan"]
+
+
+def leave_a_window(sim):
+    """One command: it leaves the window in hand after its first tiles, and the state is the one before it."""
+    windows, before = windows_of(sim)["windows"], sim.state
+    assert len(solver_of(sim).advance(FRAMES, sim.settings.workers).times[0]) == 0
+    assert plan_of(sim)["paused"] == 1
+    assert windows_of(sim)["windows"] == windows
+    assert_same_bits(sim.state, before, "inside a window")
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_window_that_is_played_in_many_commands_has_the_same_bits_and_counts(workers, as_a_whole, no_time):
+    expected, counted = as_a_whole
+    with on_tiles(scene_of("walls"), TILING, workers, dt=DT) as sim:
+        leave_a_window(sim)
+        found = tallies(sim, FRAMES)
+        assert_same_bits(sim.state, expected, f"{workers} workers")
+        assert found.tobytes() == counted.tobytes(), "other counts"
+        assert windows_of(sim)["as_one"] == 0, "one worker has found them"
+
+
+@pytest.mark.parametrize("stop", [DT / 8, DT / 2])
+def test_a_stop_or_an_end_inside_a_window_that_was_left_plans_anew(stop, no_time):
+    with on_tiles(scene_of("walls"), TILING, dt=DT) as sim, on_tiles(scene_of("walls"), (1, 1), dt=DT) as whole:
+        leave_a_window(sim)
+        for each in (sim, whole):
+            solver = solver_of(each)
+            while not solver.reached(stop):
+                solver.advance(FRAMES, 1, stop)
+        assert sim.time == whole.time == stop
+        assert_same_bits(sim.state, whole.state, f"at {stop}")
+    fine = {"dt": DT / 128}
+    with on_tiles(scene_of("walls"), TILING, **fine) as sim, on_tiles(scene_of("walls"), (1, 1), **fine) as whole:
+        leave_a_window(sim)
+        assert plan_of(sim)["frames"] > 5, "a window of more frames"
+        for frames in (1, 2):
+            sim.run(frames=frames)
+            whole.run(frames=frames)
+            assert (sim.frame, sim.time) == (whole.frame, whole.time)
+            assert_same_bits(sim.state, whole.state, f"{frames} frames")
+
+
+def test_a_checkpoint_of_a_window_that_was_left_goes_on_with_the_same_bits(tmp_path, as_a_whole, no_time):
+    with on_tiles(scene_of("walls"), TILING, 2, dt=DT) as sim:
+        sim.run(frames=3)
+        leave_a_window(sim)
+        path = sim.save(tmp_path / "run")
+        sim.run(frames=FRAMES - 3)
+        assert_same_bits(sim.state, as_a_whole[0], "after it was saved")
+    with mpsim.Simulation.resume(path) as again:
+        again.run(frames=FRAMES - 3)
+        assert_same_bits(again.state, as_a_whole[0], "resumed")
+
+
+def test_a_window_that_was_left_is_forgotten_as_a_disc_enters(no_time):
+    states = []
+    for tiling in (TILING, (1, 1)):
+        with on_tiles(scene_of("walls"), tiling, dt=DT) as sim:
+            sim.run(frames=2)
+            if tiling == TILING:
+                leave_a_window(sim)
+            sim.add(position=[first_free_place(sim.state)], velocity=[[1.0, 2.0]])
+            sim.run(frames=4)
+            states.append(sim.state)
+    assert_same_bits(*states, "a disc more")
+
+
+def test_a_window_without_a_tile_that_was_played_is_noticed(no_time):
+    """The control. What goes on is the window that was left: one tile too few is missed."""
+    with on_tiles(scene_of("walls"), TILING, dt=DT) as sim:
+        leave_a_window(sim)
+        plan_of(sim)["next"][...] += 1
+        sim.run(frames=1)
+        assert windows_of(sim)["again"] > 0
