@@ -13,7 +13,7 @@ from numba.core.codegen import JITCodeLibrary
 from support.arrays import control_of, team_of
 from support.threads import together
 
-from mpsim.kernels import compile_notice, compiling, layout, linking, machine
+from mpsim.kernels import compiling, layout, linking, machine
 from mpsim.kernels.compile_turns import Turns
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.waiting import add_to_word, await_command, barrier, load_word, store_word
@@ -178,7 +178,7 @@ def test_a_callee_before_its_caller_is_not_linked(kernel, monkeypatch):
         kernel(4.0)
 
 
-# --- compiling in turns, and saying so
+# --- compiling in turns
 
 
 def test_what_another_has_compiled_meanwhile_is_loaded(tmp_path):
@@ -207,46 +207,3 @@ def test_nobody_waits_for_ever_for_one_that_keeps_its_turn_and_a_folder_may_be_m
     assert second.load_or_take("float64", lambda: "not asked for") is None
     first.give_back()
     assert Turns(tmp_path / "is not there", "kernel").load_or_take("float64", lambda: "not asked for") is None
-
-
-class Heard:
-    """What an announcer was told; a listener may wait for what the compiling thread holds."""
-
-    def __init__(self, lock=None):
-        self.told, self.begun, self.lock = [], threading.Event(), lock
-
-    def begin(self, text):
-        self.begun.set()
-        with self.lock or threading.Lock():
-            self.told.append((text, threading.current_thread() is threading.main_thread()))
-
-    def end(self):
-        self.told.append("end")
-
-
-def compiles(until=lambda: None, cached=False):
-    """As if the compiler worked on a kernel, which calls another one, until something has happened."""
-    with compile_notice.asked_for("run_naive", (), True), compile_notice.asked_for("move", (), True):
-        if not cached:
-            compile_notice.not_cached()
-            compile_notice.not_cached()
-        until()
-
-
-def test_a_long_compilation_is_said_once_while_it_lasts_and_nothing_else_is(monkeypatch):
-    assert compile_notice.QUIET_FOR < 0.8, "within a second"
-    monkeypatch.setattr(compile_notice, "QUIET_FOR", 0.05)
-    monkeypatch.setattr(compile_notice, "PATIENCE", 0.05)
-    heard, before = Heard(), compile_notice.compile_seconds()
-    with compile_notice.announced_by(heard):
-        compiles(lambda: time.sleep(0.2), cached=True)
-        assert (heard.told, compile_notice.compile_seconds()) == ([], before)
-        compiles()  # a short one
-        assert heard.told == []
-        assert compile_notice.compile_seconds() > before
-        compiles(lambda: heard.begun.wait(10))
-    assert heard.told == [("compiling the loops for this scene, once; about 4 s", False), "end"]
-    lock = threading.Lock()
-    with compile_notice.announced_by(waiting := Heard(lock)), lock:
-        compiles(lambda: waiting.begun.wait(10))  # it does not wait for the listener
-        assert set(waiting.told) <= {"end"}

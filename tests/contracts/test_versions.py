@@ -66,28 +66,6 @@ def test_the_pages_show_every_python_with_the_bounds(script, monkeypatch):
     assert wrong_rows(script), "the control: a bound that was changed and not tried"
 
 
-def cell(python, numba, digest, **more):
-    names = ("numpy", "numba", "matplotlib", "psutil", "rich", "pydantic", "click", "orjson")
-    versions = dict.fromkeys(names, "1.0") | {"python": f"{python}.1", "numba": numba}
-    scenes = {"starts": {"a scene": "start"}, "digests": {"a scene": digest}}
-    counts = {"passed": 3, "failed": [], "skipped": 1, "exit_code": 0, "seconds": 60.0}
-    asked = {"tests": ["tests"], "long": False, "commit": "abc"}
-    return {"python": python, "kind": "newest", "versions": versions, "scenes": scenes, **counts, **asked, **more}
-
-
-def test_digests_that_differ_under_one_compiler_and_failures_are_told(script):
-    same = [cell("3.11", "0.61", "x"), cell("3.12", "0.61", "x")]
-    assert script.disagreements([*same, cell("3.13", "0.68", "y")]) == []
-    wrong = [*same, cell("3.13", "0.61", "y")]
-    assert script.disagreements(wrong) == ["a scene with Numba 0.61"]
-    assert "**Digests differ that must not**: a scene with Numba 0.61." in script.table(wrong, [])
-    bad = [cell("3.11", "0.61", "x", failed=["test_one"], exit_code=1), cell("3.12", "0.61", "x", broken="pip\nnone")]
-    assert [script.good(each) for each in [*bad, same[0]]] == [False, False, True]
-    text = script.table(bad, ["3.13"])
-    assert "| 3.12 | newest | does not run: none |" in text
-    assert "Not found on this machine: Python 3.13." in text
-
-
 @pytest.mark.parametrize(
     ("ratios", "turns", "lost"),
     [([1.29], 1, False), ([1.3, 2.0, 1.31], 3, True), ([3.0, 1.0], 2, False), ([1.4, 1.4, 1.29], 3, False)],
