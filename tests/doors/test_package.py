@@ -24,6 +24,8 @@ def test_the_public_names_are_the_documented_ones():
         mpsim.nothing  # noqa: B018
 
 
+pytestmark = pytest.mark.plain
+
 RESULTS = (mpsim.Tuned, measure.Measure)
 """Public classes, beside the rest of those of `measure`, that users are given and do not make or call with names."""
 
@@ -54,12 +56,7 @@ DOORS = [(name, call, own) for name, call, own in doors() if not name.endswith("
 def test_each_public_door_answers_a_name_that_it_does_not_have(call, own):
     with pytest.raises(mpsim.InputError, match="nonsense"):
         call(*own, nonsense=1)
-
-
-def test_the_doors_are_there():
-    names = {name for name, *_ in DOORS}
-    assert {"Scene.load", "Simulation.resume", "Report.to_csv", "pair_correlation", "tune", "Trajectory"} <= names
-    assert len(names) > 100
+    assert len(DOORS) > 100
 
 
 TOP = Path(__file__).parents[2]
@@ -126,14 +123,9 @@ def test_the_wheel_holds_what_it_needs_and_no_more(built):
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_the_installed_wheel_runs(programs, tmp_path):
+def test_the_installed_wheel_and_its_command_run(programs, tmp_path):
     assert run(programs / "python", "-c", SMOKE, folder=tmp_path) == f"{mpsim.__version__} 10\n"
     assert (tmp_path / "gas.gif").stat().st_size > 1000
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-def test_the_installed_command_runs(programs, tmp_path):
     listed = run(programs / "mpsim", "scenes", folder=tmp_path)
     assert len(listed.splitlines()) == len(list((TOP / "mpsim" / "scene" / "named").glob("*.toml")))
     assert "packing 0.4" in run(programs / "mpsim", "show", "gas", folder=tmp_path)

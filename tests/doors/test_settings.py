@@ -1,0 +1,422 @@
+"""Settings, units and progress; names that are not known, errors that travel, and how many cores may be used."""
+
+import dataclasses
+import io
+import math
+import os
+import pickle
+import re
+import sys
+import threading
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from support.commands import mpsim_command
+from support.refusals import assert_says
+from support.scenes import gas, simulate
+
+import mpsim
+from mpsim import InputError, Settings, Units
+
+pytestmark = pytest.mark.plain
+
+NAN, INF = math.nan, math.inf
+
+# --- settings
+
+SETTINGS = {
+    "dt 0": ({"dt": 0}, ["dt must be a finite number > 0", "got 0"]),
+    "dt nan": ({"dt": NAN}, ["dt must be a finite number > 0", "got nan"]),
+    "dt inf": ({"dt": INF}, ["dt must be a finite number > 0", "got inf"]),
+    "dt as text": ({"dt": "fast"}, ["dt must be a number > 0", "'fast'"]),
+    "dt too large for a number": ({"dt": 10**400}, ["dt must be a number > 0", "finite", "of 401 digits"]),
+    "method": ({"method": "gird"}, ["method must be one of", "'naive', 'grid'", "got 'gird'", "Did you mean 'grid'?"]),
+    "method None": ({"method": None}, ["method must be one of", "got None"]),
+    "method far off": ({"method": "xyz"}, ["method must be one of", "got 'xyz'."]),
+    "law": ({"law": "elastisch"}, ["law must be one of 'reflect', 'elastic'", "Did you mean 'elastic'?"]),
+    "contact": ({"contact": "pull"}, ["contact must be one of", "'push'", "got 'pull'"]),
+    "precision": ({"precision": "float16"}, ["precision must be one of 'float32', 'float64'", "got 'float16'"]),
+    "workers 0": ({"workers": 0}, ["workers must be a whole number from 1 to", "got 0", "Leave it out"]),
+    "workers absurd": ({"workers": 10**6}, ["workers must be a whole number from 1 to 1024", "got 1000000"]),
+    "workers in halves": ({"workers": 1.5}, ["workers must be a whole number", "got 1.5"]),
+    "workers as truth": ({"workers": True}, ["workers must be a whole number", "got True"]),
+    "substeps 0": ({"substeps": 0}, ["substeps must be a whole number from 1", "got 0", "dt"]),
+}
+
+
+@pytest.mark.parametrize("case", SETTINGS)
+def test_wrong_settings_are_refused(case):
+    change, parts = SETTINGS[case]
+    with pytest.raises(InputError) as caught:
+        Settings(**change)
+    assert_says(caught, parts)
+
+
+def test_settings_are_immutable_equal_by_value_and_have_the_documented_defaults():
+    settings = Settings(dt=0.02)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        settings.dt = 1
+    assert (settings, hash(settings)) == (Settings(0.02), hash(Settings(dt=0.02)))
+    names = ("method", "law", "contact", "precision", "workers", "substeps")
+    assert [getattr(settings, name) for name in names] == ["auto", "elastic", "impact", "float64", None, 1]
+    for number in (Fraction(1, 100), np.float32(0.01), np.float64(0.01)):
+        assert Settings(dt=number).dt == pytest.approx(0.01)
+
+
+UNKNOWN = [
+    (lambda: Settings(metod="grid"), "Settings", "metod", "method"),
+    (lambda: mpsim.Scene.random(cout=9), "Scene.random", "cout", "count"),
+    (lambda: mpsim.Scene.random(count=9, radius=0.5, packing=0.2, gravty=(0, -1)), "Scene.random", "gravty", "gravity"),
+    (lambda: mpsim.Scene(postion=[[1, 1]]), "Scene", "postion", "position"),
+    (lambda: mpsim.Simulation(seting=None), "Simulation", "seting", "settings"),
+    (lambda: mpsim.Emitter(positon=(1, 1)), "Emitter", "positon", "position"),
+    (lambda: mpsim.FixedDisc((1, 1), radus=1), "FixedDisc", "radus", "radius"),
+    (lambda: mpsim.Polyline([], thicknes=1), "Polyline", "thicknes", "thickness"),
+    (lambda: mpsim.Piston(wal="left"), "Piston", "wal", "wall"),
+    (lambda: mpsim.Thermostat(temprature=1), "Thermostat", "temprature", "temperature"),
+    (lambda: mpsim.ThermalWalls(letf=1), "ThermalWalls", "letf", "left"),
+    (lambda: mpsim.Sensor(wal="left"), "Sensor", "wal", "wall"),
+    (lambda: mpsim.Collisions(evry=3), "Collisions", "evry", "every"),
+    (lambda: mpsim.Correlations(wave_number=[1]), "Correlations", "wave_number", "wave_numbers"),
+    (lambda: mpsim.measure.Series(len, evry=3), "Series", "evry", "every"),
+    (lambda: mpsim.view(None, prt=8000), "view", "prt", "port"),
+    (lambda: mpsim.live(None, heigt=300), "live", "heigt", "height"),
+    (lambda: mpsim.tune(max_eror={}), "tune", "max_eror", "max_error"),
+    (lambda: Units(lenght=1), "Units", "lenght", "length"),
+]
+
+
+@pytest.mark.parametrize(
+    ("call", "what", "got", "meant"), UNKNOWN, ids=lambda each: each if isinstance(each, str) else ""
+)
+def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant(call, what, got, meant):
+    with pytest.raises(mpsim.errors.UnknownArgumentError) as caught:
+        call()
+    assert_says(caught, [f"an argument of {what} must be one of", f"got {got!r}. Did you mean {meant!r}?"])
+    assert isinstance(caught.value, TypeError), "as Python raises it"
+
+
+def test_a_value_without_its_name_and_a_setting_in_the_wrong_place_are_refused():
+    for call, what, got in (
+        (lambda: mpsim.Scene(10, 10), "Scene ", "width=...; got 10 alone"),
+        (lambda: mpsim.Scene.random(100), "Scene.random ", "count=...; got 100 alone"),
+        (lambda: mpsim.Scene.random(0.5, count=9), "Scene.random ", "radius=...; got 0.5 alone"),
+        (lambda: mpsim.draw(None, None, "red"), "draw ", "colour=...; got 'red' alone"),
+        (lambda: Units(1), "Units ", "length=...; got 1 alone"),
+    ):
+        with pytest.raises(mpsim.errors.UnknownArgumentError) as caught:
+            call()
+        assert_says(caught, [f"an argument of {what}must be given with its name, such as {got}."])
+    with pytest.raises(mpsim.errors.UnknownArgumentError, match=r"got 'dt'\. Use Settings\(dt=\.\.\.\)\."):
+        mpsim.Simulation(gas(3, 0.1), dt=0.01)
+    with pytest.raises(mpsim.errors.UnknownArgumentError, match=r"^((?!Settings).)*$"):
+        mpsim.Simulation(gas(3, 0.1), colour="red")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        InputError("dt must be positive"),
+        mpsim.errors.SceneFileError("a.toml", ["width must be positive", "radius must be positive"]),
+        mpsim.DivergedError(3, 7, (1.0, float("inf")), (0.0, 2.0)),
+        mpsim.WorkerDiedError(1, 4711, -9, "signal 9 (SIGKILL)", 12, "move"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_an_error_arrives_in_another_process_as_it_was_sent(error):
+    arrived = pickle.loads(pickle.dumps(error))
+    assert (type(arrived), str(arrived), arrived.args, vars(arrived)) == (
+        type(error),
+        str(error),
+        error.args,
+        vars(error),
+    )
+
+
+# --- units
+
+CHOSEN = {"length": 0.03, "mass": 0.2, "time": 0.7}
+BOLTZMANN = 1.380649e-23
+
+
+def test_units_multiply_as_the_quantities_do():
+    """Laws between quantities hold for their units: each from another two."""
+    units = Units(**CHOSEN)
+    one = {}
+    for name in """length mass time area rate velocity acceleration momentum force energy temperature pressure diffusion
+                   viscosity wave_number number_density""".split():  # noqa: SIM905
+        one[name] = units.to_si(1.0, name)
+        values = np.random.default_rng(1).normal(size=(5, 2))
+        assert units.from_si(units.to_si(values, name), name) == pytest.approx(values, rel=1e-15)
+    assert one == pytest.approx({
+        **CHOSEN, "area": one["length"] ** 2, "rate": 1 / one["time"], "velocity": one["length"] / one["time"],
+        "acceleration": one["velocity"] ** 2 / one["length"], "momentum": one["mass"] * one["velocity"],
+        "force": one["mass"] * one["acceleration"], "energy": one["force"] * one["length"],
+        "temperature": one["energy"] / BOLTZMANN, "pressure": one["energy"] / one["area"],
+        "diffusion": one["length"] * one["velocity"], "viscosity": one["pressure"] / one["rate"],
+        "wave_number": 1 / one["length"], "number_density": 1 / one["area"],
+    }, rel=1e-14)  # fmt: skip
+    for name in ("time", "velocity", "acceleration", "energy", "temperature"):
+        assert Units(length=0.03, mass=0.2, **{name: one[name]}).time == pytest.approx(0.7, rel=1e-14)
+    assert units == Units(**CHOSEN) != Units(**CHOSEN | {"time": 1})
+
+
+def test_argon_at_300_kelvin_has_its_speed():
+    """sqrt(kT/m) is 249.9 m/s, and the rms speed of a gas in two dimensions sqrt(2) times that."""
+    argon = Units(length=3.4e-10, mass=6.634e-26, temperature=300.0)
+    assert argon.to_si(1.0, "velocity") == pytest.approx(249.9, abs=0.1)
+    other = Units(length=2e-10, mass=6.634e-26, time=3e-13)
+    scene = mpsim.Scene.random(count=50, packing=0.1, radius=0.85, temperature=other.from_si(300.0, "temperature"))
+    speed = other.to_si(math.sqrt((scene.velocity**2).sum(axis=1).mean()), "velocity")
+    assert speed == pytest.approx(math.sqrt(2 * BOLTZMANN * 300 / 6.634e-26), rel=1e-12)
+
+
+SMALL = Units(length=0.01, mass=1.0, time=1.0)
+
+
+@pytest.mark.parametrize(
+    ("act", "parts"),
+    [
+        (lambda: Units(length=1, mass=1), ["must follow from one of time, velocity", "got none of them"]),
+        (lambda: Units(**CHOSEN, energy=1.0), ["must follow from one of", "got time and energy"]),
+        (lambda: Units(**CHOSEN | {"length": -1}), ["length must be a finite number > 0 [m]", "got -1"]),
+        (lambda: Units(**CHOSEN | {"time": "1 s"}), ["time must be a number > 0 in SI", "'1 s'"]),
+        (lambda: Units(**CHOSEN | {"length": 1e-200}), ["fit float64", "one unit of area is 0 in SI", "length=1e-200"]),
+        (lambda: SMALL.to_si(1.0, "presure"), ["quantity must be one of 'length'", "Did you mean 'pressure'?"]),
+        (lambda: SMALL.from_si(1.0, ["force"]), ["quantity must be one of", "['force']"]),
+        (lambda: SMALL.to_si(NAN, "force"), ["value must be finite; value is nan"]),
+        (lambda: SMALL.from_si([1.0, INF], "force"), ["value[1] is inf"]),
+        (lambda: SMALL.to_si("1 m", "length"), ["value must be numbers", "'1 m'"]),
+        (lambda: SMALL.from_si([[1], [1, 2]], "length"), ["value must be numbers", "[[1], [1, 2]]"]),
+        (lambda: SMALL.from_si(1e308, "length"), ["value in units of the scene must be finite"]),
+        (lambda: SMALL.to_si([1e308], "wave_number"), ["value in SI must be finite; value in SI[0] is inf"]),
+    ],
+)  # fmt: skip
+def test_wrong_units_and_values_are_refused(act, parts):
+    with pytest.raises(InputError) as caught:
+        act()
+    assert_says(caught, parts)
+
+
+# --- progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+Notebook = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})
+
+
+def on_screen(text):
+    """What a terminal shows in the end: the cursor returns at \\r, and \\x1b[K erases what is behind it."""
+    lines, line, at = [], "", 0
+    for part in re.findall(r"\x1b\[K|[\r\n]|[^\x1b\r\n]+", text):
+        if part == "\n":
+            lines, line, at = [*lines, line], "", 0
+        elif part == "\r":
+            at = 0
+        elif part == "\x1b[K":
+            line = line[:at]
+        else:
+            line, at = line[:at] + part + line[at + len(part) :], at + len(part)
+    return [*lines, line.rstrip()]
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """The last line of a stream at each frame of a run of 25 of them, one a second, and all lines at its end."""
+
+    def show(stream, step=1.0):
+        now, seen = [0.0], []
+
+        class Clock:
+            every = 1
+
+            def look(self, sim, collisions):
+                seen.append(on_screen(stream.getvalue())[-1])
+                now[0] += step
+
+        with simulate(gas(3, 0.1), method="naive") as sim, monkeypatch.context() as patch:
+            patch.setattr(sys, "stderr", stream)
+            patch.setattr(time, "monotonic", lambda: now[0])
+            sim.run(frames=25, progress=True, observe=Clock())
+        return seen, on_screen(stream.getvalue())
+
+    return show
+
+
+def test_a_terminal_has_a_line_with_rate_and_time_left_which_goes_at_the_end(shown, monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    seen, end = shown(Terminal())
+    assert any(re.fullmatch(r"frames \[############ +\] 15/25, [\d.]+/s, [\d.]+ s left", line) for line in seen), seen
+    assert end == [""]
+    notebook = Notebook()
+    _, end = shown(notebook)
+    assert "\x1b" not in notebook.getvalue()
+    assert re.fullmatch(r"frames \[####################\] 25/25, [\d.]+/s", end[0].rstrip()), "there it stays"
+    quick = Terminal()
+    shown(quick, 0.01)
+    assert 2 <= quick.getvalue().count("\r") <= 6, "ten times a second"
+
+
+def test_elsewhere_there_is_a_line_now_and_then(shown):
+    _, end = shown(io.StringIO())
+    assert end == ["9 of 25: frames, 1/s, 16 s left", "19 of 25: frames, 1/s, 6.0 s left", "25 of 25: frames, 1/s", ""]
+
+
+def test_a_run_shows_its_frames_when_asked_has_the_same_bits_and_cleans_up_when_it_fails(capsys, monkeypatch):
+    digests = []
+    for wanted in (None, False, True):
+        with simulate(gas(6, 0.2), method="naive") as sim:
+            sim.run(frames=20, progress=wanted)
+            digests.append(sim.digest())
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert re.fullmatch(r"20 of 20: frames(, [\d.,e+]+/s)?\n" if wanted else "", err)
+    assert len(set(digests)) == 1
+
+    class Ends:
+        every = 1
+
+        def look(self, sim, collisions):
+            if sim.frame == 10:
+                raise KeyError
+
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    with simulate(gas(6, 0.2), method="naive") as sim:
+        with pytest.raises(KeyError):
+            sim.run(frames=20, progress=True, observe=Ends())
+        with pytest.raises(
+            InputError, match=r"^progress must be True, False or a function, called as progress\(done, of"
+        ):
+            sim.run(frames=1, progress="yes")
+    assert on_screen(terminal.getvalue()) == [""]
+
+
+# --- cores
+
+MOUNTS = {
+    1: "30 24 0:26 {} /sys/fs/cgroup/cpu rw,relatime shared:9 - cgroup cgroup rw,cpu,cpuacct\n",
+    2: "30 24 0:26 {} /sys/fs/cgroup rw,relatime - cgroup2 cgroup2 rw,nsdelegate\n",
+}
+ODD = "40 24 0:30 / /a rw - tmpfs  rw\n41 24 0:31 / /b rw shared:2 - tmpfs - rw\n42 24 0:32 / /\udce9 rw - tmpfs a rw\n"
+"""Mounts without a source, with a dash for one, with a name that is not UTF-8."""
+
+
+def groups(version, path, mounted="/", odd=""):
+    """What a process in a group of this path sees, where the group `mounted` stands at the top."""
+    line = f"5:memory:/\n3:cpu,cpuacct:{path}\n0::/\n" if version == 1 else f"0::{path}\n"
+    return {"/proc/self/cgroup": line, "/proc/self/mountinfo": odd + MOUNTS[version].format(mounted)}
+
+
+def v1(folder, cores):
+    return {f"/sys/fs/cgroup/cpu{folder}/cpu.cfs_quota_us": f"{cores}00000\n",
+            f"/sys/fs/cgroup/cpu{folder}/cpu.cfs_period_us": "100000\n"}  # fmt: skip
+
+
+def v2(folder, text):
+    return {f"/sys/fs/cgroup{folder}/cpu.max": f"{text}\n"}
+
+
+JOB = groups(2, "/user/job")
+CORES = {
+    "no limits": ({}, 8), "affinity": ({"affinity": 3}, 3), "fewer": ({"cores": 4}, 4), "unknown": ({"cores": None}, 1),
+    "user": ({"user": "3"}, 3), "user 0": ({"user": "0"}, 1), "user none": ({"user": "default"}, 8),
+    "user negative": ({"user": "-2"}, 8),
+    "no quota": ({"files": JOB | v2("/user/job", "max 100000")}, 8),
+    "quota of two cores": ({"files": JOB | v2("/user/job", "200000 100000")}, 2),
+    "quota rounded up": ({"files": JOB | v2("/user/job", "250000 100000")}, 3),
+    "quota of half a core": ({"files": JOB | v2("/user/job", "50000 100000")}, 1),
+    "quota of a parent": ({"files": JOB | v2("/user/job", "max 100000") | v2("/user", "300000 100000")}, 3),
+    "quota of the root": ({"files": JOB | v2("", "400000 100000")}, 4),
+    "affinity below quota": ({"affinity": 2, "files": JOB | v2("/user/job", "500000 100000")}, 2),
+    "empty quota": ({"files": JOB | v2("/user/job", "")}, 8), "nonsense": ({"files": JOB | v2("/user/job", "odd")}, 8),
+    "own group at the top": ({"files": groups(2, "/docker/a", "/docker/a") | v2("", "200000 100000")}, 2),
+    "odd mounts": ({"files": groups(2, "/user/job", odd=ODD) | v2("/user/job", "200000 100000")}, 2),
+    "version 1": ({"files": groups(1, "/job") | v1("/job", 3)}, 3),
+    "version 1 unlimited": ({"files": groups(1, "/job") | v1("/job", 3)
+                             | {"/sys/fs/cgroup/cpu/job/cpu.cfs_quota_us": "-1\n"}}, 8),
+    "version 1, a parent": ({"files": groups(1, "/pod/own") | v1("/pod", 2)}, 2),
+    "version 1, own group at the top": ({"files": groups(1, "/pod/own", "/pod/own") | v1("", 2)}, 2),
+    "version 1, below the top": ({"files": groups(1, "/pod/own", "/pod") | v1("/own", 3) | v1("", 5)}, 3),
+    "version 1, another of the same name": ({"files": groups(1, "/own", "/pod") | v1("/own", 1)}, 8),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CORES)
+def test_the_least_of_machine_affinity_quota_and_wish_is_the_number_of_cores(case, monkeypatch):
+    """On a pretended machine, by the threads that a sweep takes."""
+    pretended, expected = CORES[case]
+    files, read = pretended.get("files", {}), Path.read_text
+
+    def pretend(path, *how, **named):
+        if str(path) in files:
+            return files[str(path)]
+        if str(path).startswith(("/proc/self/", "/sys/fs/cgroup")):
+            raise FileNotFoundError
+        return read(path, *how, **named)
+
+    monkeypatch.setattr(psutil, "cpu_count", lambda: pretended.get("cores", 8))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(pretended.get("affinity", 8))))
+    monkeypatch.setattr(Path, "read_text", pretend)
+    monkeypatch.setenv("PYTHON_CPU_COUNT", pretended.get("user", "default"))
+    assert cores_that_are_used() == expected
+
+
+def cores_that_are_used():
+    """The largest number of runs of a sweep at once: it has a thread for each core."""
+    inside, most, lock = [0], [0], threading.Lock()
+
+    def wait(x):
+        with lock:
+            inside[0] += 1
+            most[0] = max(most[0], inside[0])
+        time.sleep(0.01)
+        with lock:
+            inside[0] -= 1
+        return {}
+
+    mpsim.sweep(wait, {"x": range(24)})
+    return most[0]
+
+
+def test_the_real_affinity_is_respected():
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        assert cores_that_are_used() == 1
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+# --- what the named scenes promise
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pi", "growth", "piston", *(
+    pytest.param(each, marks=pytest.mark.long) for each in
+    ("brownian", "channel", "cooling", "cradle", "galton", "hopper", "mixture", "rough-hopper"))])  # fmt: skip
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # a box that fills lets discs wait
+def test_a_named_scene_shows_what_it_promises_and_another_number_would_not_do(name):
+    found = mpsim.findings(name)
+    assert (found.scene, found.consistent) == (name, True), str(found)
+    page = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text()
+    (expected,) = re.findall(rf"(?m)^\| `{name}` \|[^|]*\| ([^|]*) \|[^|]*\|$", page)
+    assert expected == f"{found.numbers[0].expected:.4g}", "the page says it"
+    number = found.numbers[0]
+    for off, consistent in ((0.9 * number.within, True), (1.1 * number.within + 0.5, False), (NAN, False)):
+        assert dataclasses.replace(number, found=number.expected + off).consistent is consistent
+
+
+def test_the_findings_are_printed_after_a_run_as_recommended():
+    line = "collisions of discs and with the wall [1]: 314 found, 314 expected (digits of pi: Galperin 2003)\n"
+    assert mpsim_command("run", "pi", "--quiet").stdout.endswith(line)
+    assert "expected" not in mpsim_command("run", "pi", "--quiet", "--until", 1).stdout, "not as long"
+    with pytest.raises(InputError, match=r"name must be one of 'brownian'.* got 'hoper'. Did you mean 'hopper'\?"):
+        mpsim.findings("hoper")
