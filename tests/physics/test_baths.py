@@ -1,0 +1,257 @@
+"""Thermostats and thermal walls against closed forms: temperatures, velocities, pressure; each with its control."""
+
+import math
+
+import numpy as np
+import pytest
+from support.distributions import distance, normal
+from support.scenes import simulate
+
+import mpsim
+from mpsim import Scene, ThermalWalls, Thermostat, measure
+from mpsim.measure import reference
+
+pytestmark = [
+    pytest.mark.plain,
+    pytest.mark.timeout(400),
+    pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),
+]
+
+UNLIKELY = 1.95
+"""Of Kolmogorov's statistic: exceeded once in a thousand times."""
+
+
+def bath_of(count, seed=1, radius=1e-4, **features):
+    """Discs so small that they hardly meet, in a box of 10 x 10."""
+    return Scene.random(count=count, width=10, height=10, radius=radius, seed=seed, **features)
+
+
+# --- thermostats
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "temperature"),
+    [
+        ("naive", {"dt": 0.5}, 3.0),
+        ("naive", {"dt": 1.0, "substeps": 2}, 0.25),
+        pytest.param("event", {"dt": 0.5}, 3.0, marks=pytest.mark.long),
+    ],
+)
+def test_a_gas_relaxes_exponentially_to_the_temperature_of_the_bath(method, settings, temperature):
+    """T(t) = T + (T0 - T) exp(-rate t), t without the first frame, as it acts between two frames.
+
+    The controls: half the rate, and another bath.
+    """
+    times, rate, found = np.array([2.0, 4.0, 8.0]), 0.25, []
+    for seed in range(16):
+        bath = Thermostat(temperature, rate, seed=seed)
+        scene = bath_of(30, seed, boundary="periodic", thermostat=bath)
+        with simulate(scene, method=method, contact="impact", **settings) as sim:
+            temperatures = []
+            for time in times:
+                sim.run(until=time)
+                temperatures.append(measure.temperature(sim.state, scene))
+        found.append(temperatures)
+    mean, error = np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / math.sqrt(16)
+    law = lambda rate, bath: bath + (1 - bath) * np.exp(-rate * (times - settings["dt"]))  # noqa: E731
+    assert (np.abs(mean - law(rate, temperature)) / error).max() < 4
+    for wrong in (law(rate / 2, temperature), law(rate, 1.5 * temperature)):
+        assert (np.abs(mean - wrong) / error).max() > 3
+
+
+@pytest.mark.parametrize("method", ["naive", "event"])
+def test_velocities_become_those_of_maxwell_for_each_mass(method):
+    """All begin with one speed. The controls: the start, and velocities as if all discs had the same mass."""
+    mass, angles = np.where(np.arange(60) % 3, 1.0, 4.0), np.random.default_rng(2).uniform(0, 2 * np.pi, 60)
+    scene = Scene(
+        width=10, height=10, position=bath_of(60).position, radius=1e-4, mass=mass, boundary="periodic",
+        velocity=np.stack([np.cos(angles), np.sin(angles)], axis=1), thermostat=Thermostat(2.0, 2.0, seed=1),
+    )  # fmt: skip
+    found = []
+    with simulate(scene, method=method, dt=1.0, contact="impact") as sim:
+        for _ in range(12):
+            sim.run(frames=3)
+            found.append(sim.state.velocity.astype(float))
+    scaled = np.array(found) * np.sqrt(mass / 2.0)[:, None]
+    assert distance(scaled.ravel(), normal) < UNLIKELY
+    assert np.mean((scaled**2).sum(axis=2) ** 2) / np.mean((scaled**2).sum(axis=2)) ** 2 == pytest.approx(2, abs=0.2)
+    assert distance(np.tile((scene.velocity * np.sqrt(mass / 2.0)[:, None]).ravel(), 12), normal) > UNLIKELY
+    assert distance((np.array(found) * math.sqrt(mass.mean() / 2.0)).ravel(), normal) > UNLIKELY
+
+
+def test_momentum_of_the_whole_gas_has_the_energy_of_one_disc_and_presses_with_it():
+    """In a bath it is not conserved: its kinetic energy is kT, of two degrees of freedom. At the start it is 0.
+
+    So three discs press with three kT, where two would be right of a flow: the control.
+    """
+    scene, found = bath_of(3, boundary="periodic", thermostat=Thermostat(1.0, 20.0)), []
+    with simulate(scene, method="naive", dt=0.2) as sim:
+        assert np.abs(sim.state.velocity.sum(axis=0)).max() < 1e-10
+        for _ in range(200):
+            sim.run(frames=2)
+            found.append(float((sim.state.velocity.sum(axis=0) ** 2).sum()) / (2 * 3))
+        measures = sim.run(frames=2400, measures=["pressure_xx", "pressure_yy"]).measures
+    assert np.mean(found) == pytest.approx(1.0, abs=4 / math.sqrt(200))
+    for each in measures.values():
+        pressed, error = each.value * 100, each.error * 100
+        assert abs(pressed - 3) < 4 * error < 0.8
+        assert abs(pressed - 2) > 4 * error
+
+
+def settled(bath, restitution, packing=0.05):
+    """Temperature at which the bath gives as much energy as collisions take.
+
+    rate (T_bath - T) = (1 - e^2) / 2 omega(T) T, omega being Enskog's collision rate: by Gaussian velocities, as in
+    Haff's law (van Noije and Ernst, Granular Matter 1, 57, 1998, in two dimensions).
+    """
+    low, high = 0.0, bath.temperature
+    for _ in range(60):
+        middle = (low + high) / 2
+        loss = (1 - restitution**2) / 2 * reference.enskog_rate(packing, 0.5, middle) * middle
+        low, high = (middle, high) if bath.rate * (bath.temperature - middle) > loss else (low, middle)
+    return low
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_driven_granular_gas_settles_where_heating_equals_cooling(method):
+    """The controls: half the losses, twice the rate; and without losses the gas has the temperature of the bath."""
+    bath, e, temperatures = Thermostat(1.0, 0.08, seed=4), 0.8, {}
+    for restitution in (e, 1.0):
+        scene = Scene.random(count=2500, packing=0.05, radius=0.5, seed=1, boundary="periodic", thermostat=bath,
+                             restitution=restitution)  # fmt: skip
+        with simulate(scene, method=method, dt=0.05, contact="impact") as sim:
+            sim.run(until=40.0)
+            temperatures[restitution] = sim.run(until=240.0, measures=["temperature"]).measures["temperature"]
+    found, elastic = temperatures[e], temperatures[1.0]
+    assert found.error < 0.01
+    assert abs(found.value - settled(bath, e)) < 3 * found.error + 0.01 * found.value, "1 %: not quite Gaussian"
+    assert abs(elastic.value - 1.0) < 4 * elastic.error
+    for wrong in (settled(bath, math.sqrt((1 + e * e) / 2)), settled(Thermostat(1.0, 0.16), e), 1.0):
+        assert abs(found.value - wrong) > 6 * found.error + 0.01 * found.value
+
+
+# --- thermal walls
+
+
+def temperatures(scene, begin, count, apart, **settings):
+    """Of the motion along x and along y: (count, 2), from a time on, so far apart; and the velocities."""
+    velocities = []
+    with simulate(scene, contact="impact", **settings) as sim:
+        for index in range(count):
+            sim.run(until=begin + index * apart)
+            velocities.append(sim.state.velocity.astype(float))
+    found = np.array(velocities)
+    return (found**2).mean(axis=1), found
+
+
+def mean_and_error(series):
+    """Of a stationary series, by blocks."""
+    blocks = np.array([each.mean() for each in np.array_split(series, 10)])
+    return blocks.mean(), blocks.std(ddof=1) / math.sqrt(10)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"method": "naive", "dt": 1.0},
+        pytest.param({"method": "naive", "dt": 1.0, "contact": "push"}, marks=pytest.mark.long),
+        pytest.param({"method": "event", "dt": 1.0}, marks=pytest.mark.long),
+    ],
+    ids=str,
+)
+def test_a_gas_comes_to_the_temperature_and_the_velocities_of_its_walls(settings):
+    """It begins at another one. The controls: that one, and velocities of it."""
+    walls = ThermalWalls(left=2.0, right=2.0, bottom=2.0, top=2.0, seed=3)
+    scene = bath_of(30, thermal_walls=walls)
+    velocities = []
+    with simulate(scene, **{"contact": "impact", **settings}) as sim:
+        for index in range(20):
+            sim.run(until=60.0 + 20 * index)
+            velocities.append(sim.state.velocity.astype(float))
+        pressure = sim.run(until=sim.time + 200, measures=["pressure"]).measures["pressure"]
+    found = np.array(velocities)
+    for along in (found**2).mean(axis=1).T:
+        mean, error = mean_and_error(along)
+        assert error < 0.2
+        assert abs(mean - 2.0) < 4 * error
+        assert abs(mean - 1.0) > 5 * error
+    scaled = (found / math.sqrt(2.0)).ravel()
+    assert distance(scaled, normal) < UNLIKELY
+    assert distance(math.sqrt(2.0) * scaled, normal) > UNLIKELY
+    assert abs(pressure.value - 30 * 2.0 / 100) < 4 * pressure.error + 0.02
+    assert abs(pressure.value - 30 * 1.0 / 100) > 5 * pressure.error
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"method": "naive", "dt": 0.5}, pytest.param({"method": "event", "dt": 10.0}, marks=pytest.mark.long)],
+    ids=str,
+)
+def test_discs_that_never_meet_have_the_geometric_mean_of_two_walls(settings):
+    """Each wall sends as many discs per time as the other, n sqrt(T) of each stream are equal: T = sqrt(T1 T2).
+
+    The controls: the arithmetic mean, and each wall alone.
+    """
+    cold, hot = 1.0, 9.0
+    scene = bath_of(40, thermal_walls=ThermalWalls(left=cold, right=hot, seed=1))
+    series, _ = temperatures(scene, 40.0, 30, 10.0, **settings)
+    for along in series.T:
+        mean, error = mean_and_error(along)
+        assert error < 0.4
+        assert abs(mean - math.sqrt(cold * hot)) < 4 * error
+        for wrong in (cold, hot, (cold + hot) / 2):
+            assert abs(mean - wrong) > 4 * error
+
+
+def test_a_wall_without_the_weight_of_the_flux_would_have_another_temperature():
+    """The control of the tests above, of a disc between two walls: slow discs then stay in the box for too long."""
+    rng, kept = np.random.default_rng(1), {}
+    for name, draw in (("right", lambda n: rng.rayleigh(size=n)), ("wrong", lambda n: np.abs(rng.normal(size=n)))):
+        speed = np.sqrt(2.0) * draw(200_000)
+        kept[name] = float(speed.sum() / (1 / speed).sum())
+    assert kept["right"] == pytest.approx(2.0, abs=0.05)
+    assert abs(kept["wrong"] - 2.0) > 0.5
+
+
+# --- a bath and `tradeoff`
+
+
+def lossy(**features):
+    """A gas that collisions cool and a bath heats."""
+    kind = {"boundary": "periodic", "restitution": 0.7, "thermostat": Thermostat(1.0, 1.0)} | features
+    return Scene.random(count=40, packing=0.3, radius=0.5, seed=1, **kind)
+
+
+@pytest.mark.long
+def test_the_reference_of_a_trade_has_a_bath_in_time_and_frames_that_are_too_long_are_seen():
+    """In frames of dt, a bath of rate a and losses of rate b leave 1 - f(a dt) f(b dt)/f((a + b) dt) of the energy.
+
+    f(x) = (1 - exp(-x))/x; so that the collision rate, which follows its root, errs by about -a b dt^2/24.
+    """
+    short, steps, long = (
+        mpsim.Settings(dt=dt, method=method) for dt, method in ((0.05, "event"), (0.02, "grid"), (2.0, "event"))
+    )
+    table = mpsim.tradeoff(lossy(), [short, steps, long], 32.0, ["collision_rate"], replicas=16, seconds=30.0)
+    assert "a thermostat acts once a frame" in table.reference
+    fine, stepped, wrong = (row.errors["collision_rate"] for row in table.rows)
+    for error in (fine, stepped):
+        assert abs(error.value) < 4 * error.error < 0.05
+    assert wrong.resolved, "the control: its bath acts sixteen times in a run"
+    assert -0.5 < wrong.value < -0.02, "fewer collisions, as the gas cools between the frames of its bath"
+    assert math.isfinite(wrong.bound)
+
+
+@pytest.mark.slow
+def test_trajectories_beside_a_bath_are_those_of_the_same_kicks_and_tune_names_its_frames():
+    """Errors of short runs fall with the step: a reference whose bath acted at other times would differ at any step."""
+    candidates = [mpsim.Settings(dt=dt, method="grid") for dt in (0.05, 0.005)]
+    names = ["trajectory", "missed_collisions"]
+    table = mpsim.tradeoff(lossy(), candidates, 8.0, names, replicas=2, seconds=30.0)
+    coarse, fine = (row.errors["trajectory"].value for row in table.rows)
+    assert fine < coarse / 4
+    assert fine < 0.02
+    exact = [mpsim.Settings(method="event")]
+    found = mpsim.tune(lossy(), {"collision_rate": 0.05}, until=8.0, candidates=exact, replicas=6, seconds=20.0)
+    assert found.exact
+    assert f"dt={found.settings.dt:.3g}" in found.reference, "the answer has the frames of the reference"

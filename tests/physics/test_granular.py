@@ -1,0 +1,154 @@
+"""Discs that lose energy: cooling by Haff's law, collapse, and heaps; each with its control."""
+
+import math
+
+import numpy as np
+import pytest
+from support.scenes import gas, simulate
+
+import mpsim
+from mpsim import FixedDisc, Polyline, Scene
+from mpsim.measure import Measure, independent_average, reference_motion
+
+pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
+
+PACKING = 0.1
+"""Small and dilute gases: vortices and clusters, which Haff's law leaves out, need room to grow."""
+
+
+def cooled(restitution, starts, count=50, law_of=None, rate=None, until=16.0, **settings):
+    """Temperature over that of Haff's law for the restitution `law_of`, after so many collisions per disc, or in time
+    where a rate is given."""
+    ratios = []
+    for seed in range(starts):
+        with simulate(gas(count, PACKING, seed=seed, restitution=restitution), **settings) as sim:
+            if rate:
+                sim.run(until=until)
+                expected = reference_motion.haff_in_time(sim.time, law_of or restitution, rate)
+            else:
+                collisions, frames = 0.0, 1 if settings["method"] == "event" else 20
+                while collisions < until:
+                    collisions += 2 * sim.run(frames=frames).collisions / count
+                expected = reference_motion.haff_by_collisions(collisions, law_of or restitution)
+            ratios.append((sim.state.velocity**2).mean() / expected)
+    return independent_average(ratios)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"method": "event", "dt": 2.0}, {"method": "naive", "contact": "impact", "dt": 0.1}], ids=str
+)
+def test_a_granular_gas_cools_by_haffs_law(settings, figures):
+    """The law takes velocities as Maxwellian and as uncorrelated. The controls: other losses, and none."""
+    found = cooled(0.9, 5, 16, until=8.0, **settings)
+    assert found.error < 0.08
+    assert abs(found.value - 1) < 0.04 + 3 * found.error, f"T over Haff's law {found}"
+    other = cooled(0.95, 2, 16, law_of=0.9, until=8.0, **settings)
+    assert other.value > 1.3
+    none = cooled(1.0, 2, 16, law_of=0.9, until=2.0, **settings)
+    assert none.value == pytest.approx(math.exp((1 - 0.9**2) * 2 / 2), rel=0.1)
+    figures.note("E1", settings["method"], "T over Haff's law, e = 0.9, 8 collisions", 1, found, f"e = 0.95: {other}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("starts", [60, pytest.param(1000, marks=pytest.mark.long)])
+def test_a_granular_gas_cools_by_haffs_law_per_collision_within_two_per_cent(starts, figures):
+    """By the exact solver and by impact. Normals that are found late, those of push, must cool too slowly."""
+    exact = {"method": "event", "dt": 2.0}
+    impact, push = ({"method": "naive", "contact": how, "dt": dt} for how, dt in (("impact", 0.05), ("push", 0.1)))
+    for settings in (exact, impact):
+        found = cooled(0.9, starts, **settings)
+        assert found.error < 0.017, f"too few starts: {found}"
+        assert abs(found.value - 1) < 0.02 + 2 * found.error, f"T over Haff's law {found}"
+        figures.note("E1", settings["method"], "T over Haff's law, e = 0.9, 16 collisions", "1 within 2 %", found)
+    wrong = cooled(0.91, starts // 3, law_of=0.9, **exact)
+    assert wrong.value - 1 > 0.03 + 2 * wrong.error, f"a gas of e = 0.91 must fail the law; got {wrong}"
+    late = cooled(0.9, starts, **push)
+    assert late.value > 1.01 + 3 * late.error, f"got {late}"
+
+
+def rate_at_rest(starts, **settings):
+    """Collisions per disc and time of the elastic gas in equilibrium at T = 1, in the same box."""
+    rates = []
+    for seed in range(starts):
+        with simulate(gas(50, PACKING, seed=seed), **settings) as sim:
+            sim.run(until=20)
+            rates.append(sim.run(until=620, measures=["collision_rate"]).measures["collision_rate"].value)
+    return independent_average(rates)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("starts", [150, 1500])
+def test_a_granular_gas_cools_by_haffs_law_in_time(starts, figures):
+    """Within 3 %, with the exact rate of the same discs at rest. At h = 0.1 those of impact and push are too low."""
+    exact = rate_at_rest(16, method="event", dt=20.0)
+    how = {contact: {"method": "naive", "contact": contact, "dt": 0.1} for contact in ("impact", "push")}
+    amiss = {}
+    for contact, settings in how.items():
+        rate = rate_at_rest(16, **settings)
+        amiss[contact] = Measure(rate.value / exact.value - 1, math.hypot(rate.error, exact.error) / exact.value, 16)
+    assert -0.02 < amiss["impact"].value < 0
+    assert -0.06 < amiss["push"].value < -0.025
+    for settings in ({"method": "event", "dt": 60.0}, how["impact"]):
+        found = cooled(0.9, starts, rate=exact.value, until=60.0, **settings)
+        assert abs(found.value - 1) < 0.03 + 2 * found.error, f"T over Haff's law in time {found}"
+    other = cooled(0.91, starts // 2, law_of=0.9, rate=exact.value, until=60.0, method="event", dt=60.0)
+    assert other.value - 1 > 0.05 + 3 * other.error, f"a gas of e = 0.91 must fail; got {other}"
+    push = cooled(0.9, starts, rate=exact.value, until=60.0, **how["push"])
+    assert push.value > 1.03 + 2 * found.error, f"push must cool too slowly; got {push}"
+    figures.note("E2", "impact", "T over Haff's law in time, e = 0.9, dt = 0.1", "1 within 3 %", found, f"push: {push}")
+    figures.note("E2", "impact", "collision rate, dt = 0.1, bias", "-2 % to 0", amiss["impact"], amiss["push"])
+
+
+def test_inelastic_collapse_ends_with_the_guard(figures):
+    """Above e = 7 - 4 sqrt 3 there is no collapse of three discs, and the guard has nothing to do: the control."""
+    reports = {}
+    for e in (0.05, 0.2):
+        scene = Scene(width=40, height=1, position=[[10.0, 0.5], [11.5, 0.5], [13.2, 0.5]],
+                      velocity=[[1.0, 0.0], [0.0, 0.0], [-1.0, 0.0]], radius=0.5, restitution=e)  # fmt: skip
+        with simulate(scene, method="event", dt=3.0, contact_time=1e-6) as sim:
+            if e == 0.05:
+                with pytest.warns(mpsim.errors.GuardWarning):
+                    reports[e] = sim.run(frames=1)
+            else:
+                reports[e] = sim.run(frames=1)
+    assert reports[0.05].guarded > 0
+    assert reports[0.05].collisions < 1000
+    assert reports[0.2].guarded == 0
+    assert reports[0.2].collisions >= 2
+    figures.note(
+        "E4", "event", "collapse of three discs: losses suppressed", "> 0", reports[0.05].guarded, "e = 0.2: 0"
+    )
+
+
+def heap(dt, restitution, count, until):
+    """Kinetic energy per disc, how far discs moved over the last quarter, and how many sank through a bent line."""
+    rng, index = np.random.default_rng(0), np.arange(count)
+    position = np.stack([1 + 1.1 * (index % 5) + 0.04 * (index // 5 % 2), 3 + 1.1 * (index // 5)], axis=1)
+    scene = Scene(
+        width=7, height=16, position=position + rng.uniform(-0.04, 0.04, (count, 2)), velocity=np.zeros((count, 2)),
+        radius=0.5, gravity=(0, -1.0), restitution=restitution, wall_restitution=restitution,
+        obstacles=[Polyline([(0, 1.7), (3.5, 1), (7, 1.7)]), FixedDisc((3.5, 2.4), 0.3)],
+    )  # fmt: skip
+    with simulate(scene, method="naive", dt=dt, contact="impact", passes=4) as sim:
+        sim.run(until=until * 3 / 4)
+        before, energies = sim.state.position, []
+        for _ in range(10):
+            sim.run(until=sim.time + until / 40)
+            energies.append((sim.state.velocity**2).sum() / 2 / count)
+        after = sim.state.position
+    below = after[:, 1] < 1 + np.abs(after[:, 0] - 3.5) * 0.2
+    return np.mean(energies), np.abs(after - before).max(), below.sum()
+
+
+@pytest.mark.parametrize(("count", "until"), [(9, 20.0), pytest.param(60, 200.0, marks=pytest.mark.long)])
+def test_an_inelastic_heap_comes_to_rest_and_stays(count, until, figures):
+    """What is left is the fall of a frame in each layer, some (6 g dt)^2 / 2 per disc: of second order, no heat."""
+    dt = 0.03 if count == 9 else 0.01
+    energy, moved, sunk = heap(dt, 0.5, count, until)
+    assert energy < (8 * dt) ** 2, f"{energy} per disc is left"
+    assert moved < 0.5, f"a disc has moved by {moved} in the last quarter"
+    assert sunk == 0, f"{sunk} discs have sunk through the line"
+    hot, _, _ = heap(dt, 1.0, count, until / 4)
+    assert hot > 0.1, "an elastic one must stay hot"
+    figures.note("P4", "impact", f"heap of {count}, e = 0.5: energy per disc", "< (8 g dt)^2", f"{energy:.0e}", "e = 1")
