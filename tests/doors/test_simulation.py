@@ -297,9 +297,9 @@ with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_a_first_run_says_what_it_compiles_and_a_second_one_nothing(tmp_path):
-    first, second = (run_script(FIRST, env={"NUMBA_CACHE_DIR": str(tmp_path)}, bound=120) for _ in range(2))
+    first, second = (run_script(FIRST, env={"NUMBA_CACHE_DIR": str(tmp_path)}, bound=240) for _ in range(2))
     for outcome in (first, second):
         assert_clean(outcome)
     assert "INFO mpsim: compiling the loops for this scene, once; about" in first.out

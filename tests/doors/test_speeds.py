@@ -434,9 +434,10 @@ def test_what_the_exact_solver_cannot_resolve_is_told():
 
 @pytest.mark.parametrize(("precision", "hint"), [("float32", " or precision='float64'."), ("float64", ".")])
 def test_only_float32_is_told_to_take_float64(precision, hint):
-    with simulate(gas(9, 0.1), precision=precision) as sim:
-        with pytest.raises(InputError, match=re.escape(f"Use other units{hint}") + "$"):
-            sim.set(3, velocity=(1e200, 0))
+    with simulate(gas(9, 0.1, spin=0.0), precision=precision) as sim:
+        for values in ({"velocity": (1e200, 0)}, {"spin": 1e200}):
+            with pytest.raises(InputError, match=re.escape(f"Use other units{hint}") + "$"):
+                sim.set(3, **values)
         with pytest.raises(InputError):
             sim.add([1, 1], [1e300, 0])
 
