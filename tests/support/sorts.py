@@ -6,7 +6,7 @@ by its first mark where the whole default suite runs it:
     pytestmark = pytest.mark.plain       features of small scenes: in the process with NUMBA_DISABLE_JIT=1
     pytestmark = pytest.mark.compiled    machine code, workers, thousands of discs: in the other
 
-Files without such a mark run in either, when its own are done; the examples of docstrings are compiled.
+Files without such a mark run in either, when its own are done. Examples of docstrings are plain, but for long ones.
 """
 
 import os
@@ -18,11 +18,14 @@ from xdist.scheduler import LoadFileScheduling
 
 PACKAGE = Path(__file__).parents[2] / "mpsim"
 
+LONG_EXAMPLES = ("time_correlations.py", "compression.py", "tradeoff.py", "comparison.py", "series.py")
+"""Modules of mpsim whose examples run for thousands of frames."""
+
 PLAIN_NODE = "gw0"
 """The process of the plain files, by the name that xdist gives it."""
 
 _VARIABLE = "MPSIM_TESTS_IN_PLAIN_PYTHON"
-_MARK = re.compile(r"^pytestmark = .*?mark\.(plain|compiled)\b", re.MULTILINE)
+_MARK = re.compile(r"^pytestmark = (?:\[\s*)?pytest\.mark\.(plain|compiled)\b", re.MULTILINE)
 
 
 def announce() -> None:
@@ -40,7 +43,7 @@ def variables() -> dict[str, str]:
 def sort_of(path: Path) -> str | None:
     """`plain`, `compiled`, or None for a file of no sort."""
     if path.is_relative_to(PACKAGE):
-        return "compiled"
+        return "compiled" if path.name in LONG_EXAMPLES else "plain"
     found = _MARK.search(path.read_text())
     return found.group(1) if found else None
 
