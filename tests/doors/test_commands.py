@@ -1,0 +1,349 @@
+"""The command `mpsim`: exit codes 0 done, 1 failed, 2 wrong usage or input; what it prints; help."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import warnings
+
+import click
+import pytest
+from click.shell_completion import ShellComplete
+from support.commands import mpsim_command
+
+import mpsim
+from mpsim.cli.app import main
+
+pytestmark = pytest.mark.plain
+
+NAMES = sorted(main.commands)
+
+
+# --- wrong usage and input
+
+FRAMES = "must be a whole number >= 1"
+LONG = "must be at most 1,000,000,000,000 frames of"
+BUDGET = "must be a number > 0, such as 0.05 or 5%."
+REFUSED = [
+    ("run gas --frames 3 --until 2", "Give --frames or --until, not both."),
+    ("resume gas --frames 3 --until 2", "Give --frames or --until, not both."),
+    ("run gas --every 3", "--every needs --out, the folder to write to."),
+    ("run gas --force", "--force needs --out"),
+    ("run gas --format gsd", "--format needs --out"),
+    ("run gas --dt 0", "'--dt': '0' must be a number > 0, such as 0.05."),
+    ("run gas --frames 0", f"'0' {FRAMES}."),
+    ("run gas --frames 5.5", f"'--frames': '5.5' {FRAMES}. Give 5 or 6."),
+    ("run gas --frames many", f"'many' {FRAMES}."),
+    ("run gas --frames inf", f"'inf' {FRAMES}."),
+    ("run gas --workers 0", "'--workers': '0' must be a whole number from 1 to 1024."),
+    ("run gas --workers 1024.5", "'1024.5' must be a whole number from 1 to 1024. Give 1024."),
+    ("run gas --frames 30 --start 0.3", "--start must lie before the end of the run, at time 0.3; got 0.3"),
+    ("run gas --start -1", "Invalid value for '--start'"),
+    ("run gas --start soon", "Invalid value for '--start'"),
+    ("run gsa", "got 'gsa'. Did you mean 'gas'?"),
+    ("run none.toml", "scene must be a file that can be read; got 'none.toml' (No such file or directory)."),
+    ("run gas --method gird", "'--method': 'gird' is not one of"),
+    ("run gas --on-fast substp", "Did you mean 'substep'?"),
+    ("run gas --measure presure", "Did you mean 'pressure'?"),
+    (
+        "run gas --method naive --dt 1 --frames 1 --on-fast error",
+        "Use --dt 0.079, --substeps 13 or --on-fast substep; --on-fast warn runs it anyway.",
+    ),
+    (
+        "run gas --method event --precision float32",
+        "--method event cannot do --precision float32. Leave it out, or use --method grid.",
+    ),
+    ("run gas --version", "--version stands before the command: mpsim --version"),
+    ("run gas -v", "-v stands before the command: mpsim -v ..."),
+    ("animate gsa a.gif", "got 'gsa'. Did you mean 'gas'?"),
+    ("animate gas", "Give the file to write once, as OUT or by --out, such as gas.gif."),
+    ("animate gas a.gif --out b.gif", "Give the file to write once, as OUT or by --out, such as gas.gif."),
+    ("animate gas a.gif --frames 3 --until 2", "--frames must not come with --until or --seconds"),
+    ("animate gas a.gif --seconds 2 --frames 5", "--frames must not come with --until or --seconds"),
+    *(
+        (f"animate gas a.gif {option}", f"Invalid value for '{option.split()[0]}'")
+        for option in ("--seconds 0", "--seconds nan", "--until -1", "--fps 0", "--theme blue")
+    ),
+    ("animate gas a.gif --until 1e300", f"--until {LONG} 0.01; got 1e+300."),
+    ("animate gas a.gif --until 1e308 --seconds 1", f"--until {LONG} 0.01; got 1e+308."),
+    ("animate gas a.gif --dt 1e-300", f"the scene's duration {LONG} 1e-300; got 100."),
+    (
+        "animate gas a.gif --until 1e9 --every 2",
+        "--until must be at most 1999.98 with --every 2, 100,000 pictures; got 1e+09.",
+    ),
+    ("animate gas a.gif --colour worker --method naive", "this run is by 'naive'. Use --method parallel"),
+    ("animate gas a.avi", "an animation's path must end in .gif or .mp4; got "),
+    ("animate gas a.pdf", "Use a.gif. One picture is made by mpsim.draw or `mpsim plot`."),
+    ("plot /nope", "'/nope' does not (No such file or directory)."),
+    ("show glaton", "got 'glaton'. Did you mean 'galton'?"),
+    ("completion tcsh", "'tcsh' is not one of 'bash', 'zsh', 'fish'."),
+    ("shwo", "No such command 'shwo'"),
+    ("tune", "Missing argument 'SCENE'."),
+    ("tune cradle", "Give at least one budget: --pressure, --collision-rate, "),
+    *((f"tune cradle --pressure {value}", f"'--pressure': '{value}' {BUDGET}") for value in ("x", "-1", "nan")),
+    ("tune gas --pressure 200%", "'200%' must be less than 100%. Give a smaller one, such as 5%."),
+    ("tune cradle --pressure 1% --until 0", "'--until': '0' must be a number > 0, such as 0.05."),
+    ("tune cradle --pressure 1% --until 5%", "'--until': '5%' must be a number > 0, such as 0.05."),
+    ("tune cradle --pressure 1% --replicas 1", "'--replicas': '1' must be a whole number from 2 to 64."),
+    ("tune cradle --pressure 1% --replicas 65", "'65' must be a whole number from 2 to 64."),
+    ("tradeoff cradle --replicas 100001", "'100001' must be a whole number from 2 to 100000."),
+    ("tradeoff cradle --csv --json", "Choose one of --csv and --json."),
+    ("tradeoff cradle --measure colour", "'--measure': 'colour' is not one of 'pressure',"),
+    *(
+        (f"tradeoff cradle --out {name}", f"--out must end in one of {endings}; got '{name.split()[0]}'. Use {use}.")
+        for name, endings, use in (
+            ("t.xlsx", ".csv, .json, .parquet, .txt", "t.csv"),
+            ("t", ".csv, .json, .parquet, .txt", "t.csv"),
+            ("t.parquet --json", ".json, .txt with --json", "t.json"),
+            ("t.json --csv", ".csv, .txt with --csv", "t.csv"),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(("words", "rule"), REFUSED, ids=[words for words, _ in REFUSED])
+def test_wrong_usage_and_input_are_exit_code_2_and_write_nothing(words, rule, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = mpsim_command(*words.split())
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert rule in " ".join(result.stderr.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mistyped_option_is_answered_with_the_right_one():
+    result = mpsim_command("tune", "cradle", "--presure", "1%")
+    assert (result.exit_code, result.stdout) == (2, "")
+    # The marks between these words differ from version to version of click.
+    assert re.search(r"No such option:? '?--presure'?\.? Did you mean '?--pressure'?\?", result.stderr)
+
+
+def test_commands_that_are_elsewhere_are_named():
+    elsewhere = {
+        "compare": "`mpsim tradeoff SCENE`",
+        "draw": "`mpsim plot RUN`",
+        "live": "`mpsim view SCENE`",
+        "measure": "`mpsim run SCENE --measure NAME`",
+        "sweep": "with mpsim.sweep",
+    }
+    for name, where in elsewhere.items():
+        result = mpsim_command(name)
+        assert result.exit_code == 2
+        assert f"No such command '{name}'. " in result.stderr
+        assert where in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (mpsim.errors.ClosedError("gone"), "gone"),
+        (MemoryError("too much"), "too much"),
+        (PermissionError(13, "no", "a.txt"), "'a.txt' must be a file or folder that can be used; it cannot (no)."),
+    ],
+)
+def test_an_error_is_a_sentence_and_exit_code_1(error, text, monkeypatch):
+    def fail(*arguments, **named):
+        raise error
+
+    monkeypatch.setattr(mpsim.Simulation, "run", fail)
+    monkeypatch.setattr("mpsim.studies.tune.tune", fail)  # as where no settings are inside the budget
+    for words in (("run", "gas", "--frames", 3), ("tune", "cradle", "--pressure", "1%")):
+        result = mpsim_command(*words)
+        assert (result.exit_code, result.stdout) == (1, "")
+        assert result.stderr == f"Error: {text}\n"
+
+
+def test_what_cannot_be_animated_or_written_is_told_before_any_work(tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setenv("PATH", str(tmp_path))  # without ffmpeg ...
+        patch.setitem(sys.modules, "imageio_ffmpeg", None)  # ... of any kind
+        result = mpsim_command("animate", "gas", tmp_path / "a.mp4")
+    assert result.exit_code == 1
+    assert "an .mp4 needs the package imageio_ffmpeg, which cannot be imported" in result.stderr
+    assert f"`pip install 'mpsim[film]'`, or install ffmpeg, or write '{tmp_path}/a.gif'." in result.stderr
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    result = mpsim_command("tradeoff", "cradle", "--out", tmp_path / "b.parquet")
+    assert result.exit_code == 1
+    assert "a Parquet file needs the package pyarrow, which cannot be imported" in result.stderr
+    result = mpsim_command("tradeoff", "cradle", "--out", tmp_path / "none" / "a.csv")
+    assert (result.exit_code, result.stderr) == (
+        1,
+        f"Error: --out must be a file that can be written; got '{tmp_path}/none/a.csv' (No such file or directory). "
+        "Choose another place.\n",
+    )
+    (tmp_path / "a.csv").write_text("weeks of work")
+    result = mpsim_command("tradeoff", "cradle", "--out", tmp_path / "a.csv")
+    assert result.exit_code == 2
+    assert f"'{tmp_path}/a.csv' exists already, and is not overwritten. Give another name, or --force." in result.stderr
+    assert (tmp_path / "a.csv").read_text() == "weeks of work"
+    result = mpsim_command("stability", "--out", "/proc/x")
+    assert result.exit_code == 1
+    assert "'/proc/x' must be a file or folder that can be used; it cannot (No such" in " ".join(result.stderr.split())
+
+
+# --- help, version, completion
+
+
+@pytest.mark.parametrize("command", [[], *([name] for name in NAMES)], ids=" ".join)
+def test_help_has_examples_that_begin_with_the_command(command):
+    result = mpsim_command(*command, "--help")
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert f"Examples:\n    mpsim {' '.join(command)}".rstrip() in result.stdout
+
+
+def test_the_commands_are_these():
+    known = "animate bench clean completion plot resume run scenes show stability tradeoff tune view warmup"
+    assert " ".join(NAMES) == known
+
+
+def test_the_module_is_the_command():
+    run = [sys.executable, "-m", "mpsim"]
+    shown = subprocess.run([*run, "show", "cradle"], capture_output=True, text=True, timeout=60, check=True)
+    assert shown.stdout.startswith("cradle: Newton's cradle\n")
+    refused = subprocess.run([*run, "show", "none"], capture_output=True, text=True, timeout=60, check=False)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr.startswith("Error: scene must be a path that ends in .toml or one of ")
+    assert mpsim_command("--version").stdout == f"mpsim, version {mpsim.__version__}\n"
+
+
+def test_scenes_and_shells_are_completed():
+    words = [item.value for item in ShellComplete(main, {}, "mpsim", "_MPSIM_COMPLETE").get_completions(["run"], "ga")]
+    assert {"galton", "gas"} <= set(words)
+    assert "pi" not in words
+    for shell in ("bash", "zsh", "fish"):
+        assert "_MPSIM_COMPLETE" in mpsim_command("completion", shell).stdout
+
+
+def test_verbose_tells_what_is_read_and_a_warning_is_a_line_without_source(monkeypatch):
+    assert "cradle.toml" in mpsim_command("--verbose", "show", "cradle").stderr
+    assert mpsim_command("show", "cradle").stderr == ""
+
+    @click.command()
+    def warn() -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            warnings.warn("discs overlap", mpsim.OverlapWarning, stacklevel=1)
+
+    monkeypatch.setitem(main.commands, "warn", warn)
+    result = mpsim_command("warn")
+    assert (result.exit_code, result.stderr) == (0, "Warning: discs overlap\n")
+
+
+# --- scenes and show
+
+
+def names_of_scenes():
+    return list(json.loads(mpsim_command("scenes", "--json").stdout))
+
+
+def test_scenes_are_listed_one_line_each_and_shown():
+    result = mpsim_command("scenes")
+    assert result.exit_code == 0
+    assert [line.split()[0] for line in result.stdout.splitlines()] == names_of_scenes()
+    assert re.search("^galton +Galton's board$", result.stdout, re.MULTILINE)
+    titles = json.loads(mpsim_command("scenes", "--json").stdout)
+    for name in ("cradle", "galton", "hopper"):
+        result = mpsim_command("show", name)
+        assert result.exit_code == 0
+        assert result.stdout.startswith(f"{name}: {titles[name]}\n")
+        assert "\nLook for: " in result.stdout
+        assert "Settings(dt=" in result.stdout
+    scene, shown = mpsim.Scene.load("gas"), json.loads(mpsim_command("show", "gas", "--json").stdout)
+    assert (shown["digest"], shown["count"]) == (scene.digest(), scene.count)
+    assert shown["settings"]["dt"] == scene.settings.dt
+
+
+def test_show_names_every_feature_or_every_problem(tmp_path):
+    (tmp_path / "a.toml").write_text("""
+        schema = 1
+        width = 10
+        height = 8
+        boundary = ["periodic", "walls"]
+        gravity = [0, -1]
+        restitution = 0.5
+        absorbing = ["bottom"]
+        duration = 5
+        obstacles = [{ position = [5, 5], radius = 1 }]
+        discs = [{ position = [[1, 2], [9, 3]], radius = [0.5, 0.25], mass = [1, 2], acceleration = [1, 0] }]
+        emitters = [
+            { position = [2, 2], velocity = [1, 1], every = 7, limit = 3, radius = 1, mass = 1 },
+            { position = [3, 2], velocity = [1, 1], interval = 0.25, radius = 1, mass = 1 },
+        ]
+        piston = { wall = "top", speed = -1, stop = 6 }
+    """)
+    assert mpsim_command("show", tmp_path / "a.toml").stdout == (
+        "a\n\n"
+        "box          10 x 8, periodic along x, walls along y\n"
+        "discs        2, radius 0.25 to 0.5, mass 1 to 2, packing 0.0123\n"
+        "speed        0 (root mean square)\n"
+        "gravity      (0, -1)\n"
+        "acceleration one per disc\n"
+        "restitution  0.5 of discs, 1 of walls\n"
+        "obstacles    1\n"
+        "piston       the top wall, speed -1, to 6\n"
+        "absorbing    bottom\n"
+        "emitters     one disc every 7 frames, 3 in all; one disc every 0.25 of time, no end\n"
+        "duration     5\n"
+        "settings     none recommended\n"
+        f"read from    {tmp_path}/a.toml\n"
+    )
+    (tmp_path / "bad.toml").write_text("schema = 1\nwidth = -1\nheight = 'x'\n")
+    result = mpsim_command("show", tmp_path / "bad.toml")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == (
+        "Error: 2 problems in a scene file:\n"
+        f"{tmp_path}/bad.toml: width must be a finite number > 0 [length]; got -1.\n"
+        f"{tmp_path}/bad.toml: height must be a number > 0 [length]; got 'x'.\n"
+    )
+
+
+# --- searches
+
+
+@pytest.mark.slow
+def test_tune_and_tradeoff_do_what_they_say(tmp_path):
+    path = tmp_path / "small.toml"
+    mpsim.Scene.random(count=20, packing=0.2, radius=0.5).save(path)
+    short = ["--until", "2", "--replicas", "2", "--quiet"]
+    tuned = mpsim_command("tune", path, "--overlap", "0.2", *short)
+    assert tuned.exit_code == 0, tuned.stderr
+    run, python = tuned.stdout.splitlines()[-2:]
+    assert run.startswith(f"to run it: mpsim run {path} --")
+    assert python.startswith("in Python: Settings(")
+    table = mpsim_command("tradeoff", path, "--measure", "overlap", "--json", "--keep", tmp_path / "kept", *short)
+    assert len(json.loads(table.stdout)["rows"]) > 5
+    for name, start in (("a.csv", "method,contact,law,"), ("a.json", "{"), ("a.txt", "")):
+        words = ["--measure", "overlap", "--keep", tmp_path / "kept", *short, "--out", tmp_path / name]
+        result = mpsim_command("tradeoff", path, *words)
+        assert (result.exit_code, result.stdout) == (0, ""), result.stderr
+        assert f"candidates written to {tmp_path / name}\n" in result.stderr
+        assert (tmp_path / name).read_text().startswith(start)
+
+
+# --- bench, warmup
+
+
+@pytest.mark.slow
+def test_bench_and_warmup_tell_numbers():
+    lines = mpsim_command("bench", "--frames", 60, "--workers", 2, "--quiet").stdout.splitlines()
+    assert [line.split()[0] for line in lines[1:4]] == ["naive", "grid", "parallel"]
+    assert all(" us a frame, mean " in line for line in lines[1:4])
+    assert lines[4].startswith("grid and parallel gave the same bits: ")
+    result = mpsim_command("warmup", "gas", "--method", "grid", "--quiet")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("gas ")
+    assert result.stdout.endswith(" kernels compiled or loaded\n")
+    (found,) = json.loads(mpsim_command("warmup", "gas", "--method", "grid", "--quiet", "--json").stdout)
+    assert (found["scene"], found["kernels"]) == ("gas", 0), "the second time nothing is missing"
+
+
+@pytest.mark.slow
+def test_compiling_is_a_line_once_and_nothing_under_quiet(tmp_path):
+    """Where nobody watches; on a terminal it is a spinner that goes."""
+    found = []
+    for words in (["-v", "run"], ["run", "--quiet"]):
+        run = [sys.executable, "-m", "mpsim", *words, "cradle", "--method", "naive", "--frames", "2"]
+        env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / words[0]), "NUMBA_DISABLE_JIT": "0"}
+        found.append(subprocess.run(run, capture_output=True, text=True, timeout=150, check=True, env=env).stderr)
+    assert found[0].count("compiling the loops for this scene, once; about ") == 1, found[0]
+    assert found[1] == ""
