@@ -62,7 +62,7 @@ FAMILIES = {
 
 FIRST = {
     **{key: ["tests/twins", "tests/contracts", "tests/physics"] for key in ("contacts", "laws", "sort", "events")},
-    "windows": [],
+    "windows": ["tests/twins", "tests/contracts"],
     "checkpoint": ["tests/contracts", "tests/faults"],
     "changes": ["tests/doors/test_changes.py", "tests/contracts"],
     "statistics": ["tests/physics", "tests/doors"],
