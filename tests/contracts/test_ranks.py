@@ -44,112 +44,12 @@ def test_ranks_find_what_one_process_finds_in_other_scenes(number):
         assert told == alone(name), name
 
 
-@pytest.mark.long
-@pytest.mark.timeout(400)
-@pytest.mark.parametrize("name", FEATURES)
-def test_ranks_find_what_one_process_finds_with_each_feature(name):
-    assert told_by(3, [name])[name] == alone(name)
-
-
 @pytest.mark.parametrize(
     ("number", "workers"), [(2, 2), *(pytest.param(*each, marks=pytest.mark.long) for each in ((1, 3), (3, 2), (4, 4)))]
 )
 def test_workers_of_ranks_find_it_too(number, workers):
     for name, told in told_by(number, ["doors"], workers).items():
         assert told == alone(name), name
-
-
-@pytest.mark.long
-def test_workers_of_ranks_find_it_with_everything_and_with_nothing():
-    for name, told in told_by(2, ["bare", "everything"], 2).items():
-        assert told == alone(name), name
-
-
-NARROW = """
-import json, sys
-import numpy as np, mpsim
-from mpi4py import MPI
-
-def digests(number, **settings):
-    rng = np.random.default_rng(1)
-    position = np.stack([rng.uniform(0.5, 5.5, number), 1.2 * np.arange(number) + 0.6], axis=1)
-    scene = mpsim.Scene(width=6, height=1.2 * number, position=position, velocity=rng.normal(0, 0.5, (number, 2)),
-                        radius=0.5, gravity=(0.3, 0.0))
-    with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, **settings)) as sim:
-        found = []
-        for _ in range(6):
-            sim.run(frames=70)
-            found.append(sim.digest())
-    return found
-
-told = [digests(400, method="mpi", workers=int(sys.argv[1])), digests(400, method="grid")]
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(told))
-"""
-
-
-WALLED = """
-import json, sys
-import numpy as np, mpsim
-from mpi4py import MPI
-from support.scenes import gas
-
-def digests(walls, **settings):
-    start = gas(300, 0.2, seed=3)
-    at = start.width / 2
-    clear = np.abs(start.position[:, 0] - at) > 1.6
-    scene = mpsim.Scene(width=start.width, height=start.height, position=start.position[clear],
-                        velocity=start.velocity[clear], radius=0.5)
-    found = []
-    with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, **settings)) as sim:
-        for y in (1.0, 4.0)[:walls]:
-            sim.run(frames=9)
-            sim.add_wall([(at, y), (at, y + start.height / 2)], thickness=0.2)
-            found.append(sim.digest())
-        sim.run(frames=120 - sim.frame)
-        return [*found, sim.digest()]
-
-told = [digests(2, method="mpi", workers=int(sys.argv[1])), digests(2, method="grid"), digests(0, method="grid")]
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(told))
-"""
-
-
-@pytest.mark.long
-@pytest.mark.timeout(400)
-@pytest.mark.parametrize(("number", "workers"), [(2, 1), (2, 2), (3, 1)])
-def test_walls_that_are_added_between_frames_are_the_same_on_ranks(number, workers):
-    on_several, alone_there, control = told_by_script(number, str(workers), script=WALLED)
-    assert on_several == alone_there
-    assert control[-1] != alone_there[-1], "discs have met the walls"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("workers", [2, 4])
-def test_workers_without_columns_change_nothing(workers):
-    """Two ranks share five columns: a worker that has none, or whose rank's discs are nearly all in one column."""
-    on_two, alone_there = told_by_script(2, str(workers), script=NARROW)
-    assert on_two == alone_there
-
-
-def test_a_unit_of_length_that_is_a_power_of_two_changes_no_bit_but_those_of_the_exponents():
-    """On ranks as in one process: nothing in them depends on a length of its own."""
-    told = told_by(2, ["in a small unit"])["in a small unit"]
-    assert told == alone("in a small unit")
-    states = []
-    for name in ("in a small unit", "bare"):
-        case = CASES[name]()
-        with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="grid")) as sim:
-            sim.run(frames=case.frames)
-            states.append(sim.state)
-    small, usual = states
-    assert (small.position * 2.0**9 == usual.position).all()
-    assert (small.velocity * 2.0**9 == usual.velocity).all()
-
-
-@pytest.mark.parametrize("name", long_but((*DEFAULT, "everything"), *DEFAULT))
-def test_workers_find_the_same(name):
-    assert found(name, method="parallel", workers=2) == alone(name)
 
 
 WRONG = """

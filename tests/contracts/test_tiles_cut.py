@@ -7,6 +7,7 @@ import pytest
 from support.compare import assert_same_bits
 from support.internals import solver_of
 from support.scenes import simulate
+from support.selection import long_but
 from support.tiles import always_tiled, everything, first_free_place, on_tiles, tallies, windows_of
 
 import mpsim
@@ -33,7 +34,7 @@ def as_a_whole():
         return sim.state, counted
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", long_but(SCENES, "walls"))
 def test_a_run_that_is_resumed_in_other_tiles_on_other_workers_has_the_same_bits(name, tmp_path, figures):
     with on_tiles(scene_of(name), (1, 1), dt=DT) as sim:
         report = sim.run(frames=FRAMES)
@@ -52,7 +53,7 @@ def test_a_run_that_is_resumed_in_other_tiles_on_other_workers_has_the_same_bits
     figures.note("R1", "event on 2, 1, 3, 1", f"digest after 3 resumes: {name}", "of an uninterrupted run", "the same")
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", long_but(SCENES, "walls"))
 def test_discs_that_are_added_on_the_way_have_the_same_bits(name):
     states = []
     for tiling, workers in (((1, 1), 1), ((2, 2), 1), ((2, 2), 3)):
