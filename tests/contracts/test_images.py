@@ -53,7 +53,7 @@ speed = st.floats(-300, 300).map(lambda value: round(value, 6))  # none whose sq
 free = st.tuples(st.floats(0, 9.999), st.floats(0, 7.999), speed, speed)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(discs=st.lists(free, min_size=1, max_size=1), contact=st.sampled_from(["push", "impact"]))
 @pytest.mark.parametrize(
     ("method", "falls"),

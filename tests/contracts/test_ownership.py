@@ -227,10 +227,9 @@ def _with_room_for_workers(sim):
 
 SCENES = {
     "dense gas": lambda: gas(150, 0.7, seed=1),
-    "crowd": lambda: crowd(100, 0.9, seed=2),
     "few columns": lambda: crowd(40, 0.9, seed=3),
     "everything": lambda: zoo(EVERYTHING, count=60),
-    **{name: (lambda name=name: zoo(ZOO[name], count=60)) for name in ("giants", "periodic")},
+    "giants": lambda: zoo(ZOO["giants"], count=60),
 }
 
 
