@@ -8,6 +8,8 @@ from support.scenes import simulate
 
 import mpsim
 
+pytestmark = pytest.mark.plain
+
 
 def oblique(**features):
     """One disc that hits the left wall obliquely."""
@@ -15,7 +17,7 @@ def oblique(**features):
 
 
 @pytest.mark.parametrize("method", ["event", "naive", "grid"])
-def test_momentum_drift_is_refused_where_rough_walls_take_momentum(method, compiled_when_run):
+def test_momentum_drift_is_refused_where_rough_walls_take_momentum(method):
     refused = pytest.raises(mpsim.InputError, match="only without rough walls, whose tangential impulses are not count")
     with simulate(oblique(wall_friction=0.5), method=method) as sim, refused:
         sim.run(until=1.0, measures=["momentum_drift"])
@@ -25,7 +27,6 @@ def test_momentum_drift_is_refused_where_rough_walls_take_momentum(method, compi
             study(oblique(wall_friction=0.5), **{"measures" if study is mpsim.tradeoff else "max_error": budget})
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("rough", [{"friction": 0.5}, {"wall_friction": 0.5, "boundary": "periodic"}])
 def test_momentum_drift_remains_where_only_discs_are_rough(rough):
     scene = mpsim.Scene.random(count=12, packing=0.3, radius=0.5, seed=1, **rough)
@@ -56,12 +57,11 @@ WALLS = {"rough": {"wall_friction": 0.7}, "thermal": {"thermal_walls": mpsim.The
 def rough(walls):
     """Rough discs of two masses that meet each other, such walls, and an obstacle."""
     return mpsim.Scene.random(
-        count=24, width=8, height=8, radius=0.5, seed=2, mass=np.where(np.arange(24) % 2, 1.0, 3.0), friction=0.4,
-        restitution=0.9, obstacles=mpsim.FixedDisc((4, 4), 0.6), **WALLS[walls],
+        count=16, width=6, height=6, radius=0.5, seed=2, mass=np.where(np.arange(16) % 2, 1.0, 3.0), friction=0.4,
+        restitution=0.9, obstacles=mpsim.FixedDisc((3, 3), 0.4), **WALLS[walls],
     )  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 @pytest.mark.parametrize(
     ("method", "contact", "walls"),
@@ -76,8 +76,8 @@ def rough(walls):
 def test_both_impulses_of_all_collisions_are_the_change_of_each_momentum(method, contact, walls):
     scene, seen = rough(walls), mpsim.Collisions()
     sensors = [mpsim.Sensor(wall="bottom"), mpsim.Sensor(wall="left"), mpsim.Sensor(obstacle=0)]
-    with simulate(scene, method=method, contact=contact, dt=0.01) as sim:
-        sim.run(frames=200, observe=[seen, *sensors])
+    with simulate(scene, method=method, contact=contact, dt=0.02) as sim:
+        sim.run(frames=60, observe=[seen, *sensors])
         gained = scene.masses[:, None] * (sim.state.velocity - scene.velocity)
     table = seen.table
     given = {name: np.zeros((scene.count, 2)) for name in ("impulse", "tangential_impulse")}
@@ -96,7 +96,6 @@ def test_both_impulses_of_all_collisions_are_the_change_of_each_momentum(method,
             assert (getattr(sensor, name).sum() > 0) == (name == "impulse" or walls == "rough" or sensor is sensors[1])
 
 
-@pytest.mark.slow
 def test_smooth_discs_have_no_tangential_impulse():
     seen = mpsim.Collisions()
     with simulate(oblique(), method="event") as sim:

@@ -9,11 +9,12 @@ from support.scenes import simulate
 import mpsim
 from mpsim.measure import Measure, reference
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.compiled
 
 COUNT = 100
 
 
+@pytest.mark.slow
 def test_a_compressed_gas_has_the_pressure_of_the_equation_of_state():
     packing = 0.6
     scene = mpsim.Scene.random(count=COUNT, packing=0.3, radius=0.5, boundary="periodic", seed=4)
@@ -39,6 +40,7 @@ def jammed_at(scene, packing, rate=0.1):
     return float(str(caught.value).split("a packing of ")[1].split(". ")[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "distance"),
     [
@@ -60,6 +62,7 @@ def test_few_discs_jam_in_the_densest_packing_in_a_square(count, distance):
     assert densest - 3e-6 < found < densest, f"{found}, expected {densest}"
 
 
+@pytest.mark.long
 def test_equal_discs_can_end_in_the_densest_crystal():
     """In a box that suits it, from a fluid; some starts jam with defects."""
     size = {"width": 15.0, "height": 18 * math.sqrt(3) / 2, "boundary": "periodic"}
@@ -79,6 +82,7 @@ def test_equal_discs_can_end_in_the_densest_crystal():
     assert order[0].whole < 0.5, "negative control: the fluid that it was"
 
 
+@pytest.mark.long
 def test_discs_of_two_sizes_jam_at_the_published_packing():
     """Half of them 1.4 times as large: at some 0.842 (O'Hern et al., Phys. Rev. E 68, 011306, 2003)."""
     radius = np.repeat([0.5, 0.7], 500)
