@@ -91,12 +91,6 @@ def test_the_error_of_correlated_noise_is_that_of_its_correlation(correlation):
     assert max(map(abs, deviations)) < 3.5, deviations
 
 
-def test_negative_control_taking_correlated_samples_for_independent_is_far_off():
-    series, true, naive = noise(2**15, 20, 1)
-    assert block_errors(series)[0] == pytest.approx(naive, rel=0.1)
-    assert naive < 0.2 * true
-
-
 def test_a_series_shorter_than_its_correlation_does_not_settle():
     series, _, _ = noise(2048, 500, 3)
     found = block_average(series)
@@ -228,13 +222,6 @@ def test_a_ratio_over_few_events_is_not_settled_and_over_none_is_unknown():
     assert math.isnan(nothing.error)
 
 
-def test_small_noise_on_a_large_value_keeps_its_digits():
-    series, true, _ = noise(4096, 0, 5)
-    found = block_average(1e9 + 1e-3 * series)
-    assert found.value - 1e9 == pytest.approx(1e-3 * series.mean(), abs=2e-7)
-    assert found.error == pytest.approx(1e-3 * true, rel=0.3)
-
-
 def test_what_cannot_change_has_no_error():
     found = block_average(np.full(1000, 0.1), constant=True)
     assert (found.value, found.error, found.samples, found.settled) == (0.1, 0.0, 1000, True)
@@ -284,18 +271,6 @@ def test_a_slow_component_under_noise_shows():
     assert share(0.3, 200) > 0.9, "the control: fast enough"
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("slow", "memories", "share", "ratio"), [(0.0, 10, 0.995, 1.05), (0.3, 20, 0.22, 1.9), (0.1, 10, 0.69, 1.9)]
-)
-def test_what_does_not_show_is_what_the_page_says(slow, memories, share, ratio):
-    found = on_a_slow_component(slow, memories, 400)
-    settled = [measure for measure in found if measure.settled]
-    assert len(settled) / 400 == pytest.approx(share, abs=0.08)
-    deviation = math.sqrt(np.mean([measure.value**2 for measure in settled]))
-    assert deviation / math.sqrt(np.mean([measure.error**2 for measure in settled])) == pytest.approx(ratio, rel=0.2)
-
-
 @pytest.mark.parametrize("power", [1.0, 2.0])
 def test_the_order_of_a_known_power_is_found(power):
     h = np.array([0.1, 0.05, 0.02, 0.01])
@@ -312,24 +287,6 @@ def test_two_points_give_the_exact_slope_and_its_propagated_error():
     found = fit_order([0.2, 0.1], [0.08, 0.02], [0.008, 0.002])
     assert found.value == pytest.approx(2, rel=1e-14)
     assert found.error == pytest.approx(0.1 * math.sqrt(2) / math.log(2), rel=1e-14)
-
-
-def test_points_off_the_line_widen_the_error():
-    h = np.array([0.1, 0.05, 0.02, 0.01])
-    bias = h + 20 * h**3
-    tight = np.full(4, 1e-6)
-    assert fit_order(h, bias, tight).error > 100 * fit_order(h, h, tight).error
-
-
-def test_the_tables_of_push_and_impact():
-    h, exact = np.array([0.10, 0.05, 0.02, 0.01]), 2.2399
-    of_push, errors_of_push = [2.0001, 2.1189, 2.1906, 2.2129], [9e-4, 10e-4, 15e-4, 12e-4]
-    of_impact, errors_of_impact = [2.1982, 2.2277, 2.2371, 2.2380], [6e-4, 17e-4, 21e-4, 7e-4]
-    push = fit_order(h, np.array(of_push) - exact, np.hypot(errors_of_push, 16e-4))
-    impact = fit_order(h, np.array(of_impact) - exact, np.hypot(errors_of_impact, 16e-4))
-    assert push.value == pytest.approx(1.0, abs=0.15)
-    assert 1.4 < impact.value < 2.0
-    assert impact.value > push.value + 2 * math.hypot(push.error, impact.error)
 
 
 # --- stationary parts
@@ -409,22 +366,6 @@ def test_the_exponent_of_the_cat_map():
         assert found.rate.value == pytest.approx(2 * exact, rel=0.01)
         assert found.horizon == pytest.approx(20 / found.rate.value)
         assert found.comparable_until == pytest.approx(found.horizon / 2)
-
-
-def test_negative_control_the_whole_series_with_its_plateau_grows_slower():
-    distance = cat_map_distances(60, 0)
-    exact = math.log((3 + math.sqrt(5)) / 2)
-    assert predictability(np.arange(60.0), distance, highest=10.0).rate.value < 0.6 * exact
-
-
-def test_noisy_growth_has_an_error_that_covers_it():
-    rng = np.random.default_rng(1)
-    deviations = []
-    for _ in range(60):
-        walk = np.cumsum(rng.normal(0.05, 0.2, 400))
-        deviations.append(predictability(np.arange(400.0), 1e-9 * np.exp(walk), highest=1e30).rate.deviation(0.05))
-    assert 0.7 < np.std(deviations) < 1.5
-    assert abs(np.mean(deviations)) < 0.5
 
 
 def test_growth_starts_after_a_meeting_and_ends_before_the_ceiling():

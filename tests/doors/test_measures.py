@@ -13,7 +13,6 @@ from support.states import box_of, drop, scene_of, state_of
 
 import mpsim
 from mpsim import Emitter, FixedDisc, InputError, Piston, Scene, State, measure
-from mpsim.measure import reference
 
 pytestmark = pytest.mark.plain
 
@@ -39,20 +38,6 @@ def test_energies_momentum_and_temperature_of_a_mixture_by_hand():
     assert measure.temperature(state, scene) == (50 + 4 + 4) / 6
     rest = (scene.masses[:, None] * (scene.velocity - np.array([4.0, 12.0]) / 7) ** 2).sum() / 4
     assert measure.temperature(state, scene, remove_drift=True) == pytest.approx(rest)
-
-
-def test_speed_kurtosis_and_distribution_by_hand():
-    for scale in (1, 1e-200, 1e200):
-        assert measure.speed_kurtosis(moving(scale * np.array([[1, 0], [0, 3]]))) == pytest.approx(1.64)
-    found = measure.speed_distribution(moving([[2, 0], [0, 2]]), bins=[0, 1, 3])
-    below = [1 - math.exp(-1 / 4), 1 - math.exp(-9 / 4)]
-    assert found.value.tolist() == [0.0, 0.5]
-    assert found.maxwell == pytest.approx([below[0], (below[1] - below[0]) / 2])
-    rng = np.random.default_rng(4)
-    assert measure.speed_distribution(moving(rng.normal(0, 2.0, (20_000, 2)))).distance < 1.28 / math.sqrt(20_000)
-    angle = rng.uniform(0, 2 * np.pi, 900)
-    equal = measure.speed_distribution(moving(np.stack([np.cos(angle), np.sin(angle)], axis=1)))
-    assert equal.distance == pytest.approx(1 - math.exp(-1))
 
 
 def test_sums_of_a_float32_state_are_taken_in_float64():
@@ -169,15 +154,6 @@ def test_pair_correlation_agrees_with_all_pairs_and_knows_the_box_behind_a_pisto
                                                       bins=20, r_max=4.0).density  # fmt: skip
 
 
-@pytest.mark.slow
-def test_the_contact_value_of_a_dense_gas_is_that_of_the_equation_of_state():
-    scenes = [Scene.random(count=600, packing=0.5, radius=0.5, seed=seed) for seed in range(20)]
-    found = measure.pair_correlation([state_of(scene) for scene in scenes], scenes[0], bins=60, r_max=3.0)
-    expected = reference.contact_value(found.density * math.pi / 4)
-    assert abs(found.contact.deviation(expected)) < 3, (found.contact, expected)
-    assert found.contact.value > 5 * found.contact.error + 2.5, "the control: not that of packing 0.4, 2.3"
-
-
 ROW = math.sqrt(0.75)
 
 
@@ -256,20 +232,6 @@ def test_six_nearest_neighbours_are_those_of_the_slow_twin(boundary):
         measure.hexatic_order(state, scene).psi.tolist() == measure.hexatic_order(state_of(fewer), fewer).psi.tolist()
     )
     assert measure.hexatic_order(state, scene).disc.tolist() == np.flatnonzero(present).tolist()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("boundary", ["periodic", "walls"])
-def test_freud_finds_the_same_order(boundary):
-    import freud  # noqa: PLC0415 - which takes a second, and complains at its end
-
-    scene = random_points(60, 4, boundary)
-    theirs = freud.order.Hexatic(k=6)
-    theirs.compute(measure.to_freud(state_of(scene), scene))
-    assert measure.hexatic_order(state_of(scene), scene).psi == pytest.approx(theirs.particle_order, abs=1e-3)
-    box, points = measure.to_freud(State(scene.position, scene.velocity, present=np.arange(60) > 19), scene)
-    assert tuple(box.periodic) == (boundary == "periodic", boundary == "periodic", False)
-    assert points.shape == (40, 3)
 
 
 # --- refusals

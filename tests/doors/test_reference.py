@@ -97,44 +97,6 @@ def test_closed_box_of_a_hundred_discs():
     assert reference.compressibility(0.3) < 0.94 * found.compressibility  # negative control: the bulk value is far off
 
 
-def test_a_large_closed_box_is_bulk():
-    found = reference.closed_box(10**8, math.sqrt(10**8 * math.pi / 4 / 0.3), 0.5)
-    assert found.compressibility == pytest.approx(reference.compressibility(0.3), rel=1e-3)
-
-
-def test_a_dilute_closed_box_is_an_ideal_gas_of_the_free_area():
-    """One disc is an ideal gas in (L - 2 R)^2: P L = kT / (L - 2 R), here to second order in R/L."""
-    assert reference.closed_box(1, 100.0, 0.1).compressibility == pytest.approx(100 / 99.8, rel=5e-5)
-
-
-def area_of_places(a, b, sigma):
-    """Omega by quadrature: 4 (a - x)(b - y) over displacements x, y >= 0 of the two centres, outside the disc."""
-    nodes, weights = np.polynomial.legendre.leggauss(80)
-    angle = (nodes + 1) * np.pi / 4
-    r = (nodes + 1) / 2 * sigma
-    x, y = np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle))
-    excluded = (4 * (a - x) * (b - y) * r[:, None] * np.outer(weights * sigma / 2, weights * np.pi / 4)).sum()
-    return a * a * b * b - excluded
-
-
-@pytest.mark.parametrize(("width", "height", "radius", "energy"), [(1, 1, 0.2, 2.0), (3, 1.7, 0.3, 0.7)])
-def test_two_discs_by_quadrature(width, height, radius, energy):
-    found = reference.two_discs(width, height, radius, energy)
-    s, step = 2 * radius, 1e-4
-    a, b = width - s, height - s
-    log = lambda a, b, s: math.log(area_of_places(a, b, s))  # noqa: E731
-    by_a = (log(a + step, b, s) - log(a - step, b, s)) / (2 * step)
-    by_b = (log(a, b + step, s) - log(a, b - step, s)) / (2 * step)
-    by_s = (log(a, b, s + step) - log(a, b, s - step)) / (2 * step)
-    u = np.abs(np.random.default_rng(1).normal(size=(200_000, 4)))
-    speed = float((u[:, 0] / np.sqrt((u**2).sum(axis=1))).mean()) * math.sqrt(2 * energy)
-    assert found.phase_area == pytest.approx(area_of_places(a, b, s), rel=1e-12)
-    assert found.force_x == pytest.approx(energy / 2 * by_a, rel=1e-6)
-    assert found.force_y == pytest.approx(energy / 2 * by_b, rel=1e-6)
-    assert found.wall_rate == pytest.approx((by_a + by_b) * speed, rel=0.006)
-    assert found.pair_rate == pytest.approx(-by_s * speed / math.sqrt(2), rel=0.006)
-
-
 def test_two_discs_published_figures_and_virial():
     found = reference.two_discs(1, 1, 0.2, energy=2)
     assert abs(found.force_x - 5.641119) < 5e-7
@@ -147,50 +109,6 @@ def test_two_discs_published_figures_and_virial():
     speed = 4 / (3 * math.pi) * 2
     push = math.sqrt(2) * 1.0 / speed  # mean of u_n^2 / mean of |u_n|, u_n = sqrt(2) x one component
     assert 0.6 * 2 * found.force_x == pytest.approx(4 + 0.4 * found.pair_rate * push, rel=1e-12)
-
-
-def test_sinai_rate_by_following_the_billiard():
-    """A point among discs of radius sigma on a square lattice, from event to event: a disc, or the edge of a cell."""
-    rng, sigma, half = np.random.default_rng(5), 0.5, 1.0
-    point = rng.uniform(-half, half, (3000, 2))
-    point = point[np.hypot(*point.T) > sigma]
-    angle = rng.uniform(0, 2 * np.pi, len(point))
-    heading = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    hits, time = 0, 0.0
-    for _ in range(400):
-        b = (point * heading).sum(axis=1)
-        inside = b**2 - (point**2).sum(axis=1) + sigma**2
-        to_disc = np.where((b < 0) & (inside > 0), -b - np.sqrt(np.maximum(inside, 0)), np.inf)
-        to_edges = (half - point * np.sign(heading)) / np.abs(heading)
-        wait = np.minimum(to_disc, to_edges.min(axis=1))
-        point, time = point + heading * wait[:, None], time + wait.sum()
-        struck = to_disc <= to_edges.min(axis=1)
-        n = point[struck] / np.hypot(*point[struck].T)[:, None]
-        heading[struck] -= 2 * (heading[struck] * n).sum(axis=1)[:, None] * n
-        hits += struck.sum()
-        leaving = np.arange(2) == np.where(struck, -1, to_edges.argmin(axis=1))[:, None]
-        point[leaving] *= -1
-    assert hits / time == pytest.approx(reference.sinai_rate(2, 2, 0.25, 1.0), rel=0.005)
-    assert reference.sinai_rate(4, 2, 0.25, 3.0) == pytest.approx(3 / (8 - math.pi / 4), rel=1e-14)
-
-
-@pytest.mark.parametrize(("count", "at_rest"), [(1, False), (2, False), (10, False), (2, True), (5, True)])
-def test_speed_kurtosis_on_the_energy_shell(count, at_rest):
-    v = np.random.default_rng(6).normal(size=(200_000, count, 2))
-    v -= v.mean(axis=1, keepdims=True) if at_rest else 0
-    squares = (v**2).sum(axis=2)
-    squares /= squares.mean(axis=1, keepdims=True)
-    found = (squares**2).mean(axis=1)
-    expected = reference.speed_kurtosis(count, at_rest=at_rest)
-    assert found.mean() == pytest.approx(expected, abs=4 * found.std() / math.sqrt(len(found)) + 1e-12)
-
-
-def test_half_of_the_energy_under_gravity_is_potential():
-    """Microcanonical places and velocities: shares of the energy are Gamma variables, 1/2 per v^2 and 1 per height."""
-    rng = np.random.default_rng(7)
-    kinetic, potential = rng.chisquare(2, (100_000, 4)) / 2, rng.exponential(size=(100_000, 4))
-    share = potential / (kinetic.sum(axis=1) + potential.sum(axis=1))[:, None]
-    assert share.mean() * 12 == pytest.approx(reference.potential_energy_per_disc(12.0, 4), rel=0.01)
 
 
 def test_published_values():
@@ -238,34 +156,6 @@ def test_the_gas_on_a_line_is_followed_exactly(count):
         assert velocity == pytest.approx(speeds, abs=1e-12)
 
 
-def test_discs_of_the_line_keep_the_order_they_were_given_in():
-    x, v, length, radius = line(5, seed=9)
-    shuffle = np.array([3, 0, 4, 1, 2])
-    found, velocity = motion.line_gas(x[shuffle], v[shuffle], 7.0, length, radius)
-    expected, speeds = motion.line_gas(x, v, 7.0, length, radius)
-    assert found.tolist() == expected[shuffle].tolist()
-    assert velocity.tolist() == speeds[shuffle].tolist()
-
-
-def test_negative_control_points_without_diameter_are_elsewhere():
-    x, v, length, radius = line(7, seed=7)
-    places, _, _ = follow_line(x, v, 5.0, length, radius)
-    found, _ = motion.line_gas(x, v, 5.0, length, 1e-9)
-    assert np.abs(found - places).max() > 0.1
-
-
-def test_a_full_line_cannot_move():
-    found, _ = motion.line_gas([0.5, 1.5], [1.0, -3.0], 8.0, 2.0, 0.5)
-    assert found.tolist() == [0.5, 1.5]
-
-
-def test_mean_force_on_the_walls_of_the_line():
-    x, v, length, radius = line(7, seed=1)
-    _, _, impulse = follow_line(x, v, 2000.0, length, radius)
-    expected = motion.line_gas_force(float((v**2).sum()) / 2, 7, length, radius)
-    assert impulse / 2 / 2000.0 == pytest.approx(expected, rel=0.005)
-
-
 def collisions_with_a_wall(heavy):
     """Collisions of a heavy disc that comes from the right, a light one (mass 1) at rest, and a wall at the left."""
     light_v, heavy_v, count = 0.0, -1.0, 0
@@ -290,73 +180,6 @@ def test_galperin_counts():
     assert collisions_with_a_wall(120.0) != 31  # negative control: but not constant
 
 
-@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.9])
-def test_the_end_of_bouncing_is_the_sum_of_the_flights(restitution):
-    height, gravity = 2.0, 3.0
-    fall = math.sqrt(2 * height / gravity)
-    flights = fall + sum(2 * fall * restitution**k for k in range(1, 600))
-    assert motion.end_of_bouncing(height, gravity, restitution) == pytest.approx(flights, rel=1e-13)
-
-
-def collide(v, rng, restitution, collisions):
-    """Collisions of a uniform gas by direct simulation Monte Carlo (Bird 1963), 2 % of the discs at most at a time.
-
-    Yields collisions per disc so far and velocities.
-    """
-    done, half = 0.0, len(v) // 2
-    while done < collisions:
-        i, j = rng.permutation(len(v)).reshape(2, -1)[:, :half]
-        angle = rng.uniform(0, 2 * np.pi, half)
-        n = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        approach = ((v[i] - v[j]) * n).sum(axis=1)
-        hit = rng.random(half) * 25 * math.sqrt((v**2).mean()) < approach
-        kick = ((1 + restitution) / 2 * approach)[hit, None] * n[hit]
-        v[i[hit]] -= kick
-        v[j[hit]] += kick
-        done += 2 * int(hit.sum()) / len(v)
-        yield done, v
-
-
-@pytest.mark.parametrize("restitution", [0.95, 0.9])
-def test_haff_by_collisions_in_a_simulated_gas(restitution):
-    rng = np.random.default_rng(3)
-    for done, v in collide(rng.normal(size=(20_000, 2)), rng, restitution, 8):  # noqa: B007
-        pass
-    expected = motion.haff_by_collisions(done, restitution)
-    assert (v**2).mean() == pytest.approx(expected, rel=0.02)
-    assert motion.haff_by_collisions(done, 1.0) > 1.4 * expected  # negative control: nothing lost
-
-
-def test_haff_in_time_is_haff_by_collisions_at_the_falling_rate():
-    restitution, rate = 0.8, 2.4
-    time, steps = 10.0, 1000
-    middle = (np.arange(steps) + 0.5) * time / steps
-    ratio = np.array([motion.haff_in_time(t, restitution, rate) for t in middle])
-    collisions = rate * np.sqrt(ratio).mean() * time
-    assert motion.haff_in_time(time, restitution, rate) == pytest.approx(
-        motion.haff_by_collisions(collisions, restitution), rel=1e-5
-    )
-
-
-def test_kurtosis_from_equal_speeds_in_a_simulated_gas():
-    early, late = [], []
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        angle = rng.uniform(0, 2 * np.pi, 40_000)
-        history = [(0.0, -0.5)]
-        for done, v in collide(np.stack([np.cos(angle), np.sin(angle)], axis=1), rng, 1.0, 1.02):
-            squares = (v**2).sum(axis=1)
-            history.append((done, (squares**2).mean() / (2 * squares.mean() ** 2) - 1))
-        done, excess = np.array(history).T
-        early.append(np.interp(0.05, done, excess))
-        late.append(np.interp(1.0, done, excess))
-    assert np.mean(early) == pytest.approx(motion.excess_from_equal_speeds(0.05), abs=0.0005)
-    assert np.mean(late) == pytest.approx(motion.EQUAL_SPEEDS_AFTER_ONE, abs=0.002)
-    assert motion.excess_from_equal_speeds(1.0) > np.mean(late) + 0.005  # negative control: not a straight line
-    exponential = -0.5 * math.exp(-2 * motion.EQUAL_SPEEDS_SLOPE)
-    assert abs(exponential - np.mean(late)) > 0.004  # nor one exponential
-
-
 def test_first_slope_by_quadrature():
     """Mean growth of the sum of v^4 per collision of two discs of speed 1, over angles and impact parameters."""
     nodes, weights = np.polynomial.legendre.leggauss(40)
@@ -365,17 +188,6 @@ def test_first_slope_by_quadrature():
     impact = (weights / 2 * np.sin(2 * np.arcsin(nodes)) ** 2).sum()
     per_collision = 2 * between * impact
     assert per_collision / 2 / 2 == pytest.approx(motion.EQUAL_SPEEDS_SLOPE, rel=1e-12)
-
-
-def test_mean_overlap_of_push_by_monte_carlo():
-    """Approach speeds u of colliding pairs (density u exp(-u^2/(4 kT))), contact at any time of the frame."""
-    rng = np.random.default_rng(4)
-    approach = np.sqrt(4 * 2.0 * rng.exponential(size=400_000))
-    depth = approach * rng.random(len(approach)) * 0.01
-    assert depth.mean() == pytest.approx(motion.mean_push_overlap(0.01, 2.0), rel=0.005)
-    normal = np.abs(rng.normal(0, math.sqrt(2 * 2.0), 400_000))  # negative control: as if fast pairs met no more often
-    assert normal.mean() * 0.005 < 0.7 * depth.mean()
-    assert round(motion.mean_push_overlap(1.0), 3) == 0.886
 
 
 def test_largest_speed_of_many_draws():
