@@ -52,11 +52,12 @@ def doors():
 DOORS = [(name, call, own) for name, call, own in doors() if not name.endswith(".capsules")]  # of obstacles: internal
 
 
-@pytest.mark.parametrize(("call", "own"), [(call, own) for _, call, own in DOORS], ids=[name for name, *_ in DOORS])
-def test_each_public_door_answers_a_name_that_it_does_not_have(call, own):
-    with pytest.raises(mpsim.InputError, match="nonsense"):
-        call(*own, nonsense=1)
+def test_each_public_door_answers_a_name_that_it_does_not_have():
     assert len(DOORS) > 100
+    for name, call, own in DOORS:
+        with pytest.raises(mpsim.InputError) as caught:
+            call(*own, nonsense=1)
+        assert "nonsense" in str(caught.value), name
 
 
 TOP = Path(__file__).parents[2]

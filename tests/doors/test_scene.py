@@ -222,26 +222,6 @@ def test_a_changed_scene_has_nothing_that_was_computed_of_the_other():
     assert digests[0] != digests[1] == digests[2]
 
 
-@pytest.mark.parametrize(("radius", "precision"), [(1e-24, "float32"), (1e-200, "float64"), (1e30, "float32")])
-def test_lengths_whose_squares_do_not_fit_are_refused_and_others_behave_alike(radius, precision):
-    """Every pair would pass through each other, or none."""
-
-    def of(unit, **how):
-        position, velocity = np.array([[3, 3], [4.5, 3.25]]) * unit, np.array([[1, 0], [0, 0]]) * unit
-        scene = Scene(width=9 * unit, height=9 * unit, position=position, velocity=velocity, radius=unit / 2)
-        return simulate(scene, method="naive", dt=1 / 64, **how)
-
-    with pytest.raises(InputError, match=precision):
-        of(radius, precision=precision)
-    fine = radius ** (0.4 if precision == "float32" else 0.5)
-    ends = []
-    for unit in (1.0, fine):
-        with of(unit, precision=precision) as sim:
-            assert sim.run(frames=60).collisions == 1
-            ends.append(sim.state.position / unit)
-    assert np.allclose(*ends, rtol=1e-4)
-
-
 # --- overlaps at the start
 
 
@@ -449,18 +429,6 @@ def test_a_lattice_is_never_made_as_a_whole_by_looking_at_it():
     assert peak < 4_000_000
     assert looks[2:] == [looks[2], 1_000_000, 1_000_000]
     assert looks[2] < 1000
-
-
-def test_rows_that_a_scene_does_not_have_are_refused_and_those_of_arrays_are_views():
-    scene = gas(20, 0.2)
-    assert all(np.shares_memory(a, b) for a, b in zip(scene.rows(5, 15), (scene.position, scene.velocity), strict=True))
-    for ends in ((-1, 3), (3, 2), (0, 21), (0.5, 1), (True, 2)):
-        with pytest.raises(InputError, match=r"(first|last) must be a whole number from \d+ to 20; got"):
-            scene.rows(*ends)
-    other = copy.copy(scene)
-    other.start_anew(scene.position[::-1], scene.velocity)
-    assert other.position.tolist() == scene.position[::-1].tolist()
-    assert scene.digest() == gas(20, 0.2).digest() != other.digest()
 
 
 # --- from a state

@@ -15,6 +15,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from support.commands import mpsim_command
 from support.compare import overlapping_pairs
+from support.selection import slow_but
 
 import mpsim
 from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, Settings
@@ -555,7 +556,7 @@ def test_no_file_can_run_code_take_memory_or_lead_out_of_its_folder(problems, tm
 NAMED = sorted(path.stem for path in (Path(mpsim.__file__).parent / "scene" / "named").glob("*.toml"))
 
 
-@pytest.mark.parametrize("name", NAMED)
+@pytest.mark.parametrize("name", slow_but(NAMED, *(each for each in NAMED if each not in ("dense", "rough-sediment"))))
 def test_a_named_scene_is_complete_and_starts_without_overlap(name):
     scene = Scene.load(name)
     assert scene.settings is not None

@@ -7,7 +7,6 @@ import io
 import itertools
 import json
 import math
-import os
 import platform
 import re
 import sys
@@ -20,7 +19,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from support.executors import dask_pool, process_pool
+from support.executors import process_pool
 from support.processes import assert_clean, run_script
 from support.scenes import gas as drawn
 from support.swept import deadly, double, gas, noted
@@ -378,10 +377,6 @@ def test_a_sweep_of_runs_that_cannot_be_is_refused(function, grid, options, text
 # --- executors
 
 
-def process(x):
-    return {"pid": os.getpid()}
-
-
 def test_threads_give_the_same_rows_and_a_result_that_an_executor_loses_is_a_failed_row(expected):
     class Wandering(ThreadPoolExecutor):
         def submit(self, task, /, *arguments):
@@ -449,18 +444,6 @@ def test_processes_give_the_same_rows_refuse_what_pickle_cannot_send_and_may_die
     with process_pool(1) as executor:
         again = sweep(deadly, {"x": [1, 2, 4, 5]}, executor=executor, path=tmp_path / "kept")
     assert [row.values["y"] for row in again.rows] == [2, 4, 8, 10]
-
-
-@pytest.mark.slow
-def test_dask_gives_the_same_rows_takes_lambdas_and_refuses_what_nobody_can_send(expected):
-    with dask_pool() as dask:
-        assert rows_of(sweep(gas, GRID, SEEDS, dask)) == expected
-        assert os.getpid() not in {row.values["pid"] for row in sweep(process, {"x": range(8)}, executor=dask).rows}
-        table = sweep(lambda x: {"y": x + 0.5}, {"x": [1, 2]}, executor=dask)
-        assert [row.values for row in table.rows] == [{"y": 1.5}, {"y": 2.5}]
-        lock = threading.Lock()
-        with pytest.raises(InputError, match=r"^function and the values of the grid must be what pickle can send"):
-            sweep(lambda x: {"y": lock.locked()}, {"x": [1, 2]}, executor=dask)
 
 
 MPI = """

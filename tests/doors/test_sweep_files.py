@@ -121,13 +121,6 @@ def test_a_function_whose_source_has_changed_is_warned_of(kept, tmp_path):
     assert "SweepWarning: the source of changing.f has changed since" in changed.err
 
 
-def test_a_function_that_was_put_right_before_any_run_was_done_is_not_warned_of(kept):
-    with pytest.raises(InputError, match="the result of the function must be a dictionary"):
-        sweep(lambda x: x, {"x": [1]}, path=kept)
-    assert sweep(lambda x: {"y": x}, {"x": [1]}, path=kept).rows[0].values == {"y": 1}
-    assert kept.read_text().count('"format"') == 1
-
-
 @pytest.mark.parametrize("cut", [1, 20, 150])
 def test_a_last_line_that_was_cut_off_is_dropped_with_a_warning(cut, noting, kept, tmp_path):
     sweep(noting, {"x": [1, 2, 3]}, path=kept)
@@ -143,14 +136,6 @@ def test_a_last_line_that_was_cut_off_is_dropped_with_a_warning(cut, noting, kep
         warnings.simplefilter("error")
         sweep(noting, {"x": [1, 2, 3]}, path=kept)
     assert kept.read_bytes().count(b"\n") == 4
-
-
-def test_a_head_that_was_cut_off_is_written_anew(kept):
-    sweep(double, {"x": [1]}, path=kept)
-    kept.write_bytes(kept.read_bytes().split(b"\n")[0][:30])
-    with pytest.warns(SweepWarning, match="was cut off"):
-        sweep(double, {"x": [1]}, path=kept)
-    assert [json.loads(line).get("format") for line in kept.read_text().splitlines()] == ["mpsim sweep 1", None]
 
 
 @pytest.mark.parametrize("text", ["x", "notes\n", '{"a": 1}', '{"format": "mpsim sweep 2"}\n', "[]\n", "\n"])

@@ -153,17 +153,6 @@ def test_trajectories_are_compared_from_states_along_a_run(studied):
     assert errors["missed_collisions"].value == pytest.approx(sum(missed) / total, rel=1e-9)
 
 
-@pytest.mark.slow
-def test_short_runs_last_two_lyapunov_times():
-    """2.9 a unit of time at packing 0.3, over several starts: Dellago, Posch and Hoover (1996)."""
-    rates = [
-        2 / tradeoff(gas(256, packing, seed), COARSE, 1.0, "overlap", replicas=2).short
-        for packing, seed in ((0.3, 0), (0.3, 1), (0.3, 2), (0.1, 0))
-    ]
-    assert np.mean(rates[:3]) == pytest.approx(2.9, rel=0.15)
-    assert rates[3] < 0.6 * np.mean(rates[:3]), "a thinner gas parts more slowly"
-
-
 def test_the_default_candidates_have_each_contact_law_precision_and_method(costs, tmp_path):
     dts = (0.2, 0.1, 0.05, 0.02, 0.01)
     words = ("naive", "grid", "parallel", "auto"), ("elastic", "reflect"), ("impact", "push"), (1, 2), (1, 2)

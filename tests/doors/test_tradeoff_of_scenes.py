@@ -93,14 +93,6 @@ def test_contact_times_that_do_not_fit_are_refused_with_what_helps():
         tradeoff(own, [FINE], 1.0, contact_time=0.01)
 
 
-@pytest.mark.slow
-def test_a_scene_that_needs_no_guard_has_the_exact_reference_whatever_the_contact_time():
-    found = tradeoff(gas(12, 0.3), [Settings(method="event"), FINE], 2.0, "overlap", replicas=2, contact_time=0.5)
-    assert (found.reference, found.contact_time) == ("the exact solver", None)
-    assert found.rows[0].errors["overlap"].exact
-    assert found.rows[1].errors["overlap"].systematic == 0
-
-
 # --- grains that come to rest, emitters, scenes that change
 
 
@@ -132,15 +124,6 @@ def test_a_gas_that_changes_asks_for_a_duration_and_is_compared_in_windows():
     assert error.largest is not None
     assert "mean over windows, 0 to 15" in str(found)
     assert max(each.row.settings.dt for each in found.tried) <= 15 / 16, "no step is longer than a piece"
-
-
-@pytest.mark.long
-def test_emitters_that_count_time_have_an_answer():
-    emitter = Emitter((2, 2), (3, 2), interval=0.8, limit=20)
-    scene = Scene(width=9, height=9, position=[], velocity=[], radius=0.5, emitters=emitter, duration=12.0)
-    found = tune(scene, {"pressure": 0.4}, candidates=[GRID], replicas=4)
-    assert found.verified
-    assert found.errors["pressure"].error > 0
 
 
 @pytest.mark.slow
