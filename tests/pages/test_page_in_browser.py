@@ -1,0 +1,777 @@
+"""The page in a real browser: what is drawn, buttons, keys, pointer, fingers, what is kept, and the layout."""
+
+# ruff: noqa: RUF001 - signs that the page shows
+
+import base64
+import contextlib
+import io
+import json
+import re
+import shlex
+import time
+import zipfile
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.browser import browser, until
+from support.hands import WHITE, Table
+from support.scenes import gas
+from support.trajectories import written
+from support.visitor import digest_alone, kept, viewed
+
+import mpsim
+from mpsim import measure
+
+pytestmark = [pytest.mark.plain, pytest.mark.slow]
+
+GRID = mpsim.Settings(method="grid")
+SCENE = gas(40, 0.3)
+FOUR = mpsim.Scene(
+    width=20, height=12, position=[[4, 6], [10, 6], [16, 6], [10, 2]], velocity=np.zeros((4, 2)), radius=0.5
+)
+
+
+@pytest.fixture(scope="module")
+def opened():
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture
+def table(opened):
+    with contextlib.ExitStack() as stack:
+
+        def begin(scene=FOUR, settings=GRID, query="", size=(1280, 800), context=None, **options):
+            view = stack.enter_context(viewed(scene, settings, **{"playing": False, **options}))
+            made = Table(opened, view, query, size, **(context or {}))
+            stack.callback(made.close)
+            return made
+
+        yield begin
+
+
+def brightness(picture):
+    return picture[..., :3].astype(float) @ (0.2126, 0.7152, 0.0722)
+
+
+# --- what is drawn
+
+
+@pytest.mark.parametrize(("query", "by"), [("", "ByWebGL"), ("?canvas=2d", "ByCanvas")])
+def test_discs_are_drawn_where_they_are_as_large_as_they_are_and_faster_is_brighter(table, query, by):
+    t = table(SCENE, query=query)
+    assert t.page.get_attribute("#stage", "data-drawn-by") == by
+    picture = t.canvas()
+    height, width = picture.shape[:2]
+    scale = 0.96 * min(width / SCENE.width, height / SCENE.height)
+    x = width / 2 + (SCENE.position[:, 0] - SCENE.width / 2) * scale
+    y = height / 2 - (SCENE.position[:, 1] - SCENE.height / 2) * scale
+    centres = picture[y.astype(int), x.astype(int)]
+    assert (centres[:, 3] == 255).all(), "each disc is there"
+    assert (picture[:, :, 3] > 127).sum() / scale**2 == pytest.approx(40 * np.pi * 0.25, rel=0.03), "and nothing else"
+    ranks = [np.argsort(np.argsort(each)) for each in (np.hypot(*SCENE.velocity.T), brightness(centres))]
+    assert np.corrcoef(*ranks)[0, 1] > 0.95
+    fetched = t.page.evaluate("performance.getEntriesByType('resource').map((each) => each.name)")
+    assert fetched
+    assert all(name.startswith(t.view.address) for name in fetched), "nothing is fetched from elsewhere"
+    assert t.complaints == []
+
+
+def test_small_discs_are_drawn_at_true_radius_and_periodic_ones_at_both_edges(table):
+    radius = np.linspace(0.2, 0.7, 100)
+    place = np.stack(np.divmod(np.arange(100), 10), axis=1) * 10.03 + 4.9
+    t = table(mpsim.Scene(width=100, height=100, position=place, velocity=radius[:, None] * [1, 0], radius=radius))
+    picture = t.canvas()
+    height, width = picture.shape[:2]
+    scale = 0.96 * height / 100
+    x = (width / 2 + (place[:, 0] - 50) * scale).astype(int)
+    y = (height / 2 - (place[:, 1] - 50) * scale).astype(int)
+    found = np.array([picture[b - 8 : b + 9, a - 8 : a + 9, 3].sum() / 255 for a, b in zip(x, y, strict=True)])
+    assert found == pytest.approx(np.pi * (radius * scale) ** 2, rel=0.15)
+    assert picture[..., 3].sum() / 255 == pytest.approx(found.sum()), "and nothing elsewhere"
+    assert (np.diff(brightness(picture[y, x])) >= 0).all()
+    t = table(mpsim.Scene(width=8, height=8, position=[[0.1, 4]], velocity=[[0, 0]], radius=1.0, boundary="periodic"))
+    picture = t.canvas()
+    height, width = picture.shape[:2]
+    row, scale = picture[height // 2, :, 3] > 127, 0.96 * height / 8
+    assert row[int(width / 2 + 3.95 * scale) - 5], "the image of the disc, at the other edge"
+    assert not row[int(width / 2 + 4.05 * scale) :].any(), "and nothing beyond it"
+
+
+# --- buttons, keys, numbers
+
+
+def test_buttons_and_keys_do_what_they_say_and_numbers_are_those_of_the_library(table):
+    t = table(SCENE)
+    for name in ("collisions_per_second", "frames_per_second", "nanoseconds"):
+        assert t.text(name) == "–", "before anything has run"
+    t.page.click("#play")
+    until(lambda: t.frame > 5 and t.text("play") == "Pause")
+    t.keys("Space")
+    until(lambda: t.text("phase") == "paused" and t.frame == kept(t.view.address).frame)
+    frame = t.frame
+    t.page.click("#step")
+    until(lambda: t.frame == frame + 1)
+    t.keys(".")
+    until(lambda: t.frame == frame + 2)
+    with mpsim.Simulation(SCENE, GRID) as alone:
+        report = alone.run(frames=frame + 2)
+        assert kept(t.view.address).digest == alone.digest(), "the page has changed no bit"
+        state = alone.state
+        until(lambda: t.text("collisions") == f"{report.collisions:,}")
+        assert (t.text("frame"), t.text("discs")) == (f"{alone.frame:,}", "40")
+        assert float(t.text("time")) == pytest.approx(alone.time, rel=1e-3)
+    assert t.text("collisions-note") == "since the start, between discs"
+    temperature = measure.temperature(state, SCENE)
+    until(lambda: float(t.page.get_attribute("#temperature", "data-value") or -1) == temperature)
+    t.keys("]")
+    until(lambda: t.text("speed-text") == "2×, 120 frames a second")
+    t.keys("[", "[")
+    until(lambda: t.text("speed-text") == "1/2×, 30 frames a second")
+    t.keys("m")
+    until(lambda: t.text("speed-text") == "as fast as possible")
+    t.keys("r")
+    until(lambda: t.frame == 0)
+    t.page.focus("#step")
+    t.keys("Space")  # the button's own
+    until(lambda: t.frame == 1)
+    assert t.text("phase") == "paused"
+    t.page.focus("#speed")
+    t.keys("Home")
+    until(lambda: t.text("speed-text") == "1/100×, 0.6 frames a second")
+    saves_gauges(t, state)
+    assert t.complaints == []
+
+
+DRAGGED = """([inside, from]) => {
+    const data = new DataTransfer(), place = document.querySelector(inside).parentElement;
+    place.scrollIntoView({ block: "center" });
+    const { x, y } = place.querySelector(from).getBoundingClientRect();
+    const where = { clientX: x + 5, clientY: y + 5, dataTransfer: data, bubbles: true };
+    place.dispatchEvent(new DragEvent("dragstart", where));
+    return Object.fromEntries(data.types.map((type) => [type, data.getData(type)]));
+}"""
+
+
+def saves_gauges(t, state):
+    """Gauges are saved as tables and pictures, by buttons or by dragging them out of the page."""
+    place = t.page.locator("#temperature").locator("xpath=..")
+    for kind, begins in (("CSV", b"frame,time,temperature\n"), ("PNG", b"\x89PNG")):
+        with t.page.expect_download() as waited:
+            place.get_by_role("button", name=kind).click()
+        with open(waited.value.path(), "rb") as file:
+            assert file.read().startswith(begins)
+    lines = t.page.evaluate(DRAGGED, ["#speeds", "figcaption"])["text/plain"].strip().split("\n")
+    assert lines[0] == "from,to,density,maxwell"
+    assert float(lines[-1].split(",")[1]) > 0
+    kind, name, link = t.page.evaluate(DRAGGED, ["#speeds", "canvas"])["downloadurl"].split(":", 2)
+    assert (kind, name) == ("image/png", f"mpsim-{t.frame}-speeds.png")
+    assert base64.b64decode(link.removeprefix("data:image/png;base64,")).startswith(b"\x89PNG")
+
+
+def test_the_wheel_zooms_on_the_stage_and_scrolls_elsewhere(table):
+    t = table(SCENE, size=(390, 700))
+    before = t.canvas()
+    t.page.mouse.move(195, 300)
+    t.page.mouse.wheel(0, -300)
+    until(lambda: (t.canvas()[:, :, 3] > 127).sum() != (before[:, :, 3] > 127).sum())
+    assert t.page.evaluate("scrollY") == 0
+    t.keys("0")
+    until(lambda: np.array_equal(t.canvas(), before))
+    t.page.mouse.move(195, 690)
+    t.page.mouse.wheel(0, 300)
+    until(lambda: t.page.evaluate("scrollY") > 100)
+
+
+def test_colours_are_chosen_and_a_disc_is_labelled_followed_and_has_a_trail(table):
+    t = table(SCENE, colour=np.arange(40.0))
+    until(lambda: t.page.input_value("#colour") == "own")
+    offered = t.page.eval_on_selector_all("#colour option", "each => each.map((one) => one.value)")
+    assert offered == ["speed", "worker", "column", "collision", "own"]
+    until(lambda: np.ptp(t.canvas()[..., 1]) > 0)
+    before, legend = t.canvas(), t.page.evaluate("document.getElementById('legend').toDataURL()")
+    t.page.select_option("#colour", "column")
+    until(lambda: t.page.evaluate("document.getElementById('legend').toDataURL()") != legend)
+    until(lambda: not np.array_equal(t.canvas(), before))
+    t.page.select_option("#colour", "own")
+    until(lambda: np.array_equal(t.canvas(), before))
+    t.page.mouse.move(*t.pixel(*SCENE.position[7]))
+    until(lambda: t.text("disc-label").startswith("disc 7: "))
+    t.page.focus("#stage")
+    t.page.mouse.move(*t.pixel(*(SCENE.position[7] + 0.05)))
+    t.keys("f")
+    until(lambda: t.page.get_attribute("#stage", "data-followed") == "7")
+    t.page.click("#play")
+    until(lambda: t.frame > 30)
+    t.page.click("#play")
+    until(lambda: t.text("phase") == "paused" and t.frame == kept(t.view.address).frame)
+    box = t.page.locator("#discs-canvas").bounding_box()
+    until(lambda: t.canvas()[round(box["height"] / 2), round(box["width"] / 2)][3] == 255)  # in the middle
+    assert t.canvas("hand-canvas").any(), "its trail"
+    t.keys("f")
+    until(lambda: t.page.get_attribute("#stage", "data-followed") == "")
+    assert t.complaints == []
+
+
+# --- hands
+
+
+def test_discs_are_dragged_thrown_added_brushed_and_removed(table):
+    t = table()
+    t.drag((6, 9), (8, 10))  # the background
+    assert t.what() == []
+    t.keys("0")
+    t.drag((4.2, 6.1), (8.2, 9.1))
+    until(lambda: t.holding() == [] and np.allclose(t.disc(0), (8, 9), atol=0.03))
+    assert set(t.what()) == {"set"}
+    until(lambda: t.seen(8, 9) != WHITE)  # it is drawn there
+    until(lambda: t.seen(4, 6) == WHITE)
+    t.settle()
+    t.gesture(*((10 + 0.2 * k, 6 + 0.1 * k) for k in range(9)), rest=0.1)
+    until(lambda: t.holding() == [] and np.allclose(t.disc(1), (11.6, 6.8), atol=0.03))
+    t.page.click("#tool-add")
+    t.click(5, 10)
+    until(lambda: len(t.picture.colour) == 5 and np.allclose(t.disc(4), (5, 10), atol=0.05))
+    until(lambda: t.text("discs") == "5")
+    t.page.click("#tool-brush")
+    t.gesture((1, 3.5), (9, 3.5), (9, 1), apart=0.0)
+    until(lambda: len(t.picture.colour) > 5 + 7)
+    time.sleep(0.2)
+    drawn = t.picture.position[5:]
+    row = np.sort(drawn[drawn[:, 1] > 3.4][:, 0])
+    assert 0.999 <= np.diff(row).min() <= np.diff(row).max() < 1.1, "one beside the other, without gaps"
+    t.page.click("#tool-remove")
+    t.settle()
+    t.click(16, 6)
+    until(lambda: not t.present[2])
+    t.page.click("#undo")
+    until(lambda: bool(t.present.all()))
+    t.page.click("#undo")
+    until(lambda: len(t.picture.colour) == 5)  # a stroke of the brush is taken back as one
+    for _ in range(3):
+        t.page.click("#undo")
+    until(lambda: len(t.picture.colour) == 4 and t.page.is_disabled("#undo"))
+    assert t.what() == []
+    t.keys("h")
+    t.settle()
+    t.gesture(*((4 + 0.2 * k, 6 + 0.1 * k) for k in range(9)))
+    until(t.what)
+    expected = np.array([0.2, 0.1]) / 0.02 / (60 * 0.01)  # length a time of the simulation: 60 frames of 0.01 a second
+    t.keys(".")
+    until(lambda: t.frame == 1)
+    before = t.disc(0)
+    t.keys(".", ".", ".")
+    until(lambda: t.picture.frame == 4)
+    assert (t.disc(0) - before) / 0.03 == pytest.approx(expected, rel=0.05), "thrown as the pointer moved"
+    assert t.complaints == []
+
+
+def test_a_held_disc_follows_in_a_run_and_is_let_go_when_its_page_is_closed(table):
+    t = table(playing=True)
+    mouse = t.page.mouse
+    mouse.move(*t.pixel(4, 6))
+    mouse.down()
+    until(t.holding)
+    frame = t.frame
+    mouse.move(*t.pixel(7, 8), steps=10)
+    until(lambda: t.frame > frame + 20 and np.allclose(t.disc(0), (7, 8), atol=0.05))
+    assert t.text("phase") == "playing"
+    t.page.close()
+    until(lambda: t.holding() == [])
+    assert t.complaints == []
+
+
+def test_walls_are_drawn_by_pointer_and_keys_cut_at_the_box_and_refused_on_discs(table):
+    def walls():
+        return t.last("scene")["capsules"]
+
+    t = table()
+    t.page.click("#tool-wall")
+    t.drag((7, 12.1), (7, 4))
+    until(lambda: len(walls()) == 1)
+    assert np.allclose(walls()[0][:4], (7, 12, 7, 4), atol=0.05)
+    until(lambda: t.seen(7, 8) == [0x3A, 0x3F, 0x45])  # it is drawn there
+    for end, said in (((16, 7), "a wall must be clear of all discs; got disc 1"), ((9.2, 6), "as long as a disc is w")):
+        t.drag((9, 6), end)
+        until(lambda said=said: said in t.text("hand-note"))
+    t.drag((3, 9), (6, 15))
+    until(lambda: len(walls()) == 2)
+    assert np.allclose(walls()[1][:4], (3, 9, 4.5, 12), atol=0.05), "along the line that was drawn"
+    t.keys("k", *["ArrowUp"] * 5, "Enter", *["ArrowRight"] * 9)
+    assert len(walls()) == 2, "nothing before the second end"
+    t.keys("Enter")
+    until(lambda: len(walls()) == 3)
+    t.keys("Enter", "ArrowRight", "Escape")
+    assert t.what() == ["add_wall"] * 3, "Escape forgets a wall that has one end"
+    t.keys("z", "z", "z")
+    until(lambda: walls() == [] and t.page.is_disabled("#undo"))
+    assert t.complaints == []
+
+
+def test_gravity_and_parameters_are_changed_by_pointer_and_keys(table):
+    t = table()
+    t.show("parameters")
+    box = t.box("dial")
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    high = next(each["high"] for each in t.last("hands")["parameters"] if each["name"] == "gravity")
+    t.page.mouse.move(*middle)
+    t.page.mouse.down()
+    for k in range(1, 6):
+        t.page.mouse.move(middle[0], middle[1] + k * box["height"] / 20)
+    t.page.mouse.up()
+    until(lambda: t.values()["gravity"] == pytest.approx((0, -high / 2), rel=0.005, abs=0.005 * high))
+    pulled = t.values()["gravity"]
+    t.page.focus("#dial")
+    t.keys("ArrowRight")
+    until(lambda: t.values()["gravity"][0] == pytest.approx(high / 10))
+    t.keys("Delete")
+    until(lambda: t.values()["gravity"] == [0, 0])
+    t.page.click("#undo")
+    until(lambda: t.values()["gravity"][0] == pytest.approx(high / 10))
+    t.page.click("#undo")
+    until(lambda: t.values()["gravity"] == pulled)
+    t.page.click("#undo")
+    until(lambda: t.values()["gravity"] == [0, 0] and t.what() == [])  # all of one drag at once
+    box = t.box("change-restitution")
+    y = box["y"] + box["height"] / 2
+    t.page.mouse.move(box["x"] + box["width"] - 6, y)
+    t.page.mouse.down()
+    t.page.mouse.move(box["x"] + box["width"] / 2, y, steps=8)
+    t.page.mouse.up()
+    until(lambda: t.values()["restitution"] == pytest.approx(0.5, abs=0.05))
+    t.page.focus("#change-passes")
+    t.keys("ArrowRight")
+    until(lambda: t.values()["passes"] == 2)
+    t.page.select_option("#change-contact", "push")
+    until(lambda: t.values()["contact"] == "push")
+    t.page.focus("#change-dt")
+    t.keys("Home")
+    until(lambda: t.values()["dt"] == pytest.approx(0.001))
+    for _ in range(4):
+        t.page.click("#undo")
+    until(lambda: t.values()["restitution"] == 1.0 and t.values()["dt"] == 0.01 and t.what() == [])
+    until(lambda: t.page.input_value("#change-restitution") == "1000")
+    assert t.complaints == []
+
+
+def test_keys_do_what_the_pointer_does_and_fingers_too(table):
+    t = table()
+    t.keys("k")
+    until(lambda: t.page.evaluate("document.activeElement.id") == "stage")
+    t.keys(*["ArrowUp"] * 4, "Enter")  # the nearest disc
+    until(lambda: t.holding() == [1])
+    until(lambda: "Disc 1 is held." in t.text("hand-note"))
+    t.keys(*["ArrowUp"] * 5, "Enter")
+    until(lambda: t.holding() == [] and t.disc(1)[1] > 6.5)
+    t.settle()
+    t.keys("Enter")
+    until(lambda: t.holding() == [1])
+    t.keys("Shift+ArrowRight")  # thrown
+    until(lambda: t.holding() == [])
+    t.settle()
+    t.keys("x", *["ArrowUp"] * 4, "Enter")
+    until(lambda: t.text("hand-note") == "No disc is under the cross.")
+    t.keys("a", "Enter")
+    until(lambda: len(t.picture.colour) == 5)
+    t.settle()
+    t.keys("x", "Enter")
+    until(lambda: not t.present[4])
+    t.keys("z")
+    until(lambda: bool(t.present.all()))
+    t.keys("Control+z")
+    until(lambda: len(t.picture.colour) == 4)
+    assert t.complaints == []
+    finger = table(context={"has_touch": True}, size=(390, 800))
+    finger.page.locator("#stage").scroll_into_view_if_needed()
+    finger.gesture(*((10 + 0.2 * k, 6) for k in range(6)), finger=True)
+    until(lambda: finger.holding() == [] and finger.what() and finger.disc(1)[0] > 10.5)
+    assert finger.complaints == []
+
+
+# --- what is kept, and addresses
+
+
+def test_what_is_kept_has_the_bits_of_the_run_and_the_discs_of_the_picture(table, tmp_path):
+    t = table(gas(20, 0.1), name="a gas", context={"permissions": ["clipboard-read", "clipboard-write"]})
+    t.keys(".", ".", ".")
+    until(lambda: t.frame == 3)
+    t.page.click("#tool-remove")
+    t.click(*t.disc(0))
+    until(lambda: not t.present[0])
+    t.keys(".", ".")
+    until(lambda: t.frame == 5 and t.picture.frame == 5)
+    name, content = t.download("keep-session")
+    assert name == "a_gas-5-session.zip"
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        archive.extractall(tmp_path)
+    session = kept(t.view.address)
+    with mpsim.Simulation.replay(tmp_path / "session.toml") as again:
+        assert (again.digest(), again.frame) == (session.digest, 5)
+    t.page.click("#keep-program")
+    until(lambda: "The program is copied" in t.text("keep-note"))
+    text = t.page.evaluate("navigator.clipboard.readText()")
+    assert text == t.page.input_value("#kept-text")
+    assert session.digest in text
+    name, content = t.download("keep-picture")
+    assert name == "a_gas-5.png"
+    picture = np.asarray(Image.open(io.BytesIO(content)).convert("RGB"), int)
+    box = t.page.locator("#discs-canvas").bounding_box()
+    for x, y in t.picture.position[t.present]:
+        px, py = t.pixel(x, y)
+        assert picture[round(py - box["y"]), round(px - box["x"])].tolist() != WHITE, "each disc is there"
+    name, content = t.download("keep-film")
+    assert (name[-4:], Image.open(io.BytesIO(content)).n_frames > 1) == (".gif", True)
+    name, content = t.download("keep-scene")
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        archive.extractall(tmp_path)
+    assert mpsim.Scene.load(tmp_path / "scene.toml").count == 19
+    until(lambda: "send the file under Scene" in (t.page.text_content("#keep-command-note") or ""))
+    assert t.page.is_disabled("#keep-command"), "a scene of one's own has no command"
+    assert t.complaints == []
+
+
+def test_an_address_says_how_a_page_begins_and_what_is_copied_asks_for_what_is_shown(table):
+    t = table(mpsim.Scene.load("gas"), playing=True, query="?wait&speed=2&zoom=2&x=3&y=1", name="gas")
+    until(lambda: t.text("phase") == "paused" and t.text("speed-text").startswith("2×"))
+    frame = t.frame
+    time.sleep(0.2)
+    assert t.frame == frame < 10
+    t.show("keep")
+    t.page.click("#keep-address")
+    text = until(lambda: t.page.input_value("#kept-text"))
+    assert text.startswith(t.view.address + "?scene=gas&")
+    assert {"speed=2", "zoom=2", "x=3", "y=1", "wait"} <= set(text.partition("?")[2].split("&"))
+    assert t.page.evaluate("import('./stage.js').then(({camera}) => [camera.zoom, camera.x, camera.y])") == [2, 3, 1]
+    t.show("beside")
+    t.page.select_option("#beside-choice", '{"method":"event"}')
+    until(lambda: "beside=event" in (t.last("link")["text"] or ""))
+    until(lambda: t.page.is_enabled("#keep-command"))
+    t.page.click("#keep-command")
+    words = shlex.split(until(lambda: (found := t.page.input_value("#kept-text")).startswith("mpsim") and found))
+    assert words[:2] == ["mpsim", "view"]
+    assert words[2].startswith(f"?{t.last('link')['text']}&wait")
+    assert t.complaints == []
+
+
+def test_another_scene_is_asked_for_and_then_shown_and_a_wrong_address_is_explained(table, tmp_path):
+    other = table(mpsim.Scene.load("cradle"), name="cradle")
+    page = other.context.new_page()
+    address = other.view.address
+    for query, text in (
+        ("?scene=gas&count=1000000000", "a name in a link must be one of"),
+        ("?dt=0.005", "a link must have a scene"),
+        ("?wait&zoom=nan", "zoom must be a number from 0.5 to 64; got nan"),
+        ("?scene=%3Cimg%20src=x%20onerror=alert(1)%3E", "scene of a link must be one of"),
+    ):
+        page.goto(address + query)
+        until(lambda: page.is_visible("#asked"))
+        assert page.inner_text("#asked-text").startswith("This address cannot be used: ")
+        assert text in page.inner_text("#asked-text")
+        assert page.locator("#asked img").count() == 0
+        assert not page.is_visible("#asked-yes")
+    page.goto(address + "?wait&method=grid&scene=gas&speed=0.5")
+    until(lambda: page.is_visible("#asked-no"))
+    assert page.inner_text("#asked-text").startswith("This address asks for gas, method=grid. cradle")
+    page.click("#asked-no")
+    assert not page.is_visible("#asked")
+    page.goto(address + "?wait&method=grid&scene=gas&speed=0.2")
+    until(lambda: page.is_visible("#asked-yes"))
+    assert other.text("name") == "cradle", "nothing is changed before somebody says so"
+    page.click("#asked-yes")
+    for each in (page, other.page):
+        until(lambda each=each: each.inner_text("#name") == "gas" and each.inner_text("#discs") == "100")
+        assert not each.is_visible("#asked")
+    page.reload()
+    until(lambda: page.inner_text("#phase") == "paused")
+    page.wait_for_timeout(300)
+    assert not page.is_visible("#asked"), "it is what runs now"
+    written(tmp_path / "run.xyz", gas(20, 0.2), frames=2, every=1, method="naive")
+    with viewed(mpsim.Trajectory(tmp_path / "run.xyz"), playing=False) as view:
+        page.goto(view.address + "?wait&scene=cradle&method=grid")
+        until(lambda: page.is_visible("#asked"))
+        assert page.inner_text("#asked-text") == (
+            "This address asks for cradle, method=grid. This view shows a recording, and nothing else. In a terminal: "
+            "mpsim view '?scene=cradle&method=grid'"
+        )
+        page.goto("about:blank")
+
+
+# --- two stages, passes, moments, a search
+
+
+def test_two_stages_passes_and_moments(table):
+    settings = mpsim.Settings(method="grid", contact="push", dt=0.01)
+    t = table(SCENE, settings, beside=mpsim.Settings(method="event"))
+
+    def value(name):
+        return float(t.page.get_attribute(f"#trade-{name}", "data-value") or "nan")
+
+    t.keys(".", ".", ".")
+    until(lambda: t.frame == 3)
+    states = []
+    for each in (settings, mpsim.Settings(method="event", dt=0.01)):
+        with mpsim.Simulation(SCENE, each) as sim:
+            sim.run(frames=3)
+            states.append(sim.state)
+    expected = measure.trajectory_error(*states, SCENE).rms
+    until(lambda: value("distance") == pytest.approx(expected, rel=1e-9))
+    assert (t.text("first-name"), t.text("second-name")) == ("grid push dt=0.01", "event, exact")
+    first, second = t.canvas(), t.canvas("second-discs")
+    assert (first[..., 3] > 0).mean() == pytest.approx((second[..., 3] > 0).mean(), rel=0.02)
+    t.page.click("#snapshot")
+    until(lambda: t.page.is_enabled("#return"))
+    t.page.click("#pass")
+    until(lambda: t.page.get_attribute("#stage", "data-pass") == "even 1/2")
+    until(lambda: "no two brackets share a column" in t.text("pass-note"))
+    until(lambda: t.canvas("hand-canvas").any())  # the brackets
+    t.keys("p")
+    until(lambda: t.page.get_attribute("#stage", "data-pass") == "odd 2/2" and t.frame == 4)
+    t.keys(".")
+    until(lambda: t.page.get_attribute("#stage", "data-pass") == "")
+    t.keys("g")
+    until(lambda: t.frame == 3)
+    t.page.fill("#seed", "5")
+    t.keys("Enter")
+    until(lambda: t.frame == 0 and t.last("scene")["seed"] == 5)
+    t.show("beside")
+    for name, text in (("tune-budget", "1.0e-2"), ("seed", "10")):  # what is typed into a field stays there
+        t.page.focus(f"#{name}")
+        t.keys("Control+a")
+        t.page.keyboard.type(text)
+        assert t.page.input_value(f"#{name}") == text
+    t.keys("Control+a")
+    t.page.keyboard.type("5")
+    valid = "document.getElementById('tune-form').checkValidity()"
+    for text in ("1e-300", "1e300", "2", "-1", "0", ""):  # no budget: searches for nothing
+        t.page.fill("#tune-budget", text)
+        t.page.click("#tune")
+        assert not t.page.evaluate(valid), text
+    assert t.page.inner_text("#tune-unit") == "of the exact value"
+    t.page.fill("#tune-budget", "2")
+    t.page.select_option("#tune-measure", "overlap")
+    assert t.page.inner_text("#tune-unit") == "diameters"
+    assert t.page.evaluate(valid)
+    assert t.last("tune").get("phase", "none") == "none"
+    t.page.select_option("#beside-choice", "null", force=True)
+    until(lambda: not t.page.is_visible("#second") and not t.page.is_visible("#trade"))
+    assert t.complaints == []
+
+
+def test_stages_that_part_say_so_and_passes_are_offered_where_there_are_none(table):
+    t = table(gas(12, 0.6), mpsim.Settings(method="grid", dt=0.08), beside=mpsim.Settings(method="event"))
+    t.keys("m")
+    t.page.click("#play")
+    until(lambda: t.page.is_visible("#parted"))
+    t.page.click("#play")
+    assert "The stages parted for good" in t.text("parted")
+    assert t.text("trade-distance") == "parted"
+    t = table(gas(20, 0.3), None)  # `auto` takes the method naive
+    t.keys(".", "p")
+    until(lambda: t.page.is_visible("#asked-yes"))
+    assert t.text("asked-text") == (
+        "The method naive tests all pairs of discs at once, so a frame has no passes. The method grid has passes. "
+        "A restart changes all pages of this view."
+    )
+    t.keys("Enter")  # the button has the focus
+    until(lambda: t.page.get_attribute("#stage", "data-pass") == "even 1/2")
+    assert "method grid" in t.page.inner_text("#about")
+    assert t.complaints == []
+
+
+# --- a recording
+
+
+def test_the_time_line_is_moved_by_pointer_and_keys(table, tmp_path):
+    path = tmp_path / "run.xyz"
+    written(path, gas(20, 0.2), frames=100, every=5, method="naive")
+    t = table(mpsim.Trajectory(path), None, size=(390, 800))
+    assert t.text("timeline-text") == "1 of 21"
+    box = t.box("timeline")
+    t.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    until(lambda: t.frame == 50)
+    t.page.focus("#stage")
+    for key, frame in ((",", 45), ("Home", 0), (".", 5), ("End", 100), ("r", 0)):
+        t.keys(key)
+        until(lambda frame=frame: t.frame == frame)
+    t.page.click("#step")
+    until(lambda: t.frame == 5)
+    t.page.click("#back")
+    until(lambda: t.frame == 0 and t.page.is_disabled("#back"))
+    t.keys("l")
+    until(lambda: t.frame == 100 and t.page.get_attribute("#follow", "aria-pressed") == "true")
+    t.keys("p", "s", "g", "x", "f", "]")  # keys of runs, which a recording has not
+    until(lambda: t.text("speed-text") == "1×, 60 recorded frames a second")
+    assert t.page.get_attribute("#follow", "aria-pressed") == "true", "it follows the file still"
+    t.page.click("#play")  # at the end: again from the start
+    until(lambda: t.text("phase") == "playing" and t.frame < 60)
+    t.keys("m")
+    until(lambda: t.text("phase") == "paused" and t.frame == 100)
+    hidden = ("#tools", "#parameters", "#keep-session", "#nanoseconds")
+    assert [name for name in hidden if t.page.is_visible(name)] == []
+    name, _ = t.download("keep-film")
+    assert name == "run_xyz-100.gif"
+    assert t.complaints == []
+
+
+# --- other sites, and the end
+
+
+CONNECTED = """(where) => new Promise((end) => {
+    const socket = new WebSocket(where);
+    socket.onopen = () => end("open");
+    socket.onerror = () => end("refused");
+})"""
+
+
+def test_another_site_cannot_read_or_connect_and_the_end_is_told(table):
+    t = table(SCENE, playing=True)
+    until(lambda: t.frame > 5)
+    other = t.context.new_page()
+    other.route("http://evil.example/", lambda route: route.fulfill(body="<p>evil</p>", content_type="text/html"))
+    other.goto("http://evil.example/")
+    fetched = "(where) => fetch(where).then(() => 'read', () => 'refused')"
+    address = re.sub("^http", "ws", t.view.address) + "socket"
+    assert other.evaluate(fetched, t.view.address) == "refused"
+    assert other.evaluate(CONNECTED, address) == "refused"
+    assert t.page.evaluate(CONNECTED, address) == "open", "the control: its own page can"
+    other.close()
+    t.watch.say("visible", value=False)
+    t.page.goto("about:blank")
+    time.sleep(0.4)
+    frame = kept(t.view.address).frame
+    time.sleep(0.3)
+    assert kept(t.view.address).frame == frame, "a page that is left alone stops the run"
+    t.page.goto(t.view.address)
+    until(lambda: t.frame > frame)
+    t.view.close()
+    until(lambda: "No connection to mpsim" in t.text("notice"))
+    assert t.page.is_disabled("#play")
+
+
+# --- how it is laid out
+
+
+EXTREME = {
+    "temperature": 1.234e-16, "energy_drift": -1.78e-16, "pressure": -1.2345e-16, "pressure_error": 3.3e-18,
+    "largest_overlap": 1.234e-5, "collisions_per_second": 33424528.7, "collisions": 33424528123,
+    "frames_per_second": 123456.7, "nanoseconds": 9999999.4, "discs": 10000000, "bulk_pressure": -1.234e-16,
+    "counting": True,
+}  # fmt: skip
+"""Gauges with the longest texts."""
+
+PAIR = {
+    "first": "grid impact dt=0.001234, passes 10, float32", "second": "event", "exact": True, "note": None,
+    "skipped": 0, "time": 1.5, "distance": 1.234e-12, "parted": None, "missed": 123456789012, "missed_fraction": 0.1,
+    "collisions": [1, 123456789012], "pressure": [-1.234e-16, 123456.7], "pressure_difference": -1.234e-16,
+    "difference_error": 1.2e-18, "cost_ratio": 1234567, "lyapunov_time": None, "agree_until": None,
+}  # fmt: skip
+
+SHOW = """async ([gauges, pair]) => {
+  const { take } = await import("./link.js"), { state } = await import("./common.js");
+  take({ type: "gauges", ...state.gauges, ...gauges });
+  take({ type: "pair", ...pair });
+}"""
+
+OUTSIDE = """() => {
+  const found = [];
+  const range = document.createRange();
+  const box = (node) => { range.selectNodeContents(node); return range.getBoundingClientRect(); };
+  for (const card of document.querySelectorAll(".gauges > div, #trade > div, header, aside")) {
+    const { left, right } = card.getBoundingClientRect();
+    for (const each of card.querySelectorAll("dt, dd, b, small, span, h1")) {
+      const text = box(each);
+      if (text.width && (text.left < left - 1 || text.right > right + 1)) found.push(`${each.id} ${each.textContent}`);
+    }
+  }
+  for (const card of document.querySelectorAll(".gauges > div")) {
+    const name = box(card.querySelector("dt").firstChild), value = box(card.querySelector("dd"));
+    const beside = name.bottom <= value.top || value.bottom <= name.top || name.right <= value.left;
+    if (value.width && !beside) found.push(`${card.textContent}: name and value overlap`);
+  }
+  if (document.documentElement.scrollWidth > innerWidth) found.push("the page is wider than its window");
+  const [legend, select] = ["legend", "colour"].map((id) => document.getElementById(id).getBoundingClientRect());
+  const size = 0.82 * parseFloat(getComputedStyle(document.documentElement).fontSize); // of the numbers in the legend
+  if (select.top < legend.bottom - 1.5 * size) found.push("the legend is covered");
+  return found;
+}"""
+
+
+@pytest.mark.parametrize("size", [(320, 800), (390, 844), (1280, 800), (1920, 1080)])
+def test_nothing_leaves_its_place_on_any_screen(table, size):
+    for touch in (False, True):
+        t = table(SCENE, size=size, name="A name that is quite long " * 3,
+                  context={"has_touch": touch, "is_mobile": touch})  # fmt: skip
+        until(lambda t=t: t.text("temperature")[0] in "0123456789")
+        if size[0] > 800:
+            assert t.page.evaluate("document.documentElement.scrollHeight") <= size[1], "all is seen at once"
+        for name in ("play", "step", "reset"):
+            box = t.page.locator(f"#{name}").bounding_box()
+            assert (box["height"] >= 32, box["x"] + box["width"] <= size[0]) == (True, True), "room for a finger"
+        t.page.evaluate(SHOW, [EXTREME, PAIR])
+        assert t.text("collisions") == "33,424,528,123"
+        if size[0] > 320:
+            assert t.page.evaluate(OUTSIDE) == []
+        for panel in ("parameters", "keep"):
+            t.show(panel)
+        assert t.page.evaluate("document.documentElement.scrollWidth") <= size[0]
+        if touch:
+            heights = "[...document.querySelectorAll('.save button, #colour')].map((each) => each.offsetHeight)"
+            assert min(t.page.evaluate(heights)) >= 24
+
+
+# --- the module of the widget, without a notebook
+
+
+RENDER = """async (text) => {
+  window.said = [];
+  const model = {
+    get: () => 500, send: (content) => window.said.push(content), off() {},
+    on: (kind, hear) => { window.hear = hear; },
+  };
+  const address = URL.createObjectURL(new Blob([text], { type: "text/javascript" }));
+  window.end = (await import(address)).default.render({ model, el: document.body });
+}"""
+STATUS = {"type": "status", "phase": "paused", "speed": 1, "note": None, "can_remember": True, "snapshot": None}
+
+
+def test_the_widget_says_what_was_lost_and_asks_again_after_half_a_minute_of_silence(opened):
+    with mpsim.live(mpsim.Scene.load("cradle"), playing=False) as live:
+        module = str(live.widget._esm)
+    page = opened.new_page()
+    page.clock.install()
+    page.goto("data:text/html,<title>a notebook</title>")
+    page.evaluate(RENDER, module)
+
+    def said(word, since=0):
+        return [each for each in page.evaluate("said")[since:] if each.get(word)]
+
+    def hear(**content):
+        page.evaluate("(content) => hear(content, [])", {"page": name, **content})
+
+    def phase():
+        return page.frames[-1].inner_text("#phase")
+
+    name = until(lambda: said("open"))[-1]["page"]
+    assert phase() == "connecting"
+    hear(text=json.dumps(STATUS))  # opens it: the message that says so may be lost
+    until(lambda: phase() == "paused")
+    visible = [each for each in page.evaluate("said") if "visible" in each.get("text", "")]
+    assert len(visible) == 1
+    hear(opened=True)
+    hear(text=json.dumps({**STATUS, "phase": "playing"}))
+    until(lambda: phase() == "playing")
+    for sent, lost in ((2, False), (5, True), (5, False)):
+        hear(ping=True, sent=sent)
+        assert said("pong")[-1] == {"page": name, "pong": True, "lost": lost}
+    asked = len(page.evaluate("said"))
+    page.clock.run_for(25_000)
+    assert not said("pong", asked), "the control: it is patient"
+    page.clock.run_for(15_000)
+    assert said("pong", asked) == [{"page": name, "pong": True, "lost": True}]
+    page.evaluate("end()")
+    asked = len(page.evaluate("said"))
+    page.clock.run_for(100_000)
+    assert len(page.evaluate("said")) == asked, "a page that was taken away asks nothing"
+    page.close()
+    assert digest_alone(SCENE, GRID, 0)
