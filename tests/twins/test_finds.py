@@ -1,15 +1,16 @@
-"""What the search has found, each case reduced to a few discs; in plain Python where kernels would be compiled."""
+"""What the search has found, each case reduced to a few discs."""
 
 import warnings
 
 import numpy as np
 import pytest
-from support.processes import assert_clean, run_script
 from support.scenes import simulate
 from support.transforms import Units
 
 import mpsim
 from mpsim.engine import entry_flight
+
+pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::UserWarning")]
 
 
 def box_of(**features):
@@ -36,7 +37,9 @@ AT_REST = {
 }
 
 
-def check_pressure_at_rest(name, precision):
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("name", AT_REST)
+def test_impulses_are_counted_where_nothing_moves_at_the_start(name, precision):
     """Impulses were counted in steps of 2^-32 of the scene's units where nothing moved at the start: 0 here."""
     scene = AT_REST[name]
     pressure = measured(scene, "pressure", precision=precision)
@@ -44,7 +47,7 @@ def check_pressure_at_rest(name, precision):
     assert measured(SMALL.scene(scene), "pressure", precision=precision) == pressure * SMALL.measure("pressure")
 
 
-def check_pressure_far_away():
+def test_impulses_are_counted_far_below_1():
     """Below momenta of 2^-68 the steps in which impulses were counted grew against them, in float64 too."""
     far = Units(length=2.0**-60, time=2.0**60)
     scene = box_of(position=[[3, 3], [7, 3.2]], velocity=[[1.1, 0], [-0.7, 0.3]])
@@ -65,7 +68,7 @@ def test_a_flight_that_ends_at_its_start_takes_a_few_looks(monkeypatch):
     assert 2 <= len(looks) < 70, f"{len(looks)} looks"
 
 
-def check_guard_at_rest():
+def test_the_contact_time_is_short_where_nothing_moves_at_the_start():
     """It was 1e-6 of the units of time where nothing moved at the start: an age for a disc that an emitter launches."""
     start = box_of(
         position=[[4, 5], [5.5, 5]],
@@ -81,20 +84,6 @@ def check_guard_at_rest():
             energies.append((sim.state.velocity**2).sum() * factor**2)
     assert energies[0] < 0.5, "the collisions lose energy"
     assert energies[1] == energies[0]
-
-
-def check_all():
-    """What runs as plain Python."""
-    for name in AT_REST:
-        for precision in ("float32", "float64"):
-            check_pressure_at_rest(name, precision)
-    check_pressure_far_away()
-    check_guard_at_rest()
-
-
-def test_units_matter_nowhere():
-    text = "from twins.test_finds import check_all; check_all()"
-    assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}))
 
 
 def test_a_kurtosis_of_discs_that_come_to_rest_ends_no_run():
