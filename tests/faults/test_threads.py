@@ -2,24 +2,37 @@
 
 import asyncio
 import gc
+import logging
 import os
+import signal
 import threading
 import time
+import warnings
 from functools import cache
 
 import pytest
 from support.compare import overlapping_pairs
 from support.processes import assert_clean, blocks_of, run_script
 from support.scenes import ALONE, digest_after, lattice, simulate
-from support.selection import long_but
+from support.selection import long_but, slow_but
 
 import mpsim
-from mpsim.engine import batch_size
-from mpsim.engine.solvers import events
+
+pytestmark = [
+    pytest.mark.compiled,
+    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork in a process with threads
+]
 
 METHODS = list(ALONE)
 PATIENCE = 100
 """Seconds after which a thread counts as hung, on a busy machine."""
+
+
+def begin(scene, method, **settings):
+    return simulate(scene, method=method, workers=2, start_method="fork", **settings)
+
+
+# --- changes
 
 CHANGES = {
     "run": lambda sim: sim.run(frames=1),
@@ -29,55 +42,40 @@ CHANGES = {
 }
 
 
-class Running:
-    """A simulation that another thread runs in the `with` block, which ends that run; then `error` is what ended it."""
-
-    def __init__(self, sim):
-        self.error = None
-        self._sim, self._stop, self._begun = sim, threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name="runner", daemon=True)
-
-    def __enter__(self):
-        self._thread.start()
-        assert self._begun.wait(PATIENCE)
-        return self
-
-    def __exit__(self, *exception):
-        self._stop.set()
-        self._thread.join(PATIENCE)
-        assert not self._thread.is_alive(), "the run hangs"
-
-    def _run(self):
-        try:
-            self._sim.run(frames=10**9, progress=self._progress)
-        except BaseException as error:
-            self.error = error
-
-    def _progress(self, done, of):
-        self._begun.set()
-        if self._stop.is_set():
+@pytest.mark.parametrize("method", slow_but(METHODS, "parallel", "event"))
+def test_a_change_from_another_thread_is_refused_at_once_and_names_both(method):
+    def progress(done, of):
+        begun.set()
+        if stop.is_set():
             raise ZeroDivisionError
 
+    def run():
+        try:
+            sim.run(frames=10**9, progress=progress)
+        except BaseException as error:
+            ended.append(error)
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_change_from_another_thread_is_refused_at_once_and_names_both(method):
-    with simulate(lattice(20, 20), method=method, workers=2) as sim:
-        with Running(sim) as running:
-            for name, change in CHANGES.items():
-                started = time.perf_counter()
-                with pytest.raises(mpsim.errors.BusyError) as caught:
-                    change(sim)
-                assert time.perf_counter() - started < 5, "it waited"
-                assert str(caught.value).startswith(
-                    f"run() of thread 'runner' is in progress; {name}() of thread 'MainThread' was refused. "
-                )
-        assert isinstance(running.error, ZeroDivisionError), f"the run was disturbed by {running.error!r}"
+    stop, begun, ended = threading.Event(), threading.Event(), []
+    with begin(lattice(20, 20), method) as sim:
+        thread = threading.Thread(target=run, name="runner", daemon=True)
+        thread.start()
+        assert begun.wait(PATIENCE)
+        for name, change in CHANGES.items():
+            started = time.perf_counter()
+            with pytest.raises(mpsim.errors.BusyError) as caught:
+                change(sim)
+            assert time.perf_counter() - started < 5, "it waited"
+            rule = f"run() of thread 'runner' is in progress; {name}() of thread 'MainThread' was refused. "
+            assert str(caught.value).startswith(rule)
+        stop.set()
+        thread.join(PATIENCE)
+        assert isinstance(ended[0], ZeroDivisionError), f"the run was disturbed by {ended}"
         frame = sim.frame  # and the lock was let go by the exception
         sim.run(frames=3)
         assert sim.digest() == digest_after(lattice(20, 20), frame + 3, method=ALONE[method])
 
 
-@pytest.mark.parametrize("method", long_but(METHODS, "parallel", "event"))
+@pytest.mark.parametrize("method", slow_but(["grid", "parallel", "event"], "parallel"))
 def test_threads_that_all_want_to_run_lose_no_frame(method):
     """They did: counts of frames that nobody had run, hangs, and segmentation faults."""
     done, refused = [], []
@@ -91,7 +89,7 @@ def test_threads_that_all_want_to_run_lose_no_frame(method):
                 refused.append(error)
                 time.sleep(0.0005)
 
-    with simulate(lattice(12, 12), method=method, workers=2) as sim:
+    with begin(lattice(12, 12), method) as sim:
         threads = [threading.Thread(target=run_often, args=(sim,)) for _ in range(3)]
         for thread in threads:
             thread.start()
@@ -102,13 +100,15 @@ def test_threads_that_all_want_to_run_lose_no_frame(method):
     assert len(done) + len(refused) == 150
 
 
+# --- readers
+
 FRAMES = 300
 
 
 @cache
-def whole_frames(method):
+def whole_frames():
     """Digests of each frame of a scene."""
-    with simulate(lattice(40, 40), method=ALONE[method]) as sim:
+    with simulate(lattice(40, 40), method="grid") as sim:
         return {sim.digest()} | {sim.run(frames=1) and sim.digest() for _ in range(FRAMES)}
 
 
@@ -118,91 +118,89 @@ def is_whole(state, method):
     Then no two discs overlap, and no energy is missing.
     """
     if method != "event":
-        return state.digest() in whole_frames(method)
+        return state.digest() in whole_frames()
     energy = (lattice(40, 40).velocity ** 2).sum()
     overlaps = len(overlapping_pairs(state.position, 1 - 1e-11)[0])
     return not overlaps and (state.velocity**2).sum() == pytest.approx(energy, rel=1e-11)
 
 
-def one_of_each(states):
-    """States without repetitions."""
-    return {state.digest(): state for state in states}.values()
-
-
-@pytest.fixture
-def short_slices(monkeypatch):
-    """Readers come by more often."""
-    monkeypatch.setattr(batch_size, "MOST_SECONDS", 0.0002)
-    monkeypatch.setattr(events, "FEWEST_EVENTS", 50)
-    monkeypatch.setattr(events, "SECONDS_AT_ONCE", 0.002)
-
-
-def read_in_a_run(sim, read):
-    """What a second thread reads while the simulation runs FRAMES frames; and at how many slices the run stopped."""
+def read_in_a_run(sim, read, readers=1):
+    """What other threads read while the simulation runs FRAMES frames."""
 
     def look():
         while not over:
             found.append(read(sim))
 
     def now_and_then(done, of):
-        """On a busy machine the run may be over before the reader's turn comes: let it come once in five slices."""
-        slices.append(done)
+        """On a busy machine the run may be over before the reader's turn comes."""
         before, end = len(found), time.monotonic() + PATIENCE
-        while len(slices) % 5 == 0 and len(found) == before and time.monotonic() < end:
+        while len(found) == before and time.monotonic() < end:
             time.sleep(0.001)
 
-    found, over, slices = [], [], []
-    reader = threading.Thread(target=look)
-    reader.start()
+    found, over = [], []
+    threads = [threading.Thread(target=look) for _ in range(readers)]
+    for thread in threads:
+        thread.start()
     try:
-        sim.run(frames=FRAMES, progress=now_and_then)
+        while sim.frame < FRAMES:
+            sim.run(frames=20, progress=now_and_then)
     finally:
         over.append(True)
-        reader.join(PATIENCE)
-    return found, slices
+        for thread in threads:
+            thread.join(PATIENCE)
+    return {state.digest(): state for state in found}.values()
+
+
+@pytest.mark.parametrize("method", slow_but(["grid", "parallel", "event"], "parallel"))
+def test_a_state_that_other_threads_read_is_whole_and_they_do_not_stop_a_run(method):
+    """Never half of two frames, nor of two instants."""
+    with begin(lattice(40, 40), method) as sim:
+        states = read_in_a_run(sim, lambda sim: sim.state, readers=3)
+        assert sim.frame == FRAMES
+    assert len(states) > 2, "too few were read while it ran"
+    assert all(is_whole(state, method) for state in states)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", long_but(METHODS, "grid", "parallel", "event"))
-def test_a_state_that_another_thread_reads_is_whole(method, short_slices):
-    """Never half of two frames, nor of two instants."""
-    with simulate(lattice(40, 40), method=method, workers=2) as sim:
-        states, slices = read_in_a_run(sim, lambda sim: sim.state)
-    found = one_of_each(states)
-    assert len(found) > 2, "too few were read while it ran"
-    assert all(is_whole(state, method) for state in found)
-    assert slices[-1] == FRAMES, "readers have stopped the run from continuing"
-
-
-@pytest.mark.parametrize("method", long_but(METHODS, "grid", "parallel", "event"))
-def test_control_arrays_that_are_read_past_the_lock_are_torn(method):
+def test_control_arrays_that_are_read_past_the_lock_are_torn():
     for _ in range(20):
-        with simulate(lattice(40, 40), method=method, workers=2) as sim:
-            states = read_in_a_run(sim, lambda sim: sim._solver.state())[0]
-        if not all(is_whole(state, method) for state in one_of_each(states)):
+        with begin(lattice(40, 40), "grid") as sim:
+            states = read_in_a_run(sim, lambda sim: sim._solver.state())
+        if not all(is_whole(state, "grid") for state in states):
             return
     pytest.fail("no torn state was read: the test above would notice nothing")
 
 
-def test_many_readers_do_not_stop_a_run_from_continuing():
-    def read():
-        while not over:
-            sim.state  # noqa: B018
-            reads.append(1)
+@pytest.mark.parametrize("method", long_but(METHODS, "grid"))
+def test_asyncio_runs_in_a_thread_and_reads_in_the_loop(method):
+    async def main():
+        read = []
+        with begin(lattice(20, 20), method) as sim:
+            run = asyncio.create_task(asyncio.to_thread(sim.run, frames=3000))
+            while not run.done():
+                read.append(await asyncio.to_thread(lambda: sim.frame))
+                await asyncio.sleep(0.01)
+            report = await run
+            return read, report.frames, sim.digest()
 
-    over, reads = [], []
-    with simulate(lattice(12, 12), method="grid") as sim:
-        readers = [threading.Thread(target=read) for _ in range(4)]
-        for reader in readers:
-            reader.start()
-        try:
-            sim.run(frames=20_000)
-        finally:
-            over.append(True)
-            for reader in readers:
-                reader.join(PATIENCE)
-        assert sim.frame == 20_000
-    assert reads, "the control: somebody has read"
+    read, ran, digest = asyncio.run(main())
+    assert read == sorted(read)
+    assert (ran, digest) == (3000, digest_after(lattice(20, 20), 3000, method=ALONE[method]))
+
+
+def test_garbage_that_another_thread_collects_is_closed_there():
+    circle = [begin(lattice(9, 9), "parallel")]
+    circle.append(circle)
+    circle[0].run(frames=2)
+    assert blocks_of(os.getpid())
+    del circle
+    thread = threading.Thread(target=gc.collect)
+    thread.start()
+    thread.join(PATIENCE)
+    assert blocks_of(os.getpid()) == set()
+
+
+# --- callbacks
 
 
 class Observing:
@@ -217,107 +215,164 @@ class Observing:
         self.found.append(self.act(sim))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", slow_but(METHODS, "grid", "event"))
 def test_what_callbacks_may_do_and_what_they_may_not(method, tmp_path):
-    with simulate(lattice(9, 9), method=method, workers=2) as sim:
-        reading = Observing(lambda sim: (sim.frame, sim.count, sim.time, len(sim.radii), sim.digest()))
-        saving = Observing(lambda sim: sim.save(tmp_path / "run"))
-        sim.run(frames=10, observe=[reading, saving])
-        assert [found[0] for found in reading.found] == [0, 5, 10]
-        with pytest.raises(
-            mpsim.errors.BusyError, match=r"^run\(\) of thread 'MainThread' is in progress; run\(\) of the same"
-        ):
-            sim.run(frames=10, observe=Observing(lambda sim: sim.run(frames=1)))
-        assert sim.run(frames=5).frames == 5, "it was let go"
-        with pytest.raises(mpsim.errors.ClosedError):
-            sim.run(frames=10, observe=Observing(lambda sim: sim.close()))
+    """What they add is what is added between two runs; a run inside a run is refused."""
+    scene, added = lattice(9, 9, pitch=4.0), []
 
-
-@pytest.mark.parametrize("where", ["observe", "progress"])
-@pytest.mark.parametrize("method", METHODS)
-def test_discs_that_a_callback_adds_are_those_that_are_added_between_two_runs(method, where):
     def add(sim):
-        k = len(added)
-        sim.add((2.5 + 4 * k, 2.5), (0.25, 1.0))  # where nobody is
+        sim.add((2.5 + 4 * len(added), 2.5), (0.25, 1.0))  # where nobody is
         added.append(sim.frame)
 
-    scene, added = lattice(9, 9, pitch=4.0), []
-    with simulate(scene, method=method, workers=2) as sim:
-        given = Observing(add) if where == "observe" else lambda *_: len(added) < 3 and add(sim)
-        sim.run(frames=30, **{where: given})
-        found, count = sim.digest(), sim.count
-    assert count == 81 + len(added) > 81
+    def wait_for_a_reader(done, of):
+        """In a callback a run is between two slices: the other thread must not wait for it."""
+        thread = threading.Thread(target=lambda: read.append(sim.frame))
+        thread.start()
+        thread.join(PATIENCE)
+
+    read = []
+    with begin(scene, method) as sim:
+        reading = Observing(lambda sim: (sim.frame, sim.count, sim.time, len(sim.radii), sim.digest()))
+        saving = Observing(lambda sim: sim.save(tmp_path / "run"))
+        sim.run(frames=10, observe=[reading, saving], progress=wait_for_a_reader)
+        assert [found[0] for found in reading.found] == [0, 5, 10]
+        assert read[-1] == 10
+        rule = r"^run\(\) of thread 'MainThread' is in progress; run\(\) of the same"
+        with pytest.raises(mpsim.errors.BusyError, match=rule):
+            sim.run(frames=10, observe=Observing(lambda sim: sim.run(frames=1)))
+        start = sim.frame
+        sim.run(frames=10, observe=Observing(add))
+        sim.run(frames=10, progress=lambda *_: len(added) < 5 and add(sim))
+        found, count, frames = sim.digest(), sim.count, added
+        with pytest.raises(mpsim.errors.ClosedError):
+            sim.run(frames=10, observe=Observing(lambda sim: sim.close()))
+    assert count == 81 + len(frames) > 84
     with simulate(scene, method=ALONE[method]) as sim:
-        frames, added = added, []
+        sim.run(frames=start)
+        added = []
         for frame in frames:
             sim.run(frames=frame - sim.frame)
             add(sim)
-        sim.run(frames=30 - sim.frame)
+        sim.run(frames=start + 20 - sim.frame)
         assert sim.digest() == found
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt, SystemExit])
-@pytest.mark.parametrize("where", ["observe", "progress"])
-def test_whatever_a_callback_raises_the_next_thread_can_continue(where, error):
+def test_whatever_a_callback_raises_the_next_thread_can_continue(error):
     def fail(*_):
         raise error
 
     found = []
-    with simulate(lattice(9, 9), method="grid") as sim:
-        with pytest.raises(error):
-            sim.run(frames=50, **{where: Observing(fail) if where == "observe" else fail})
-        frame = sim.frame
-        thread = threading.Thread(target=lambda: found.append(sim.run(frames=2).frames))
+    with begin(lattice(9, 9), "grid") as sim:
+        for given in ({"observe": Observing(fail)}, {"progress": fail}):
+            with pytest.raises(error):
+                sim.run(frames=50, **given)
+            frame = sim.frame
+            thread = threading.Thread(target=lambda: found.append(sim.run(frames=2).frames))
+            thread.start()
+            thread.join(PATIENCE)
+            assert found.pop() == 2
+            assert sim.digest() == digest_after(lattice(9, 9), frame + 2, method="grid")
+
+
+# --- warnings, and lines of the log
+
+
+def blocked(method="grid"):
+    """An emitter whose place is occupied before frame 5, and free later."""
+    scene = mpsim.Scene(
+        width=20, height=10, position=[(2.0, 2.0)], velocity=[(0.0, 20.0)], radius=0.1,
+        emitters=mpsim.Emitter((2.0, 2.0), (50.0, 0.0), every=5),
+    )  # fmt: skip
+    return simulate(scene, method=method, dt=0.0008)
+
+
+class Waiting:
+    """Waits, each time that it is called, for a thread that reads; `frames` is what it has read."""
+
+    def __init__(self, sim):
+        self.frames, self.calls, self._sim = [], 0, sim
+
+    def __call__(self, *given, **named):
+        self.calls += 1
+        thread = threading.Thread(target=lambda: self.frames.append(self._sim.frame), daemon=True)
         thread.start()
-        thread.join(PATIENCE)
-        assert found == [2]
-        assert sim.digest() == digest_after(lattice(9, 9), frame + 2, method="grid")
+        thread.join(20)
 
 
-def test_the_callback_of_a_run_may_wait_for_a_thread_that_reads():
-    """In a callback a run is between two slices: the other thread must not wait for it."""
-    found = []
-
-    def wait_for_a_reader(done, of):
-        thread = threading.Thread(target=lambda: found.append(sim.frame))
-        thread.start()
-        thread.join(PATIENCE)
-
-    with simulate(lattice(9, 9), method="grid") as sim:
-        sim.run(frames=3, progress=wait_for_a_reader)
-    assert found
-    assert found[-1] == 3
-
-
-@pytest.mark.parametrize("method", long_but(METHODS, "grid"))
-def test_asyncio_runs_in_a_thread_and_reads_in_the_loop(method):
-    async def main():
-        read = []
-        with simulate(lattice(20, 20), method=method, workers=2) as sim:
-            run = asyncio.create_task(asyncio.to_thread(sim.run, frames=3000))
-            while not run.done():
-                read.append(await asyncio.to_thread(lambda: sim.frame))
-                await asyncio.sleep(0.01)
-            report = await run
-            return read, report.frames, sim.digest()
-
-    read, ran, digest = asyncio.run(main())
-    assert read == sorted(read)
-    assert (ran, digest) == (3000, digest_after(lattice(20, 20), 3000, method=ALONE[method]))
+def test_who_gets_a_warning_or_a_line_of_the_log_may_wait_for_a_reader(monkeypatch):
+    """They were given while the run held the simulation: a deadlock."""
+    with begin(lattice(9, 9), "grid", dt=0.01) as sim, warnings.catch_warnings():
+        warnings.simplefilter("always")
+        monkeypatch.setattr(warnings, "showwarning", hook := Waiting(sim))
+        sim.add((1.2, 1.2), (1000.0, 0.0))
+        assert hook.calls == len(hook.frames) == 1
+    with begin(lattice(12, 12), "parallel", on_worker_death="restart") as sim:
+        handler = logging.Handler()
+        handler.emit = Waiting(sim)
+        logging.getLogger("mpsim").addHandler(handler)
+        try:
+            sim.run(frames=5)
+            os.kill(sim.pids[0], signal.SIGKILL)
+            sim.run(frames=50)
+        finally:
+            logging.getLogger("mpsim").removeHandler(handler)
+        assert handler.emit.calls == len(handler.emit.frames) >= 1
+        assert sim.digest() == digest_after(lattice(12, 12), 55, method="grid")
 
 
-@pytest.mark.parametrize("method", long_but(METHODS, "parallel"))
-def test_garbage_that_another_thread_collects_is_closed_there(method):
-    sim = simulate(lattice(9, 9), method=method, workers=2)
-    sim.run(frames=2)
-    sim._itself = sim  # a cycle: only the collector finds it
-    assert blocks_of(os.getpid())
-    del sim
-    thread = threading.Thread(target=gc.collect)
-    thread.start()
-    thread.join(PATIENCE)
-    assert blocks_of(os.getpid()) == set()
+def test_nothing_is_added_as_often_as_the_warning_of_it_is_an_error():
+    """The second time the disc was added without a word."""
+    with begin(lattice(9, 9), "grid", dt=0.01) as sim:
+        for _ in range(2):
+            with pytest.raises(mpsim.FastWarning):
+                sim.add((1.2, 1.2), (1000.0, 0.0))
+            assert sim.count == 81
+        with warnings.catch_warnings(record=True) as given:
+            warnings.simplefilter("always")
+            sim.add((1.2, 1.2), (1000.0, 0.0))
+            sim.add((2.4, 1.2), (1000.0, 0.0))
+            sim.run(frames=5)
+        assert (sim.count, len(given)) == (83, 1), "once it has been given it is not given again"
 
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_warning_of_an_emitter_may_wait_or_be_an_error_and_changes_no_bit(method, monkeypatch):
+    """An error ends the run at the end of a frame."""
+    with blocked(method) as sim, warnings.catch_warnings():
+        warnings.simplefilter("always")
+        with monkeypatch.context() as patch:
+            patch.setattr(warnings, "showwarning", hook := Waiting(sim))
+            sim.run(frames=50)
+        assert hook.calls == len(hook.frames) == 1
+        undisturbed = sim.count, sim.digest()
+    assert undisturbed[0] > 1, "the control: discs have entered"
+    with blocked(method) as sim:
+        for _ in range(2):  # it was not given: an error came in its place
+            with pytest.raises(mpsim.errors.EmitterWarning, match="occupied before frame"):
+                sim.run(frames=50 - sim.frame)
+            assert 5 <= sim.frame < 50
+        with pytest.warns(mpsim.errors.EmitterWarning) as given:
+            sim.run(frames=50 - sim.frame)
+        assert (sim.count, sim.digest(), len(given)) == (*undisturbed, 1)
+
+
+@pytest.mark.slow
+def test_a_warning_of_what_is_resumed_has_its_place_where_resume_is_called(tmp_path):
+    """Its place was inside mpsim, where Python by default does not show it twice, whoever resumes."""
+    scene = mpsim.Scene(width=8000, height=8000, position=[(9.0, 9.0)], velocity=[(1.0, 0.0)], radius=0.5)
+    path = tmp_path / "run.mpsim"
+    with pytest.warns(mpsim.errors.ResolutionWarning) as begun:
+        sim = mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.1, precision="float32"))
+    with sim:
+        sim.save(path)
+    with pytest.warns(mpsim.errors.ResolutionWarning) as given:
+        mpsim.Simulation.resume(path).close()
+    assert [each.filename for each in (*begun, *given)] == [__file__] * 2
+
+
+# --- the end, and other interpreters
 
 AT_THE_END = """
 import atexit, faulthandler, os, signal, sys, threading, time
@@ -326,13 +381,13 @@ from support.scenes import digest_after, lattice, simulate
 
 faulthandler.enable()
 nowhere = open(os.devnull, "w")
-sim, other = (simulate(lattice(20, 20), method="{method}", workers=2) for _ in range(2))
+sim, other = (simulate(lattice(20, 20), method="parallel", workers=2) for _ in range(2))
 atexit.register(lambda: print("at exit", other.run(frames=5).frames, other.digest() == expected))
-expected = digest_after(lattice(20, 20), 5, method="{alone}")
+expected = digest_after(lattice(20, 20), 5, method="grid")
 begun = threading.Event()
 threading.Thread(target=lambda: sim.run(frames=10**9, progress=lambda *_: begun.set()), daemon=True).start()
 threading.Thread(target=lambda: [sim.state for _ in iter(int, 1)], daemon=True).start()
-third = simulate(lattice(20, 20), method="{method}", workers=2)
+third = simulate(lattice(20, 20), method="parallel", workers=2)
 slow = lambda *_: [time.sleep(0.01) or third.frame for _ in range(50)]
 threading.Thread(target=lambda: third.run(frames=10**9, progress=slow), daemon=True).start()
 signal.signal(signal.SIGUSR1, lambda *_: print("frame", sim.frame > 0))
@@ -345,18 +400,14 @@ for _ in range(20):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", long_but(METHODS, "parallel"))
-def test_a_program_may_end_while_daemon_threads_run_and_read(method):
-    """With faulthandler's dumps, a handler of a signal that reads, and something left to do at exit.
-
-    The dumps are asked for by a thread that holds the interpreter. Those of `dump_traceback_later` do not: they look
-    into frames that are running, and then end a program of two counting threads by SIGSEGV now and then, too.
-    """
-    outcome = run_script(AT_THE_END.format(method=method, alone=ALONE[method]))
+def test_a_program_may_end_while_daemon_threads_run_and_read():
+    """With faulthandler's dumps, a handler of a signal that reads, and something left to do at exit."""
+    outcome = run_script(AT_THE_END)
     assert_clean(outcome)
     assert outcome.out == "frame True\nat exit 5 True\n"
 
 
+@pytest.mark.slow
 def test_a_subinterpreter_is_refused_by_name():
     """NumPy only warns there, and the first kernel took the process down."""
     outcome = run_script(
