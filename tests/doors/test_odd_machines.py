@@ -18,7 +18,9 @@ from support.scenes import gas, simulate
 
 import mpsim
 
-SCENE = gas(50, 0.2, seed=1)
+pytestmark = pytest.mark.compiled  # workers
+
+SCENE = gas(20, 0.2, seed=1)
 
 
 @pytest.fixture
@@ -71,8 +73,16 @@ def test_a_folder_that_cannot_be_flushed_loses_no_checkpoint_and_the_words_are_t
     assert sorted(os.listdir(path.parent)) == ["run.mpsim", "run.mpsim.previous"]
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS])
-@pytest.mark.parametrize("call", ["open", "link", "replace", "fsync", "pwrite"])
+@pytest.mark.parametrize(
+    ("call", "number"),
+    list(
+        zip(
+            ["open", "link", "replace", "fsync", "pwrite"],
+            [errno.EROFS, errno.EIO, errno.EIO, errno.EIO, errno.ENOSPC],
+            strict=True,
+        )
+    ),
+)
 def test_whatever_a_disk_answers_while_a_checkpoint_is_saved_the_words_are_true(call, number, saved, monkeypatch):
     sim, path = saved
     real, old = getattr(os, call), {each: each.read_bytes() for each in path.parent.iterdir()}
@@ -330,11 +340,10 @@ print(len([name for name in os.listdir("/dev/shm") if name.startswith(f"mpsim-{{
 """
 
 
-@pytest.mark.parametrize("handler", ["signal.SIG_IGN", "reap"])
-@pytest.mark.parametrize("start", ["spawn", "fork"])
+@pytest.mark.parametrize(("handler", "start"), [("signal.SIG_IGN", "spawn"), ("reap", "fork")])
 def test_workers_whose_ends_the_program_takes_for_itself_are_closed_and_named(start, handler):
     """A server that is process 1, or was started with SIGCHLD ignored: Python then takes dead children for alive."""
-    outcome = run_script(REAPED.format(start=start, handler=handler))
+    outcome = run_script(REAPED.format(start=start, handler=handler), bound=150)
     assert_clean(outcome)
     workers, death, blocks = outcome.out.splitlines()
     assert (workers, blocks) == ("2", "0")
