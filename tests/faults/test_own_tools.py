@@ -155,7 +155,7 @@ from support import watchdog
 watchdog.EARLIER = 0.5
 
 def pytest_configure(config):
-    config.watchdog = watchdog.Watchdog(config, 4)
+    config.watchdog = watchdog.Watchdog(config, 20)
     config.pluginmanager.register(config.watchdog)
 
 def pytest_unconfigure(config):
@@ -163,11 +163,12 @@ def pytest_unconfigure(config):
 """
 
 
+@pytest.mark.slow
 def test_a_session_that_hangs_ends_with_its_workers_and_names_its_tests(tmp_path):
     for name, text in (("test_it.py", HANGING), ("conftest.py", WATCHED), ("pytest.ini", "[pytest]")):
         (tmp_path / name).write_text(text)
     command = [sys.executable, "-m", "pytest", "-n", "1", "-p", "no:cacheprovider", str(tmp_path)]
-    ended = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=150, check=False)
     assert ended.returncode == 1
     assert wait_until(lambda: is_gone(int((tmp_path / "pid").read_text())), 5)
     assert re.search(r"failed: test_it.py::test_fails\nrunning for \d+ s: test_it.py::test_hangs\n", ended.stderr)

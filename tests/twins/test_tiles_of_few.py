@@ -12,7 +12,6 @@ from support.scenes import simulate
 from support.tiles import always_tiled, windows_of
 
 import mpsim
-from mpsim.engine.solvers import collisions
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore:overflow encountered in scalar")]  # of hashes
 
@@ -58,16 +57,6 @@ def test_tiles_have_the_bits_and_counts_of_the_whole(name, tiling):
     assert found == expected
     assert windows["windows"] > windows["as_one"] + windows["again"], "tiles that agree are taken over"
     assert expected[1] > 40
-
-
-def test_logs_that_are_too_small_lose_no_collision(monkeypatch):
-    """No scene of some hundred discs fills a log of its usual size."""
-    expected, _ = played("walls", (1, 1))
-    monkeypatch.setattr(collisions, "ROOM", 20)
-    monkeypatch.setattr(collisions, "ROOM_OF_A_DISC", 0)
-    found, windows = played("walls", (2, 1))
-    assert found == expected
-    assert windows["windows"] > 0
 
 
 def test_a_halo_that_is_too_thin_is_noticed_and_played_again():
