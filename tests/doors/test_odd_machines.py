@@ -6,7 +6,6 @@ import json
 import os
 import re
 import resource
-import stat
 import subprocess
 import sys
 
@@ -50,27 +49,6 @@ def test_a_checkpoint_asks_no_installed_package_for_its_version(saved, tmp_path,
         with np.load(path) as file:
             versions = json.loads(file["mpsim_checkpoint"].tobytes())["versions"]
         assert (versions["numpy"], versions["numba"]) == (np.__version__, numba.__version__)
-
-
-def test_a_folder_that_cannot_be_flushed_loses_no_checkpoint_and_the_words_are_true(saved, monkeypatch):
-    sim, path = saved
-    flush = os.fsync
-
-    def fail(descriptor):
-        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
-            raise OSError(errno.EIO, os.strerror(errno.EIO))
-        flush(descriptor)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", fail)
-        with pytest.raises(
-            mpsim.errors.OutputError, match=r"it is written, but its folder could not be flushed"
-        ) as refused:
-            sim.save(path)
-    assert "untouched" not in str(refused.value)
-    assert "may be lost" not in str(refused.value), "the one before has its name, too"
-    assert frames(path) == [30, 20]
-    assert sorted(os.listdir(path.parent)) == ["run.mpsim", "run.mpsim.previous"]
 
 
 @pytest.mark.parametrize(
