@@ -15,7 +15,7 @@ import pytest
 from support.gases import any_gas, typical_time
 from support.scenes import simulate
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.compiled, pytest.mark.slow]
 
 MEASURES = ["pressure", "contact_rate"]
 

@@ -11,7 +11,7 @@ from support.compare import assert_inside_and_finite, assert_same_bits
 
 import mpsim
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.compiled, pytest.mark.slow]
 
 PARTS = st.sampled_from([1e-6, 1e-3, 0.03, 0.3, 0.7, 1.5, 10.0, 100.0])
 """Way of the fastest disc in a step, in radii."""
