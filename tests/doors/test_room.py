@@ -83,16 +83,18 @@ def test_discs_that_are_added_count_too():
         assert sim.count == 52
 
 
-def test_among_obstacles_there_is_less_room():
-    peg, box = FixedDisc((2, 3), 1.9), {"count": 30, "width": 20, "height": 6, "radius": 0.5, "seed": 2}
+@pytest.mark.parametrize("unit", [1, 2])
+def test_among_obstacles_there_is_less_room(unit):
+    size = {"width": 20 * unit, "height": 6 * unit, "radius": 0.5 * unit}
+    peg, box = FixedDisc((2 * unit, 3 * unit), 1.9 * unit), {"count": 30, "seed": 2, **size}
     text = (
-        r"stop of the piston must leave room for all 30 discs of radius 0\.5 among the obstacles, where no arrangement "
-        r"has more than 25; got 6, which leaves a box of 6 x 6\. Let the piston stop earlier"
+        rf"stop of the piston must leave room for all 30 discs of radius {0.5 * unit:g} among the obstacles, where no "
+        rf"arrangement has more than 25; got {6 * unit}, which leaves a box of {6 * unit} x {6 * unit}\. Let the pis"
     )
     with pytest.raises(InputError, match=text):
-        Scene.random(**box, obstacles=peg, piston=Piston("right", -0.5, 6))
-    Scene.random(**box, piston=Piston("right", -0.5, 6))  # the control
-    Scene.random(**box, obstacles=peg, piston=Piston("right", -0.5, 7))
+        Scene.random(**box, obstacles=peg, piston=Piston("right", -0.5, 6 * unit))
+    Scene.random(**box, piston=Piston("right", -0.5, 6 * unit))  # the control
+    Scene.random(**box, obstacles=peg, piston=Piston("right", -0.5, 7 * unit))
 
 
 def depth(scene, position, radius):
