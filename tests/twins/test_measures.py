@@ -312,9 +312,8 @@ def test_functions_of_a_state(name, seeds):
             raise AssertionError(f"{name}, state {seed}: {error}") from error
 
 
-@pytest.mark.parametrize(
-    "seeds", [range(9), pytest.param(range(100, 500), marks=[pytest.mark.long, pytest.mark.timeout(900)])]
-)
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seeds", [(1, 4, 5, 10), pytest.param(range(100, 500), marks=pytest.mark.long)])
 def test_measures_of_runs(seeds):
     """Seen are those of runs with one event in a frame at most."""
     seen = Counter(name for seed in seeds for name in check_run(seed))
