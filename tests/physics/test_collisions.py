@@ -307,6 +307,31 @@ def test_a_disc_that_an_impact_throws_at_a_wall_bounces_in_the_same_step(walls, 
         assert (speed**2 / 2 + 4 * place).sum() < 37, "the control lacks the energy 32 + 4 (1/16 + 9/8 - 1/128)"
 
 
+@pytest.mark.parametrize("pull", [0.0, 0.4])
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_the_time_place_and_impulse_of_a_bounce_are_those_of_touching(method, pull):
+    """At each wall, straight or on a parabola; `push`, the control, knows the end of the step only."""
+    touch = 3.5 / 1.5 if pull == 0 else (-1.5 + math.sqrt(1.5**2 + 2 * pull * 3.5)) / pull
+    for number, (axis, sign) in enumerate([(0, -1), (0, 1), (1, -1), (1, 1)]):
+        velocity, gravity, place = np.zeros(2), np.zeros(2), np.full(2, 4.0)
+        velocity[axis], gravity[axis] = 1.5 * sign, pull * sign
+        scene = Scene(width=8, height=8, position=[[4, 4]], velocity=[velocity], radius=0.5,
+                      gravity=gravity if pull else None)  # fmt: skip
+        for contact in ("impact", "push"):
+            met = mpsim.Collisions()
+            with simulate(scene, method=method, contact=contact, dt=0.3) as sim:
+                sim.run(until=3.0, observe=met)
+            (row,) = met.table[:1]
+            assert (row["kind"], row["i"], row["j"]) == (1, 0, number)
+            exact = contact == "impact" or method == "event"
+            assert (abs(row["time"] - touch) < ROUNDING) == exact
+            if exact:
+                place[axis] += 4 * sign
+                assert row["place"] == pytest.approx(place, abs=ROUNDING)
+                assert row["impulse"][axis] == pytest.approx(-2 * sign * (1.5 + pull * touch), abs=ROUNDING)
+                place[axis] = 4.0
+
+
 # --- what contacts keep
 
 
