@@ -221,6 +221,7 @@ def test_a_run_that_has_ended_goes_on_where_it_is_told_to_and_by_another_method_
     assert "method must be that of the checkpoint, 'naive', or both must be among 'grid', 'p" in refused.stderr
 
 
+@pytest.mark.slow
 def test_frames_that_a_kill_makes_the_run_compute_again_are_told(tmp_path):
     """The checkpoint of the start beside a trajectory of all frames, as a kill before the next checkpoint leaves it."""
     out = tmp_path / "run"
@@ -328,6 +329,7 @@ def test_plot_draws_what_a_run_recorded(whole, tmp_path):
         assert (tmp_path / f"b{ending}").read_bytes().startswith(begin)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "sides"), [("tall", (4, 12)), ("flat", (24, 4))])
 def test_the_picture_of_a_tall_box_has_the_box_beside_the_curves(name, sides, tmp_path):
     pair = {"position": [[1, 1], [3, 3]], "velocity": [[1, 0], [0, 1]], "radius": 0.5}
