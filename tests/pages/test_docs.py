@@ -19,6 +19,8 @@ import mpsim
 from mpsim import measure
 from mpsim.measure import reference, reference_motion
 
+pytestmark = pytest.mark.compiled
+
 FIRST = [ROOT / "README.md", ROOT / "docs" / "tutorial" / "1-first-run.md"]
 """Pages whose blocks are run by default."""
 

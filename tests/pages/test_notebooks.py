@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from support.pages import ROOT
 
+pytestmark = pytest.mark.compiled
+
 SAMPLE = """# Title
 
 See [the other page](other.md#part) and [elsewhere](https://example.org).

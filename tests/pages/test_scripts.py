@@ -9,7 +9,7 @@ import sys
 import pytest
 from support.pages import ROOT
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.compiled, pytest.mark.slow]
 
 
 def run(name, *words, code=0, folder=None, **env):

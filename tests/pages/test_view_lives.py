@@ -98,12 +98,14 @@ def test_a_signal_ends_a_view_with_its_workers_and_after_ctrl_c_the_program_goes
 @pytest.mark.long
 def test_pages_are_told_what_is_compiled_while_it_is(tmp_path):
     """And the terminal, as without a page."""
-    with Script(WORKERS.replace("workers=2", "workers=1"), env={"NUMBA_CACHE_DIR": str(tmp_path)}) as script:
-        with Visitor(address_in(script.line()), visible=True) as page:
-            text = page.hear_until(lambda v: v.last.get("compiling", {}).get("text"))
-            page.hear_until(lambda v: v.last["compiling"]["text"] is None and v.frame > 0)
-            script.send(signal.SIGINT)
-            outcome = script.finish()
+    script = Script(
+        WORKERS.replace("workers=2", "workers=1"), env={"NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
+    )
+    with script, Visitor(address_in(script.line()), visible=True) as page:
+        text = page.hear_until(lambda v: v.last.get("compiling", {}).get("text"))
+        page.hear_until(lambda v: v.last["compiling"]["text"] is None and v.frame > 0)
+        script.send(signal.SIGINT)
+        outcome = script.finish()
     assert text.startswith("compiling ")
     assert text.partition(",")[0] in outcome.err
 
