@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.compare import assert_same_bits
 from support.scenes import EXACT, ZOO, crowd, exact_scene, lattice, simulate, state_after, zoo
-from support.selection import slow_but
+from support.selection import long_but
 
 import mpsim
 from mpsim.engine import checkpoint
@@ -50,7 +50,7 @@ def test_checkpoints_on_the_way_change_no_bit(method, every, tmp_path):
             assert_same_bits(sim.state, state, "the last checkpoint")
 
 
-@pytest.mark.parametrize("name", slow_but(ZOO, "everything rough", "periodic", "emitters", "absorbing and gravity"))
+@pytest.mark.parametrize("name", long_but(ZOO, "everything rough", "periodic", "emitters", "absorbing and gravity"))
 def test_a_resumed_run_with_features_has_the_bits_of_one_that_never_stopped(name, tmp_path):
     precision = ("float64", "float32")[list(ZOO).index(name) % 2]
     with simulate(zoo(ZOO[name], 24), method="grid", precision=precision) as sim:
@@ -94,7 +94,7 @@ def test_discs_that_were_added_are_resumed(words, method, tmp_path):
 # --- the exact solver
 
 
-@pytest.mark.parametrize("name", slow_but(EXACT, "periodic x, sizes, masses, losses"))
+@pytest.mark.parametrize("name", long_but(EXACT, "periodic x, sizes, masses, losses"))
 def test_an_exact_run_is_resumed_with_the_same_bits(name, tmp_path):
     with simulate(exact_scene(name), method="event", dt=0.4) as sim:
         box_rests = sim.scene.moving_wall is None
