@@ -205,6 +205,18 @@ def test_discs_at_one_point_part_in_all_directions(boundary, law, method, contac
         assert nearest > 0.99, f"two discs are {nearest} apart, of diameter 1"
 
 
+@pytest.mark.parametrize("method", ["naive", "grid"])
+def test_two_discs_at_one_point_part_by_one_diameter_about_it(method):
+    """In one frame, along no axis of the box."""
+    scene = Scene(width=6, height=6, position=[[3.0, 2.5]] * 2, velocity=np.zeros((2, 2)), radius=0.5)
+    with simulate(scene, method=method) as sim:
+        sim.run(frames=1)
+        apart = sim.state.position[1] - sim.state.position[0]
+        assert np.hypot(*apart) == pytest.approx(1, abs=ROUNDING)
+        assert np.abs(apart).min() > 0.01
+        assert sim.state.position.mean(axis=0) == pytest.approx([3.0, 2.5], abs=ROUNDING)
+
+
 # --- one contact after the other
 
 
