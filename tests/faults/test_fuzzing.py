@@ -22,7 +22,7 @@ import mpsim
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile.reading import PACKAGED
 
-FEW, MANY = 200, 20_000
+FEW, MANY = 80, 20_000
 """Executions of each test by default, and with --long."""
 
 MEMORY = 100_000_000
