@@ -13,41 +13,14 @@ from numba.core.codegen import JITCodeLibrary
 from support.arrays import control_of, team_of
 from support.threads import together
 
-from mpsim.kernels import compiling, layout, linking, machine
+from mpsim.kernels import compiling, layout, machine
 from mpsim.kernels.compile_turns import Turns
 from mpsim.kernels.compiling import compiled, inlined, linked
-from mpsim.kernels.waiting import add_to_word, await_command, barrier, load_word, store_word
+from mpsim.kernels.waiting import add_to_word, barrier, load_word, store_word
 
 pytestmark = pytest.mark.compiled
 
 # --- words
-
-
-@compiled
-def send_many(words, data, times):
-    """Message passing: first the data, then the word that announces it; the reader takes turns."""
-    for number in range(1, times + 1):
-        data[0] = number
-        machine.atomic_store(words, 0, number)
-        while machine.atomic_load(words, 8) != number:
-            machine.yield_core()
-
-
-@compiled
-def receive_many(words, data, times):
-    """Count the messages whose data were not there when they were announced."""
-    wrong = 0
-    for number in range(1, times + 1):
-        while machine.atomic_load(words, 0) != number:
-            machine.yield_core()
-        wrong += data[0] != number
-        machine.atomic_store(words, 8, number)
-    return wrong
-
-
-def test_what_was_written_before_a_word_is_there_when_the_word_is_seen():
-    words, data, times = np.zeros(16, np.int64), np.zeros(1, np.int64), 2_000
-    assert together(lambda: send_many(words, data, times), lambda: receive_many(words, data, times))[1] == 0
 
 
 @compiled
@@ -113,25 +86,6 @@ def test_a_barrier_ends_when_the_abort_word_is_raised():
     assert time.monotonic() - start > 0.04
 
 
-def test_waiting_for_a_command_ends_by_command_message_or_time():
-    control, mine = control_of(0, workers=2), team_of(2)[1]
-    second = 1_000_000_000
-    start = time.monotonic()
-    assert not await_command(control, mine, second // 50)
-    assert time.monotonic() - start >= 0.02
-    for word in (layout.COMMAND, layout.MAIL):
-        control.signals[:] = 0
-        threading.Timer(0.02, add_to_word, (control.signals, word, 1)).start()
-        assert await_command(control, mine, 100 * second)
-        assert control.signals[word] == 1
-
-
-def test_words_that_processes_wait_on_share_no_cache_line():
-    words = [layout.COMMAND, layout.ARRIVED, layout.ABORT, layout.MAIL, layout.BAD, layout.ANNOUNCED, layout.SIGNALS]
-    assert np.diff(words).tolist() == [8] * 6
-    assert not {control_of(0).dtype.itemsize % 128, team_of(1).dtype.itemsize % 128} - {0}
-
-
 # --- linking: functions that only kernels call are parts of those, and optimised nowhere else
 
 
@@ -168,14 +122,6 @@ def test_a_kernel_alone_becomes_machine_code_with_all_that_it_reaches(kernel, mo
     assert (kernel(4.0), kernel(7.0), half_of_smaller(8.0, 6.0)) == (2.0, 2.5, 3.0)
     assert any(name.endswith("kernel") for name in optimised)
     assert not {"smaller", "half_of_smaller"} & set(optimised)
-
-
-def test_a_callee_before_its_caller_is_not_linked(kernel, monkeypatch):
-    """The control: what the order is for."""
-    callers_first = linking._callers_first
-    monkeypatch.setattr(linking, "_callers_first", lambda kernel: callers_first(kernel)[::-1])
-    with pytest.raises(AssertionError, match="not linked"):
-        kernel(4.0)
 
 
 # --- compiling in turns

@@ -1,7 +1,6 @@
 """The versions that pyproject.toml allows are those that are tested and that the pages name; modules import by name."""
 
 import ast
-import contextlib
 import re
 import sys
 from importlib.metadata import version
@@ -80,16 +79,6 @@ def test_a_loss_of_speed_is_one_that_three_turns_confirm(speed, ratios, turns, l
     assert speed.confirmed_losses(time_turn, lines.append) == [name] * lost
     assert timed == [list(speed.SCENES), *[[name]] * (turns - 1)]
     assert len(lines) == len(speed.SCENES) + turns - 1
-
-
-def test_the_check_of_speed_fails_on_losses_and_passes_without_a_version_to_compare_with(speed, monkeypatch):
-    lines = []
-    assert speed.check(TOP, "no-such-revision", lines.append) == 0
-    assert lines[0].startswith("nothing to compare with: --before must be a git revision of this checkout; got 'no-suc")
-    monkeypatch.setattr(speed.feature_cost, "checkout_of", lambda revision: contextlib.nullcontext(TOP))
-    for losses in (["bare, grid"], []):
-        monkeypatch.setattr(speed, "compare", lambda here, there, say, losses=losses: losses)
-        assert speed.check(TOP, "HEAD~1", lines.append) == len(losses)
 
 
 OTHERS = {"core/interpreter.py", "core/optional_packages.py", "engine/solvers/mpi_ranks.py"}
