@@ -23,23 +23,6 @@ def run(observers, frames=20, method="event", scene=None):
     return sim
 
 
-@pytest.mark.parametrize(("heavy", "count", "until"), [(1e4, 314, 42), (100.0, 31, 36)])
-def test_the_collisions_of_pi_are_all_seen_in_order(heavy, count, until):
-    """The light disc goes from wall to the heavy one and back; the digits are those of pi."""
-    pi = Scene.load("pi")
-    box = {"width": pi.width, "height": pi.height, "position": pi.position, "velocity": pi.velocity, "radius": 0.5}
-    seen, at_wall, anywhere = Collisions(), Sensor(wall="left"), Sensor(region=(0.0, 40.0, 0.0, 1.0))
-    with simulate(Scene(**box, mass=[1.0, heavy]), method="event", dt=0.5) as sim:
-        sim.run(until=until, observe=[seen, at_wall, anywhere])
-    table = seen.table
-    walls = table["kind"] == WALLS
-    assert (len(table), walls.sum()) == (count, count // 2)
-    assert (anywhere.counts.sum(), at_wall.counts.sum()) == (count, count // 2)
-    assert set(table["j"][walls]) == {0}
-    assert (np.diff(table["time"]) > 0).all()
-    assert (np.diff(table["kind"]) != 0).all()
-
-
 def test_what_is_chosen_is_a_part_of_all():
     every, discs, fixed, two = chosen = (
         Collisions(), Collisions(between="discs"), Collisions(between=("walls", "obstacles")), Collisions(ids=[3, 7]),
@@ -112,16 +95,12 @@ def test_discs_that_enter_are_seen_too(method):
     [
         (Collisions, {"every": 0}, "every must be a whole number from 1"),
         (Collisions, {"between": "disks"}, "got 'disks'. Did you mean 'discs'?"),
-        (Collisions, {"between": 3}, "between must be one or several of"),
         (Collisions, {"ids": [1, -1]}, "ids must be numbers of discs"),
-        (Collisions, {"ids": "all"}, "ids must be numbers of discs"),
         (Collisions, {"each": 3}, "each must be a function of a simulation and a table"),
         (Sensor, {}, "one of obstacle, wall and region"),
         (Sensor, {"obstacle": 1, "wall": "left"}, "one of obstacle, wall and region"),
-        (Sensor, {"obstacle": -1}, "obstacle must be a whole number from 0"),
         (Sensor, {"wall": "lft"}, "wall must be one of"),
         (Sensor, {"region": (1.0, 0.0, 0.0, 1.0)}, "region must be (x_low, x_high, y_low, y_high)"),
-        (Sensor, {"region": (1.0, 0.0)}, "region must have shape (4,)"),
     ],
 )
 def test_arguments_out_of_range_are_refused(kind, arguments, part):

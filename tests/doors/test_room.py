@@ -16,7 +16,7 @@ pytestmark = pytest.mark.plain
 
 BOX = {"width": 20, "height": 10, "radius": 0.5}
 NOBODY = {"position": np.zeros((0, 2)), "velocity": np.zeros((0, 2))}
-TO = {stop: Piston("right", -1, stop) for stop in (1, 3, 5, 6, 10)}
+TO = {stop: Piston("right", -1, stop) for stop in (3, 5, 6)}
 
 
 def rows_of_ten(count):
@@ -38,13 +38,10 @@ LIMITED, ENDLESS = Emitter((1, 5), (1, 0), every=5, limit=20), Emitter((1, 5), (
             r"stop of the piston must leave room for all 50 discs, a box at least 4\.511 long and 10 across: no "
             r"arrangement of them is denser; got 3, which leaves 3 \(packing 1\.31\)\. Let the piston stop earlier",
         ),
-        ({**rows_of_ten(50), "piston": Piston("left", 1, 17)}, "got 17, which leaves 3"),
-        ({**rows_of_ten(50), "piston": TO[6]}, None),
-        *(({**rows_of_ten(10 * stop), "piston": TO[stop]}, None) for stop in (1, 5, 10)),  # full to the last place
+        ({**rows_of_ten(50), "piston": TO[5]}, None),  # full to the last place
         ({**rows_of_ten(50), "emitters": LIMITED, "piston": TO[6]}, r"room for all 70 discs, a box at least 6\."),
         ({**rows_of_ten(50), "emitters": ENDLESS, "piston": TO[6]}, None),
         ({**rows_of_ten(50), "emitters": LIMITED, "piston": TO[6], "absorbing": "left"}, None),  # where they may leave
-        ({**NOBODY, "piston": Piston("right", -1, 0.9)}, "stop of the piston must leave room for the largest disc"),
         ({**NOBODY, "piston": Piston("left", 1, 19.5)}, r"of diameter 1.*got 19\.5, which leaves 0\.5"),
         ({**NOBODY, "piston": Piston("left", 1, 19)}, None),
     ],
@@ -55,23 +52,6 @@ def test_a_piston_that_would_leave_too_little_room_is_refused_and_no_other(featu
         return
     with pytest.raises(InputError, match=text):
         Scene(**BOX, **features)
-
-
-def columns_that_fit(sizes):
-    """Discs in hexagonal columns of 20 and 19 in turn, of given radii, in a box that they fill along x."""
-    place = [[0.5 + i * math.sqrt(3) / 2, 0.5 + j + 0.5 * (i % 2)] for i in range(10) for j in range(20 - i % 2)]
-    radius = np.resize(sizes, len(place))
-    length = 1 + 9 * math.sqrt(3) / 2
-    return {"width": 20.0, "height": 20.0, "position": place, "velocity": np.zeros((len(place), 2))}, radius, length
-
-
-@pytest.mark.parametrize("sizes", [[0.5], [0.5, 0.5, 0.2071]])
-def test_a_hexagonal_packing_is_not_refused_and_one_a_tenth_shorter_is(sizes):
-    scene, radius, length = columns_that_fit(sizes)
-    radius = 0.5 if len(sizes) == 1 else radius
-    Scene(**scene, radius=radius, piston=Piston("right", -1, length * (1 + 1e-12)))
-    with pytest.raises(InputError, match="stop of the piston must leave room for all 195 discs"):
-        Scene(**scene, radius=radius, piston=Piston("right", -1, (0.9 if len(sizes) == 1 else 0.6) * length))
 
 
 def test_discs_that_are_added_count_too():
@@ -165,8 +145,6 @@ def test_any_wall_may_be_the_piston(wall, speed, stop):
                 sim.add(place, (0, 0))
             place[axis] = side[axis] + inward
             sim.add(place, (0, 0))
-    with pytest.raises(InputError, match="time must be a number >= 0"):
-        scene.walls_at(-1.0)
 
 
 # --- in obstacles

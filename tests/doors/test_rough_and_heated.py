@@ -37,30 +37,18 @@ WRONG = {
         {"temperature": 1.0, "rate": 1.0},
         [
             ({"temperature": -1.0}, ["temperature of a Thermostat must be a finite number > 0", "-1"]),
-            ({"temperature": 0}, ["temperature of a Thermostat must be a finite number > 0"]),
-            ({"temperature": math.nan}, ["temperature of a Thermostat", "nan"]),
             ({"temperature": "warm"}, ["temperature of a Thermostat", "'warm'"]),
-            ({"temperature": True}, ["temperature of a Thermostat", "True"]),
             ({"rate": 0.0}, ["rate of a Thermostat must be a finite number > 0"]),
-            ({"rate": math.inf}, ["rate of a Thermostat", "inf"]),
-            ({"rate": [1.0, 2.0]}, ["rate of a Thermostat"]),
-            ({"seed": -1}, ["seed of a Thermostat must be a whole number", "-1"]),
             ({"seed": 1.5}, ["seed of a Thermostat must be a whole number", "1.5"]),
             ({"seed": 2**63}, ["seed of a Thermostat"]),
-            ({"seed": "seven"}, ["seed of a Thermostat", "'seven'"]),
         ],
     ),
     ThermalWalls: (
         {},
         [
             ({}, ["ThermalWalls must have a temperature", "got none"]),
-            ({"seed": 3}, ["ThermalWalls must have a temperature"]),
             ({"left": 0}, ["left of ThermalWalls must be a finite number > 0", "0"]),
-            ({"right": -1.0}, ["right of ThermalWalls must be a finite number > 0", "-1"]),
-            ({"bottom": math.nan}, ["bottom of ThermalWalls", "nan"]),
             ({"top": "hot"}, ["top of ThermalWalls", "'hot'"]),
-            ({"left": True}, ["left of ThermalWalls", "True"]),
-            ({"left": [1.0, 2.0]}, ["left of ThermalWalls"]),
             ({"left": 1.0, "seed": 0.5}, ["seed of ThermalWalls must be a whole number", "0.5"]),
         ],
     ),
@@ -68,14 +56,9 @@ WRONG = {
         {},
         [
             ({"friction": -0.1}, ["friction must be a number >= 0", "-0.1"]),
-            ({"friction": math.nan}, ["friction", ">= 0", "nan"]),
-            ({"friction": "much"}, ["friction", "'much'"]),
-            ({"wall_friction": True}, ["wall_friction", "True"]),
             ({"tangential_restitution": 1.01}, ["tangential_restitution", "from -1 to 1", "1.01"]),
             ({"spin": [1.0]}, ["spin", "(2,)", "(1,)"]),
             ({"spin": [0.0, math.inf]}, ["spin must be finite", "inf"]),
-            ({"spin": "fast"}, ["spin", "fast"]),
-            ({"thermostat": 1.0}, ["thermostat must be an mpsim.Thermostat"]),
             ({"thermostat": {"temperature": 1.0, "rate": 1.0}}, ["thermostat must be an mpsim.Thermostat"]),
             ({"thermal_walls": 1.0}, ["thermal_walls must be mpsim.ThermalWalls", "1.0"]),
             ({"thermal_walls": WALLS, "boundary": "periodic"}, ["must name a wall", "'left'", "periodic along x"]),
@@ -102,16 +85,7 @@ def test_what_cannot_be_is_refused(make):
     ("text", "parts"),
     [
         ("[thermostat]\ntemperature = -1.0\nrate = 1.0", ["thermostat.temperature must be a finite number > 0", "-1"]),
-        ("[thermostat]\ntemperature = nan\nrate = 1.0", ["thermostat.temperature", "nan"]),
-        ("[thermostat]\ntemperature = 'warm'\nrate = 1.0", ["thermostat.temperature", "'warm'"]),
-        ("[thermostat]\ntemperature = 1.0\nrate = 0", ["thermostat.rate must be a finite number > 0"]),
-        ("[thermostat]\ntemperature = 1.0", ["thermostat.rate"]),
-        ("[thermostat]\ntemperature = 1.0\nrate = 1.0\nseed = 0.5", ["thermostat.seed"]),
         ("[thermostat]\ntemprature = 1.0\nrate = 1.0", ["temprature", "temperature"]),
-        ("[thermal_walls]\nleft = -1.0", ["thermal_walls.left must be a finite number > 0", "-1"]),
-        ("[thermal_walls]\ntop = 'hot'", ["thermal_walls.top", "'hot'"]),
-        ("[thermal_walls]\nseed = 3", ["must have a temperature"]),
-        ("[thermal_walls]\nleft = 1.0\nseed = 0.5", ["thermal_walls.seed", "0.5"]),
         ("[thermal_walls]\nlft = 1.0", ["lft", "left"]),
         ("friction = -0.5", ["friction must be a number >= 0"]),
         (
@@ -173,25 +147,6 @@ def test_each_number_is_in_the_digest_of_a_scene(name, change):
     assert scene_of(**FEATURES[name]).digest() != scene_of(**FEATURES[name] | change).digest()
 
 
-@pytest.mark.parametrize(
-    ("features", "arrays"),
-    [
-        ({}, set()),
-        ({"friction": 0.1}, {"friction", "spin"}),
-        ({"wall_friction": 1}, {"wall_friction", "spin"}),
-        ({"spin": 0}, {"spin"}),
-        ({"gravity": (0.0, -1.0)}, {"gravity"}),
-        ({"mass": [1, 2]}, {"mass"}),
-        ({"thermostat": BATH}, {"thermostat"}),
-        ({"thermal_walls": WALLS}, {"thermal_walls"}),
-        ({"absorbing": "left"}, {"exits"}),
-    ],
-)
-def test_a_feature_brings_its_arrays_and_no_other(features, arrays):
-    with simulate(scene_of(), method="grid") as bare, simulate(scene_of(**features), method="grid") as sim:
-        assert set(sim.array_names) - set(bare.array_names) == arrays
-
-
 @pytest.mark.parametrize("name", FEATURES)
 def test_files_checkpoints_and_show_have_it(name, tmp_path):
     scene, path = scene_of(**FEATURES[name]), tmp_path / "a.toml"
@@ -242,7 +197,7 @@ def test_a_scene_starts_from_the_spins_of_a_state():
     assert scene_of().starting_from(State(*flight, spin=spins)).spin is None
 
 
-@pytest.mark.parametrize("spin", [np.zeros(1), np.zeros(2, int), np.zeros((2, 2))])
+@pytest.mark.parametrize("spin", [np.zeros(1), np.zeros(2, int)])
 def test_a_state_has_a_spin_of_each_disc(spin):
     with pytest.raises(InputError, match="spin of a state must be real numbers of shape"):
         State(np.zeros((2, 2)), np.zeros((2, 2)), spin=spin)
