@@ -95,21 +95,6 @@ def test_a_signal_ends_a_view_with_its_workers_and_after_ctrl_c_the_program_goes
     assert_nothing_left_of(script.pid)
 
 
-@pytest.mark.long
-def test_pages_are_told_what_is_compiled_while_it_is(tmp_path):
-    """And the terminal, as without a page."""
-    script = Script(
-        WORKERS.replace("workers=2", "workers=1"), env={"NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
-    )
-    with script, Visitor(address_in(script.line()), visible=True) as page:
-        text = page.hear_until(lambda v: v.last.get("compiling", {}).get("text"))
-        page.hear_until(lambda v: v.last["compiling"]["text"] is None and v.frame > 0)
-        script.send(signal.SIGINT)
-        outcome = script.finish()
-    assert text.startswith("compiling ")
-    assert text.partition(",")[0] in outcome.err
-
-
 def test_a_program_that_ends_takes_an_open_view_with_it():
     outcome = run_script(WORKERS.replace("browser=False)", "browser=False, wait=False)"), warm=True)
     assert_clean(outcome)
