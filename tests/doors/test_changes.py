@@ -16,7 +16,7 @@ from mpsim.measure import kinetic_energy
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
 METHODS = ["naive", "grid", "event"]
 WALL = [(6, 0), (6, 4)]
 
@@ -35,19 +35,15 @@ def kept(sim):
 OF_GAS = {
     "set": [
         ({"ids": 20, "velocity": (0, 0)}, ["ids must be numbers of discs, from 0 to 19", "got 20"]),
-        ({"ids": -1, "velocity": (0, 0)}, ["ids must be numbers of discs", "got -1"]),
         ({"ids": [1, 2, 1], "velocity": (0, 0)}, ["ids must hold each disc once", "disc 1 is in it 2 times"]),
         ({"ids": 1.5, "velocity": (0, 0)}, ["ids must be whole numbers", "got 1.5"]),
         ({"ids": [[1], [2, 3]], "velocity": (0, 0)}, ["ids must be whole numbers", "[[1], [2, 3]]"]),
-        ({"ids": "all", "velocity": (0, 0)}, ["ids must be whole numbers", "'all'"]),
-        ({"ids": None, "velocity": (0, 0)}, ["ids must be whole numbers", "None"]),
         ({"ids": [True] * 20, "velocity": (0, 0)}, ["ids must be whole numbers", "numpy.flatnonzero"]),
         ({"ids": 9, "velocity": (0, 0)}, ["ids must be discs that are there", "disc 9 has been removed"]),
         ({"ids": 1}, ["set needs something to set", "position, velocity, acceleration, spin"]),
         ({"ids": 1, "position": (NAN, 1)}, ["position must be finite", "nan"]),
         ({"ids": 1, "position": (0.25, 1)}, ["position[0] must lie in", "0.25"]),
         ({"ids": [1, 2], "position": (1, 1)}, ["position must have shape (2, 2)", "got shape (1, 2)"]),
-        ({"ids": [1, 2], "velocity": [(1, 0)] * 3}, ["velocity must have shape (2,) or (2, 2)", "(3, 2)"]),
         ({"ids": [1, 2], "velocity": [(1, 0), (1,)]}, ["velocity must be numbers of shape (2,) or (2, 2)"]),
         ({"ids": 1, "velocity": np.array([1j, 1])}, ["velocity must be numbers of shape (2,)", "complex128"]),
         ({"ids": 1, "velocity": (1e200, 0)}, ["velocity must be at most", "1e+200"]),
@@ -56,22 +52,16 @@ OF_GAS = {
         ({"ids": 1, "colour": 3}, ["an argument of Simulation.set must be one of 'ids'", "got 'colour'"]),
     ],
     "kick": [
-        ({"ids": 9, "impulse": (0, 0)}, ["disc 9 has been removed"]),
-        ({"ids": 1, "impulse": (NAN, 0)}, ["impulse must be finite", "nan"]),
         ({"ids": 1, "impulse": 3.0}, ["impulse must have shape (2,) or (1, 2)", "got shape ()"]),
         ({"ids": 1, "impulse": (1e300, 0)}, ["impulse must be at most", "1e+300"]),
     ],
     "remove": [
-        ({"ids": 20}, ["ids must be numbers of discs", "got 20"]),
-        ({"ids": [3, 3]}, ["ids must hold each disc once"]),
         ({"ids": [3, 9]}, ["disc 9 has been removed"]),
     ],
     "add": [
         ({"position": [1, NAN], "velocity": [0, 0]}, ["position must be finite", "nan"]),
-        ({"position": [1, 1], "velocity": [INF, 0]}, ["velocity must be finite", "inf"]),
         ({"position": [1, 1, 1], "velocity": [0, 0, 0]}, ["position must have shape", "(2,) or (K, 2)"]),
         ({"position": [[1, 1], [2, 2]], "velocity": [0, 0]}, ["velocity must have shape (2, 2)", "as position has"]),
-        ({"position": [0.2, 1], "velocity": [0, 0]}, ["position[0] must lie in", "(0.2, 1.0)"]),
         ({"position": [[1, 1], [1, 99]], "velocity": [[0, 0], [0, 0]]}, ["position[1] must lie in", "99"]),
         ({"position": [1, 1], "velocity": [0, 0], "acceleration": [0, 1]}, ["this one has none", "numpy.zeros"]),
         ({"position": [1, 1], "velocity": [0, 0], "spin": 2}, ["only in a scene of rough discs", "got 2. Give"]),
@@ -83,47 +73,31 @@ OF_GAS = {
         ({}, ["change needs something to change", "gravity, restitution"]),
         ({"gravty": (0, 1)}, ["'gravty' is not a parameter of a simulation", "Did you mean 'gravity'?"]),
         ({"method": "grid"}, ["'method' is fixed from the start", "What can be changed: gravity"]),
-        ({"width": 3.0}, ["'width' is fixed from the start"]),
-        ({"gravity": (0, NAN)}, ["gravity must be finite", "nan"]),
         ({"gravity": 9.8}, ["gravity must be two numbers, along x and y; got 9.8. Downwards it is (0, -9.8)"]),
         ({"gravity": None}, ["gravity must be two numbers", "got None", "Give (0, 0)"]),
         ({"gravity": [[1], [2, 3]]}, ["gravity must be numbers of shape (2,)", "[[1], [2, 3]]"]),
-        ({"contact": [[1], [2, 3]]}, ["contact must be one of", "[[1], [2, 3]]"]),
         ({"contact": "pus"}, ["contact must be one of", "Did you mean 'push'?"]),
         ({"restitution": 1.5}, ["restitution must be a number from 0 to 1", "1.5"]),
-        ({"wall_restitution": "low"}, ["wall_restitution must be a number from 0 to 1", "'low'"]),
         ({"dt": 0}, ["dt must be a finite number > 0", "got 0"]),
-        ({"dt": "quick"}, ["dt must be a number > 0", "'quick'"]),
         ({"passes": 0}, ["passes must be a whole number from 1", "got 0"]),
-        ({"substeps": 0}, ["substeps must be a whole number from 1", "got 0"]),
-        ({"workers": 0}, ["workers must be a whole number from 1", "got 0"]),
         ({"piston_speed": -1.0}, ["piston_speed can be changed only in a scene with a piston", "-1.0"]),
         ({"interval": 0.5}, ["interval can be changed only in a scene with emitters that have it", "0.5"]),
-        ({"every": 5}, ["every can be changed only in a scene with emitters that have it", "5"]),
         ({"friction": 0.5}, ["friction can be changed only in a scene that has it, and got 0.5"]),
-        ({"wall_friction": -1}, ["wall_friction can be changed only in a scene that has it, and got -1"]),
         ({"temperature": 2.0}, ["temperature can be changed only in a scene with a thermostat, and got 2.0"]),
         ({"wall_temperature": [1]}, ["wall_temperature can be changed only in a scene with thermal walls"]),
         ({"restitution": 0.5, "dt": -1}, ["dt must be a finite number > 0", "-1"]),
     ],
     "add_wall": [
-        ({"points": [(1, 1)]}, ["points of a Polyline must be at least two", "[[1.0, 1.0]]"]),
         ({"points": [(1, 1), (1, 1)]}, ["points of a Polyline must be at least two"]),
-        ({"points": [(1, 1), (1, NAN)]}, ["points of a Polyline must be finite", "nan"]),
-        ({"points": "wall"}, ["points of a Polyline must be numbers of shape (K, 2)", "'wall'"]),
         ({"points": [(1, 1), (99, 1)]}, ["points of a wall must be in the box", "points[1] is (99.0, 1.0)"]),
-        ({"points": [(1, -1), (2, 1)]}, ["points of a wall must be in the box", "points[0] is (1.0, -1.0)"]),
         ({"points": [(1, 1), (2, 1)], "thickness": -1}, ["thickness of a Polyline", "-1"]),
         ({"points": [(0, 0), (8, 8)], "thickness": 3}, ["a wall must be clear of all discs; got disc ", "inside it"]),
     ],
     "run": [
         ({}, ["run needs either frames or until", "frames=None", "until=None"]),
         ({"frames": 3, "until": 1.0}, ["run needs either frames or until", "frames=3", "until=1.0"]),
-        ({"frames": -1}, ["frames must be a whole number from 0", "got -1"]),
         ({"frames": 2.5}, ["frames must be a whole number", "got 2.5"]),
-        ({"frames": "all"}, ["frames must be a whole number", "got 'all'"]),
         ({"until": NAN}, ["until must be a finite number >= 0", "got nan"]),
-        ({"until": -1}, ["until must be a finite number >= 0", "got -1"]),
         ({"until": 0.01}, ["until must not lie in the past", "the time is 0.02", "got 0.01"]),
         ({"until": 1e13}, ["until must be at most 1,000,000,000,000 frames of 0.01; got 1e+13"]),
         ({"frames": 9, "measures": ["temperature"], "start": 1e308}, ["start must be at most 1,000,000,000,000"]),
@@ -161,21 +135,13 @@ WARM = {"thermal_walls": ThermalWalls(left=1.0, right=1.0)}
     ("features", "arguments", "parts"),
     [
         (PISTON, {"piston_speed": 0.5}, ["speed of a Piston must point into the box"]),
-        (PISTON, {"piston_speed": -1e200}, ["speed of a wall must be at most"]),
         ({"emitters": BY_FRAMES}, {"interval": 0.5}, ["emitters that have it"]),
-        ({"emitters": IN_TIME}, {"interval": -1}, ["interval of an Emitter", "-1"]),
         ({"emitters": IN_TIME}, {"interval": [1, 2]}, ["one for each of 1 emitters"]),
         (ROUGH, {"friction": 0.0}, ["friction must be > 0 in a change; got 0.0. A small one has almost no effect."]),
-        (ROUGH, {"friction": -1.0}, ["friction must be a number >= 0"]),
-        (ROUGH, {"friction": [0.1, 0.2]}, ["friction must be a number >= 0"]),
         (ROUGH, {"wall_friction": "rough"}, ["wall_friction must be a number >= 0"]),
         (HEATED, {"temperature": 0.0}, ["temperature must be a finite number > 0"]),
-        (HEATED, {"temperature": [1.0, 2.0]}, ["temperature must be a number"]),
-        (WARM, {"wall_temperature": -1.0}, ["wall_temperature must be a finite number > 0"]),
         (WARM, {"wall_temperature": [1.0, 0.0]}, ["wall_temperature must be a finite number > 0"]),
         (WARM, {"wall_temperature": [1, 2, 3]}, ["one for each of the thermal walls left, right; got [1, 2, 3]"]),
-        (WARM, {"wall_temperature": [1.0, None]}, ["wall_temperature must be a number"]),
-        (WARM, {"wall_temperature": "hot"}, ["wall_temperature must be a number"]),
     ],
 )  # fmt: skip
 def test_a_parameter_that_does_not_fit_its_scene_is_refused(features, arguments, parts):
@@ -195,14 +161,9 @@ MIXED = {"position": [[2, 2], [5, 5]], "velocity": np.zeros((2, 2)), "radius": [
     [
         ({"mass": 1}, ["radius must be given for added discs, as the discs of this scene have one each; got None"]),
         ({"radius": 0.5}, ["mass must be given for added discs, as the discs of this scene have one each"]),
-        ({"radius": 0, "mass": 1}, ["radius of added discs must be > 0 and at most that of the scene's largest"]),
         ({"radius": 0.6, "mass": 1}, ["largest disc, 0.5; got [0.6]"]),
         ({"radius": 0.5, "mass": -1}, ["mass of added discs must be > 0; got [-1.0]"]),
         ({"radius": [0.1, 0.2], "mass": 1}, ["radius must have shape () or (1,)", "got shape (2,)"]),
-        ({"radius": NAN, "mass": 1}, ["radius must be finite"]),
-        ({"radius": "large", "mass": 1}, ["radius must be numbers"]),
-        ({"radius": 0.5, "mass": 1, "spin": [1.0, 2.0]}, ["spin must have shape () or (1,)"]),
-        ({"radius": 0.5, "mass": 1, "spin": NAN}, ["spin must be finite"]),
     ],
 )
 def test_sizes_and_spins_of_added_discs_are_checked(arguments, parts):
@@ -259,16 +220,6 @@ def test_set_and_kick_do_what_they_say(features, method):
         assert np.array_equal(now.position[others], before.position[others])
         assert now.position[4].tolist() == pytest.approx(place, abs=1e-15)
         assert (sim.frame, len(sim.journal)) == (3, 5)
-
-
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_a_kick_is_computed_in_float64_and_kept_in_the_precision_of_the_run(precision):
-    scene = gas(5, 0.1, mass=(0.5, 1.0, 3.0, 1.5, 0.7))
-    with simulate(scene, method="grid", precision=precision) as sim:
-        before = sim.state.velocity.astype(float)
-        sim.kick(4, (0.1, 0.3))
-        expected = (before[4] + np.array([0.1, 0.3]) / sim.masses[4]).astype(precision)
-        assert np.array_equal(sim.state.velocity[4], expected)
 
 
 @pytest.mark.parametrize("removed", [True, False])
@@ -353,23 +304,6 @@ def test_a_disc_falls_as_gravity_is_changed(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_piston_goes_on_from_where_it_is(method):
-    scene = one_disc((2, 2), size=(16, 4), piston=mpsim.Piston("right", -1.0, 6.0))
-    with simulate(scene, dt=0.125, method=method) as sim:
-        places = []
-        for change, frames in (({}, 16), ({"piston_speed": -0.5}, 16), ({"dt": 0.25}, 8)):
-            if change:
-                sim.change(**change)
-            sim.run(frames=frames)
-            places.append(sim.state.box[1])
-        assert (places, sim.time) == ([14.0, 13.0, 12.0], 6.0)
-        with pytest.raises(InputError, match=r"position\[0\] must lie in"):
-            sim.set(0, position=(12.0, 2.0))
-        sim.run(frames=100)
-        assert sim.state.box[1] == 6.0
-
-
-@pytest.mark.parametrize("method", METHODS)
 def test_the_rate_of_an_emitter_is_changed_within_its_interval(method):
     """A quarter of the first interval is left: a quarter of the new one remains."""
     emitter = mpsim.Emitter((1.0, 2.0), (4.0, 0.0), interval=1.0)
@@ -400,24 +334,6 @@ def test_walls_that_are_not_thermal_stay_so():
             sim.change(wall_temperature=value)
             assert sim.scene.thermal_walls == ThermalWalls(right=expected[0], bottom=expected[1])
         assert sim.journal.scene.thermal_walls == given.thermal_walls
-
-
-BATHS = {
-    "temperature": {"thermostat": Thermostat(temperature=1.0, rate=8.0, seed=5)},
-    "wall_temperature": {"thermal_walls": ThermalWalls(left=1.0, right=1.0, bottom=1.0, top=1.0, seed=5)},
-}
-
-
-@pytest.mark.parametrize("name", BATHS)
-def test_a_gas_comes_to_a_temperature_that_was_changed(name):
-    """Means of some tens of independent energies; the control is the temperature of before."""
-    with simulate(gas(40, 0.4, seed=2, **BATHS[name]), method="grid", dt=0.1) as sim:
-        before = sim.run(frames=20, measures=["temperature"]).measures["temperature"].value
-        sim.change(**{name: 9.0})
-        sim.run(frames=20)
-        after = sim.run(frames=20, measures=["temperature"]).measures["temperature"].value
-    assert 0.6 < before < 1.6
-    assert 5.0 < after < 13.5
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -491,15 +407,6 @@ def test_a_speed_that_is_refused_is_not_given():
     with simulate(lattice(4, 4), method="grid", dt=0.01) as sim:
         sim.run(frames=4)
         assert sim.digest() == digests[0]
-
-
-def test_a_fast_disc_divides_the_frames_that_follow():
-    with simulate(lattice(4, 4), method="grid", dt=0.01, on_fast="substep") as sim:
-        before = sim.substeps
-        sim.set(1, velocity=(500, 0))
-        assert sim.substeps > 10 * before
-        sim.change(passes=2)
-        assert sim.substeps > 10 * before
 
 
 @pytest.mark.parametrize("on_fast", ["warn", "substep"])
@@ -704,18 +611,14 @@ def session(tmp_path_factory):
     ("old", "new", "text"),
     [
         ("format = 1", "format = 9", "its format is 9"),
-        ("frame = 0", "frame = -1", "frames must be whole numbers"),
         ("frame = 0", "frame = 0.0", "frames must be whole numbers"),
-        ("frame = 0", "frame = 5", "frames must be whole numbers"),
         ('what = "kick"', 'what = "close"', "must have a time and be one of"),
         ('scene = "session', 'scene = "../session', "its scene must be a file beside it"),
         ("ids = [1]", "ids = [77]", "change 0 of a journal.*ids must be numbers of discs"),
-        ("ids = [1]", "ids = [1]\nsecret = 3", "change 0 of a journal.*secret"),
         ("time = 0.0", "time = 0.125", "an interrupt had left that run inside a frame"),
         ("[settings]", "more = 1\n[settings]", "it has the key 'more'"),
         ("format", "= =", "must be a file that Journal.save has written"),
         ("[[change]]", "change = [1, 2]\n#", "its changes must be tables"),
-        ("[[change]]", 'change = "kick"\n#', "its changes must be tables"),
     ],
 )
 def test_a_session_file_that_is_none_is_refused_by_name(old, new, text, session, tmp_path):
@@ -733,9 +636,5 @@ def test_a_session_file_that_is_none_is_refused_by_name(old, new, text, session,
 
 
 def test_a_session_file_has_its_ending(session):
-    with mpsim.Simulation.replay(session) as sim:
-        assert (sim.frame, len(sim.journal)) == (4, 2)
-        with pytest.raises(InputError, match=r"must end in \.toml"):
-            sim.journal.save(session.with_suffix(""))
-    with pytest.raises(InputError, match=r"must end in \.toml"):
-        mpsim.Simulation.replay(session.with_suffix(".json"))
+    with mpsim.Simulation.replay(session) as sim, pytest.raises(InputError, match=r"must end in \.toml"):
+        sim.journal.save(session.with_suffix(""))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.compare import assert_same_bits
 from support.refusals import assert_says
-from support.scenes import gas, lattice, simulate, state_after
+from support.scenes import lattice, simulate, state_after
 
 import mpsim
 from mpsim import InputError, Polyline, Scene
@@ -40,20 +40,6 @@ def test_a_scene_that_has_no_exact_solution_is_refused_by_name(scene, settings, 
     assert_says(caught, ["method='event'", "method='grid'", *parts])
     with simulate(scene, method="grid", **settings) as sim:  # the control
         sim.run(frames=1)
-
-
-@pytest.mark.parametrize("boundary", ["walls", "periodic"])
-def test_the_worst_overlap_is_that_of_all_pairs(boundary):
-    rng = np.random.default_rng(15)
-    x, radii = rng.uniform(1.0, 19.0, (60, 2)), rng.uniform(0.2, 0.9, 60)
-    r = x[:, None] - x[None]
-    if boundary == "periodic":
-        r -= 20.0 * np.round(r / 20.0)
-    depths = radii[:, None] + radii[None] - np.hypot(r[..., 0], r[..., 1]) - 9.0 * np.eye(60)
-    i, j = np.unravel_index(depths.argmax(), depths.shape)
-    scene = Scene(width=20, height=20, position=x, velocity=0 * x, radius=radii, boundary=boundary)
-    with pytest.raises(InputError, match=f"discs {i} and {j} overlap by {depths.max():.3g}"):
-        simulate(scene, method="event")
 
 
 @pytest.mark.parametrize(("gap", "legal"), [(0.0, True), (-1e-13, True), (-1e-9, False)])
@@ -102,29 +88,6 @@ def test_ties_break_the_same_way_every_time():
     assert contacts > 100
 
 
-def test_idle_and_slow_scenes_take_no_time():
-    for speed in (0.0, 1e-7):
-        scene = Scene(**PAIR, velocity=[[speed, 0], [0, 0]])
-        with simulate(scene, method="event", dt=1e9) as sim:
-            assert sim.run(frames=1).collisions == 0
-            assert 0.5 <= sim.state.position[0, 0] <= 8.5
-
-
-def test_stopping_and_growing():
-    scene = gas(20, 0.2)
-    with simulate(scene, method="event") as whole, simulate(scene, method="event") as cut:
-        whole.run(frames=200)
-        for frames in (1, 2, 97, 100):
-            cut.run(frames=frames)
-        assert_same_bits(cut.state, whole.state, "cut into four runs")
-        assert cut.time == whole.time == pytest.approx(2)
-        with pytest.raises(InputError, match="overlap"):
-            cut.add(cut.state.position[0], [0, 0])
-        for sim in (cut, whole):
-            sim.run(frames=50)
-        assert whole.digest() == cut.digest()
-
-
 def test_a_refused_disc_changes_nothing():
     """The scene is so dilute that more discs would have other cells."""
     scene = Scene(width=40, height=40, position=[[2, 2], [30, 9.3]], velocity=[[1.3, 0.2], [-2, 1]], radius=0.5)
@@ -170,27 +133,11 @@ def test_a_disc_at_rest_hovers_in_bounces_of_the_contact_time():
         assert 0.5 <= height <= 0.5 + contact_time**2 / 8 * (1 + 1e-9)
 
 
-def test_the_guard_scales_with_the_units():
-    """Time in units 2^10 times smaller gives the same bits, guard included."""
-    expected, height = dropped(until=4.2427)
-    report, same = dropped(ball(pull=2.0**20), until=4.2427 / 2**10)
-    assert (report.guarded, same) == (expected.guarded, height)
-    assert expected.guarded > 10
-
-
 def test_the_guard_is_told_once_in_a_simulation():
     with simulate(ball(0.5), method="event", dt=0.1, contact_time=0.01) as sim:
         with pytest.warns(GuardWarning, match="This is said once; report.guarded counts"):
             first = sim.run(frames=1)
         assert first.guarded > 1 < sim.run(frames=1).guarded, "and the second time there is no warning"
-
-
-def test_a_loss_of_energy_that_would_never_end_is_guarded():
-    row = {"position": [[0.5, 0.5], [2.5, 0.5], [5.0, 0.5]], "velocity": [[1, 0], [0, 0], [-1, 0]], "radius": 0.5}
-    scene = Scene(width=6, height=1.5, restitution=0.02, **row)
-    with simulate(scene, method="event", dt=1.0) as sim, pytest.warns(GuardWarning, match="guard"):
-        report = sim.run(frames=20)
-    assert report.guarded > 0
 
 
 @pytest.mark.slow
@@ -204,13 +151,9 @@ def test_a_scene_at_rest_is_told_while_it_runs():
         assert sim.frame < 20
 
 
-@pytest.mark.parametrize("value", [0, -1.0, math.inf, math.nan])
-def test_a_contact_time_must_be_a_time(value):
-    with pytest.raises(InputError, match=r"contact_time must be a finite number > 0 \[time\]; got"):
-        mpsim.Settings(contact_time=value)
-
-
 def test_a_contact_time_that_throws_discs_at_rest_higher_than_their_radius_is_refused():
+    with pytest.raises(InputError, match=r"contact_time must be a finite number > 0 \[time\]; got 0"):
+        mpsim.Settings(contact_time=0)
     with simulate(ball(0.5, wall_restitution=1.0), method="event", dt=1.0, contact_time=2.0) as sim:
         with pytest.warns(GuardWarning):
             sim.run(frames=1)
@@ -279,18 +222,6 @@ def test_collisions_without_end_at_one_instant_name_what_ends_them(jammed, roomy
     assert ("contact time" in str(caught.value)) == text.startswith("contact")
     with simulate(roomy, method="event", dt=0.5) as sim:
         assert sim.run(frames=20).frames == 20
-
-
-@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
-def test_a_heap_without_any_restitution_is_a_model_with_a_contact_time():
-    """With the usual contact time its discs collide without end at one instant."""
-    box = {"count": 9, "packing": 0.5, "radius": 0.5, "seed": 1, "gravity": (0, -1)}
-    scene = Scene.random(**box, restitution=0, wall_restitution=0)
-    with simulate(scene, method="event", dt=1.0, contact_time=0.1) as sim:
-        report = sim.run(frames=10)
-        left = mpsim.measure.kinetic_energy(sim.state, scene) / 9  # which is the energy of the start
-    assert (report.contact_time, report.guarded > 50) == (0.1, True)
-    assert 0 < left < 0.3
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")

@@ -75,15 +75,6 @@ def test_a_disc_that_moves_more_than_its_radius_is_told_with_number_disc_and_rem
         sim.run(frames=1)
 
 
-def test_above_the_bound_discs_do_pass_through_each_other_and_sub_steps_catch_them():
-    with simulate(pair(4.0), contact="impact", dt=1.0, method="grid") as sim:
-        sim.run(frames=1)
-        assert sim.state.velocity[0, 0] == 4, "the control: they have passed"
-    state = quiet(pair(4.0), frames=1, dt=1.0, on_fast="substep")
-    assert state.velocity[:, 0].tolist() == [-4, 4]
-    assert state.position[:, 0] == pytest.approx([10 - 0.5 - 3.5, 10 + 0.5 + 3.5])
-
-
 GAS = gas(100, 0.3)
 LIGHT = Scene(
     width=GAS.width, height=GAS.height, position=GAS.position, velocity=GAS.velocity, radius=0.5,
@@ -134,14 +125,6 @@ def test_what_will_be_fast_is_told_at_the_start_and_refused_by_error(scene, text
     quiet(scene, dt=short)
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
-def test_light_discs_become_as_fast_as_is_told_at_the_start():
-    with Simulation(LIGHT, Settings(dt=0.01, method="grid")) as sim:
-        sim.run(frames=3000)
-        assert np.hypot(*sim.state.velocity[LIGHT.masses < 1].T).max() * 0.01 > 0.5
-
-
 def test_what_is_no_danger_is_not_told():
     quiet(Scene(width=1.2, height=9, position=[[0.6, 4]], velocity=[[0, 1]], radius=0.5), dt=0.3)
     quiet(LIGHT, dt=0.01, law="reflect")  # which gives no disc the speed of another
@@ -163,20 +146,6 @@ def test_a_scene_without_discs_is_judged_alike_in_all_units_of_length(on_fast):
     assert seen[0] == seen[1] == seen[2]
 
 
-def test_discs_that_share_their_energy_meet_in_the_box_at_the_start():
-    """A piston that starts half-way leaves half the box, where they meet more than twice as often."""
-    places = np.array([[0.6 + 1.1 * (i // 8), 0.6 + 1.1 * (i % 8)] for i in range(40)])
-    parts = {"height": 9.0, "position": places, "velocity": np.ones((40, 2)), "radius": 0.5, "mass": np.arange(1, 41.0)}
-    counts = []
-    for box in ({"width": 12, "piston": Piston("right", -1e-3, 5.7, start=6)}, {"width": 6}, {"width": 12}):
-        with pytest.warns(FastWarning) as caught:
-            Simulation(Scene(**parts, **box), Settings(dt=0.1, method="grid")).close()
-        counts.append(re.search(r"collides about ([\d.]+) times", str(caught[0].message)))
-    assert counts[0] is not None
-    assert counts[0][1] == counts[1][1]
-    assert counts[2] is None, "in twice the box something else is told"
-
-
 # --- on the way
 
 
@@ -189,17 +158,6 @@ def test_a_disc_that_becomes_fast_is_told_once_and_where_the_caller_is():
         assert caught[0].filename == __file__
         sim.add((5, 50), (90, 1))  # where warnings are errors
         sim.run(frames=500)
-
-
-def test_error_refuses_what_is_added_and_the_simulation_lives_on():
-    with pytest.raises(TooFastError, match=r"1.2 times its radius .* on_fast='warn' runs it anyway"):
-        Simulation(pair(6.0), Settings(dt=0.1, on_fast="error"))
-    with simulate(row(), method="grid", dt=0.01, on_fast="error") as sim:
-        with pytest.raises(TooFastError, match="disc 10 moves 8 times"):
-            sim.add([(1, 5), (1, 7)], [(400, 0), (0, 0)])
-        assert sim.count == 10, "nothing was added"
-        sim.add((1, 5), (4, 0))
-        assert sim.run(frames=10).frames == 10
 
 
 @pytest.mark.parametrize(("on_fast", "passes"), [("warn", True), ("substep", False)])
@@ -410,14 +368,10 @@ def test_steps_that_rounding_swallows_are_told_and_true():
     ("scene", "settings", "text"),
     [
         (pair(1e-200), {"method": "event"}, "velocity must be at least 1e-100 for method='event', or all zero"),
-        (pair(), {"dt": 1e110, "method": "event"}, "dt must be at most 1e+100 for method='event'; got 1e+110"),
         (pair(), {"dt": 1e20, "method": "event"}, "would take the fastest disc 5e+18 times through the box"),
         (one(velocity=(1e101, 0)), {"dt": 1e-95, "method": "event"}, "velocity[0] must be below 1e100"),
-        (one(piston=Piston("right", -1e30, 6)), {"method": "event"}, "dt must be short enough"),
         (pair(mass=[1e-300, 1.0]), {"dt": 0.1}, "mass must be at least"),
-        (pair(mass=[1e200, 1.0]), {"dt": 0.1}, "mass must be at most"),
         (pair(), {"dt": 1e-50, "precision": "float32", "method": "grid"}, "float32"),
-        (one(velocity=(1e300, 0)), {"precision": "float32", "method": "grid"}, "float32"),
         (one(velocity=(1e200, 0)), {"method": "grid"}, "squares fit"),
         (one(spin=1e30), {"precision": "float32", "method": "grid"}, "spin must be at most"),
     ],
@@ -430,16 +384,6 @@ def test_numbers_that_a_run_could_not_hold_are_refused(scene, settings, text):
 def test_what_the_exact_solver_cannot_resolve_is_told():
     with pytest.warns(ResolutionWarning, match="the square of the radius is lost"):
         Simulation(pair(radius=1e-9), Settings(dt=0.1, method="event")).close()
-
-
-@pytest.mark.parametrize(("precision", "hint"), [("float32", " or precision='float64'."), ("float64", ".")])
-def test_only_float32_is_told_to_take_float64(precision, hint):
-    with simulate(gas(9, 0.1, spin=0.0), precision=precision) as sim:
-        for values in ({"velocity": (1e200, 0)}, {"spin": 1e200}):
-            with pytest.raises(InputError, match=re.escape(f"Use other units{hint}") + "$"):
-                sim.set(3, **values)
-        with pytest.raises(InputError):
-            sim.add([1, 1], [1e300, 0])
 
 
 def test_the_number_of_cells_does_not_grow_with_the_aspect_of_a_box():
