@@ -111,7 +111,7 @@ def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[Featu
         WrongAnswerError: if a disc was lost, left the box, or is not finite.
     """
     simulations: dict[str, Simulation] = {}
-    observers = {OBSERVED: Collisions(each=lambda _, table: None, every=FRAMES)}
+    observers = {OBSERVED: Collisions(callback=lambda _, table: None, every=FRAMES)}
     try:
         for name, each in {**scenes(), OBSERVED: scene(OBSERVED)}.items():
             tick(f"compiling {name}")

@@ -166,7 +166,7 @@ def checked_wall(place: Place, start: Scene, points: ArrayLike, thickness: float
         each.check(with_wall(start, values))
     discs, here = place.solver.discs(), np.flatnonzero(~place.solver.absorbed)
     position, radius = discs.position[here].astype(np.float64), discs.radius[here]
-    if (found := place.scene.changed(obstacles=wall).deepest(position, radius)) is not None:
+    if (found := place.scene.replace(obstacles=wall).deepest(position, radius)) is not None:
         number, at = here[found.disc], tuple(position[found.disc].tolist())
         raise InputError(
             f"a wall must be clear of all discs; got disc {number} at {at}, {found.depth:.3g} inside it with radius "
@@ -227,7 +227,7 @@ def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> N
 
 def with_wall(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """A scene after a wall has been added, of which a change of the kind WALL has the values."""
-    return scene.changed(obstacles=(*scene.obstacles, Polyline(**values)))
+    return scene.replace(obstacles=(*scene.obstacles, Polyline(**values)))
 
 
 def edited(discs: NewDiscs, change: Change) -> NewDiscs:

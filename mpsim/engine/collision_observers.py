@@ -43,8 +43,8 @@ class Collisions:
     observer belongs to the first simulation that it observes. All methods except `mpi` support it.
 
     Args:
-        each: a function, called as each(sim, table) every `every` frames with the collisions since the last call, which
-            are then not stored. None: they are stored, with about 90 bytes each.
+        callback: a function, called as callback(sim, table) every `every` frames with the collisions since the last
+            call, which are then not stored. None: they are stored, with about 90 bytes each.
         every: frames between two calls, >= 1, counted from frame 0. Runs are faster if this is larger.
         between: "discs", "walls" or "obstacles", or several of these: the collisions to record, by what discs collide
             with; None: all three.
@@ -70,15 +70,15 @@ class Collisions:
     def __init__(
         self,
         *,
-        each: Callable[[Simulation, NDArray[Any]], None] | None = None,
+        callback: Callable[[Simulation, NDArray[Any]], None] | None = None,
         every: int = 1,
         between: str | Iterable[str] | None = None,
         ids: ArrayLike | None = None,
     ):
-        if each is not None and not callable(each):
-            raise InputError(f"each must be a function of a simulation and a table; got {checks.brief(each)}.")
+        if callback is not None and not callable(callback):
+            raise InputError(f"callback must be a function of a simulation and a table; got {checks.brief(callback)}.")
         self.every: int = checks.whole("every", every, 1, 10**12, "1 hands over the collisions of every frame.")
-        self._each = each
+        self._callback = callback
         self._kinds = _kinds_of(between)
         self._ids = None if ids is None else _ids_of(ids)
         self._owner = Binding()
@@ -88,7 +88,7 @@ class Collisions:
 
     @property
     def table(self) -> NDArray[Any]:
-        """The collisions so far, without those passed to `each`: a structured array, shape (n,)."""
+        """The collisions so far, without those passed to `callback`: a structured array, shape (n,)."""
         self._kept, self._waiting = [joined([*self._kept, *self._waiting])], []
         return self._kept[0]
 
@@ -115,16 +115,16 @@ class Collisions:
         self._waiting.append(table[chosen])
         self._seen = max(self._seen, frame)
 
-    def look(self, sim: Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Hand over what has been taken, once a frame of `sim`; collisions: not used, as a report counts others too."""
         if sim.frame > self._handed:
             self._handed = sim.frame
             self._hand_over(sim)
 
     def _hand_over(self, sim: Simulation) -> None:
-        if self._each is not None:
+        if self._callback is not None:
             table, self._waiting = joined(self._waiting), []
-            self._each(sim, table)
+            self._callback(sim, table)
 
 
 @checks.known_names_of_methods

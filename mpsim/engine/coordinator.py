@@ -356,7 +356,7 @@ class Coordinator:
 
         def act() -> None:
             if change.what == REMOVE and not self.scene.loses_discs:
-                self._adopt(self.scene.changed(has_gaps=True), self.settings, self.solver.origin)
+                self._adopt(self.scene.replace(has_gaps=True), self.settings, self.solver.origin)
             self.solver.replace(after)
 
         with interrupts_held_back():

@@ -244,7 +244,7 @@ def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]
         if each.what == PARAMETERS and (values := without_workers(each.values)):
             scene, settings = in_force(scene, settings, values, each.time)
         if each.what == REMOVE and not scene.loses_discs:
-            scene = scene.changed(has_gaps=True)
+            scene = scene.replace(has_gaps=True)
         if each.what == WALL:
             scene = with_wall(scene, each.values)
     return scene, settings

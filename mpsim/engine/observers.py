@@ -30,12 +30,12 @@ class Observer(Protocol[Seen_contra]):
     it has in its file then is never behind the checkpoint. Of several ranks the first one is asked.
 
     Attributes:
-        every: frames between two looks, >= 1, counted from frame 0, so that a run in parts shows the same frames.
+        every: frames between two calls, >= 1, counted from frame 0, so that a run in parts shows the same frames.
     """
 
     every: int
 
-    def look(self, sim: Seen_contra, collisions: int) -> None:
+    def observe(self, sim: Seen_contra, collisions: int) -> None:
         """Look at the simulation between two frames.
 
         A frame may be shown twice: at the end of one run and the start of the next, or when a run has healed.
@@ -56,14 +56,14 @@ class Observers(Generic[Observed]):
 
     def __init__(self, observers: Observer[Observed] | Iterable[Observer[Observed]] | None):
         self.seconds: float = 0.0
-        given: Any = [] if observers is None else [observers] if hasattr(observers, "look") else observers
+        given: Any = [] if observers is None else [observers] if hasattr(observers, "observe") else observers
         self._observers: list[Observer[Observed]] = list(given) if isinstance(given, Iterable) else [given]
         self._of_collisions: list[Any] = []
         for each in self._observers:
-            if not callable(getattr(each, "look", None)):
+            if not callable(getattr(each, "observe", None)):
                 raise InputError(
                     "observe must be one observer or several: objects with a number `every`, the frames between two "
-                    "calls, and a method look(sim, collisions), such as mpsim.Trajectory.write(...); "
+                    "calls, and a method observe(sim, collisions), such as mpsim.Trajectory.write(...); "
                     f"got {checks.brief(each)}."
                 )
             if hasattr(each, "take_collisions"):
@@ -88,7 +88,7 @@ class Observers(Generic[Observed]):
         self.seconds += time.perf_counter() - started
 
     def frames_ahead(self, frame: int) -> int:
-        """Number of frames until the next look; very large without observers."""
+        """Number of frames until the next call; very large without observers."""
         return min((each.every - frame % each.every for each in self._observers), default=2**62)
 
     def keep(self) -> None:
@@ -97,10 +97,10 @@ class Observers(Generic[Observed]):
             if callable(keep := getattr(each, "keep", None)):
                 keep()
 
-    def look(self, sim: Observed, collisions: int) -> None:
-        """Let those observers look whose frame this is."""
+    def observe(self, sim: Observed, collisions: int) -> None:
+        """Call the observers whose frame this is."""
         started = time.perf_counter()
         for each in self._observers:
             if sim.frame % each.every == 0:
-                each.look(sim, collisions)
+                each.observe(sim, collisions)
         self.seconds += time.perf_counter() - started

@@ -118,7 +118,7 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], time: f
     if "wall_temperature" in given:
         values["thermal_walls"] = _with_walls_at(scene.thermal_walls, given["wall_temperature"])
     changed = dataclasses.replace(settings, **{name: given[name] for name in OF_SETTINGS if name in given})
-    scene = scene.changed(**values) if values else scene
+    scene = scene.replace(**values) if values else scene
     for feature in FEATURES:
         feature.check_law(scene, changed.law)
     return scene, changed

@@ -37,7 +37,7 @@ def run_frames(
     with access.callbacks():
         observers.begin(sim)
         if record.whole:
-            observers.look(sim, 0)
+            observers.observe(sim, 0)
         if not frames:
             checkpoints.look(0, last=True)
     while record.done < frames:
@@ -54,7 +54,7 @@ def run_frames(
                 frame = coordinator.solver.frame
                 observers.take_collisions(record.take_logged(frame), frame)
             if done:
-                observers.look(sim, record.collisions)
+                observers.observe(sim, record.collisions)
             checkpoints.look(record.done, last=record.done == frames)
             if progress is not None:
                 progress(record.done, frames)

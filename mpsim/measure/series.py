@@ -52,7 +52,7 @@ class Series:
         self._frame = -1
         self._rows: list[tuple[float, float]] = []
 
-    def look(self, sim: Observed, collisions: int) -> None:
+    def observe(self, sim: Observed, collisions: int) -> None:
         """Record the value at the present frame, unless it has been recorded.
 
         Args:

@@ -116,7 +116,7 @@ class Correlations:
         self._frame: int = -1  # of the last sample that counted
         self._continuing = False  # whether samples up to that one are those of a run that is done again
 
-    def look(self, sim: Observed, collisions: int) -> None:
+    def observe(self, sim: Observed, collisions: int) -> None:
         """Take a sample of the present frame, unless it has one already.
 
         Args:

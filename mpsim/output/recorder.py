@@ -75,7 +75,7 @@ class Recorder:
             ) from error
         return int(kept[-1][0]) if kept else -1
 
-    def look(self, sim: Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Write a row for the present frame, unless the table has it."""
         self._ownership.bind_or_check(sim)
         frames, met = sim.frame - self._since, collisions - self._collisions

@@ -217,7 +217,7 @@ class TrajectoryWriter:
     def _open(self, mode: str) -> None:
         self._file = FrameFile(self.path, mode)
 
-    def look(self, sim: Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
         self._ownership.bind_or_check(sim)

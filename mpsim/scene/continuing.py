@@ -84,7 +84,7 @@ def change_to(scene: Any, values: Mapping[str, Any]) -> None:
         InputError: naming the argument, its rule and the value received.
     """
     for name, value in values.items():
-        checks.choice("an argument of Scene.changed", name, CHANGEABLE)
+        checks.choice("an argument of Scene.replace", name, CHANGEABLE)
         vars(scene)[name] = CHANGEABLE[name](scene, value)
 
 

@@ -177,7 +177,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         """Whether discs can be absent: absorbed at an edge, or removed from a simulation of this scene."""
         return bool(self.absorbing) or self.has_gaps
 
-    def changed(self, **values: Any) -> Scene:
+    def replace(self, **values: Any) -> Scene:
         """The same scene with other values of some arguments, for a simulation of it that is changed.
 
         Args:

@@ -106,7 +106,7 @@ def varied(scene: Scene, seed: int) -> Scene:
         velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / energy)
     common = scene.largest_radius
     emitters = tuple(_varied_emitter(scene, emitter, common, rng) for emitter in scene.emitters)
-    return scene.starting_from(State(position, velocity)).changed(emitters=emitters)
+    return scene.starting_from(State(position, velocity)).replace(emitters=emitters)
 
 
 def _wall_as_capsule(scene: Scene) -> list[list[float]]:

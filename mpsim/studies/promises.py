@@ -58,7 +58,7 @@ class Promise(ABC):
         self._times: list[float] = []
         self._values: list[Any] = []
 
-    def look(self, sim: Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Keep one value of the simulation; collisions: since the last look, not used."""
         self._times.append(sim.time)
         self._values.append(self.value(sim))

@@ -41,7 +41,7 @@ class CollisionCount:
         """Begin to count for a simulation; from_start: whether all its frames are run here, so the total is known."""
         self.total, self._at, self._log = 0 if from_start else math.nan, {}, None
         if from_start and sim.count <= MOST_LOGGED:
-            self._log = Collisions(each=self._logged)
+            self._log = Collisions(callback=self._logged)
 
     @property
     def with_walls(self) -> bool:
@@ -62,7 +62,7 @@ class CollisionCount:
         """The number of collisions so far, during a run; collisions: those between discs since the run began."""
         if self._log is None:
             return self.total + collisions
-        self._log.look(sim, 0)
+        self._log.observe(sim, 0)
         return self.total
 
     def end_run(self, sim: Simulation, reports: Iterable[Report]) -> None:
@@ -70,7 +70,7 @@ class CollisionCount:
         if self._log is None:
             self.total += sum(report.collisions for report in reports)
         else:
-            self._log.look(sim, 0)
+            self._log.observe(sim, 0)
 
     def lose(self) -> None:
         """Note that a run ended without a report: the number is unknown until the simulation goes back."""
@@ -86,7 +86,7 @@ class CollisionCount:
         """Go back to the moment of this number; the simulation is another object from now on."""
         self.total = self._at[number]
         if self._log is not None:
-            self._log = Collisions(each=self._logged)
+            self._log = Collisions(callback=self._logged)
 
     def forget_all_but(self, numbers: Iterable[int]) -> None:
         """Forget all moments except those with these numbers."""

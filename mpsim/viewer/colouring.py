@@ -47,7 +47,7 @@ class Colouring:
         self._last = np.zeros(0)
         self._since: float | None = None
         self._has_columns: bool | None = None  # not known yet
-        self._collisions = Collisions(each=self._collided)
+        self._collisions = Collisions(callback=self._collided)
 
     def choices(self, sim: Simulation) -> list[str]:
         """The quantities among CHOICES that this simulation has."""
@@ -73,7 +73,7 @@ class Colouring:
     def end_run(self, sim: Simulation) -> None:
         """Read the collisions since the last observation of a run that has ended."""
         if self.by == "collision":
-            self._collisions.look(sim, 0)
+            self._collisions.observe(sim, 0)
 
     def _collided(self, sim: Simulation, table: NDArray[Any]) -> None:
         """Note the times at which discs collided."""

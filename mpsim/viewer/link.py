@@ -340,7 +340,7 @@ def _text(value: Any) -> str:
 def changed_of(now: Scene, given: Scene) -> dict[str, Any]:
     """Parameters whose present values differ from those of the given scene.
 
-    >>> changed_of(named("gas").changed(gravity=(0, -1), restitution=0.9), named("gas"))
+    >>> changed_of(named("gas").replace(gravity=(0, -1), restitution=0.9), named("gas"))
     {'gravity': [0.0, -1.0], 'restitution': 0.9}
     """
     values = {name: value_of(now) for name, value_of in VALUES.items()}

@@ -39,7 +39,7 @@ class Glance:
         self.every: int = every
         self._act = act
 
-    def look(self, sim: Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Call the function."""
         self._act(collisions)
 

@@ -94,7 +94,7 @@ def test_looking_changes_no_bit_and_leaves_no_log(method):
 @pytest.mark.parametrize("every", [5])
 def test_what_is_handed_over_is_cut_at_frames(every):
     handed = []
-    seen = mpsim.Collisions(each=lambda sim, table: handed.append((sim.frame, table)), every=every)
+    seen = mpsim.Collisions(callback=lambda sim, table: handed.append((sim.frame, table)), every=every)
     with simulate(scene(), **EVENT) as sim:
         sim.run(frames=FRAMES, observe=seen)
     assert [frame for frame, _ in handed] == list(range(every, FRAMES + 1, every))
@@ -199,7 +199,7 @@ class Doings:
             40: lambda sim: sim.set(5, velocity=(1.0, 0.0)),
         }
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         self.to_come.pop(sim.frame, lambda sim: None)(sim)
 
 

@@ -48,7 +48,7 @@ class Killing:
     def __init__(self):
         self.seen = []
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         if sim.frame == 31 and not any(frame == 31 for frame, _ in self.seen):
             os.kill(sim.pids[0], signal.SIGKILL)
         self.seen.append((sim.frame, tuple(sim.pids)))

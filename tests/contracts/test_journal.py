@@ -164,7 +164,7 @@ def test_a_change_of_workers_changes_no_bit(words):
 class Kicks:
     every = 10
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         if sim.frame in (10, 20):
             sim.kick(sim.frame, (0.5, 0.5))
             sim.remove(sim.frame + 1)
@@ -177,7 +177,7 @@ def test_where_a_change_stands_between_two_frames_changes_no_bit(method):
         sim.run(frames=30, observe=Kicks())
         for _ in range(2):
             other.run(frames=10)
-            Kicks().look(other, 0)
+            Kicks().observe(other, 0)
         other.run(frames=10)
         assert sim.digest() == other.digest()
 

@@ -269,7 +269,7 @@ class At:
     def __init__(self, frame, act):
         self.frame, self.act = frame, act
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         if sim.frame == self.frame:
             self.act(sim)
 

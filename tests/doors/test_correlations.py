@@ -30,7 +30,7 @@ class Moving:
         for frame in range(first, len(self.velocities) if last is None else last):
             self.frame = frame
             if frame % observer.every == 0:
-                observer.look(self, 0)
+                observer.observe(self, 0)
         return observer
 
 
@@ -201,7 +201,7 @@ class EndsError(Exception):
 class Ending:
     every = 1
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         if sim.frame == 57:
             raise EndsError
 

@@ -79,7 +79,7 @@ def test_freud_finds_the_pair_correlation_that_mpsim_finds(tmp_path):
     import gsd.hoomd  # noqa: PLC0415
 
     scene, states = gas(400, 0.3, seed=2, boundary="periodic"), []
-    keep = SimpleNamespace(every=10, look=lambda sim, collisions: states.append(sim.state))
+    keep = SimpleNamespace(every=10, observe=lambda sim, collisions: states.append(sim.state))
     with simulate(scene, method="grid", dt=DT) as sim, mpsim.Trajectory.write(tmp_path / "a.gsd", 10) as out:
         sim.run(frames=40, observe=[out, keep])
     ours = mpsim.measure.pair_correlation(states, scene, bins=20, r_max=4.0)

@@ -478,7 +478,7 @@ def test_what_a_change_in_the_run_makes_wrong_is_nan_and_nothing_else(change, lo
     class Halfway:
         every = 10
 
-        def look(self, sim, collisions):
+        def observe(self, sim, collisions):
             if sim.frame == 10:
                 change(sim)
 

@@ -40,7 +40,7 @@ def test_what_is_chosen_is_a_part_of_all():
 @pytest.mark.parametrize("method", ["event", "grid"])
 def test_sensors_count_what_the_table_says_and_rows_are_handed_over_at_each_look(method):
     handed = []
-    seen = Collisions(every=5, each=lambda sim, rows: handed.append((sim.frame, rows.copy())))
+    seen = Collisions(every=5, callback=lambda sim, rows: handed.append((sim.frame, rows.copy())))
     sensors = {
         "obstacle": Sensor(obstacle=1, every=5),
         "wall": Sensor(wall="top", every=5),
@@ -96,7 +96,7 @@ def test_discs_that_enter_are_seen_too(method):
         (Collisions, {"every": 0}, "every must be a whole number from 1"),
         (Collisions, {"between": "disks"}, "got 'disks'. Did you mean 'discs'?"),
         (Collisions, {"ids": [1, -1]}, "ids must be numbers of discs"),
-        (Collisions, {"each": 3}, "each must be a function of a simulation and a table"),
+        (Collisions, {"callback": 3}, "callback must be a function of a simulation and a table"),
         (Sensor, {}, "one of obstacle, wall and region"),
         (Sensor, {"obstacle": 1, "wall": "left"}, "one of obstacle, wall and region"),
         (Sensor, {"wall": "lft"}, "wall must be one of"),
@@ -123,7 +123,7 @@ def test_an_observer_of_another_kind_looks_every_so_many_frames_and_needs_no_log
     class Frames:
         every = 2
 
-        def look(self, sim, collisions):
+        def observe(self, sim, collisions):
             seen.append((sim.frame, collisions))
 
     seen = []

@@ -194,7 +194,7 @@ def test_depths_in_obstacles_are_those_of_all_comparisons(count, boundary):
     for disc in range(count):
         assert depth(scene, position[disc], radius[disc]) == pytest.approx(max(depths[disc], 0), abs=1e-12)
     assert depth(scene, position, radius) == pytest.approx(max(depths), abs=1e-12)
-    fewer = scene.changed(obstacles=obstacles[:1])
+    fewer = scene.replace(obstacles=obstacles[:1])
     assert depth(fewer, position, radius) < max(depths), "obstacles that are replaced are asked no more"
 
 

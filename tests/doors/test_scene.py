@@ -215,7 +215,7 @@ def test_a_changed_scene_has_nothing_that_was_computed_of_the_other():
         )
 
     scene, other, digests = start(4), start(6), []
-    for each in (scene, scene.changed(obstacles=other.obstacles), other):
+    for each in (scene, scene.replace(obstacles=other.obstacles), other):
         with simulate(each, method="naive", dt=0.1) as sim:
             sim.run(frames=40)
             digests.append(sim.digest())

@@ -230,7 +230,7 @@ def shown(monkeypatch):
         class Clock:
             every = 1
 
-            def look(self, sim, collisions):
+            def observe(self, sim, collisions):
                 seen.append(on_screen(stream.getvalue())[-1])
                 now[0] += step
 
@@ -276,7 +276,7 @@ def test_a_run_shows_its_frames_when_asked_has_the_same_bits_and_cleans_up_when_
     class Ends:
         every = 1
 
-        def look(self, sim, collisions):
+        def observe(self, sim, collisions):
             if sim.frame == 10:
                 raise KeyError
 

@@ -43,7 +43,7 @@ class Album:
     def __init__(self, every):
         self.every, self.pages = every, {}
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         here, state = sim.state.present, sim.state
         self.pages.setdefault(
             sim.frame,
@@ -183,7 +183,7 @@ def test_writing_changes_no_bit_and_runs_in_parts_write_the_file_of_one(method, 
 
 def test_the_time_of_writing_is_in_the_report_and_in_no_frame(tmp_path):
     looks = []
-    slow = SimpleNamespace(every=5, look=lambda sim, collisions: looks.append((sim.frame, collisions)))
+    slow = SimpleNamespace(every=5, observe=lambda sim, collisions: looks.append((sim.frame, collisions)))
     with simulate(gas(20, 0.4), method="grid") as sim, mpsim.Trajectory.write(tmp_path / "a.xyz") as out:
         report = sim.run(frames=20, observe=[out, slow])
         assert sim.run(frames=1).observing_seconds < out.seconds <= report.observing_seconds

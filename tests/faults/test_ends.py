@@ -176,7 +176,7 @@ from support.scenes import lattice, simulate
 class Looking:
     every = 1
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         sim.state, sim.radii, sim.pids
 
 def run_new():

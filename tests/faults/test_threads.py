@@ -211,7 +211,7 @@ class Observing:
     def __init__(self, act):
         self.act, self.found = act, []
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         self.found.append(self.act(sim))
 
 

@@ -274,7 +274,7 @@ class Hit:
     def __init__(self, frames, deed=lambda pids: kill(pids[0])):
         self.left, self._deed = set(frames), deed
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         if sim.frame in self.left:
             self.left.remove(sim.frame)
             self._deed(sim.pids)

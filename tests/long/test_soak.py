@@ -15,7 +15,7 @@ leaks = []
 class Interrupting:
     every = 2
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         raise KeyboardInterrupt
 
 def scene_of(rng, method):

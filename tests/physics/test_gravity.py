@@ -177,7 +177,7 @@ def pulled(seed):
 def pile(seed, count=16):
     """A dense pile whose weight over the side of its box is 30 kT."""
     base = Scene.random(count=count, packing=0.7, radius=0.5, seed=seed)
-    return base.changed(gravity=(0.0, -30 / base.height))
+    return base.replace(gravity=(0.0, -30 / base.height))
 
 
 @pytest.mark.parametrize(("kind", "gate"), [(pulled, 5e-4), (pile, 2e-4)])

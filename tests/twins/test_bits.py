@@ -31,7 +31,7 @@ class Looker:
 
     every = 3
 
-    def look(self, sim, collisions):
+    def observe(self, sim, collisions):
         self.seen = sim.state, sim.absorbed, sim.radii, sim.masses, sim.digest()
 
 
