@@ -31,19 +31,14 @@ FEWEST_BLOCKS = 16
     ("measure", "text"),
     [
         (Measure(2.23991, 0.00163, 9), "2.2399(16)"),
-        (Measure(5.641119, 0.00063, 9), "5.64112(63)"),
         (Measure(22.41, 1.63, 9), "22.4(1.6)"),
-        (Measure(12345.6, 67.8, 9), "12346(68)"),
         (Measure(2.0, 0.0996, 9), "2.00(10)"),
-        (Measure(-0.5, 0.02, 9), "-0.500(20)"),
         (Measure(1.2345e-9, 2.1e-11, 9), "1.234(21)e-09"),
         (Measure(0.0, 1e-12, 9), "0.0(1.0)e-12"),
         (Measure(3.0, 0.0, 9), "3(0)"),
-        (Measure(3.25, math.nan, 9), "3.25(?)"),
         (Measure(math.nan, math.nan, 9), "nan(?)"),
         (Measure(2.24, 0.16, 9, settled=False), "2.24(>16)"),
         (Measure(0.0, 1.8e-4, 9, settled=False, upper=True), "0(<0.00018)"),
-        (Measure(2.24, 0.16, 9, settled=False, upper=True), "2.24(<16)"),
         (Measure(0.0, math.nan, 9, settled=False), "0(?)"),
     ],
 )
@@ -54,17 +49,10 @@ def test_a_measure_prints_its_error_in_units_of_the_last_digit(measure, text):
     assert f"{measure:.3f}" == f"{measure.value:.3f}"
 
 
-def test_deviation_counts_standard_errors():
-    assert Measure(2.0, 0.5, 9).deviation(1.0) == 2.0
-    assert Measure(2.0, 0.0, 9).deviation(2.0) == 0.0
-    assert Measure(2.0, 0.0, 9).deviation(3.0) == -math.inf
-
-
-def test_independent_average_by_hand():
+def test_independent_averages_and_deviations_by_hand():
     found = independent_average([1.0, 2.0, 3.0, 4.0])
-    assert found.value == 2.5
-    assert found.error == pytest.approx(math.sqrt(5 / 3 / 4), rel=1e-15)
-    assert found.samples == 4
+    assert (found.value, found.error, found.samples) == (2.5, pytest.approx(math.sqrt(5 / 3 / 4), rel=1e-15), 4)
+    assert [Measure(2.0, 0.5, 9).deviation(1.0), Measure(2.0, 0.0, 9).deviation(3.0)] == [2.0, -math.inf]
 
 
 def noise(n, correlation, seed):
@@ -89,13 +77,6 @@ def test_the_error_of_correlated_noise_is_that_of_its_correlation(correlation):
     assert all(measure.settled for measure, _ in found)
     deviations = [measure.deviation(0.0) for measure, _ in found]
     assert max(map(abs, deviations)) < 3.5, deviations
-
-
-def test_a_series_shorter_than_its_correlation_does_not_settle():
-    series, _, _ = noise(2048, 500, 3)
-    found = block_average(series)
-    assert not found.settled
-    assert found.error == block_errors(series).max()
 
 
 def test_no_error_comes_from_fewer_than_sixteen_blocks():
@@ -131,21 +112,6 @@ def test_one_small_event_does_not_make_all_small():
     found = block_average(series, event=0.5)
     assert found.error == pytest.approx((math.sqrt(1.75) + 1) * 0.5 / 1000)
     assert block_average(series).error == pytest.approx(found.error / 5), "the control: all that is known is its size"
-
-
-def test_zeros_of_unknown_size_have_an_unknown_error():
-    found = block_average(np.zeros(1000))
-    assert (found.value, found.settled) == (0, False)
-    assert math.isnan(found.error)
-
-
-def test_errors_of_rare_events_hold_what_they_say():
-    """Of 1000 trials with p = 0.001, 0 events come in 37 % of the cases; an upper limit may be exceeded in 16 %."""
-    found = [block_average(np.random.default_rng(seed).random(1000) < 1e-3) for seed in range(500)]
-    assert not any(measure.settled for measure in found)
-    held = np.mean([measure.value + measure.error >= 1e-3 for measure in found])
-    assert held > 0.95
-    assert np.mean([measure.value == 0 for measure in found]) == pytest.approx(0.37, abs=0.06)
 
 
 def test_from_sixteen_events_on_their_scatter_counts():
@@ -195,10 +161,11 @@ def test_what_rises_too_steeply_from_frequency_zero_has_an_upper_bound():
     assert np.mean([each.settled for each in flat]) > 0.9
 
 
-def test_a_series_that_drifts_is_not_settled():
-    found = block_average(np.linspace(0, 1, 2000) + np.random.default_rng(1).normal(0, 0.1, 2000))
-    assert not found.settled
-    assert not found.upper
+def test_a_series_that_drifts_or_is_shorter_than_its_correlation_is_not_settled():
+    drifting = np.linspace(0, 1, 2000) + np.random.default_rng(1).normal(0, 0.1, 2000)
+    for series in (drifting, noise(2048, 500, 3)[0]):
+        found = block_average(series)
+        assert (found.settled, found.upper, found.error) == (False, False, block_errors(series).max())
 
 
 def test_the_error_of_a_ratio_is_the_scatter_of_others():
@@ -230,10 +197,10 @@ def test_what_cannot_change_has_no_error():
     assert 0 < rounded.error < 1e-12
 
 
-@pytest.mark.parametrize("rounding", [0.0, 1e-16])
-def test_what_only_has_not_changed_has_an_unknown_error(rounding):
-    found = block_average(0.1 + rounding * np.arange(1000).clip(max=500))
-    assert (found.value, found.settled) == (pytest.approx(0.1), False)
+@pytest.mark.parametrize(("value", "rounding"), [(0.1, 0.0), (0.1, 1e-16), (0.0, 0.0)])
+def test_what_only_has_not_changed_has_an_unknown_error(value, rounding):
+    found = block_average(value + rounding * np.arange(1000).clip(max=500))
+    assert (found.value, found.settled) == (pytest.approx(value), False)
     assert math.isnan(found.error)
 
 
@@ -292,20 +259,12 @@ def test_two_points_give_the_exact_slope_and_its_propagated_error():
 # --- stationary parts
 
 
-def by_hand(values):
-    """The marginal standard error rule as it is written."""
-    number = len(values)
-    found = []
-    for d in range(number // 2 + 1):
-        rest = values[d:]
-        found.append(sum((each - np.mean(rest)) ** 2 for each in rest) / len(rest) ** 2)
-    return found
-
-
-@pytest.mark.parametrize("number", [10, 11, 57])
+@pytest.mark.parametrize("number", [10, 57])
 def test_the_stationary_part_begins_where_the_rule_says(number):
+    """The least standard error of the mean of what is left, of at least half."""
     values = 1e6 + np.random.default_rng(number).normal(size=number)
-    assert equilibration(values, batch=1).start == np.argmin(by_hand(values))
+    errors = [values[start:].var() / (number - start) for start in range(number // 2 + 1)]
+    assert equilibration(values, batch=1).start == np.argmin(errors)
 
 
 def relaxing(seed, size=20.0, time=60.0, number=3000):
@@ -411,38 +370,24 @@ def test_a_series_notes_each_frame_once_with_its_time():
     [
         (lambda: block_average([]), "series must hold at least 1 sample; got 0"),
         (lambda: block_average([1.0, math.nan]), r"series\[1\] is nan"),
-        (lambda: block_average([[1.0]]), "series must have shape"),
         (lambda: block_average([0.0] * 20, event=0.0), "event must be a finite number > 0"),
-        (lambda: block_average([0.0] * 20, alternation=-1.0), "alternation must be"),
         (lambda: independent_average([1.0]), "values must hold at least 2"),
         (lambda: fit_order([0.1], [1.0], [1.0]), "h must hold at least 2"),
         (lambda: fit_order([0.1, 0.2], [1.0, 2.0]), "h must hold at least 3"),
         (lambda: fit_order([0.1, 0.1], [1.0, 2.0], [1.0, 1.0]), "not all equal"),
         (lambda: fit_order([0.1, -0.1], [1.0, 2.0], [1.0, 1.0]), "h must be > 0"),
         (lambda: fit_order([0.1, 0.2], [1.0, -2.0], [1.0, 1.0]), "bias must be of one sign"),
-        (lambda: fit_order([0.1, 0.2], [0.0, 2.0], [1.0, 1.0]), "bias must be of one sign"),
         (lambda: fit_order([0.1, 0.2], [1.0, 2.0], [0.0, 1.0]), "errors must be > 0"),
-        (lambda: fit_order([0.1, 0.2], [1.0, 2.0, 3.0], [0.1, 1.0]), "bias must have shape"),
         (lambda: equilibration(np.zeros(49)), "at least 10 batches of 5 samples .* part; got 49 samples"),
-        (lambda: equilibration([]), "got 0 samples"),
-        (lambda: equilibration([1.0, np.nan] * 50), "series must be finite"),
-        (lambda: equilibration(np.zeros((10, 10))), r"series must have shape \(n,\)"),
-        (lambda: equilibration("abc"), "series must be numbers"),
         (lambda: equilibration(np.zeros(100), batch=0), "batch must be a whole number from 1"),
-        (lambda: equilibration(np.zeros(100), batch=2.5), "batch must be a whole number"),
         (lambda: predictability([0, 1, 3], [1, 2, 3], highest=9), "equal steps"),
-        (lambda: predictability([0, 1], [1, 2], highest=9), "at least 3 times"),
         (lambda: predictability([0, 1, 2], [1, -2, 3], highest=9), "distance must be >= 0"),
         (lambda: predictability([0, 1, 2], [1, 2, 3], lowest=9, highest=9), "highest above lowest"),
         (lambda: predictability([0, 1, 2], [1, 2, 3], highest=1.5), "at least 3 samples"),
-        (lambda: predictability([0, 1, 2], [0, 0, 0], highest=1.5), "at least 3 samples"),
         (lambda: predictability([0, 1, 2], [1, 1, 1], highest=9), "distance must grow"),
-        (lambda: predictability([0, 1, 2], [1, math.inf, 1], highest=9), "must be finite"),
         (lambda: comparable_until(0.0), "rate must be a finite number > 0"),
         (lambda: require_predictable(-1.0, 1.0), "time must be a finite number >= 0"),
         (lambda: Series("temperature"), r"must be called as function\(state, scene\); got 'temp"),
-        (lambda: Series(kinetic_energy, every=0), "every must be a whole number"),
-        (lambda: Series(kinetic_energy).equilibration(), "got 0 samples"),
     ],
 )  # fmt: skip
 def test_wrong_input_is_refused_by_name(call, words):

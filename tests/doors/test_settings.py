@@ -29,20 +29,13 @@ NAN, INF = math.nan, math.inf
 # --- settings
 
 SETTINGS = {
-    "dt 0": ({"dt": 0}, ["dt must be a finite number > 0", "got 0"]),
     "dt nan": ({"dt": NAN}, ["dt must be a finite number > 0", "got nan"]),
-    "dt inf": ({"dt": INF}, ["dt must be a finite number > 0", "got inf"]),
     "dt as text": ({"dt": "fast"}, ["dt must be a number > 0", "'fast'"]),
     "dt too large for a number": ({"dt": 10**400}, ["dt must be a number > 0", "finite", "of 401 digits"]),
-    "method": ({"method": "gird"}, ["method must be one of", "'naive', 'grid'", "got 'gird'", "Did you mean 'grid'?"]),
     "method None": ({"method": None}, ["method must be one of", "got None"]),
-    "method far off": ({"method": "xyz"}, ["method must be one of", "got 'xyz'."]),
     "law": ({"law": "elastisch"}, ["law must be one of 'reflect', 'elastic'", "Did you mean 'elastic'?"]),
-    "contact": ({"contact": "pull"}, ["contact must be one of", "'push'", "got 'pull'"]),
-    "precision": ({"precision": "float16"}, ["precision must be one of 'float32', 'float64'", "got 'float16'"]),
     "workers 0": ({"workers": 0}, ["workers must be a whole number from 1 to", "got 0", "Leave it out"]),
     "workers absurd": ({"workers": 10**6}, ["workers must be a whole number from 1 to 1024", "got 1000000"]),
-    "workers in halves": ({"workers": 1.5}, ["workers must be a whole number", "got 1.5"]),
     "workers as truth": ({"workers": True}, ["workers must be a whole number", "got True"]),
     "substeps 0": ({"substeps": 0}, ["substeps must be a whole number from 1", "got 0", "dt"]),
 }
@@ -68,15 +61,8 @@ def test_settings_are_immutable_equal_by_value_and_have_the_documented_defaults(
 
 
 UNKNOWN = [
-    (lambda: Settings(metod="grid"), "Settings", "metod", "method"),
-    (lambda: mpsim.Scene.random(cout=9), "Scene.random", "cout", "count"),
     (lambda: mpsim.Scene.random(count=9, radius=0.5, packing=0.2, gravty=(0, -1)), "Scene.random", "gravty", "gravity"),
-    (lambda: mpsim.Scene(postion=[[1, 1]]), "Scene", "postion", "position"),
     (lambda: mpsim.Simulation(seting=None), "Simulation", "seting", "settings"),
-    (lambda: mpsim.Thermostat(temprature=1), "Thermostat", "temprature", "temperature"),
-    (lambda: mpsim.Sensor(wal="left"), "Sensor", "wal", "wall"),
-    (lambda: mpsim.Correlations(wave_number=[1]), "Correlations", "wave_number", "wave_numbers"),
-    (lambda: mpsim.view(None, prt=8000), "view", "prt", "port"),
     (lambda: mpsim.tune(max_eror={}), "tune", "max_eror", "max_error"),
     (lambda: Units(lenght=1), "Units", "lenght", "length"),
 ]
@@ -95,9 +81,7 @@ def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant(call, what, g
 def test_a_value_without_its_name_and_a_setting_in_the_wrong_place_are_refused():
     for call, what, got in (
         (lambda: mpsim.Scene(10, 10), "Scene ", "width=...; got 10 alone"),
-        (lambda: mpsim.Scene.random(100), "Scene.random ", "count=...; got 100 alone"),
         (lambda: mpsim.Scene.random(0.5, count=9), "Scene.random ", "radius=...; got 0.5 alone"),
-        (lambda: mpsim.draw(None, None, "red"), "draw ", "colour=...; got 'red' alone"),
         (lambda: Units(1), "Units ", "length=...; got 1 alone"),
     ):
         with pytest.raises(mpsim.errors.UnknownArgumentError) as caught:
@@ -176,14 +160,10 @@ SMALL = Units(length=0.01, mass=1.0, time=1.0)
         (lambda: Units(length=1, mass=1), ["must follow from one of time, velocity", "got none of them"]),
         (lambda: Units(**CHOSEN, energy=1.0), ["must follow from one of", "got time and energy"]),
         (lambda: Units(**CHOSEN | {"length": -1}), ["length must be a finite number > 0 [m]", "got -1"]),
-        (lambda: Units(**CHOSEN | {"time": "1 s"}), ["time must be a number > 0 in SI", "'1 s'"]),
         (lambda: Units(**CHOSEN | {"length": 1e-200}), ["fit float64", "one unit of area is 0 in SI", "length=1e-200"]),
         (lambda: SMALL.to_si(1.0, "presure"), ["quantity must be one of 'length'", "Did you mean 'pressure'?"]),
-        (lambda: SMALL.from_si(1.0, ["force"]), ["quantity must be one of", "['force']"]),
         (lambda: SMALL.to_si(NAN, "force"), ["value must be finite; value is nan"]),
-        (lambda: SMALL.from_si([1.0, INF], "force"), ["value[1] is inf"]),
         (lambda: SMALL.to_si("1 m", "length"), ["value must be numbers", "'1 m'"]),
-        (lambda: SMALL.from_si([[1], [1, 2]], "length"), ["value must be numbers", "[[1], [1, 2]]"]),
         (lambda: SMALL.from_si(1e308, "length"), ["value in units of the scene must be finite"]),
         (lambda: SMALL.to_si([1e308], "wave_number"), ["value in SI must be finite; value in SI[0] is inf"]),
     ],
@@ -322,19 +302,15 @@ CORES = {
     "user": ({"user": "3"}, 3), "user 0": ({"user": "0"}, 1), "user none": ({"user": "default"}, 8),
     "user negative": ({"user": "-2"}, 8),
     "no quota": ({"files": JOB | v2("/user/job", "max 100000")}, 8),
-    "quota of two cores": ({"files": JOB | v2("/user/job", "200000 100000")}, 2),
     "quota rounded up": ({"files": JOB | v2("/user/job", "250000 100000")}, 3),
     "quota of half a core": ({"files": JOB | v2("/user/job", "50000 100000")}, 1),
     "quota of a parent": ({"files": JOB | v2("/user/job", "max 100000") | v2("/user", "300000 100000")}, 3),
-    "quota of the root": ({"files": JOB | v2("", "400000 100000")}, 4),
-    "affinity below quota": ({"affinity": 2, "files": JOB | v2("/user/job", "500000 100000")}, 2),
     "empty quota": ({"files": JOB | v2("/user/job", "")}, 8), "nonsense": ({"files": JOB | v2("/user/job", "odd")}, 8),
     "own group at the top": ({"files": groups(2, "/docker/a", "/docker/a") | v2("", "200000 100000")}, 2),
     "odd mounts": ({"files": groups(2, "/user/job", odd=ODD) | v2("/user/job", "200000 100000")}, 2),
     "version 1": ({"files": groups(1, "/job") | v1("/job", 3)}, 3),
     "version 1 unlimited": ({"files": groups(1, "/job") | v1("/job", 3)
                              | {"/sys/fs/cgroup/cpu/job/cpu.cfs_quota_us": "-1\n"}}, 8),
-    "version 1, a parent": ({"files": groups(1, "/pod/own") | v1("/pod", 2)}, 2),
     "version 1, own group at the top": ({"files": groups(1, "/pod/own", "/pod/own") | v1("", 2)}, 2),
     "version 1, below the top": ({"files": groups(1, "/pod/own", "/pod") | v1("/own", 3) | v1("", 5)}, 3),
     "version 1, another of the same name": ({"files": groups(1, "/own", "/pod") | v1("/own", 1)}, 8),
