@@ -36,7 +36,6 @@ WRONG = {
     Thermostat: (
         {"temperature": 1.0, "rate": 1.0},
         [
-            ({"temperature": -1.0}, ["temperature of a Thermostat must be a finite number > 0", "-1"]),
             ({"temperature": "warm"}, ["temperature of a Thermostat", "'warm'"]),
             ({"rate": 0.0}, ["rate of a Thermostat must be a finite number > 0"]),
             ({"seed": 1.5}, ["seed of a Thermostat must be a whole number", "1.5"]),
@@ -46,7 +45,6 @@ WRONG = {
     ThermalWalls: (
         {},
         [
-            ({}, ["ThermalWalls must have a temperature", "got none"]),
             ({"left": 0}, ["left of ThermalWalls must be a finite number > 0", "0"]),
             ({"top": "hot"}, ["top of ThermalWalls", "'hot'"]),
             ({"left": 1.0, "seed": 0.5}, ["seed of ThermalWalls must be a whole number", "0.5"]),
@@ -84,10 +82,10 @@ def test_what_cannot_be_is_refused(make):
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("[thermostat]\ntemperature = -1.0\nrate = 1.0", ["thermostat.temperature must be a finite number > 0", "-1"]),
         ("[thermostat]\ntemprature = 1.0\nrate = 1.0", ["temprature", "temperature"]),
         ("[thermal_walls]\nlft = 1.0", ["lft", "left"]),
-        ("friction = -0.5", ["friction must be a number >= 0"]),
+        ("[thermostat]\ntemperature = -1.0\nrate = 1.0", ["thermostat.temperature must be a finite number > 0", "-1"]),
+        ("[thermal_walls]\nleft = 1.0\nseed = 0.5", ["thermal_walls.seed", "0.5"]),
         (
             "friction = 0.5\n[[discs]]\nposition = [[2.0, 2.0], [4.0, 3.0]]\nradius = 0.5\nspin = [1.0, 2.0, 3.0]",
             ["spin must be one number or 2, one per disc; got 3"],
@@ -120,16 +118,6 @@ def test_measures_that_mean_nothing_are_refused(name, says):
 
 
 # --- what a scene is with and without
-
-
-def test_a_scene_without_any_is_what_it_was():
-    plain, spelt = scene_of(), scene_of(friction=0, wall_friction=0.0, tangential_restitution=0, spin=None,
-                                        thermostat=None, thermal_walls=None)  # fmt: skip
-    assert spelt.digest() == plain.digest()
-    assert (plain.friction, plain.wall_friction, plain.spin, plain.thermostat, plain.thermal_walls) == (
-        0, 0, None, None, None,
-    )  # fmt: skip
-    assert not {"friction", "thermostat"} & set(repr(plain).split())
 
 
 @pytest.mark.parametrize(
@@ -195,12 +183,9 @@ def test_a_scene_starts_from_the_spins_of_a_state():
     assert scene.starting_from(State(*flight, spin=spins, present=np.array([False, True]))).spin.tolist() == [0.25]
     assert scene.starting_from(State(*flight)).digest() == scene.digest(), "its own otherwise"
     assert scene_of().starting_from(State(*flight, spin=spins)).spin is None
-
-
-@pytest.mark.parametrize("spin", [np.zeros(1), np.zeros(2, int)])
-def test_a_state_has_a_spin_of_each_disc(spin):
-    with pytest.raises(InputError, match="spin of a state must be real numbers of shape"):
-        State(np.zeros((2, 2)), np.zeros((2, 2)), spin=spin)
+    for wrong in (np.zeros(1), np.zeros(2, int)):
+        with pytest.raises(InputError, match="spin of a state must be real numbers of shape"):
+            State(*flight, spin=wrong)
 
 
 @pytest.mark.parametrize(("suffix", "precision"), [("xyz", "float64"), ("gsd", "float32")])
@@ -233,10 +218,3 @@ def test_kinetic_energy_counts_the_rotation_of_uniform_discs():
     assert measure.rotational_energy(State(*flight), scene) == 0
     gone = State(*flight, spin=scene.spin, present=np.array([True, False]))
     assert measure.rotational_energy(gone, scene) == 0.25 * 0.25 * 9
-
-
-def test_the_energy_drift_of_rough_elastic_discs_is_rounding():
-    scene = gas(30, 0.3, friction=math.inf, tangential_restitution=1.0, spin=2.0)
-    with simulate(scene, method="naive", dt=0.02, contact="impact") as sim:
-        assert abs(sim.run(frames=30, measures=["energy_drift"]).measures["energy_drift"].value) < 1e-12
-    assert scene.dissipates, "energy of translation is not kept"
