@@ -30,12 +30,10 @@ def test_a_simulation_needs_a_scene_and_settings():
 USES = {
     "run": lambda sim: sim.run(frames=1),
     "state": lambda sim: sim.state,
-    "digest": lambda sim: sim.digest(),
     "add": lambda sim: sim.add([1, 1], [0, 0]),
     "set": lambda sim: sim.set(0, velocity=(0, 0)),
     "save": lambda sim: sim.save("run"),
     "count": lambda sim: sim.count,
-    "pids": lambda sim: sim.pids,
 }
 
 
@@ -87,31 +85,23 @@ def test_discs_may_be_added_while_progress_is_reported(method):
         if sim.count < 900:
             sim.add(place[sim.count : sim.count + 150], np.zeros((150, 2)))
 
-    frames = 20_000 if method == "auto" else 5_000
+    frames = 20_001 if method == "auto" else 5_000  # more than a block has room for
     with simulate(scene, method=method, workers=2) as sim:
         report = sim.run(frames=frames, progress=add)
         assert sim.count > 500
     assert report.frame_seconds.shape == (frames,)
+    assert (report.frame_seconds > 0).mean() > 0.99
     assert (seen[-1], seen) == (frames, sorted(set(seen)))
     assert {seconds.shape for seconds in report.phase_seconds.values()} <= {(frames, 1), (frames, 2)}
 
 
-@pytest.mark.parametrize(
-    ("saved", "possible", "refused"),
-    [("grid", ("grid", "parallel"), ("naive", "event")), ("event", ("event",), ("grid",)), ("auto", (), ("grid",))],
-)
-def test_a_checkpoint_goes_on_by_a_method_with_the_same_bits_only(saved, possible, refused, tmp_path):
+@pytest.mark.parametrize(("saved", "other"), [("grid", "naive"), ("event", "grid"), ("auto", "grid")])
+def test_a_checkpoint_goes_on_by_a_method_with_the_same_bits_only(saved, other, tmp_path):
     with simulate(gas(30, 0.3), method=saved) as sim:
         sim.run(frames=5)
         path = sim.save(tmp_path / "run")
-        sim.run(frames=20)
-    for method in possible:
-        with Simulation.resume(path, method=method) as again:
-            again.run(frames=20)
-            assert again.frame == sim.frame
-    for method in refused:
-        with pytest.raises(InputError, match=f"{saved}.*which have the same bits; got '{method}'"):
-            Simulation.resume(path, method=method)
+    with pytest.raises(InputError, match=f"{saved}.*which have the same bits; got '{other}'"):
+        Simulation.resume(path, method=other)
 
 
 def test_a_disc_added_inside_an_exact_frame_keeps_the_counts_of_that_frame():
@@ -130,7 +120,7 @@ def test_a_disc_added_inside_an_exact_frame_keeps_the_counts_of_that_frame():
     assert pressure * 2 * (5 + 5000) == pytest.approx(2 / 4, rel=1e-3), "one disc to and fro in a free length of 4"
 
 
-def test_discs_added_to_a_full_box_are_found_and_those_that_part_at_once_are_not():
+def test_discs_added_to_a_full_box_are_found():
     places = np.array([[0.5 + i // 6, 0.5 + i % 6] for i in range(36)])
     full = {"width": 6, "height": 6, "radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5}
     with simulate(Scene(**full, position=places, velocity=np.zeros((36, 2))), method="grid", on_fast="error") as sim:
@@ -138,11 +128,6 @@ def test_discs_added_to_a_full_box_are_found_and_those_that_part_at_once_are_not
         with pytest.raises(mpsim.TooFastError, match="discs are pressed into each other: at time"):
             sim.run(frames=5000)
         assert sim.frame == 4096
-    roomy = Scene(**{**full, "width": 12}, position=places, velocity=np.zeros((36, 2)))
-    with simulate(roomy, method="grid", on_fast="error") as sim:
-        sim.run(frames=4095)
-        sim.add([(8, 1), (8.4, 1), (10, 3)], np.zeros((3, 2)))
-        sim.run(frames=5000)
 
 
 # --- what a checkpoint holds
@@ -180,11 +165,9 @@ def of_arrays(**changed):
     [
         (of_lattice(seed=3), "its lattice has other discs here"),
         (of_lattice(count=10**15), "count must be a whole number from 0 to 100000000"),
-        (of_lattice(count=5000), "count must leave room for a hexagonal lattice"),
         (of_lattice(temperature=-1.0), "temperature must be"),
         (lambda header, arrays: header["scene"].update(lattice=[1]), "its lattice must have"),
         (of_arrays(position=np.ones((50, 2)), velocity=np.ones((50, 2))), "position"),
-        (of_arrays(mass=np.full(50, 2.0)), "mass must be left out"),
         (of_arrays(radius=np.linspace(0.4, 0.5, 50)), "radius of discs on a lattice must be one number"),
         *((of_run(origin=[frame, 0.0]), "the origin must be a frame that is done") for frame in (4, -1, 0.0)),
         (of_run(origin=[0, -1.0]), "the origin must be a frame that is done, and its time"),
@@ -264,13 +247,6 @@ def test_measures_of_no_frames_are_unknown():
         measures = sim.run(frames=0, measures=names).measures
     assert list(measures) == names
     assert all(np.isnan(measure.value) for measure in measures.values())
-
-
-def test_more_frames_than_a_block_holds_are_all_timed():
-    with simulate(gas(5, 0.1), method="naive") as sim:
-        report = sim.run(frames=20_001)
-    assert report.frames == 20_001
-    assert (report.frame_seconds > 0).mean() > 0.99
 
 
 FIRST = """
