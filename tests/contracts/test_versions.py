@@ -16,7 +16,7 @@ import mpsim
 TOP = Path(__file__).parents[2]
 HERE = f"{sys.version_info[0]}.{sys.version_info[1]}"
 
-script, speed = fixture_of("run_versions"), fixture_of("check_speed")
+script = fixture_of("run_versions")
 
 
 def rows_of_page():
@@ -63,22 +63,6 @@ def test_the_pages_show_every_python_with_the_bounds(script, monkeypatch):
     changed = script.project()["dependencies"][0].replace(">=", ">=1!")
     monkeypatch.setattr(script, "project", lambda: {"name": "mpsim", "dependencies": [changed]})
     assert wrong_rows(script), "the control: a bound that was changed and not tried"
-
-
-@pytest.mark.parametrize(
-    ("ratios", "turns", "lost"),
-    [([1.29], 1, False), ([1.3, 2.0, 1.31], 3, True), ([3.0, 1.0], 2, False), ([1.4, 1.4, 1.29], 3, False)],
-)
-def test_a_loss_of_speed_is_one_that_three_turns_confirm(speed, ratios, turns, lost):
-    name, lines, timed = next(iter(speed.SCENES)), [], []
-
-    def time_turn(turn, asked):
-        timed.append(list(asked))
-        return {each: 10.0 * (ratios[turn] if each == name else 1.0) for each in asked}, dict.fromkeys(asked, 10.0)
-
-    assert speed.confirmed_losses(time_turn, lines.append) == [name] * lost
-    assert timed == [list(speed.SCENES), *[[name]] * (turns - 1)]
-    assert len(lines) == len(speed.SCENES) + turns - 1
 
 
 OTHERS = {"core/interpreter.py", "core/optional_packages.py", "engine/solvers/mpi_ranks.py"}

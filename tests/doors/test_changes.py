@@ -1,6 +1,5 @@
 """Discs, walls and parameters changed between two frames: what is refused, what follows, and what the journal holds."""
 
-import dataclasses
 import math
 from decimal import Decimal
 from fractions import Fraction
@@ -34,7 +33,6 @@ def kept(sim):
 
 OF_GAS = {
     "set": [
-        ({"ids": 20, "velocity": (0, 0)}, ["ids must be numbers of discs, from 0 to 19", "got 20"]),
         ({"ids": [1, 2, 1], "velocity": (0, 0)}, ["ids must hold each disc once", "disc 1 is in it 2 times"]),
         ({"ids": 1.5, "velocity": (0, 0)}, ["ids must be whole numbers", "got 1.5"]),
         ({"ids": [[1], [2, 3]], "velocity": (0, 0)}, ["ids must be whole numbers", "[[1], [2, 3]]"]),
@@ -42,13 +40,10 @@ OF_GAS = {
         ({"ids": 9, "velocity": (0, 0)}, ["ids must be discs that are there", "disc 9 has been removed"]),
         ({"ids": 1}, ["set needs something to set", "position, velocity, acceleration, spin"]),
         ({"ids": 1, "position": (NAN, 1)}, ["position must be finite", "nan"]),
-        ({"ids": 1, "position": (0.25, 1)}, ["position[0] must lie in", "0.25"]),
-        ({"ids": [1, 2], "position": (1, 1)}, ["position must have shape (2, 2)", "got shape (1, 2)"]),
         ({"ids": [1, 2], "velocity": [(1, 0), (1,)]}, ["velocity must be numbers of shape (2,) or (2, 2)"]),
         ({"ids": 1, "velocity": np.array([1j, 1])}, ["velocity must be numbers of shape (2,)", "complex128"]),
         ({"ids": 1, "velocity": (1e200, 0)}, ["velocity must be at most", "1e+200"]),
         ({"ids": 1, "spin": 1.0}, ["spin can be set only in a scene of rough discs", "1.0"]),
-        ({"ids": 1, "acceleration": (0, 1)}, ["acceleration can be set only in a scene", "(0, 1)"]),
         ({"ids": 1, "colour": 3}, ["an argument of Simulation.set must be one of 'ids'", "got 'colour'"]),
     ],
     "kick": [
@@ -63,39 +58,26 @@ OF_GAS = {
         ({"position": [1, 1, 1], "velocity": [0, 0, 0]}, ["position must have shape", "(2,) or (K, 2)"]),
         ({"position": [[1, 1], [2, 2]], "velocity": [0, 0]}, ["velocity must have shape (2, 2)", "as position has"]),
         ({"position": [[1, 1], [1, 99]], "velocity": [[0, 0], [0, 0]]}, ["position[1] must lie in", "99"]),
-        ({"position": [1, 1], "velocity": [0, 0], "acceleration": [0, 1]}, ["this one has none", "numpy.zeros"]),
         ({"position": [1, 1], "velocity": [0, 0], "spin": 2}, ["only in a scene of rough discs", "got 2. Give"]),
         ({"position": [1, 1], "velocity": [0, 0], "radius": 0.5}, ["radius can be given for added discs only in a"]),
-        ({"position": [1, 1], "velocity": [0, 0], "mass": 2}, ["mass can be given for added discs only in a scene"]),
         ({"position": [1, 1], "velocity": [0, 0], "charge": 2}, ["Simulation.add must be one of", "got 'charge'"]),
     ],
     "change": [
-        ({}, ["change needs something to change", "gravity, restitution"]),
         ({"gravty": (0, 1)}, ["'gravty' is not a parameter of a simulation", "Did you mean 'gravity'?"]),
-        ({"method": "grid"}, ["'method' is fixed from the start", "What can be changed: gravity"]),
         ({"gravity": 9.8}, ["gravity must be two numbers, along x and y; got 9.8. Downwards it is (0, -9.8)"]),
         ({"gravity": None}, ["gravity must be two numbers", "got None", "Give (0, 0)"]),
-        ({"gravity": [[1], [2, 3]]}, ["gravity must be numbers of shape (2,)", "[[1], [2, 3]]"]),
         ({"contact": "pus"}, ["contact must be one of", "Did you mean 'push'?"]),
-        ({"restitution": 1.5}, ["restitution must be a number from 0 to 1", "1.5"]),
         ({"dt": 0}, ["dt must be a finite number > 0", "got 0"]),
         ({"passes": 0}, ["passes must be a whole number from 1", "got 0"]),
         ({"piston_speed": -1.0}, ["piston_speed can be changed only in a scene with a piston", "-1.0"]),
-        ({"interval": 0.5}, ["interval can be changed only in a scene with emitters that have it", "0.5"]),
-        ({"friction": 0.5}, ["friction can be changed only in a scene that has it, and got 0.5"]),
-        ({"temperature": 2.0}, ["temperature can be changed only in a scene with a thermostat, and got 2.0"]),
-        ({"wall_temperature": [1]}, ["wall_temperature can be changed only in a scene with thermal walls"]),
         ({"restitution": 0.5, "dt": -1}, ["dt must be a finite number > 0", "-1"]),
     ],
     "add_wall": [
         ({"points": [(1, 1), (1, 1)]}, ["points of a Polyline must be at least two"]),
-        ({"points": [(1, 1), (99, 1)]}, ["points of a wall must be in the box", "points[1] is (99.0, 1.0)"]),
         ({"points": [(1, 1), (2, 1)], "thickness": -1}, ["thickness of a Polyline", "-1"]),
         ({"points": [(0, 0), (8, 8)], "thickness": 3}, ["a wall must be clear of all discs; got disc ", "inside it"]),
     ],
     "run": [
-        ({}, ["run needs either frames or until", "frames=None", "until=None"]),
-        ({"frames": 3, "until": 1.0}, ["run needs either frames or until", "frames=3", "until=1.0"]),
         ({"frames": 2.5}, ["frames must be a whole number", "got 2.5"]),
         ({"until": NAN}, ["until must be a finite number >= 0", "got nan"]),
         ({"until": 0.01}, ["until must not lie in the past", "the time is 0.02", "got 0.01"]),
@@ -138,8 +120,6 @@ WARM = {"thermal_walls": ThermalWalls(left=1.0, right=1.0)}
         ({"emitters": BY_FRAMES}, {"interval": 0.5}, ["emitters that have it"]),
         ({"emitters": IN_TIME}, {"interval": [1, 2]}, ["one for each of 1 emitters"]),
         (ROUGH, {"friction": 0.0}, ["friction must be > 0 in a change; got 0.0. A small one has almost no effect."]),
-        (ROUGH, {"wall_friction": "rough"}, ["wall_friction must be a number >= 0"]),
-        (HEATED, {"temperature": 0.0}, ["temperature must be a finite number > 0"]),
         (WARM, {"wall_temperature": [1.0, 0.0]}, ["wall_temperature must be a finite number > 0"]),
         (WARM, {"wall_temperature": [1, 2, 3]}, ["one for each of the thermal walls left, right; got [1, 2, 3]"]),
     ],
@@ -317,16 +297,6 @@ def test_the_rate_of_an_emitter_is_changed_within_its_interval(method):
     assert np.searchsorted(entered, [1, 2, 3], side="left").tolist() == [6, 10, 14]
 
 
-def test_a_sliding_disc_is_slowed_by_the_friction_that_is_in_force():
-    """By mu g, until it rolls, with another mu halfway."""
-    scene = one_disc((1.0, 0.5), (1, 0), (20, 4), gravity=(0, -2), wall_restitution=0.0, wall_friction=0.25)
-    with simulate(scene, dt=1 / 64, method="naive") as sim:
-        for until, friction, speed in ((0.25, 0.25, 0.875), (0.5, 0.125, 0.8125)):
-            sim.change(wall_friction=friction)
-            sim.run(until=until)
-            assert sim.state.velocity[0, 0] == pytest.approx(speed)
-
-
 def test_walls_that_are_not_thermal_stay_so():
     given = one_disc(thermal_walls=ThermalWalls(right=1.0, bottom=2.0))
     with simulate(given, method="naive") as sim:
@@ -371,11 +341,7 @@ def test_a_wall_leaves_the_other_parts_of_a_scene_their_room():
             sim.set(0, position=(5, 6.25))
 
 
-def test_discs_that_were_set_on_each_other_part_or_are_refused():
-    with simulate(lattice(4, 4), method="grid", contact="push") as sim:
-        sim.set(3, position=sim.state.position[5] + 0.25)
-        sim.run(frames=60)
-        assert np.hypot(*(sim.state.position[3] - sim.state.position[5])) > 0.9
+def test_the_exact_solver_refuses_discs_that_are_set_on_each_other():
     with simulate(lattice(4, 4), method="event") as sim:
         sim.run(frames=3)
         before, there = kept(sim), sim.state.position[5]
@@ -409,22 +375,6 @@ def test_a_speed_that_is_refused_is_not_given():
         assert sim.digest() == digests[0]
 
 
-@pytest.mark.parametrize("on_fast", ["warn", "substep"])
-@pytest.mark.parametrize("method", ["naive", "grid"])
-def test_changed_substeps_are_those_of_a_simulation_that_begins_with_them(method, on_fast):
-    scene, how = gas(40, 0.4, seed=3), {"dt": 0.05, "method": method, "on_fast": on_fast}
-    with simulate(scene, **how) as sim, simulate(scene, **how) as control:
-        sim.run(frames=7)
-        sim.change(substeps=4)
-        assert (sim.substeps, sim.settings.substeps, sim.journal.changes[-1].values) == (4, 4, {"substeps": 4})
-        with simulate(scene.starting_from(sim.state), substeps=4, **how) as begun:
-            for each in (sim, begun):
-                each.run(frames=12)
-            assert begun.digest() == sim.digest()
-        control.run(frames=19)
-        assert control.digest() != sim.digest()
-
-
 @pytest.mark.parametrize("method", ["naive", "grid"])
 def test_what_follows_is_what_a_new_simulation_of_the_changed_state_does(method):
     scene = gas(30, 0.3, seed=3, gravity=(0.0, -0.25))
@@ -434,33 +384,18 @@ def test_what_follows_is_what_a_new_simulation_of_the_changed_state_does(method)
             lambda: sim.remove([4, 11]),
             lambda: sim.set(7, velocity=(-0.5, 2.0)),
             lambda: sim.set(5, position=scene.position[4]),
+            lambda: sim.change(substeps=3),
         ):
             sim.run(frames=2)
             act()
         state = sim.state
         sim.run(frames=5)
-        with simulate(scene.starting_from(state), dt=0.01, method=method) as fresh:
+        with simulate(scene.starting_from(state), dt=0.01, method=method, substeps=3) as fresh:
             fresh.run(frames=5)
             assert np.array_equal(fresh.state.position, sim.state.position[state.present])
             assert np.array_equal(fresh.state.velocity, sim.state.velocity[state.present])
-        unchanged.run(frames=13)
+        unchanged.run(frames=15)
         assert unchanged.digest() != sim.digest()
-
-
-def impulses_of_gas_at(factor, method):
-    """Pressure over the square of a factor, a power of two, by which all velocities are multiplied."""
-    with simulate(gas(20, 0.2), method=method, contact="impact", dt=0.04) as sim:
-        sim.run(frames=2)
-        sim.change(dt=0.04 / factor)
-        sim.set(np.arange(20), velocity=sim.state.velocity * factor)
-        return sim.run(frames=100, measures=["pressure"]).measures["pressure"].value / factor**2
-
-
-@pytest.mark.parametrize(("method", "fits", "does_not"), [("event", 2.0**34, 2.0**40), ("grid", 2.0**22, 2.0**28)])
-def test_speeds_whose_impulses_cannot_be_added_up_are_refused(method, fits, does_not):
-    assert impulses_of_gas_at(fits, method) == pytest.approx(impulses_of_gas_at(1.0, method), rel=1e-6)
-    with pytest.raises(InputError, match=r"velocity must give speeds of at most .* of impulses"):
-        impulses_of_gas_at(does_not, method)
 
 
 @pytest.mark.parametrize(
@@ -490,14 +425,6 @@ def test_each_door_refuses_speeds_that_no_exact_run_can_follow(dt, speed, allowe
 # --- the journal
 
 
-def test_parameters_in_force_are_those_of_scene_and_settings_and_the_given_ones_stay():
-    with simulate(gas(20, 0.2), dt=0.01) as sim:
-        scene, settings = sim.scene, sim.settings
-        sim.change(restitution=0.5, passes=2)
-        assert (sim.scene.restitution, sim.settings) == (0.5, dataclasses.replace(settings, passes=2))
-        assert (scene.restitution, sim.journal.scene) == (1.0, scene)
-
-
 def test_dt_is_not_changed_in_a_callback():
     with simulate(gas(20, 0.2)) as sim:
         with pytest.raises(InputError, match="between two runs, not in a callback of a run"):
@@ -516,6 +443,8 @@ def test_a_journal_holds_plain_numbers_and_is_replayed_from_its_file(tmp_path):
     assert journal.changes[0].values == {"dt": 0.025, "gravity": [0.5, 0.0], "passes": 2}
     with mpsim.Simulation.replay(journal.save(tmp_path / "session.toml")) as again:
         assert again.digest() == journal.digest
+    with pytest.raises(InputError, match=r"must end in \.toml"):
+        journal.save(tmp_path / "session")
     with mpsim.Simulation.resume(checkpoint) as again:
         assert again.journal.changes == journal.changes
 
@@ -612,13 +541,13 @@ def session(tmp_path_factory):
     [
         ("format = 1", "format = 9", "its format is 9"),
         ("frame = 0", "frame = 0.0", "frames must be whole numbers"),
+        ("frame = 0", "frame = 5", "frames must be whole numbers"),
         ('what = "kick"', 'what = "close"', "must have a time and be one of"),
         ('scene = "session', 'scene = "../session', "its scene must be a file beside it"),
         ("ids = [1]", "ids = [77]", "change 0 of a journal.*ids must be numbers of discs"),
         ("time = 0.0", "time = 0.125", "an interrupt had left that run inside a frame"),
         ("[settings]", "more = 1\n[settings]", "it has the key 'more'"),
         ("format", "= =", "must be a file that Journal.save has written"),
-        ("[[change]]", "change = [1, 2]\n#", "its changes must be tables"),
     ],
 )
 def test_a_session_file_that_is_none_is_refused_by_name(old, new, text, session, tmp_path):
@@ -626,15 +555,6 @@ def test_a_session_file_that_is_none_is_refused_by_name(old, new, text, session,
         (tmp_path / path.name).write_bytes(path.read_bytes())
     text_of, path = session.read_text(), tmp_path / session.name
     assert old in text_of
-    if new.startswith("change"):
-        text_of = text_of[: text_of.index("[[change]]")].replace("[settings]", new.replace("#", "[settings]"))
-    else:
-        text_of = text_of.replace(old, new, 1)
-    path.write_text(text_of)
+    path.write_text(text_of.replace(old, new, 1))
     with pytest.raises(InputError, match=text):
         mpsim.Simulation.replay(path)
-
-
-def test_a_session_file_has_its_ending(session):
-    with mpsim.Simulation.replay(session) as sim, pytest.raises(InputError, match=r"must end in \.toml"):
-        sim.journal.save(session.with_suffix(""))
