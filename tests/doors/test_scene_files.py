@@ -10,11 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
 from support.commands import mpsim_command
 from support.compare import overlapping_pairs
+from support.scenes import zoo
 from support.selection import slow_but
 
 import mpsim
@@ -211,48 +209,16 @@ def test_a_compressed_start_has_the_bits_of_python_and_keeps_them(load, tmp_path
 
 # --- saving
 
-finite = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e300, max_value=1e300)
-tiny, inside = st.floats(min_value=1e-3, max_value=0.2), st.floats(min_value=1.0, max_value=9.0)
-timings = st.sampled_from([{"every": st.integers(1, 10**12)}, {"interval": st.floats(1e-9, 1e9)}])
+EVERYTHING = "gravity acceleration giants masses lossy rough obstacles absorbing piston emitters periodic-x"
+ODD = [5e-324, -1 / 3, 1e300, -0.0, np.nextafter(1, 2), -1e-310]
 
 
-@st.composite
-def scenes(draw):
-    """Scenes with every feature, some of each left out, of few discs and of more than stand in the file itself."""
-    count = draw(st.sampled_from([0, 1, 2, 5, 70]))
-
-    def rows(of, shape):
-        drawn = draw(st.lists(of, min_size=min(count, 5) * 2, max_size=min(count, 5) * 2))
-        return np.resize(np.array(drawn, dtype=float), shape) if count else np.empty(shape)
-
-    def maybe(value):
-        return value if draw(st.booleans()) else None
-
-    peg = st.builds(FixedDisc, st.tuples(inside, inside), tiny)
-    line = st.builds(Polyline, st.just([(1.0, 1.0), (1 / 3, 2.0), (3.0, 0.1)]), tiny | st.just(0.0))
-    spout = st.builds(Emitter, st.tuples(inside, inside), st.tuples(finite, finite), **draw(timings),
-                      limit=st.none() | st.integers(1, 10**8), radius=tiny, mass=tiny)  # fmt: skip
-    features = {
-        "gravity": maybe(draw(st.tuples(finite, finite))), "acceleration": maybe(rows(finite, (count, 2))),
-        "mass": maybe(rows(st.floats(1e-3, 1e3), (count,))), "duration": maybe(draw(st.floats(1e-9, 1e9))),
-        "restitution": draw(st.floats(0, 1)), "wall_restitution": draw(st.floats(0, 1)),
-        "absorbing": draw(st.sampled_from([(), ("bottom",)])), "obstacles": draw(st.lists(peg | line, max_size=3)),
-        "emitters": draw(st.lists(spout, max_size=2)), "settings": maybe(Settings(dt=1 / 3, law="reflect", workers=2)),
-        "piston": maybe(Piston("top", -draw(st.floats(1e-9, 1e9)), draw(st.floats(0.5, 9.5)))),
-    }  # fmt: skip
-    radius = rows(tiny, (count,)) if draw(st.booleans()) else draw(tiny)
-    places = {"position": rows(inside, (count, 2)), "velocity": rows(finite, (count, 2)), "radius": radius}
-    try:
-        return Scene(width=10.0, height=10.0, boundary=(draw(st.sampled_from(["walls", "periodic"])), "walls"),
-                     **places, **features)  # fmt: skip
-    except InputError as error:  # of a piston that leaves no room, or an emitter in an obstacle
-        assume("arrangement of them is denser" not in str(error) and "from every obstacle" not in str(error))
-        raise
-
-
-@hypothesis_settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(scene=scenes())
-def test_saved_and_loaded_a_scene_has_the_same_bits(scene, tmp_path):
+@pytest.mark.parametrize("count", [0, 1, 5, 70])
+@pytest.mark.parametrize("words", ["", "obstacles emitters radii heated", EVERYTHING])
+def test_saved_and_loaded_a_scene_has_the_same_bits(words, count, tmp_path):
+    """Of discs that stand in the file, and of more than do."""
+    own = {"duration": 1 / 3, "settings": Settings(dt=1 / 3, law="reflect", workers=2)} if words else {}
+    scene = zoo(words, count, velocity=np.resize(ODD, (count, 2)), **own)
     scene.save(tmp_path / "saved.toml")
     again = Scene.load(tmp_path / "saved.toml")
     assert again.digest() == scene.digest()
@@ -395,39 +361,22 @@ WRONG = [
     (HEAD + "packing = 0.3", "the box must be given either by packing or by width and height; got packing=0.3"),
     ("schema = 1\npacking = 0.3", "packing needs discs to make a box for; got none. Give width and height."),
     ("schema = 1\npacking = 0.3\n" + SQUARE + "spacing = 1.0", "discs[0].count must be given where packing makes th"),
-    ("schema = 1\npacking = 5e-324\n" + RANDOM + "count = 3", "packing must leave the box finite; got 4.94066e-324."),
     ("schema = 2\nnonsense = 3", "schema must be 1, the version of scene files that this mpsim reads; got 2."),
-    ("schema = true" + HEAD[10:], "schema must be 1, the version of scene files that this mpsim reads; got True."),
-    (HEAD.replace("10.0", "true"), "width must be a number > 0 [length]; got True."),
-    (HEAD.replace("10.0", "'10'"), "width must be a number > 0 [length]; got '10'."),
-    (HEAD.replace("10.0", "nan"), "width must be a finite number > 0 [length]; got nan."),
     (HEAD.replace("10.0", "1" + "0" * 400), "width must be a number > 0 [length], finite in float64; got a whole nu"),
     (HEAD.replace("10.0", "1979-05-27"), "width must be a number > 0 [length]; got datetime.date(1979, 5, 27)."),
-    (HEAD + "gravity = 3", "gravity must be two numbers, along x and y; got 3. Downwards it is (0, -3), in a scene "),
-    (HEAD + "gravity = [1, 2, 3]", "gravity must have shape (2,); got shape (3,). Reshape the array."),
     (HEAD + f"gravity = [1, 1{'0' * 400}]", "gravity[1] must be finite in float64; got a whole number of 401 digits."),
     (HEAD + "boundary = ['walls']", "boundary must be one word or one for x and one for y; got ['walls']."),
-    (HEAD + "restitution = 1.5", "restitution must be a number from 0 to 1; got 1.5."),
-    (HEAD + "picture_interval = -1.0", "picture_interval must be a finite number > 0 [time]; got -1.0"),
-    (HEAD + "measures = ['kinetic_enrgy']", "measures must be one of"),
     (HEAD + "[discs]\nradius = 3", "discs must be a list of tables, [[discs]] for each; got {'radius': 3}."),
     (HEAD + "about = 'x'", "about must be a table; got 'x'."),
-    (HEAD + "[[settings]]\ndt = 1", "settings must be a table; got [{'dt': 1}]."),
-    (HEAD + "[settings]\nsubsteps = 1.5", "settings.substeps must be a whole number from 1 to 1000000; got 1.5. Giv"),
     (HEAD + "settings = { method = ['grid'] }", "settings.method must be one of 'naive', 'grid', 'parallel', 'event'"),
     (HEAD + ONE + "velocity = [[1, 2], [3, 4]]", "discs[0].velocity must be one row or 1, one per disc; got 2."),
     (HEAD + ONE + "mass = [1, 2]", "discs[0].mass must be one number or 1, one per disc; got 2."),
-    (HEAD + ONE + "mass = [0]", "discs[0].mass must be > 0 [mass]; mass[0] is 0.0."),
-    (HEAD + ONE + "velocity = [1, inf]", "discs[0].velocity must be finite; velocity[1] is inf (such values: 1)."),
     (HEAD + ONE + "velocity = [1, true]", "discs[0].velocity[1] must be a number; got True."),
     (HEAD + ONE + "velocity = [1, 2]\ntemperature = 1.0", "discs[0] must have velocity or temperature, not both; go"),
-    (HEAD + ONE + "temperature = -1.0", "discs[0].temperature must be a finite number >= 0"),
     (HEAD + ONE + "count = 3", "discs[0].count goes with places, but these discs have positions. Leave it out."),
     (HEAD + ONE + "places = 'square'", "discs[0] must have either position or places; got both."),
-    (HEAD + ONE.replace("3.0", "9.0"), "discs[0].position[0] must lie in [0.5, 9.5] x [0.5, 7.5] (one radius from"),
     (HEAD + SQUARE, "discs[0].count or spacing must be given for places = 'square'; got neither."),
     (HEAD + SQUARE + "spacing = 2.0\ncount = 99", "discs[0].count must be at most 20, the sites of a square lattice"),
-    (HEAD + SQUARE + "spacing = 1e-300", "discs[0].spacing must leave at most 10000000 sites in the region [1, 9] x"),
     (HEAD + RANDOM, "discs[0].count must be given for places = 'random'; got none."),
     (HEAD + RANDOM + "count = 1\nspacing = 1.0", "discs[0].spacing belongs to a lattice; got it for places = 'rando"),
     (HEAD + RANDOM + "count = 1\nregion = [3, 3, 2, 4]", "discs[0].region must be [x_low, y_low, x_high, y_high], l"),
@@ -437,15 +386,11 @@ WRONG = [
      "obstacles[0].places must be one of 'square', 'hexagonal'; got 'random'."),
     (HEAD + EMITTER, "emitters[0]: an Emitter must have either interval, the time between two discs, or every"),
     (HEAD + "'' = 1", "'' must be a key of a scene file; this one is unknown, with the value 1. Keys there: schema"),
-    (HEAD + "about = { title = 'x', '' = 1 }", "about.'' must be a key of a scene file; this one is unknown, with t"),
     ("schema = " + "[" * 5000, "the file must be TOML; got tables or lists nested too deeply."),
     *[(text, "the file must be TOML; got this error: ")
       for text in ("schema = 1\nschema = 1", "schema = ", "schema = 1" + "0" * 5000, "= 3")],
     (NINE + "[compressed]\n" + DISCS, "compressed.packing must be given; got nothing."),
-    (NINE + "compressed = 0.8\n" + DISCS, "compressed must be a table; got 0.8."),
-    (NINE + TABLE.replace("0.7", "'dense'") + DISCS, "compressed.packing must be a number > 0 (a fraction of the ar"),
     (NINE + TABLE.replace("0.7", "0.95") + DISCS, "compressed.packing must be above that of the scene, 0.441786, an"),
-    (NINE + TABLE.replace("1.0", "0") + DISCS, "compressed.rate must be a number from 1e-06 to 10; got 0."),
     (NINE + TABLE + DISCS.replace("temperature = 1.0\n", ""), "compressed: velocity must not be 0 everywhere"),
     (NINE + TABLE, "compressed needs discs; got 0 discs."),
     (NINE + "obstacles = [{ position = [0.2, 0.2], radius = 0.1 }]\n" + TABLE + DISCS, "compressed cannot do a scen"),
@@ -463,7 +408,6 @@ def test_what_is_wrong_is_said(text, words, problems):
 @pytest.mark.parametrize(
     ("level", "key", "near"),
     [
-        ("", "gravty", "gravity"),
         ("", "compresed", "compressed"),
         ("[about]\ntitle = 'x'\n", "lookfor", "look_for"),
         ("[settings]\n", "pases", "passes"),
@@ -497,20 +441,12 @@ FILES = {
     "none.npy": (lambda path: None, "must be a file that exists; got 'none.npy': no such file in "),
     "folder.npy": (lambda path: path.mkdir(), "must be a file that exists; got 'folder.npy': a folder in "),
     "text.npy": (write(b"hello"), NOT_NUMPY),
-    "empty.npy": (write(b""), NOT_NUMPY),
     "complex.npy": (save(np.zeros((3, 2), complex)), NOT_NUMPY + "'complex.npy' holds complex128). Save it anew."),
-    "words.npy": (save(np.array([["a", "b"]])), NOT_NUMPY),
-    "truth.npy": (save(np.zeros((3, 2), bool)), NOT_NUMPY),
-    "flat.npy": (save(np.zeros(4)), SHORT + "(4,). Reshape the array."),
-    "infinite.npy": (save(np.full((2, 2), np.inf)), "must be finite; position[0, 0] is inf (such values: 4). "),
     "x.txt": (write(b"1,2"), "must be numbers or the name of a .npy or .csv file; got 'x.txt'."),
     "ragged.csv": (write(b"x,y\n1,2\n3,4,5\n"), "must have as many numbers in every row; line 3 of ragged.csv has 3"),
     "words.csv": (write(b"1,2\n3,four\n"), "must be numbers; line 2 of words.csv has 'four'."),
-    "mixed.csv": (write(b"1,y\n3,4\n"), "must be numbers; line 1 of mixed.csv has 'y'."),
     "bytes.csv": (write(b"\xff\xfe\x00"), "must be a text file of numbers; bytes.csv is not ("),
-    "nan.csv": (write(b"1,2\nnan,4\n"), "must be finite; position"),
     "wide.csv": (write(b"1,2,3\n"), SHORT + "(1, 3). Reshape the array."),
-    "column.csv": (write(b"1\n2\n"), SHORT + "(2,). Reshape the array."),
 }  # fmt: skip
 
 

@@ -187,15 +187,12 @@ def test_results_of_all_kinds_of_scalars_are_plain():
 @pytest.mark.parametrize(
     ("result", "text"),
     [
-        (None, "the result of the function must be a dictionary of numbers.*; got None, a NoneType"),
         (3.5, "the result of the function must be a dictionary.*; got 3.5, a float. Return {'name': value}"),
         (SCENE, "got <Scene.* a Scene.*To run scenes, say how long: until="),
-        ({"a": [1]}, "the result 'a' must be a number, a text, True, False or None; got .1., a list"),
-        ({"a": np.zeros(2)}, "the result 'a' must be a number.*; got array.*keep arrays in a file"),
+        ({"a": np.zeros(2)}, "the result 'a' must be a number, a text, True, .*; got array.*keep arrays in a file"),
         ({"a": 1j}, "the result 'a' must be a number.*; got 1j, a complex"),
         ({1: 2}, "the names of results must be texts; got 1"),
         ({"x": 2}, "the names of results must not be those of parameters.*; got 'x'"),
-        ({"failure": 2}, "the names of results must not be those of.*; got 'failure'"),
     ],
 )
 def test_a_result_that_is_no_row_ends_a_sweep_without_any_but_is_a_failed_row_beside_others(result, text):
@@ -227,11 +224,9 @@ def takes(x, *, seed=0):
     ("arguments", "text"),
     [
         ((double, {}), "grid must hold at least one parameter; got none"),
-        ((double, [1, 2]), r"grid must be a dictionary of lists.*; got \[1, 2\]"),
         ((double, {1: [2]}), "grid must have names of parameters as its keys; got 1"),
         ((double, {"x": []}), r"grid\['x'\] must hold at least one value; got none"),
         ((double, {"x": 3}), r"grid\['x'\] must be a list of values; got 3. Write \[value\]"),
-        ((double, {"x": "grid"}), r"grid\['x'\] must be a list of values; got 'grid'"),
         ((double, {"x": [object]}), r"grid\['x'\] must hold None, True or False.*; got <class 'object'>, a type"),
         ((double, {"x": range(100_000_000)}), r"grid\['x'\] must have at most 10,000,000 values"),
         ((gas, {"packings": [1]}), r"grid\['packings'\] must be an argument of gas.*Did you mean 'packing'"),
@@ -239,11 +234,9 @@ def takes(x, *, seed=0):
         ((double, {"x": [1]}, 2), "function must take an argument 'seed' where seeds are asked for; double takes x"),
         ((takes, {"x": [1], "seed": [1]}, 2), "grid must not have the names run, seed.*got 'seed'"),
         ((takes, {"x": [1]}, 0), "seeds must be a whole number from 1 to 1000000; got 0"),
-        ((takes, {"x": [1]}, True), "seeds must be a whole number from 1 to 1000000; got True"),
         ((takes, {"x": [1]}, []), r"seeds must be a number of runs, or different numbers of them; got \[\]"),
         ((takes, {"x": [1]}, [1, 1]), r"seeds must be a number of runs, or different numbers of them; got \[1, 1\]"),
         ((takes, {"x": [1]}, [-1]), "a number in seeds must be a whole number from 0 to .*; got -1"),
-        ((takes, {"x": [1]}, 2, ThreadPoolExecutor), "executor must be a concurrent.futures.Executor; got type"),
         ((takes, {"x": [1]}, 2, 4), "executor must be a concurrent.futures.Executor; got int. Use ProcessPool"),
         ((7, {"x": [1]}), "function must be a function, an mpsim.Scene, or the name or path of one; got 7"),
         ((takes, {"dt": [1]}), r"grid\['dt'\] must be an argument of takes.*To run the scene.*until="),
@@ -257,11 +250,9 @@ def test_what_is_refused_before_anything_runs(arguments, text):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"units": ["m"]}, "units must be a dictionary of texts by the name of a column; got"),
         ({"units": {"y": 1}}, "units must be a dictionary of texts"),
         ({"progress": 3}, r"progress must be True, False or a function, called as progress\(done, of"),
         ({"retry_failed": 1}, "retry_failed must be True or False; got 1"),
-        ({"path": 7}, "path must be a file in a folder that can be written to; got 7"),
         ({"path": "/no/such/folder"}, "path must be a file in a folder that can be written to; got '/no/such/folder'"),
     ],
 )
@@ -353,17 +344,11 @@ def test_a_run_that_fails_is_a_row_and_measures_that_cannot_be_are_left_out_unle
     [
         (SCENE, {"dtt": [0.1]}, {"until": 1}, r"grid\['dtt'\] must be one of dt, .*Did you mean 'dt'.*give a function"),
         (SCENE, {"dt": [0.1, -1]}, {"until": 1}, "dt must be a finite number > 0 .time.; got -1"),
-        (SCENE, {"method": ["gird"]}, {"until": 1}, "method must be one of .* got 'gird'. Did you mean 'grid'"),
         (SCENE, {"method": ["grid", "mpi"]}, {"until": 1}, "method must be one that runs in a process.*got 'mpi'"),
         (SCENE, {"dt": [1]}, {"until": 1, "settings": Settings(method="mpi")}, "method must be one that runs in a pro"),
         (SCENE, {"frames": [1.5]}, {}, "frames must be a whole number from 0"),
-        (SCENE, {"until": [-1]}, {}, "until must be a finite number >= 0"),
         (SCENE, {"dt": [0.1]}, {}, "a sweep of runs must have their length.*got neither"),
         (SCENE, {"dt": [0.1]}, {"until": 1, "frames": 2}, "a sweep of runs must have.*got until and frames"),
-        (SCENE, {"dt": [0.1], "frames": [3]}, {"until": 1}, "a sweep of runs must have.*got until and frames"),
-        (SCENE, {"dt": [0.1]}, {"until": 1, "measures": ["presure"]}, "measures must be.*Did you mean 'pressure'"),
-        (SCENE, {"dt": [0.1]}, {"until": 1, "settings": 3}, "settings must be mpsim.Settings; got int"),
-        ("gass", {"dt": [0.1]}, {"until": 1}, "scene must be a path.*Did you mean 'gas'"),
         ("no.toml", {"dt": [0.1]}, {"until": 1}, "scene must be a file that can be read; got 'no.toml'"),
         (lambda count: 3, {"count": [1]}, {"until": 1}, "a function whose scenes are to be run must return"),
         (Scene.random, {"count": [1]}, {"until": 1}, "grid must hold every argument that Scene.random .*lacks radius"),
@@ -575,33 +560,22 @@ def test_xarray_has_a_dimension_for_each_parameter(table):
     assert kinds["a"].values.tolist() == ["True", "1", "1", "nan"]
 
 
-@pytest.mark.parametrize(
-    ("missing", "method", "what"),
-    [
-        ("pandas", "to_pandas", "DataFrame"),
-        ("pyarrow", "to_parquet", "Parquet file"),
-        ("xarray", "to_xarray", "Dataset"),
-    ],
-)
-def test_without_a_package_an_error_says_which_and_what_to_do(missing, method, what, table, monkeypatch, tmp_path):
+MISSING = {"pandas": ("to_pandas", "DataFrame"), "xarray": ("to_xarray", "Dataset")}
+
+
+@pytest.mark.parametrize("missing", MISSING)
+def test_without_a_package_an_error_says_which_and_what_to_do(missing, table, monkeypatch):
     monkeypatch.setitem(sys.modules, missing, None)
-    arguments = (tmp_path / "table.parquet",) if method == "to_parquet" else ()
+    method, what = MISSING[missing]
     with pytest.raises(OutputError, match=rf"{what} needs the package {missing},.*mpsim\[sweep\]"):
-        getattr(table, method)(*arguments)
+        getattr(table, method)()
     assert table.to_csv()
 
 
 def test_a_table_that_cannot_be_written_is_an_error(table, tmp_path):
-    for method, ending in (
-        ("to_csv", r"\.csv or \.txt"),
-        ("to_json", r"\.json or \.txt"),
-        ("to_parquet", r"\.parquet"),
-    ):
+    for method, ending in (("csv", r"\.csv or \.txt"), ("json", r"\.json or \.txt"), ("parquet", r"\.parquet")):
         with pytest.raises(InputError, match=rf"must be a file that ends in {ending} here; got .*s\.xlsx"):
-            getattr(table, method)(tmp_path / "s.xlsx")
-    with pytest.raises(InputError, match=r"must be a file that ends in \.json or \.txt here; .*Use 's\.json'\."):
-        table.to_json(tmp_path / "s.csv")
-    for method in ("to_csv", "to_json"):
-        with pytest.raises(OutputError, match=r"^the table of a sweep must be a file that can be written; .*No such"):
-            getattr(table, method)(tmp_path / "nowhere" / f"table.{method[3:]}")
+            getattr(table, f"to_{method}")(tmp_path / "s.xlsx")
+    with pytest.raises(OutputError, match=r"^the table of a sweep must be a file that can be written; .*No such"):
+        table.to_csv(tmp_path / "nowhere" / "table.csv")
     assert not list(tmp_path.iterdir())

@@ -83,23 +83,12 @@ def best_of(budget, laws, exact=1000.0):
 # --- the search
 
 
-@pytest.mark.parametrize("budget", [0.3, 0.03, 0.001])
-def test_the_cheapest_step_inside_the_budget_is_found(budget, ask):
-    found = ask({"overlap": budget})
-    assert found.errors["overlap"].value <= budget
-    assert best_of(budget, LAWS) <= found.cost.median <= 1.25 * best_of(budget, LAWS)
-
-
-class Anything:
-    """Any budget and any laws."""
-
-    budgets = st.floats(-4, -0.5)
-    laws = st.tuples(*[st.tuples(st.floats(-1, 2), st.floats(0.8, 3.5), st.floats(0.3, 3))] * 3)
+ANY_LAWS = st.tuples(*[st.tuples(st.floats(-1, 2), st.floats(0.8, 3.5), st.floats(0.3, 3))] * 3)
 
 
 def test_whatever_the_laws_nothing_outside_is_given_and_nothing_much_cheaper_is_inside(ask, request):
-    @settings(max_examples=120 if request.config.getoption("--long") else 4)
-    @given(Anything.budgets, Anything.laws)
+    @settings(max_examples=120 if request.config.getoption("--long") else 6)
+    @given(st.floats(-4, -0.5), ANY_LAWS)
     def check(log_budget, drawn):
         budget = 10**log_budget
         laws = {key: (10**factor, order, price) for key, (factor, order, price) in zip(FAMILIES, drawn, strict=True)}
@@ -137,16 +126,11 @@ def test_errors_count_with_their_noise(ask):
         ask({"overlap": 0.01}, [PUSH], noise=0.02)
 
 
-def numbers_of_candidates(ask):
-    """Numbers of the starts to choose by."""
-    return {number for chosen, number in ask.runs if chosen.method != "event" and number < FIRST_TO_VERIFY}
-
-
-def test_replicas_are_doubled_where_noise_leaves_it_undecided(ask):
-    ask({"overlap": 0.01}, [PUSH], noise=0.002)
-    assert numbers_of_candidates(ask) == set(range(64))
-    ask({"overlap": 0.01}, [PUSH])
-    assert numbers_of_candidates(ask) == set(range(16)), "the control"
+@pytest.mark.parametrize(("noise", "replicas"), [(0.002, 64), (1e-9, 16)])
+def test_replicas_are_doubled_where_noise_leaves_it_undecided(noise, replicas, ask):
+    ask({"overlap": 0.01}, [PUSH], noise=noise)
+    numbers = {number for chosen, number in ask.runs if chosen.method != "event" and number < FIRST_TO_VERIFY}
+    assert numbers == set(range(replicas))
 
 
 # --- the answer
@@ -290,17 +274,10 @@ def test_a_measure_that_means_nothing_in_any_run_is_not_a_budget_out_of_reach(as
     ("arguments", "text"),
     [
         ({"max_error": {"presure": 0.01}}, "max_error must be one of .*Did you mean 'pressure'"),
-        ({"max_error": {}}, "max_error must hold at least one budget"),
         ({"max_error": 0.01}, "max_error must hold at least one budget.*got 0.01"),
-        *[
-            ({"max_error": {"pressure": value}}, r"max_error\['pressure'\] must be a finite number > 0")
-            for value in (0, -0.1, math.nan)
-        ],
+        ({"max_error": {"pressure": 0}}, r"max_error\['pressure'\] must be a finite number > 0"),
         ({"max_error": {"pressure": 2}}, r"max_error\['pressure'\] must be less than 1, .*got 2. 2 % is 0.02\."),
-        ({"max_error": {"pressure": "1 %"}}, r"max_error\['pressure'\] must be a number > 0 .*; got '1 %'"),
-        ({"candidates": []}, "candidates must hold at least one"),
         ({"candidates": ["grid"]}, "candidates must hold at least one mpsim.Settings; got"),
-        ({"candidates": 5}, "candidates must be a list of mpsim.Settings; got 5"),
         ({"replicas": 1}, "replicas must be a whole number from 2"),
         ({"until": -1}, "until must be a finite number > 0"),
         ({"seconds": 0}, "seconds must be a finite number > 0"),
