@@ -220,13 +220,12 @@ def test_one_error_in_twenty_is_beyond_its_noise_and_hardly_one_is_resolved(erro
     assert three < 0.0125
 
 
-@pytest.mark.parametrize("modes", [pytest.param(1, marks=pytest.mark.slow), LEVELS])
-def test_the_largest_of_thirteen_differences_is_no_difference_by_being_the_largest(modes, errors_of):
-    """Levels that move together, or each for itself: the chosen one is measured by runs that did not choose it."""
-    shape = random(3).normal(size=(modes, LEVELS))
+def test_the_largest_of_thirteen_differences_is_no_difference_by_being_the_largest(errors_of):
+    """The chosen one is measured by runs that did not choose it."""
+    shape = random(3).normal(size=(LEVELS, LEVELS))
 
     def draw(seed, n):
-        return random(*seed, n).normal(size=(PIECES, modes)) @ shape
+        return random(*seed, n).normal(size=(PIECES, LEVELS)) @ shape
 
     two, three = beyond(many(errors_of, "speed_distribution", draw, 3))
     assert two < 0.09
@@ -237,8 +236,7 @@ def test_the_largest_of_thirteen_differences_is_no_difference_by_being_the_large
         difference = (ours - theirs).mean(axis=0)
         return np.abs(difference / (ours - theirs).std(axis=0, ddof=1) * math.sqrt(8)).max() > 2.43
 
-    control = np.mean([naive(table) for table in range(100)])
-    assert control > 0.15 or modes == 1, "the control"
+    assert np.mean([naive(table) for table in range(100)]) > 0.15, "the control"
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ import pytest
 
 import mpsim
 from mpsim import measure
-from mpsim.measure import reference, reference_motion
 
 
 def test_the_public_names_are_the_documented_ones():
@@ -135,14 +134,3 @@ def test_the_installed_wheel_and_its_command_run(programs, tmp_path):
 @pytest.mark.parametrize("module", [mpsim, mpsim.measure], ids=lambda module: module.__name__)
 def test_dir_shows_what_is_public(module):
     assert {name for name in dir(module) if not name.startswith("__")} == set(module.__all__)
-
-
-@pytest.mark.parametrize("module", [reference, reference_motion])
-def test_modules_of_closed_forms_show_only_what_is_their_own(module):
-    shown = set(dir(module))
-    assert not shown & {"math", "np", "checks", "InputError", "dataclass", "cache", "annotations", "NDArray"}
-    documented = {
-        name for name, value in vars(module).items() if callable(value) and value.__module__ == module.__name__
-    }
-    assert {name for name in documented if not name.startswith("_")} <= shown
-    assert all(hasattr(module, name) for name in shown)

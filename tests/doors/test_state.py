@@ -95,13 +95,10 @@ def test_a_state_is_a_read_only_copy_in_the_order_and_precision_of_the_scene(met
     ("make", "words"),
     [
         (lambda: State(ZEROS, ZEROS, present=[True]), r"present of a state must have shape \(2,\)"),
-        (lambda: State(ZEROS, ZEROS, image=ZEROS, box=(0, 1, 0, 1)), "image of a state must hold whole numbers"),
         (lambda: State(ZEROS, ZEROS, image=np.zeros((1, 2), int), box=(0, 1, 0, 1)), r"of shape \(2, 2\)"),
         (lambda: State(ZEROS, ZEROS, image=np.zeros((2, 2), int)), "image of a state needs box"),
         (lambda: State(ZEROS, ZEROS, box=(0, 1, 2)), "box of a state must have shape"),
         (lambda: State(ZEROS, ZEROS, charge=np.ones(2)), "an argument of State must be one of .*; got 'charge'"),
-        (lambda: State([1, 2], [1, 2]), r"position of a state must have shape \(N, 2\); got shape \(2,\)"),
-        (lambda: State(np.ones((2, 2)), np.ones((3, 2))), r"velocity of a state must have shape \(2, 2\), .* \(3, 2\)"),
         (lambda: State([["1", "2"]], [[0, 0]]), r"of a state must be numbers of shape \(N, 2\); got .* \(text\)"),
         (lambda: State.load("a.txt"), r"must end in \.npz; got 'a\.txt'\. Use 'state\.npz'\."),
         (lambda: State.load("none.npz"), r"must be a \.npz with position and velocity; .*No such file"),
@@ -116,11 +113,8 @@ def test_a_file_that_is_no_state_is_refused(tmp_path):
     (tmp_path / "bad.npz").write_bytes(b"PK nonsense")
     np.savez(tmp_path / "other.npz", position=np.zeros((3, 2)), velocity=ZEROS)
     np.savez(tmp_path / "code.npz", position=np.array([print], object), velocity=np.zeros((1, 2)))
-    for name, words in (
-        ("bad", "a .npz with position"),
-        ("other", r"shape \(3, 2\).*got \(2, 2\)"),
-        ("code", "plain array"),
-    ):
+    wrong = {"bad": "a .npz with position", "other": r"shape \(3, 2\).*got \(2, 2\)", "code": "plain array"}
+    for name, words in wrong.items():
         with pytest.raises(InputError, match=words):
             State.load(tmp_path / f"{name}.npz")
     with pytest.raises(mpsim.errors.OutputError, match=r"must be in a folder that can be written to; got .* Choose"):

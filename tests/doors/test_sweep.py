@@ -132,15 +132,12 @@ def test_equal_values_are_one_point_and_fields_with_defaults_change_none(tmp_pat
 
 
 def test_functions_of_all_kinds_are_called():
-    class Method:
-        def here(self, x):
-            return {"y": x}
-
+    class Called:
         def __call__(self, x):
             return {"y": x}
 
     part = functools.partial(lambda x, k: {"y": x * k}, k=1)
-    for function in (Method().here, Method(), part, lambda **any_: {"y": any_["x"]}):
+    for function in (Called(), Called().__call__, part, lambda **any_: {"y": any_["x"]}):
         assert sweep(function, {"x": [5]}).rows[0].values == {"y": 5}
     at = sweep(lambda dt, until: {"product": dt * until}, {"dt": [2.0], "until": [3.0]})
     assert at.rows[0].values == {"product": 6.0}, "a parameter of that name, not the setting"
@@ -433,28 +430,18 @@ def test_processes_give_the_same_rows_refuse_what_pickle_cannot_send_and_may_die
 
 MPI = """
 import json
-from mpi4py import MPI
 from mpi4py.futures import MPIPoolExecutor
 import mpsim
-from support.swept import double, gas
-
-def rank(x):
-    return {"rank": MPI.COMM_WORLD.rank}
+from support.swept import gas
 
 if __name__ == "__main__":
     with MPIPoolExecutor() as executor:
         table = mpsim.sweep(gas, {"packing": [0.1, 0.3]}, 2, executor, "kept")
         print(json.dumps([(row.point, row.run, row.seed, row.values) for row in table.rows]))
-        ranks = mpsim.sweep(rank, {"x": list(range(20))}, executor=executor)
-        print(sorted({row.values["rank"] for row in ranks.rows}))
         try:
             mpsim.sweep(lambda x: {"y": x}, {"x": [1]}, executor=executor)
         except mpsim.InputError as error:
             print(error)
-    try:
-        mpsim.sweep(double, {"x": [1]}, executor=executor)
-    except mpsim.InputError as error:
-        print(error)
 """
 
 
@@ -463,11 +450,9 @@ def test_mpi_gives_the_same_rows_on_ranks_of_its_own(expected):
     mpiexec = str(Path(sys.executable).with_name("mpiexec"))
     outcome = run_script(MPI, prefix=(mpiexec, "-n", "2"), flags=("-W", "error", "-m", "mpi4py.futures"))
     assert_clean(outcome)
-    rows, ranks, unpicklable, closed = outcome.out.splitlines()
+    rows, unpicklable = outcome.out.splitlines()
     assert [tuple(row) for row in json.loads(rows)] == expected
-    assert ranks == "[1]", "and none on the rank of the script"
     assert unpicklable.startswith("function and the values of the grid must be what pickle can send"), unpicklable
-    assert closed.startswith("executor must accept tasks; got MPIPoolExecutor"), closed
 
 
 # --- the table

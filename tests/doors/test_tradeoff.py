@@ -209,37 +209,27 @@ def test_settings_that_change_speed_alone_share_their_runs(costs, tmp_path):
     assert len(made.asked) == 4 + 2 + 2
 
 
-class Counting(ThreadPoolExecutor):
-    """Knows how many of its tasks are running, and have been."""
-
-    def __init__(self):
-        super().__init__(2)
-        self.running, self.most, self.tasks, self.lock = 0, 0, 0, threading.Lock()
+class Kept(ThreadPoolExecutor):
+    """Keeps its tasks."""
 
     def submit(self, task, /, *arguments):
-        return super().submit(self.counted, task, *arguments)
-
-    def counted(self, task, *arguments):
-        with self.lock:
-            self.running, self.tasks = self.running + 1, self.tasks + 1
-            self.most = max(self.most, self.running)
-        try:
-            return task(*arguments)
-        finally:
-            with self.lock:
-                self.running -= 1
+        self.tasks = [*getattr(self, "tasks", []), super().submit(task, *arguments)]
+        return self.tasks[-1]
 
 
 def test_costs_are_measured_alone_here_when_all_accuracy_runs_are_over():
     told = []
 
     def progress(done, of, what):
-        told.append((done, of, what, executor.running, threading.current_thread()))
+        running = sum(each.running() for each in getattr(executor, "tasks", []))
+        told.append((done, of, what, running, threading.current_thread()))
 
-    with Counting() as executor:
+    with Kept(2) as executor:
         tradeoff(SCENE, [COARSE, EXACT], until=3, replicas=3, executor=executor, progress=progress)
-    assert executor.tasks == 2 * 3 + 3 + 2 * 8, "the reference's runs, of which EXACT's are some, and a candidate's"
-    assert executor.most == 2, "the control: accuracy runs do overlap"
+    assert len(executor.tasks) == 2 * 3 + 3 + 2 * 8, (
+        "the reference's runs, of which EXACT's are some, and a candidate's"
+    )
+    assert max(each[3] for each in told) > 1, "the control: accuracy runs do overlap"
     assert told[0][:3] == (0, 1, "preliminary run")
     assert [each[:3] for each in told[1:-3]] == [(done, 25, "accuracy") for done in range(1, 26)]
     assert told[-3:] == [(done, 2, "timing", 0, threading.main_thread()) for done in range(3)]
@@ -334,10 +324,7 @@ CRADLE = Scene.load("cradle")
     ("given", "text"),
     [
         ("kinds", "starts must be 'kind', 'same', a function or a list of Scenes; got 'kinds'"),
-        (5, "starts must be .*; got 5"),
-        ([], r"starts must be .*; got \[\]"),
         ([1, 2], r"starts must be .*; got \[1, 2\]"),
-        (np.arange(3), "starts must be 'kind', 'same', a function or a list"),
         (lambda: 3, r"starts must be a function of one number.*takes 0 positional arguments|too many positional"),
         (lambda number: number, "starts must give Scenes; for 0 it gave int"),
         ("kind", "another start needs a scene that was drawn at random"),
@@ -434,29 +421,14 @@ def test_a_run_that_fails_is_a_row_with_its_reason_and_is_tried_again_if_it_was_
     assert kept(path, candidates=[FINE]).rows[0].failure is None
 
 
-def test_the_frontier_is_of_what_nothing_else_beats(kept, costs, tmp_path):
-    """Of longer and longer steps, which are cheaper and more wrong, all are on it; of equal prices the best."""
-    found = kept(replicas=8, candidates=[FINE, PUSH, COARSE])
-    assert [row.settings for row in found.frontier("overlap")] == [COARSE, PUSH, FINE]
-    with pytest.raises(mpsim.InputError, match="measure must be one of 'overlap'; got 'pressure'"):
-        found.frontier("pressure")
-    costs.write(tmp_path / "kept.json", [FINE, PUSH, COARSE], lambda settings: 1.0)
-    found = kept(replicas=8, candidates=[FINE, PUSH, COARSE])
-    assert [row.settings for row in found.frontier("overlap")] == [FINE]
-
-
-def test_tables_go_to_csv_json_pandas_and_xarray(table, tmp_path):
-    (tmp_path / "t.csv").write_text("old")
-    assert table.to_csv(tmp_path / "t.csv") == (tmp_path / "t.csv").read_text()
-    assert table.to_json(str(tmp_path / "t.json")) == (tmp_path / "t.json").read_text()
-    assert tuple(table.to_csv().splitlines()[0].split(",")) == table.columns
-    record = json.loads(table.to_json())
+def test_tables_go_to_pandas_and_xarray_and_json_has_their_head(table):
+    record, frame, data = json.loads(table.to_json()), table.to_pandas(), table.to_xarray()
     assert (record["starts"], record["reference"]) == (table.starts, table.reference)
-    assert [row["dt"] for row in record["rows"]] == [row.settings.dt for row in table.rows]
-    frame, data = table.to_pandas(), table.to_xarray()
     assert tuple(frame.columns) == table.columns
     assert frame["dt"].tolist() == [row.settings.dt for row in table.rows] == data["dt"].to_numpy().tolist()
     assert data.sizes == {"candidate": len(table.rows)}
+    with pytest.raises(mpsim.InputError, match="measure must be one of 'pressure', "):
+        table.frontier("presure")
 
 
 @pytest.mark.parametrize(
@@ -464,17 +436,13 @@ def test_tables_go_to_csv_json_pandas_and_xarray(table, tmp_path):
     [
         ({"measures": ["presure"]}, "measures must be one of .*got 'presure'. Did you mean 'pressure'"),
         ({"measures": []}, "measures must name at least one"),
-        ({"measures": 5}, "measures must be a list of names of errors; got 5"),
         ({"candidates": []}, "candidates must hold at least one Settings"),
-        ({"candidates": 5}, "candidates must be a list of mpsim.Settings; got 5"),
         ({"candidates": [COARSE, "grid"]}, r"candidates\[1\] must be an mpsim.Settings; got str"),
         ({"until": 0}, "until must be a finite number > 0"),
-        ({"until": math.nan}, "until must be a finite number > 0"),
         ({"until": 1e12}, r"^until must be at most \S+, in which a disc flies 1e\+11 diameters; got 1e"),
         ({"replicas": 1}, "replicas must be a whole number from 2"),
         ({"seconds": 0}, "seconds must be a finite number > 0"),
         ({"contact_time": 0}, r"contact_time must be a finite number > 0 \[time\]; got 0"),
-        ({"contact_time": "long"}, "contact_time must be"),
         ({"executor": "processes"}, "executor must be a concurrent.futures.Executor; got str"),
         ({"progress": 3}, "progress must be True, False or a function"),
         ({"scene": "gas"}, "scene must be an mpsim.Scene; got str"),
