@@ -70,6 +70,10 @@ OF_GAS = {
         ({"dt": 0}, ["dt must be a finite number > 0", "got 0"]),
         ({"passes": 0}, ["passes must be a whole number from 1", "got 0"]),
         ({"piston_speed": -1.0}, ["piston_speed can be changed only in a scene with a piston", "-1.0"]),
+        ({"friction": 0.5}, ["friction can be changed only in a scene that has it, and got 0.5"]),
+        ({"temperature": 2.0}, ["temperature can be changed only in a scene with a thermostat, and got 2.0"]),
+        ({"wall_temperature": [1]}, ["wall_temperature can be changed only in a scene with thermal walls"]),
+        ({"restitution": 1.5}, ["restitution must be a number from 0 to 1", "1.5"]),
         ({"restitution": 0.5, "dt": -1}, ["dt must be a finite number > 0", "-1"]),
     ],
     "add_wall": [

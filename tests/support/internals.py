@@ -3,27 +3,13 @@
 No view of the shared block outlives a call in here: the block could not be closed while one lives.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 import mpsim
-from mpsim.engine.solvers.speed_limit import SpeedLimit
-from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.kernels import layout
-from mpsim.kernels.compiling import compiled
 from support.arrays import parameters_of
-
-
-def machine_code(inlined: Callable[..., Any]) -> Callable[..., Any]:
-    """A kernel that is compiled only into its callers, through a caller that only calls it, kept between runs."""
-
-    @compiled
-    def call(*arguments):
-        return inlined(*arguments)
-
-    return call
 
 
 def _arrays(sim: mpsim.Simulation) -> dict[str, Any]:
@@ -74,40 +60,7 @@ def peek(sim: mpsim.Simulation, worker: int) -> tuple[str, int]:
     return layout.PHASES[int(mine.phase)], int(control.done + mine.frame)
 
 
-def columns_of(sim: mpsim.Simulation) -> int:
-    """Columns of the grid."""
-    return int(_arrays(sim)["control"].columns)
-
-
-def set_abort(sim: mpsim.Simulation, value: int) -> None:
-    """Write the word that makes everybody leave the frame loop."""
-    _arrays(sim)["control"].signals[layout.ABORT] = value
-
-
-def wall_impulses(sim: mpsim.Simulation, frames: int) -> np.ndarray:
-    """Run so many frames and return the sums of the impulses on the walls, in the order left, right, bottom, top."""
-    solver = sim._solver
-    solver.tallied = True
-    solver.set_speed_limit(SpeedLimit())  # nobody is told of fast discs here, so they need not end commands
-    total = np.zeros(4)
-    while frames:
-        tally = solver.advance(min(frames, MOST_FRAMES), solver.choice.workers[0]).tally
-        total += tally["wall"].sum(axis=0)
-        frames -= len(tally)
-    return total
-
-
 def parameters(restitution=1.0, dt=1.0):
     values = parameters_of(np.float64, 10, 10, dt=dt)
     values.wall_restitution = restitution
     return values
-
-
-def column_by_id(sim: mpsim.Simulation, name: str) -> list[Any]:
-    """What a column by id holds of the discs."""
-    return _arrays(sim)[name][..., : sim.count].tolist()
-
-
-def set_column_by_id(sim: mpsim.Simulation, name: str, values: Any) -> None:
-    """Write a column by id, as kernels would."""
-    _arrays(sim)[name][..., : sim.count] = values
