@@ -113,7 +113,6 @@ def test_what_is_wrong_is_refused_by_name_and_changes_nothing(act, method):
 PISTON = {"piston": mpsim.Piston("right", -0.5, 9)}
 IN_TIME, BY_FRAMES = mpsim.Emitter((1, 1), (1, 0), interval=5), mpsim.Emitter((1, 1), (1, 0), every=5)
 ROUGH = {"friction": 0.5, "wall_friction": 0.5}
-HEATED = {"boundary": "periodic", "thermostat": Thermostat(1.0, 1.0)}
 WARM = {"thermal_walls": ThermalWalls(left=1.0, right=1.0)}
 
 
