@@ -33,7 +33,11 @@ hang between tests."""
 LEFT = {"slow": "takes seconds; run with --slow", "long": "takes minutes; run with --long"}
 """Why tests with these marks are left out."""
 
-SLOW_EXAMPLES = {"mpsim.studies.tune.tune"}
+SLOW_EXAMPLES = {
+    "mpsim.studies.tune.tune",
+    "mpsim.scene.compression.Compresses.compressed",
+    "mpsim.measure.time_correlations.Correlations",
+}
 """Examples of docstrings that compile several kernels."""
 
 LONGEST_EXIT = 60

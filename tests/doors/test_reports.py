@@ -3,7 +3,6 @@
 import csv
 import sys
 
-import pandas
 import pytest
 from support.scenes import gas, simulate
 
@@ -37,7 +36,10 @@ def test_each_worker_has_columns_of_its_own():
             assert [float(row[f"{name.replace(' ', '_')}_{worker}"]) for row in rows] == seconds[:, worker].tolist()
 
 
+@pytest.mark.slow
 def test_tables_of_pandas_and_parquet_are_those_of_csv(report, tmp_path, monkeypatch):
+    import pandas  # noqa: PLC0415 - which takes seconds
+
     report.to_parquet(tmp_path / "times.parquet")
     rows = list(csv.DictReader(report.to_csv().splitlines()))
     for found in (pandas.read_parquet(tmp_path / "times.parquet"), report.to_pandas().reset_index()):

@@ -336,6 +336,7 @@ def test_after_undo_the_run_is_that_in_which_the_change_never_was(method):
         later = kept(page.view.address)
         page.say("snapshot")
         page.do("undo")
+        page.hear_until(lambda v: v.frame == 5)
         page.do("remove", id=1, same=False)
         page.step_to(10)
         for name, gesture in GESTURES.items():

@@ -18,7 +18,7 @@ from xdist.scheduler import LoadFileScheduling
 
 PACKAGE = Path(__file__).parents[2] / "mpsim"
 
-LONG_EXAMPLES = ("time_correlations.py", "compression.py", "tradeoff.py", "comparison.py", "series.py")
+LONG_EXAMPLES = ("tradeoff.py", "comparison.py", "series.py")
 """Modules of mpsim whose examples run for thousands of frames."""
 
 PLAIN_NODE = "gw0"
