@@ -15,6 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from page_blocks import blocks_of
 from rich.console import Console
 from rich.table import Table
 
@@ -43,8 +44,9 @@ with mpsim.view(mpsim.Scene.load({name!r}), browser=False, wait=False) as view:
 
 def readme() -> str:
     """README's example as a program."""
-    block = (ROOT / "README.md").read_text().partition("```python\n")[2].partition("```")[0]
-    return "\n".join(line[4:] for line in block.splitlines() if line.startswith((">>>", "...")))
+    blocks = blocks_of((ROOT / "README.md").read_text())
+    lines = next(block.code for block in blocks if block.language == "python").splitlines()
+    return "\n".join(line[4:] for line in lines if line.startswith((">>>", "...")))
 
 
 CASES = {

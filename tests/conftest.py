@@ -159,12 +159,6 @@ def pytest_runtest_setup(item):
         pytest.skip(f"no test was begun after {within:g} s")
 
 
-@pytest.fixture
-def compiled_when_run(monkeypatch):
-    """Kernels of stepped simulations are compiled when one runs, not when it begins: most of these run no frame."""
-    monkeypatch.setattr("mpsim.engine.solvers.block.BlockSolver._load_undisturbed", lambda solver: None)
-
-
 LONG = 1.0
 """Seconds after which a test has probably compiled something."""
 

@@ -215,11 +215,10 @@ def _fly(
     solver.schedule(store, box, features)
     until, status = (scale[1] - scale[0]) / speed, records.PAUSED
     most = EVENTS * count
-    *_, stop, progress, seen, _, totals, clock = solver.nothing_to_play()
-    kept = stop, progress, seen, np.zeros(1, np.int64), totals, clock
+    rest = solver.nothing_to_play()[3:]
     while status == records.PAUSED and store.counter.events < most:
         left = most - int(store.counter.events)
-        _, status, _ = solver.advance_frames(store, box, features, until, 1, min(left, EVENTS_AT_ONCE), *kept)
+        _, status, _ = solver.advance_frames(store, box, features, until, 1, min(left, EVENTS_AT_ONCE), *rest)
     reached = status == records.REACHED
     time = until if reached else float(store.clock.origin + store.clock.now)
     grown = scale[1] if reached else min(scale[0] + speed * time, scale[1])

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from support.scenes import gas
-from support.viewing import Visitor, viewed
+from support.visitor import Visitor, viewed
 
 import mpsim
 from mpsim import measure

@@ -8,7 +8,7 @@ import threading
 import pytest
 from support.scenes import gas
 from support.trajectories import written
-from support.viewing import Visitor, viewed
+from support.visitor import Visitor, viewed
 
 import mpsim
 

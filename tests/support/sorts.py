@@ -49,7 +49,7 @@ def sort_of(path: Path) -> str | None:
 
 
 class ByFileAndSort(LoadFileScheduling):
-    """Each process gets the files of its sort first, then those of none; if it is the last, all that are left."""
+    """Each process gets the files of its sort first, then those of none, then those whose own process has ended."""
 
     def _reschedule(self, node):
         if self.workqueue and self._next_for(node) is None:
@@ -63,14 +63,15 @@ class ByFileAndSort(LoadFileScheduling):
             super()._assign_work_unit(node)
 
     def _next_for(self, node) -> str | None:
-        mine = "plain" if node.gateway.id == PLAIN_NODE else "compiled"
-        others = {"plain", "compiled"} - {mine} if len(self.nodes) > 1 else set()
+        mine, others = _sort_of_node(node), {_sort_of_node(each) for each in self.nodes}
+        orphaned = {"plain", "compiled"} - others
         sorts = {scope: sort_of(self.config.rootpath / scope) for scope in self.workqueue}
-        for wanted in (mine, None):
-            for scope, sort in sorts.items():
-                if sort == wanted:
-                    return scope
-        return next((scope for scope, sort in sorts.items() if sort not in others), None)
+        wanted = [mine, None, *orphaned]
+        return next((scope for each in wanted for scope, sort in sorts.items() if sort == each), None)
+
+
+def _sort_of_node(node) -> str:
+    return "plain" if node.gateway.id == PLAIN_NODE else "compiled"
 
 
 def pytest_xdist_make_scheduler(config, log):

@@ -27,7 +27,7 @@ from mpsim.engine.solvers.discs import (
 )
 from mpsim.engine.solvers.in_place import InPlace
 from mpsim.engine.solvers.parameters import Present, configure
-from mpsim.engine.solvers.slices import Slice, totals
+from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Snapshot, count_in
 from mpsim.engine.solvers.speed_limit import disc_too_fast, fastest_in
 from mpsim.engine.solvers.speeds import Speeds
@@ -135,10 +135,7 @@ class BlockSolver(SteppedSolver):
         arrays = self._block.arrays
         frames = int(arrays["control"].frames)
         contacts = int(arrays["team"]["collisions"].sum())
-        tally = None
-        if self.tallied:
-            scale = float(self._parameters.tally_scale)
-            tally = totals(arrays["tally"][:, :frames], scale, 2 * self._scene.largest_radius)
+        tally = self._totals(arrays["tally"][:, :frames]) if self.tallied else None
         return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
 
     def _write_command(self, frames: int, workers: int, stop: float) -> None:
@@ -148,9 +145,7 @@ class BlockSolver(SteppedSolver):
         control.workers = control.members = workers
         for counted in ("collisions", "fastest"):
             arrays["team"][counted] = 0
-        control.tallied = self.tallied
-        for counts in ("times", "tally") if self.tallied else ("times",):
-            arrays[counts][:, :frames] = 0
+        self._begin_counts(arrays, frames)
         self._begun = int(control.done)
 
     def log_collisions(self, wanted: bool) -> None:

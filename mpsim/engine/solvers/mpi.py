@@ -31,7 +31,7 @@ from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator
 from mpsim.engine.solvers.mpi_speeds import There, speeds_on_ranks
 from mpsim.engine.solvers.mpi_together import OnRanks
 from mpsim.engine.solvers.parameters import Present
-from mpsim.engine.solvers.slices import Slice, totals
+from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Snapshot
 from mpsim.engine.solvers.speed_limit import Fastest, disc_too_fast, fastest_in
 from mpsim.engine.solvers.speeds import Speeds
@@ -201,9 +201,7 @@ class MpiSolver(OnRanks):
         part.deal(any(border.is_left for border in self._borders))
         team = part.arrays["team"]
         team["collisions"] = team["fastest"] = team["frame"] = 0
-        self._control.tallied = self.tallied
-        for counts in ("times", "tally") if self.tallied else ("times",):
-            part.arrays[counts][:, :frames] = 0
+        self._begin_counts(part.arrays, frames)
 
     def _balance(self, part: Part, ranks: Communicator) -> None:
         """Deal the columns anew where one rank has far more discs than others: all know how many each column has."""
@@ -270,10 +268,8 @@ class MpiSolver(OnRanks):
         failures, fastest, collisions, times, tallies = zip(*told, strict=True)
         ranks.raise_any(failures)
         self._fastest = max(fastest)
-        if tally is not None:
-            scale = float(self._parameters.tally_scale)
-            tally = totals(np.concatenate(tallies), scale, 2 * self._scene.largest_radius)
-        return Slice(np.concatenate(times), sum(collisions), tally)
+        counted = self._totals(np.concatenate(tallies)) if self.tallied else None
+        return Slice(np.concatenate(times), sum(collisions), counted)
 
     def _step(self, part: Part, ranks: Communicator, frame: int, step: int) -> None:
         """A step of this rank that has begun, and the beginning of the next one of this command, where there is one."""

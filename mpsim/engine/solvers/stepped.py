@@ -50,6 +50,18 @@ class SteppedSolver(Solver):
         """Momenta whose sum is larger make impulses that a frame's counts cannot hold [mass length/time]."""
         return slices.MOST_COUNTED / float(self._parameters.tally_scale)
 
+    # --- counts
+
+    def _begin_counts(self, arrays: dict[str, Any], frames: int) -> None:
+        """Write zeros where workers count in the next frames, and whether they count what measures need."""
+        self._control.tallied = self.tallied
+        for name in ("times", "tally") if self.tallied else ("times",):
+            arrays[name][:, :frames] = 0
+
+    def _totals(self, tally: NDArray[Any]) -> NDArray[Any]:
+        """What all workers counted, in the scene's units: COUNTS, shape (frames,). tally: as of `slices.totals`."""
+        return slices.totals(tally, float(self._parameters.tally_scale), 2 * self._scene.largest_radius)
+
     # --- time
 
     @property

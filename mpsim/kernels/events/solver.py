@@ -281,6 +281,6 @@ def worst_overlap(store, box, features):
 
 
 def nothing_to_play():
-    """Arguments of `advance_frames` behind `features`, for no frame."""
+    """Arguments of `advance_frames` behind `features`, for no frame; the last six serve for one frame, too."""
     progress, seen = np.zeros((), PROGRESS)[()], np.zeros((), TOTALS)[()]
-    return 0.0, 0, 0, math.inf, progress, seen, np.zeros(0, np.int64), np.zeros(0, TOTALS), np.zeros(2, np.int64)
+    return 0.0, 0, 0, math.inf, progress, seen, np.zeros(1, np.int64), np.zeros(0, TOTALS), np.zeros(2, np.int64)
