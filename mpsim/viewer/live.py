@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
+from multiprocessing.util import Finalize
 from typing import Any
 from urllib.parse import urlencode
 
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
+from mpsim.engine.shutdown import END_PRIORITY
 from mpsim.errors import InputError
 from mpsim.scene.settings import Settings
 from mpsim.viewer import link
@@ -141,12 +143,16 @@ class View:
         except BaseException:
             found.close()
             raise
+        self._at_end: Finalize | None = None
         self.address: str = admission.address
         if isinstance(source, Link):  # the page reads the rest of the link
             self.address += f"?{link.write(source)}&{urlencode(source.seen)}".rstrip("&")
 
     def start(self, browser: bool) -> None:
         """Start the view and print its address; browser: also open it in a browser."""
+        # A thread that the interpreter ends inside numpy may abort the process: a view that is open at the end of the
+        # program is closed, before the simulation of its program is.
+        self._at_end = Finalize(None, self.close, exitpriority=END_PRIORITY + 1)
         self._server.start(self._session)
         self._session.start()
         print(f"The live view is at {self.address}")
@@ -172,6 +178,9 @@ class View:
         """Close the connections of the page, and the simulation unless it is yours. May be called again."""
         self._session.close()
         self._server.close()
+        if self._at_end is not None:
+            self._at_end.cancel()
+            self._at_end = None
 
     def __enter__(self) -> View:
         return self

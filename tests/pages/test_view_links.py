@@ -124,6 +124,7 @@ def test_what_a_link_means_and_what_it_may_not_ask_for():
 
 def test_a_running_view_begins_anew_with_another_scene_on_all_pages():
     with paused(gas(20, 0.2), GRID, name="mine") as page, Visitor(page.view.address, visible=True) as other:
+        page.hear_until(lambda v: "link" in v.last)
         assert page.last["link"]["text"] is None, "it does not come with mpsim"
         page.say("open", link=ASKED)
         for each in (page, other):
