@@ -84,42 +84,30 @@ def flat(found):
 
 def test_the_table_has_every_measure_of_states():
     functions = {name: getattr(measure, name) for name in measure.__all__ if inspect.isfunction(getattr(measure, name))}
-    of_states = {
-        name
-        for name, each in functions.items()
-        if {"state", "states", "before"} & set(inspect.signature(each).parameters)
-    }
+    first = {name: {*inspect.signature(each).parameters} for name, each in functions.items()}
+    of_states = {name for name, parameters in first.items() if {"state", "states", "before"} & parameters}
     assert of_states - set(OF_STATES) == {"to_freud"}, "a measure of states that this test leaves out"
 
 
 @pytest.mark.parametrize("name", OF_STATES)
 def test_a_measure_does_not_depend_on_where_the_box_is(name, tmp_path):
-    scene = SCENE
-    expected = flat(OF_STATES[name](frame_of(tmp_path / "a.xyz", scene).state, scene))
-    assert expected.size
-    for how in ELSEWHERE.values():
-        if name in OF_PLACES and "origin" in how:
-            continue
-        found = flat(OF_STATES[name](frame_of(tmp_path / "a.xyz", scene, **how).state, scene))
-        assert found == pytest.approx(expected, rel=1e-9, abs=1e-9, nan_ok=True), how
-
-
-@pytest.mark.parametrize("name", sorted(set(OF_STATES) - {"structure_factor", "pair_correlation"}))
-def test_along_walls_only_the_origin_says_where_the_box_is(name, tmp_path):
-    scene = WALLED
-    expected = flat(OF_STATES[name](frame_of(tmp_path / "a.xyz", scene).state, scene))
-    for corner in ((-3.0, -scene.height / 2), (1000.0, -300.0)):
-        found = flat(OF_STATES[name](frame_of(tmp_path / "a.xyz", scene, corner=corner, borders=1).state, scene))
-        assert found == pytest.approx(expected, rel=1e-9, abs=1e-9, nan_ok=True)
+    """Along walls only the origin says where it is."""
+    scenes = [SCENE] if name in ("structure_factor", "pair_correlation") else [SCENE, WALLED]
+    for scene in scenes:
+        expected = flat(OF_STATES[name](frame_of(tmp_path / "a.xyz", scene).state, scene))
+        assert expected.size
+        for how in ELSEWHERE.values():
+            if "origin" in how and (name in OF_PLACES or scene is WALLED):
+                continue
+            found = flat(OF_STATES[name](frame_of(tmp_path / "a.xyz", scene, **how).state, scene))
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-9, nan_ok=True), how
 
 
 def test_discs_beyond_walls_are_refused_where_places_count(tmp_path):
     scene = WALLED
     state = frame_of(tmp_path / "a.xyz", scene, corner=(0.0, -scene.height / 2), origin=False).state
     for name in ("overlap", "potential_energy", "hexatic_order"):
-        with pytest.raises(
-            mpsim.InputError, match=r"must be in its box, .* x .*; got disc \d+ at .*Lattice and Origin"
-        ):
+        with pytest.raises(mpsim.InputError, match=r"must be in its box, .* x .*; got disc \d+ at .*Lattice and Orig"):
             OF_STATES[name](state, scene)
     assert measure.temperature(state, scene) == measure.temperature(mpsim.State(scene.position, scene.velocity), scene)
     with pytest.raises(mpsim.InputError, match="must be in its box"):
@@ -148,26 +136,32 @@ def test_across_borders_the_sides_of_a_box_are_those_of_its_state():
 
     assert measure.overlap(scaled(scene, wider), scene).pairs == 0
     assert measure.overlap(scaled(scene, 1 / wider), scene).pairs == 32, "the control: all neighbours"
-    assert measure.pair_correlation(
-        scaled(scene, wider), scene, bins=1, r_max=1.2
-    ).value * 0.44 * np.pi == pytest.approx(4)
+    found = measure.pair_correlation(scaled(scene, wider), scene, bins=1, r_max=1.2)
+    assert found.value * 0.44 * np.pi == pytest.approx(4)
     psi = measure.hexatic_order(scaled(SCENE, wider), SCENE).psi
     assert psi == pytest.approx(measure.hexatic_order(scaled(SCENE, 1.0), SCENE).psi, abs=1e-9)
 
 
-def test_displacements_follow_image_flags_and_the_box(tmp_path):
-    """A disc that has crossed a border in a box that was written elsewhere meanwhile."""
-    start = mpsim.State(np.array([[1.0, 1.0]]), np.zeros((1, 2)), image=np.array([[0, 0]]), box=(0, 10, 0, 10))
-    end = mpsim.State(np.array([[-4.0, 12.0]]), np.zeros((1, 2)), image=np.array([[1, -1]]), box=(-5, 5, -5, 5))
-    scene = mpsim.Scene(width=10, height=10, position=start.position, velocity=start.velocity, radius=0.5,
-                        boundary="periodic")  # fmt: skip
+def test_displacements_follow_image_flags_and_the_box():
+    """A disc that has crossed a border in a box that was written elsewhere meanwhile, or that has changed: refused."""
+
+    def state(place, image, box):
+        return mpsim.State(np.array([place]), np.zeros((1, 2)), image=np.array([image]), box=box)
+
+    start, box = state((1.0, 1.0), (0, 0), (0, 10, 0, 10)), {"width": 10, "height": 10, "radius": 0.5}
+    scene = mpsim.Scene(position=start.position, velocity=start.velocity, boundary="periodic", **box)
+    end, moved = state((-4.0, 12.0), (1, -1), (-5, 5, -5, 5)), state((6.0, 8.0), (1, 0), (5, 15, 0, 10))
     assert measure.mean_squared_displacement(start, end, scene) == 10.0**2 + 6.0**2
-    moved = mpsim.State(np.array([[6.0, 8.0]]), np.zeros((1, 2)), image=np.array([[1, 0]]), box=(5, 15, 0, 10))
     assert measure.mean_squared_displacement(start, moved, scene) == 10.0**2 + 7.0**2
+    here, wider = (state((1.0, 5.0), image, (0, side, 0, 10)) for image, side in (((10, 0), 10), ((10, 0), 11)))
+    with pytest.raises(mpsim.InputError, match=r"needs states of one box; got boxes of 10 x 10 and 11 x 10\."):
+        measure.mean_squared_displacement(here, wider)
+    same = [state((1.0, 5.0), (0, 0), (0, side, 0, 10)) for side in (10, 11)]
+    assert measure.mean_squared_displacement(*same) == 0, "a wall that moves"
 
 
 def test_states_of_a_piston_stay_where_they_are():
-    """The lower wall has moved: the box begins elsewhere, but the other wall has not moved. No shift, same bits."""
+    """The lower wall has moved, the other one has not: no shift, same bits."""
     place = np.array([[3.0, 4.0], [6.0, 6.0], [3.5, 2.0]])
     scene = mpsim.Scene(
         width=8, height=8, position=place, velocity=np.zeros((3, 2)), radius=0.5, gravity=(0, -1),
@@ -196,19 +190,14 @@ def test_a_picture_shows_the_box_of_its_frame(scene, tmp_path):
     assert inside.all(axis=1).sum() == scene.count
     for how in ({"corner": (100.0, -50.0)}, {"corner": (-5.0, -4.0), "borders": 2}):
         frame = frame_of(tmp_path / "a.xyz", scene, **how)
-        alone, with_scene = mpsim.draw(frame), mpsim.draw(frame, scene)
+        alone, with_scene = mpsim.draw(frame, labels=True), mpsim.draw(frame, scene)
+        labels = [text.get_position() for text in alone.axes[0].texts]
+        assert np.subtract(labels, how["corner"]) == pytest.approx(scene.position), "which lie on their discs"
         assert offsets(alone)[0] == pytest.approx(expected, abs=1e-9)
         assert alone.axes[0].get_xlim() == pytest.approx((how["corner"][0], how["corner"][0] + width))
         assert offsets(with_scene)[0] == pytest.approx(expected, abs=1e-9)
         assert offsets(mpsim.draw(frame.state, scene))[0] == pytest.approx(expected, abs=1e-9)
         assert with_scene.axes[0].get_xlim() == (0, scene.width), "coordinates of the scene"
-
-
-def test_labels_lie_on_their_discs_wherever_the_box_is(tmp_path):
-    scene = gas(5, 0.2, boundary="periodic")
-    frame = frame_of(tmp_path / "a.xyz", scene, corner=(70.0, -8.0), borders=1)
-    texts = [text.get_position() for text in mpsim.draw(frame, labels=True).axes[0].texts]
-    assert np.subtract(texts, (70.0, -8.0)) == pytest.approx(scene.position)
 
 
 def test_a_recording_shows_the_box_of_each_frame(tmp_path):
@@ -254,28 +243,15 @@ def test_freud_agrees_on_the_neighbours_of_a_frame_from_elsewhere(tmp_path):
     assert np.abs(order.particle_order) == pytest.approx(np.abs(psi), abs=1e-3)
 
 
-@pytest.mark.parametrize("side", [3.0, 4.5, 5.5, 7.5])
+@pytest.mark.parametrize("side", [3.0, 5.5, 7.5])
 def test_wave_vectors_on_the_edge_of_a_shell_belong_to_it_whatever_the_rounding(side):
     """The last Bragg peak of a lattice was lost in every seventh box."""
     lattice = (np.indices((6, 6)).reshape(2, -1).T + 0.5) * side / 6
-    scene = mpsim.Scene(
-        width=side, height=side, position=lattice, velocity=0 * lattice, radius=0.1, boundary="periodic"
-    )
+    box = {"width": side, "height": side, "boundary": "periodic"}
+    scene = mpsim.Scene(position=lattice, velocity=0 * lattice, radius=0.1, **box)
     state = mpsim.State(scene.position, scene.velocity)
     for m in range(1, 16):
         inside = sum(0 < a * a + b * b <= m * m for a in range(-m, m + 1) for b in range(-m, m + 1)) // 2
         found = measure.structure_factor(state, scene, bins=m, k_max=2 * np.pi * m / side)
         assert found.vectors.sum() == inside
         assert found.vectors[0] == 2, "of length 1"
-
-
-def test_displacements_across_borders_of_a_box_that_changed_are_refused():
-    """Frames at constant pressure: a disc at rest in the tenth image of a box that grows by 1 had moved by 10."""
-
-    def state(side, image):
-        return mpsim.State(np.array([[1.0, 5.0]]), image=np.array([[image, 0]]), box=(0, side, 0, 10))
-
-    with pytest.raises(mpsim.InputError, match=r"needs states of one box; got boxes of 10 x 10 and 11 x 10\."):
-        measure.mean_squared_displacement(state(10, 10), state(11, 10))
-    assert measure.mean_squared_displacement(state(10, 10), state(10, 9)) == 100
-    assert measure.mean_squared_displacement(state(10, 0), state(11, 0)) == 0, "a wall that moves"

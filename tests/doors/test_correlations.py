@@ -38,7 +38,7 @@ def random(*shape, seed=1):
     return np.random.default_rng(seed).normal(size=shape)
 
 
-@pytest.mark.parametrize("samples", [1, 7, 600])
+@pytest.mark.parametrize("samples", [1, 7, 300])
 def test_each_lag_is_the_mean_over_all_its_time_origins(samples):
     """By hand from the whole series: the last place of each block of 2^level samples, its mean velocity, k 2^level."""
     velocities = random(samples, 3, 2) + np.sin(np.arange(samples) / 9)[:, None, None]
@@ -92,7 +92,7 @@ def test_only_named_discs_are_followed_from_the_start_on():
 @pytest.fixture(scope="module")
 def walk():
     """Steps that are all independent: D = dt <v^2>/4 = 0.25 from the first lag on."""
-    return Moving(random(3000, 20, 2), dt=0.5).run(Correlations(wave_numbers=[0.5], longest=1000))
+    return Moving(random(1500, 20, 2), dt=0.5).run(Correlations(wave_numbers=[0.5], longest=500))
 
 
 def test_a_random_walk_has_its_diffusion_constant_by_both_routes(walk):
@@ -100,7 +100,7 @@ def test_a_random_walk_has_its_diffusion_constant_by_both_routes(walk):
     for route in ("displacement", "velocity"):
         found = walk.diffusion(route=route)
         assert found.settled
-        assert found.error < 0.03
+        assert found.error < 0.04
         assert abs(found.deviation(0.25)) < 3
     assert walk.diffusion(0.0, 0.5).value == pytest.approx(walk.msd[1].value / 2)
     scattering = walk.scattering(0.5)
@@ -111,23 +111,21 @@ def test_a_random_walk_has_its_diffusion_constant_by_both_routes(walk):
 
 def test_errors_of_displacements_are_unknown_where_time_origins_overlap(walk):
     squares = walk.msd
-    long = squares.lag * 25 > 1500
+    long = squares.lag * 25 > 750
     assert 0 < long.sum() < len(long)
     assert not squares.settled[long].any()
     assert squares.settled[~long].mean() > 0.9
     assert walk.velocity.settled[long].mean() > 0.8
-    assert not walk.diffusion(100.0, 200.0).settled
+    assert not walk.diffusion(50.0, 100.0).settled
 
 
 def test_discs_that_drift_never_diffuse():
-    steady = Moving(np.tile([[1.0, 0.0], [0.0, -2.0]], (500, 1, 1)), dt=0.5).run(Correlations())
+    steady = Moving(np.tile([[1.0, 0.0], [0.0, -2.0]], (200, 1, 1)), dt=0.5).run(Correlations())
     assert steady.msd.value == pytest.approx(2.5 * steady.msd.lag**2)
     assert (steady.msd[0].value, steady.msd[0].error) == (0, 0)
     assert steady.velocity.value == pytest.approx(np.full(len(steady.velocity), 2.5))
     assert (steady.velocity[0].error, np.isnan(steady.velocity.error[1])) == (0, True), "the energy is kept"
     assert not steady.diffusion(route="velocity").settled
-    with pytest.raises(IndexError, match=f"the correlation has {len(steady.msd)} lags; got index 9999"):
-        steady.msd[9999]
 
 
 @pytest.mark.parametrize(("rate", "settled"), [(0.5, True), (0.002, False)])
@@ -161,40 +159,38 @@ TORUS = gas(8, 0.2, seed=2, boundary="periodic")
 def whole():
     found = correlations()
     with simulate(TORUS, **SETTINGS) as sim:
-        sim.run(frames=100, observe=found)
+        sim.run(frames=80, observe=found)
         return gathered(found), sim.digest()
 
 
-class EndsError(Exception):
-    """What ends a run in the middle."""
-
-
 class Ending:
-    every = 1
+    """Ends a run in the middle."""
+
+    every = 57
 
     def observe(self, sim, collisions):
         if sim.frame == 57:
-            raise EndsError
+            raise ZeroDivisionError
 
 
 def test_a_run_in_parts_gives_the_bits_of_one_and_looking_changes_none(whole):
     found = correlations()
     with simulate(TORUS, **SETTINGS) as sim, simulate(TORUS, **SETTINGS) as plain:
-        for frames in (31, 0, 60, 9):
+        for frames in (31, 0, 40, 9):
             sim.run(frames=frames, observe=found)
-        plain.run(frames=100)
+        plain.run(frames=80)
         assert (gathered(found), sim.digest()) == whole
         assert plain.digest() == whole[1]
 
 
 def test_averages_survive_a_run_that_ends_between_two_checkpoints(tmp_path, whole):
     first, files = correlations(path=tmp_path / "c.npz"), {"checkpoint": tmp_path / "run", "checkpoint_every": 25}
-    with simulate(TORUS, **SETTINGS) as sim, pytest.raises(EndsError):
-        sim.run(frames=100, observe=[first, Ending()], **files)
+    with simulate(TORUS, **SETTINGS) as sim, pytest.raises(ZeroDivisionError):
+        sim.run(frames=80, observe=[first, Ending()], **files)
     again = Correlations.load(tmp_path / "c.npz")
     with mpsim.Simulation.resume(tmp_path / "run") as sim:
         assert sim.frame == 50
-        sim.run(frames=100 - sim.frame, observe=again, **files)
+        sim.run(frames=80 - sim.frame, observe=again, **files)
     assert gathered(again) == gathered(Correlations.load(tmp_path / "c.npz")) == whole[0]
 
 
@@ -208,7 +204,7 @@ def test_averages_that_are_ahead_of_the_checkpoint_take_no_look_twice_and_know_t
         first.save(tmp_path / "c.npz")
     again, other = (Correlations.load(tmp_path / "c.npz") for _ in range(2))
     with mpsim.Simulation.resume(tmp_path / "run") as sim:
-        sim.run(frames=70, observe=again)
+        sim.run(frames=50, observe=again)
     assert gathered(again) == whole[0]
     elsewhere = gas(8, 0.2, seed=9, boundary="periodic")
     with (
@@ -222,16 +218,14 @@ def test_averages_that_are_ahead_of_the_checkpoint_take_no_look_twice_and_know_t
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
+    """A file, what is in it having come back to the bit."""
     path = tmp_path_factory.mktemp("correlations") / "c.npz"
     found = Correlations(every=3, start=0.1, discs=[4, 1, 2], wave_numbers=[0.5, 2.0], points=8)
-    return Moving(random(400, 6, 2), dt=0.05).run(found).save(path), found
-
-
-def test_what_was_gathered_comes_back_to_the_bit(written):
-    again, found = Correlations.load(written[0]), written[1]
-    assert (again.every, again.start, again.path) == (3, 0.1, written[0])
+    Moving(random(400, 6, 2), dt=0.05).run(found).save(path)
+    again = Correlations.load(path)
+    assert (again.every, again.start, again.path, repr(again)) == (3, 0.1, path, repr(found))
     assert gathered(again) == gathered(found)
-    assert repr(again) == repr(found)
+    return path
 
 
 def at(place, value):
@@ -242,39 +236,32 @@ WRONG = {
     "no head": ("numbers", lambda a: None, "numbers"),
     "another version": ("numbers", lambda a: a + (np.arange(len(a)) == 0), "it is of version 3, and 2 is read"),
     "odd points": ("numbers", at(2, 9), "its points or levels are wrong"),
-    "no samples": ("numbers", at(5, 0), "its number of samples is wrong"),
     "few discs": ("numbers", at(7, 2), "its discs are not there"),
-    "every 0": ("numbers", at(1, 0), "its times are wrong"),
     "dt 0": ("reals", at(1, 0.0), "its intervals are wrong"),
-    "no number": ("reals", lambda a: a * np.nan, "its head is wrong"),
     "waves": ("wave_numbers", lambda a: a[:, None], "its waves are wrong"),
-    "no discs": ("discs", lambda a: a[:0], "it has no discs"),
     "levels": ("received", lambda a: a - 10**6, "its levels are wrong"),
     "recent": ("recent", lambda a: a[:, 1:], "its recent are wrong"),
-    "latest": ("latest", lambda a: a.astype(np.float32), "its latest are wrong"),
     "sums": ("sums", lambda a: a[:-1], "its sums are wrong"),
     "counts": ("counts", lambda a: -a, "its counts are wrong"),
 }
 
 
-@pytest.mark.parametrize("case", [None, *WRONG])
-def test_a_file_with_something_wrong_in_it_is_refused(case, written, tmp_path):
-    name, change, words = WRONG[case] if case else ("counts", lambda a: a, "")
-    with np.load(written[0]) as file:
+def test_a_file_with_something_wrong_in_it_is_refused(written, tmp_path):
+    with np.load(written) as file:
         arrays = {key: file[key] for key in file.files}
-    arrays |= {name: change(arrays[name])}
-    np.savez(tmp_path / "c.npz", **{key: value for key, value in arrays.items() if value is not None})
-    if case is None:  # the control: only written again
-        assert len(Correlations.load(tmp_path / "c.npz").msd) == len(written[1].msd)
-        return
-    with pytest.raises(mpsim.InputError, match="a file of Correlations must be one that mpsim has written") as caught:
-        Correlations.load(tmp_path / "c.npz")
-    assert words in str(caught.value)
+    np.savez(tmp_path / "c.npz", **arrays)
+    Correlations.load(tmp_path / "c.npz")  # the control: only written again
+    for case, (name, change, words) in WRONG.items():
+        changed = arrays | {name: change(arrays[name])}
+        np.savez(tmp_path / "c.npz", **{key: value for key, value in changed.items() if value is not None})
+        with pytest.raises(mpsim.InputError, match="a file of Correlations must be one that mpsim has written") as info:
+            Correlations.load(tmp_path / "c.npz")
+        assert words in str(info.value), case
 
 
 def test_files_that_are_cut_off_missing_or_in_the_way_are_refused(written, tmp_path):
     for length in (0, 10, 1000, -1):
-        (tmp_path / "cut.npz").write_bytes(written[0].read_bytes()[:length])
+        (tmp_path / "cut.npz").write_bytes(written.read_bytes()[:length])
         with pytest.raises(mpsim.InputError, match="must be one that mpsim has written"):
             Correlations.load(tmp_path / "cut.npz")
     (tmp_path / "folder.npz").mkdir()
@@ -284,40 +271,23 @@ def test_files_that_are_cut_off_missing_or_in_the_way_are_refused(written, tmp_p
     with pytest.raises(mpsim.InputError, match=r"is there already\. Continue it by"):
         Correlations(path=tmp_path / "cut.npz")
     with pytest.raises(mpsim.errors.OutputError, match="must be in a folder that can be written to"):
-        written[1].save(tmp_path / "none" / "c.npz")
+        Correlations.load(written).save(tmp_path / "none" / "c.npz")
 
 
 # --- refusals
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"every": 0}, "every must be a whole number from 1"),
-        ({"start": -1.0}, "start must be a finite number >= 0"),
-        ({"discs": [1, 1]}, "discs must be numbers of discs, shape (D,), whole, >= 0, each once; got [1, 1]"),
-        *[({"discs": odd}, "discs must be numbers of discs") for odd in ([-1], [0.5], 3, [[1], []], "all", [2**63])],
-        ({"wave_numbers": [1.0, 0.0]}, "wave_numbers must be at most 64 numbers > 0"),
-        ({"longest": 0}, "longest must be a finite number > 0"),
-        ({"points": 7}, "points must be even"),
-        ({"points": 2}, "points must be a whole number from 4 to 256"),
-        ({"path": "run.txt"}, "the path of Correlations must end in .npz; got 'run.txt'"),
-    ],
-)  # fmt: skip
-def test_a_wrong_argument_is_refused(given, words):
-    with pytest.raises(mpsim.InputError) as caught:
-        Correlations(**given)
-    assert words in str(caught.value)
-
-
-def test_wrong_questions_are_refused(walk):
+def test_wrong_arguments_and_questions_are_refused(walk):
     for ask, words in (
+        (lambda: Correlations(discs=[1, 1]), r"discs must be .*, whole, >= 0, each once; got \[1, 1\]"),
+        (lambda: Correlations(discs=[2**63]), "discs must be numbers of discs"),
+        (lambda: Correlations(wave_numbers=[1.0, 0.0]), "wave_numbers must be at most 64 numbers > 0"),
+        (lambda: Correlations(points=7), "points must be even"),
+        (lambda: Correlations(path="run.txt"), "the path of Correlations must end in .npz; got 'run.txt'"),
         (lambda: walk.scattering(2.0), r"wave_number must be one of those that were gathered, \[0.5\]; got 2.0"),
-        (lambda: walk.scattering(0), "wave_number must be a finite number > 0"),
         (lambda: walk.diffusion(route="velocities"), "Did you mean 'velocity'?"),
         (lambda: walk.diffusion(None, 1e9), "end must be a lag that the run has reached, at most"),
         (lambda: walk.diffusion(2.0, 2.0), "start must be before end, by one gathered lag at least; got start = 2.0"),
-        (lambda: walk.diffusion(-1.0, 2.0), "start must be a finite number >= 0"),
     ):
         with pytest.raises(mpsim.InputError, match=words):
             ask()

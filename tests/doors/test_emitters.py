@@ -55,20 +55,20 @@ def test_discs_beyond_a_periodic_border_occupy_a_place_and_those_that_have_left_
 @pytest.mark.parametrize("boundary", ["walls", "periodic"])
 def test_of_many_that_enter_together_those_do_whose_place_is_free(boundary):
     """The twin compares each with all that are there."""
-    places = np.random.default_rng(8).uniform(1, 59, (300, 2))
-    box = {"width": 60, "height": 60, "radius": 1, "boundary": boundary, **NOBODY}
+    places = np.random.default_rng(8).uniform(1, 29, (100, 2))
+    box = {"width": 30, "height": 30, "radius": 1, "boundary": boundary, **NOBODY}
     spouts = [Emitter(place, (0, 0), every=1, limit=1) for place in places]
     taken = []
     for place in places:
         apart = np.abs(np.reshape(taken, (-1, 2)) - place)
         if boundary == "periodic":
-            apart = np.minimum(apart, 60 - apart)
+            apart = np.minimum(apart, 30 - apart)
         if not (np.hypot(*apart.T) < 2).any():
             taken.append(place)
     with simulate(mpsim.Scene(**box, emitters=spouts), method="naive") as sim, warnings.catch_warnings():
         warnings.simplefilter("ignore", EmitterWarning)
         sim.run(frames=2)
-        assert 100 < sim.count < 280
+        assert 40 < sim.count < 95
         assert np.array_equal(sim.state.position, taken)
 
 
@@ -77,7 +77,7 @@ def test_of_many_that_enter_together_those_do_whose_place_is_free(boundary):
 JETS = (Emitter((10, 30), (4, 1), interval=0.25), Emitter((12, 10), (5, 3), interval=0.375, limit=5))
 """Two jets that neither meet each other nor reach a wall before time 4."""
 
-STEPS = [("naive", 0.125), ("naive", 0.025), ("grid", 0.75), ("event", 0.025), ("event", 0.75)]
+STEPS = [("naive", 0.125), ("grid", 0.75), ("event", 0.025), ("event", 0.75)]
 
 
 @pytest.mark.parametrize(("method", "dt"), STEPS)
@@ -106,19 +106,19 @@ def test_how_an_exact_run_is_cut_changes_no_bit_where_a_disc_waits(timing, tmp_p
     """A place is looked at when it is time for it, not whenever a call ends."""
     jam = Emitter((5, 4), (0.4, 0.3), **timing)
     scene = mpsim.Scene.random(count=20, width=10, height=8, radius=0.3, seed=2, emitters=jam)
-    expected = state_after(scene, 6, method="event", dt=0.5)
+    expected = state_after(scene, 4, method="event", dt=0.5)
     with simulate(scene, method="event", dt=0.5) as sim:
-        for piece in range(1, 4):
+        for piece in range(1, 3):
             sim.run(until=0.5 * piece)
         path = sim.save(tmp_path / "run")
     with mpsim.Simulation.resume(path) as sim:
-        sim.run(until=3.0)
+        sim.run(until=2.0)
         assert_same_bits(sim.state, expected, f"{timing}, in pieces and resumed")
     if "interval" in timing:
-        assert_same_bits(state_after(scene, 1, method="event", dt=3.0), expected, "in one frame")
+        assert_same_bits(state_after(scene, 1, method="event", dt=2.0), expected, "in one frame")
 
 
-@pytest.mark.parametrize(("method", "dt"), [*STEPS, ("naive", 0.3), ("event", 3.0)])
+@pytest.mark.parametrize(("method", "dt"), [("grid", 0.75), ("naive", 0.3), ("event", 0.125), ("event", 3.0)])
 def test_a_disc_that_waits_tries_again_at_times_that_do_not_depend_on_the_step(method, dt):
     """The first enters at 0.25 and covers the place for 0.5 / 0.9; the next multiple of 0.25 / 8 is 0.8125."""
     scene = scene_of(Emitter((10, 30), (0.9, 0), interval=0.25))
@@ -197,19 +197,6 @@ def test_an_emitter_that_the_piston_has_passed_waits_for_good_and_says_so():
 
 
 @pytest.mark.parametrize(
-    ("timing", "text"),
-    [
-        ({"interval": 0.5, "every": 3}, "either interval, .*got both, 0.5 and 3. Give one of them."),
-        ({"interval": 0}, r"interval of an Emitter must be a finite number > 0 \[time\]; got 0"),
-        ({"every": 0.5}, "every of an Emitter must be a whole number from 1"),
-    ],
-)  # fmt: skip
-def test_an_emitter_without_a_right_time_is_refused(timing, text):
-    with pytest.raises(InputError, match=text):
-        Emitter((1, 2), (1, 0), **timing)
-
-
-@pytest.mark.parametrize(
     ("features", "text"),
     [
         ({"radius": [0.5, 0.25]}, r"emitters\[0\] must have a radius, as the discs of this scene have one each; got N"),
@@ -218,6 +205,8 @@ def test_an_emitter_without_a_right_time_is_refused(timing, text):
     ],
 )
 def test_an_emitter_that_does_not_fit_the_scene_is_refused_by_name(features, text):
+    with pytest.raises(InputError, match=r"either interval, .*got both, 0\.5 and 3\. Give one"):
+        Emitter((1, 2), (1, 0), interval=0.5, every=3)
     discs = {"position": [[4, 4], [6, 6]], "velocity": np.zeros((2, 2)), "emitters": Emitter((1, 1), (0, 0), every=1)}
     with pytest.raises(InputError, match=text):
         mpsim.Scene(width=10, height=10, **{**features, **discs})

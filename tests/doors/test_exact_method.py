@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from support.compare import assert_same_bits
 from support.refusals import assert_says
-from support.scenes import lattice, simulate, state_after
+from support.scenes import digest_after, lattice, simulate, state_after
 
-import mpsim
 from mpsim import InputError, Polyline, Scene
 from mpsim.errors import GuardWarning, StalledError
 
@@ -79,12 +78,12 @@ def test_ties_break_the_same_way_every_time():
     velocity = np.where((np.indices((4, 4)).sum(0) % 2).reshape(-1, 1) == 0, [1.0, 0.0], [-1.0, 0.0])
     scene = Scene(width=9, height=9, position=place, velocity=velocity, radius=0.5)
     digests = set()
-    for dt, pieces in ((32.0, 1), (8.0, 4), (0.5, 64)):
+    for dt, pieces in ((16.0, 1), (4.0, 4), (0.5, 32)):
         with simulate(scene, method="event", dt=dt) as sim:
             contacts = sum(sim.run(frames=1).collisions for _ in range(pieces))
             digests.add((contacts, sim.digest()))
     assert len(digests) == 1
-    assert contacts > 100
+    assert contacts > 50
 
 
 def test_a_refused_disc_changes_nothing():
@@ -97,6 +96,8 @@ def test_a_refused_disc_changes_nothing():
         many[-1] = sim.state.position[1] + [0.3, 0]
         with pytest.raises(InputError, match="do not overlap; discs 1 and 82"):
             sim.add(many, np.zeros((81, 2)))
+        with pytest.raises(InputError, match="discs 0 and 1 overlap"):
+            sim.set(0, position=sim.state.position[1] + [0.3, 0])
         assert sim.count == 2
         found = [each.run(frames=60, measures=["pressure"]).measures["pressure"].value for each in (sim, other)]
         assert_same_bits(sim.state, state_after(scene, 80, method="event", dt=1.7), "after a refused growth")
@@ -124,12 +125,11 @@ def test_a_disc_at_rest_hovers_in_bounces_of_the_contact_time():
     assert usual.guarded > 50
     again, same = dropped(contact_time=usual.contact_time)
     assert (again.guarded, same) == (usual.guarded, height)
-    for contact_time in (1e-3, 1e-2):
-        report, height = dropped(contact_time=contact_time, until=4.5)
-        assert report.contact_time == contact_time
-        bounces = (4.5 - 3 * math.sqrt(2)) / contact_time
-        assert 0.8 * bounces < report.guarded < 2.2 * bounces + 3  # in each, once or twice
-        assert 0.5 <= height <= 0.5 + contact_time**2 / 8 * (1 + 1e-9)
+    report, height = dropped(contact_time=1e-2, until=4.5)
+    assert report.contact_time == 1e-2
+    bounces = (4.5 - 3 * math.sqrt(2)) / 1e-2
+    assert 0.8 * bounces < report.guarded < 2.2 * bounces + 3  # in each, once or twice
+    assert 0.5 <= height <= 0.5 + 1e-2**2 / 8 * (1 + 1e-9)
 
 
 def test_the_guard_is_told_once_in_a_simulation():
@@ -151,15 +151,12 @@ def test_a_scene_at_rest_is_told_while_it_runs():
 
 
 def test_a_contact_time_that_throws_discs_at_rest_higher_than_their_radius_is_refused():
-    with pytest.raises(InputError, match=r"contact_time must be a finite number > 0 \[time\]; got 0"):
-        mpsim.Settings(contact_time=0)
     with simulate(ball(0.5, wall_restitution=1.0), method="event", dt=1.0, contact_time=2.0) as sim:
         with pytest.warns(GuardWarning):
             sim.run(frames=1)
         assert sim.state.position[0, 1] == pytest.approx(1.0, abs=0.01), "the control: thrown by its radius"
     message = (
-        r"contact_time must be at most 2 in this scene: with a longer one, discs that should rest under gravity of 1 "
-        r"bounce higher than their radius, 0\.5; got 2\.01\. Give a shorter one, such as 0\.01\."
+        r"contact_time must be at most 2 in this scene: .* bounce higher than their radius, 0\.5; got 2\.01\. Give"
     )
     with pytest.raises(InputError, match=message):
         simulate(ball(0.5), method="event", contact_time=2.01)
@@ -171,12 +168,9 @@ def test_a_contact_time_that_throws_discs_at_rest_higher_than_their_radius_is_re
 
 
 def test_an_elastic_gas_has_no_contact_time():
-    digests = []
-    for settings in ({"contact_time": 0.125}, {}):
-        with simulate(lattice(3, 3), method="event", **settings) as sim:
-            assert sim.run(frames=1).contact_time == 0.0
-            digests.append(sim.digest())
-    assert digests[0] == digests[1]
+    with simulate(lattice(3, 3), method="event", contact_time=0.125) as sim:
+        assert sim.run(frames=1).contact_time == 0.0
+        assert sim.digest() == digest_after(lattice(3, 3), 1, method="event")
 
 
 # --- collisions without end
@@ -201,7 +195,7 @@ ROOM = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:discs seem to have come to rest")  # which a slow machine says before
 @pytest.mark.parametrize(
     ("jammed", "roomy", "text"),

@@ -3,8 +3,8 @@
 tests/twins/test_measures.py puts states and runs of any kind to all of them.
 """
 
-import builtins
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -24,13 +24,6 @@ def moving(velocity):
 
 
 # --- energies, speeds, displacements
-
-
-def test_sums_of_a_float32_state_are_taken_in_float64():
-    velocity = np.full((200_000, 2), 0.1, np.float32)
-    exact = 200_000 * float(np.float32(0.1))
-    assert measure.momentum(State(velocity, velocity), scene_of([[5, 5]]))[0] == pytest.approx(exact, rel=1e-13)
-    assert abs(np.cumsum(velocity[:, 0])[-1] - exact) > 1e-4 * exact, "the control: the same sum in float32"
 
 
 def test_displacements_count_periods_and_errors_go_the_short_way_round():
@@ -69,7 +62,7 @@ def test_overlaps_by_hand_and_of_touching_discs_in_float32():
 
 def test_an_ideal_gas_has_no_correlation_within_its_errors():
     walls = drop(800, 20.0, seed=1)
-    boxed = measure.pair_correlation([state_of(drop(800, 20.0, seed=k)) for k in range(20)], walls, bins=60, r_max=4.0)
+    boxed = measure.pair_correlation([state_of(drop(800, 20.0, seed=k)) for k in range(10)], walls, bins=60, r_max=4.0)
     assert np.abs((boxed.value - 1) / boxed.error).max() < 4
     assert abs(boxed.contact.deviation(1.0)) < 3
     few = measure.pair_correlation(state_of(walls), walls, bins=6, r_max=4.0)
@@ -83,8 +76,8 @@ def test_pair_correlation_knows_the_box_behind_a_piston():
     with simulate(piston, method="naive") as sim:
         state = sim.state
     behind = measure.pair_correlation(state, piston, bins=20, r_max=4.0)
-    assert behind.density == measure.pair_correlation(State(*np.array(arrays["position"])[None].repeat(2, 0)), half,
-                                                      bins=20, r_max=4.0).density  # fmt: skip
+    alone = measure.pair_correlation(State(half.position, half.velocity), half, bins=20, r_max=4.0)
+    assert behind.density == alone.density
 
 
 ROW = math.sqrt(0.75)
@@ -119,7 +112,7 @@ def test_the_structure_factor_is_that_of_its_slow_twin_and_of_points_at_random_o
                 numbers[shell] += 1
     assert found.vectors.tolist() == numbers.tolist()
     assert found.value == pytest.approx(sums / numbers, rel=1e-9)
-    states = [state_of(random_points(200, seed)) for seed in range(20)]
+    states = [state_of(random_points(200, seed)) for seed in range(12)]
     found = measure.structure_factor(states, random_points(200, 2), bins=12, k_max=10.0)
     deviations = (found.value - 1) / found.error
     assert (np.abs(deviations) < 3).all()
@@ -161,10 +154,9 @@ def test_six_nearest_neighbours_are_those_of_the_slow_twin(boundary):
         State(scene.position, scene.velocity, present=present),
         scene_at(scene.position[present], 10, 8, boundary),
     )
-    assert (
-        measure.hexatic_order(state, scene).psi.tolist() == measure.hexatic_order(state_of(fewer), fewer).psi.tolist()
-    )
-    assert measure.hexatic_order(state, scene).disc.tolist() == np.flatnonzero(present).tolist()
+    found = measure.hexatic_order(state, scene)
+    assert found.psi.tolist() == measure.hexatic_order(state_of(fewer), fewer).psi.tolist()
+    assert found.disc.tolist() == np.flatnonzero(present).tolist()
 
 
 # --- refusals
@@ -174,7 +166,6 @@ ONE, POINTS, WALLS = scene_of([[5, 5]]), random_points(20, 1), random_points(20,
 FALLING_ROUND = scene_of([[5, 5]], gravity=(0, -1), boundary=("walls", "periodic"))
 SIZES = scene_of([[5, 5], [9, 9], [3, 3]], radius=[0.5, 1.0, 0.25], mass=[2.0, 4.0, 1.0])
 THIN = scene_at(np.stack([np.arange(20) + 0.5, np.full(20, 0.5)], axis=1), 20, 1)
-NOWHERE = State(POINTS.position * np.nan, POINTS.velocity)
 P, IN_9 = state_of(POINTS), State([[5, 5]], [[0, 0]], box=(0, 9, 0, 9))
 
 
@@ -184,26 +175,15 @@ P, IN_9 = state_of(POINTS), State([[5, 5]], [[0, 0]], box=(0, 9, 0, 9))
         (lambda: measure.temperature(moving(np.zeros((0, 2))), ONE), "temperature needs at least 1 disc; got 0"),
         (lambda: measure.kinetic_energy(moving([[1, math.nan]]), ONE), r"velocity of a state\[0, 1\] is nan"),
         (lambda: measure.speed_kurtosis(moving([[0, 0]])), "needs a disc that moves"),
-        (lambda: measure.speed_kurtosis([[1, 0]]), "state must be a State; got list"),
-        (lambda: measure.speed_distribution(moving([[1, 0]]), bins=[1.0, 1.0]), "rising edges"),
-        (lambda: measure.mean_squared_displacement(moving([[1, 0]]), moving([[1, 0]] * 2)), "got 1 and 2 discs"),
         (lambda: measure.potential_energy(state_of(FALLING_ROUND), FALLING_ROUND), "along a periodic axis.*walls"),
         (lambda: measure.temperature(P, SIZES), "needs one mass of the scene per disc; got 3 and 20 discs"),
         (lambda: measure.overlap(IN_9, ONE), "whose box is 9 x 9; got one of 20"),
-        (lambda: measure.pair_correlation(state_of(ONE), ONE, 10, 1.0), "r_max must lie above one diameter"),
-        (lambda: measure.pair_correlation(state_of(ONE), ONE, 10, 9.6), "below 9.5"),
-        (lambda: measure.pair_correlation(state_of(ONE), ONE, 10, 6.0), "needs discs at least"),
         (lambda: measure.pair_correlation(state_of(SIZES), SIZES, 10, 3.0), "of one radius; got radii from 0.25 to 1"),
         (lambda: measure.pair_correlation(P, POINTS, 10, 4.1), r"r_max must lie above .* and below 4.*its own images"),
         (lambda: measure.structure_factor(state_of(WALLS), WALLS, 50, 5.0), "periodic in both axes"),
-        (lambda: measure.structure_factor([], POINTS, 50, 5.0), "states must be at least one State; got none"),
         (lambda: measure.structure_factor([P, 3], POINTS, 50, 5.0), r"states\[1\] must be a State; got int"),
-        (lambda: measure.structure_factor(P, POINTS, 50, 0.0), "k_max must be a finite number > 0"),
-        (lambda: measure.structure_factor(P, POINTS, 50, 1e5), "k_max must be small enough for at most 2,000,000"),
-        (lambda: measure.hexatic_order(state_of(ONE), ONE), "hexatic_order needs at least 7 discs; got 1"),
         (lambda: measure.hexatic_order(state_of(THIN), THIN), r"6 neighbours .* half of each periodic axis, 0\.5"),
         (lambda: measure.hexatic_correlation(P, POINTS, 5, 4.1), "r_max must be at most half of a periodic axis, 4"),
-        (lambda: measure.to_freud(NOWHERE, POINTS), "must be finite"),
     ],
 )  # fmt: skip
 def test_what_a_measure_cannot_take_is_refused_by_name(call, words):
@@ -217,7 +197,6 @@ def test_pair_correlation_is_refused_where_density_is_not_uniform():
     state, middle = State(plain.position, plain.velocity), plain.width / 2
     for features, words in (
         ({"gravity": (0, -1)}, "has gravity"),
-        ({"acceleration": np.ones((60, 2))}, "has acceleration"),
         ({"emitters": Emitter((middle, middle), (1, 0), interval=1.0)}, "has emitters"),
         ({"piston": Piston("left", 1, middle)}, "needs a box at rest; got a piston on its way"),
         ({"obstacles": FixedDisc((middle, middle), 0.1)}, r"box without obstacles.*got 1\. Leave them out"),
@@ -232,14 +211,7 @@ def test_pair_correlation_is_refused_where_density_is_not_uniform():
 
 
 def test_without_freud_the_error_says_how_to_get_it(monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *rest):
-        if name == "freud":
-            raise ImportError("no module")
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "freud", None)
     with pytest.raises(mpsim.errors.NotMeasurableError, match="pip install freud-analysis"):
         measure.to_freud(P, POINTS)
 
@@ -256,7 +228,6 @@ FLOWING = [*VIRIALS, "collision_rate", "contact_rate", "energy_drift", "momentum
 REFUSED = {
     "gravity": ({"gravity": (0, -1)}, [*VIRIALS], "gravity and acceleration"),
     "obstacles": ({"obstacles": FixedDisc((8, 8), 1)}, [*VIRIALS, "momentum_drift"], "obstacles"),
-    "losses": ({"restitution": 0.9}, [*VIRIALS], "losses"),
     "losses under gravity": ({"restitution": 0.9, "gravity": (0, -1)}, [*VIRIALS, "collision_rate"], ""),
     "sizes": ({"radius": [0.5, 0.4]}, [*VIRIALS], "several sizes"),
     "piston": ({"piston": Piston("left", 1, 3)}, ["pressure", *VIRIALS, "energy_drift"], "piston"),
@@ -266,7 +237,6 @@ REFUSED = {
     "emitters of masses": ({"mass": 2.0, "emitters": Emitter((8, 6), (0, 0), every=1, mass=1.0)},
                            [*FLOWING, "kinetic_energy", "temperature"], ""),
     "falling round": ({"gravity": (0, -1), "boundary": ("walls", "periodic")}, [*VIRIALS, "energy_drift"], ""),
-    "periodic": ({"boundary": "periodic"}, [], ""),
     "periodic, sizes": ({"boundary": "periodic", "radius": [0.5, 0.4]}, [], ""),
     "periodic, losses": ({"boundary": "periodic", "restitution": 0.9}, ["pressure", *VIRIALS], "losses"),
     "periodic, obstacles": ({"boundary": "periodic", "obstacles": FixedDisc((8, 7), 1)},
@@ -320,9 +290,9 @@ def values(report):
     return {name: repr(each) for name, each in report.measures.items()}  # in which NaN equals NaN
 
 
-@pytest.mark.parametrize("method", ["naive", "grid", "event"])
+@pytest.mark.parametrize("method", ["grid", "event"])
 def test_measures_from_a_start_on_are_those_of_a_run_that_begins_there_and_change_no_bit(method):
-    scene, names = gas(20, 0.4), [*COUNTED, *SAMPLED, *DRIFTS]
+    scene, names = gas(12, 0.4), [*COUNTED, *SAMPLED, *DRIFTS]
     plain, whole, parts = (simulate(scene, method=method) for _ in range(3))
     with plain, whole, parts:
         start = 7.5 * whole.settings.dt  # inside a frame: the next one counts
@@ -339,19 +309,14 @@ def test_measures_from_a_start_on_are_those_of_a_run_that_begins_there_and_chang
         assert plain.digest() == whole.digest() == parts.digest()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        ({"start": 0.1}, "start needs measures, which are taken from then on; got start=0.1 and none"),
-        ({"start": -1.0, "measures": "pressure"}, ">= 0 [time]; got"),
-        ({"start": 0.2, "measures": "pressure"}, "start must lie before the end of the run, at time 0.2; got 0.2"),
-    ],
-)
-def test_measures_that_cannot_be_taken_are_refused(arguments, text):
+def test_measures_that_cannot_be_taken_are_refused():
     with simulate(gas(8, 0.2), method="naive", dt=0.01) as sim:
-        with pytest.raises(InputError) as refused:
-            sim.run(frames=20, **arguments)
-        assert text in str(refused.value)
+        for arguments, text in (
+            ({"start": 0.1}, "start needs measures, which are taken from then on; got start=0.1 and none"),
+            ({"start": 0.2, "measures": "pressure"}, r"start must lie before the end of the run, at time 0\.2; got 0"),
+        ):
+            with pytest.raises(InputError, match=text):
+                sim.run(frames=20, **arguments)
         assert sim.frame == 0
         report = sim.run(frames=1, measures="temperature")
         with pytest.raises(mpsim.errors.NotRecordedError, match=r"pressure was not recorded.*measures=\['pressure'\]"):
@@ -365,8 +330,8 @@ def test_what_has_left_does_not_count_in_a_run():
         sim.run(until=0.5)
         found = sim.run(frames=60, measures=SAMPLED).measures
         assert [found[name].value for name in SAMPLED] == pytest.approx([4.5, 4.5, 1], rel=1e-12)
-    with simulate(box_of(position=[[2, 2]], velocity=[[0, -5]], absorbing="bottom"), method="naive", dt=0.1) as sim:
-        report = sim.run(until=2, measures=["temperature"])
+        sim.remove(1)
+        report = sim.run(frames=3, measures=["temperature"])
         assert np.isnan(report.measures["temperature"].value), "of nobody"
 
 
@@ -375,13 +340,12 @@ def test_what_has_left_does_not_count_in_a_run():
     [
         (lambda sim: None, set()),  # the control
         (lambda sim: sim.kick(0, (0.5, 0.0)), {"pressure_virial", "energy_drift"}),
-        (lambda sim: sim.change(restitution=0.5), {"pressure_virial", "pressure_xx", "energy_drift"}),
         (lambda sim: sim.change(gravity=(0.0, -1.0)), {"pressure_virial", "pressure_xx", "energy_drift"}),
         (lambda sim: sim.remove([3, 4]), {"pressure_virial", "pressure_xx", "energy_drift", "collision_rate"}),
         (lambda sim: sim.add((2.0, sim.scene.height - 2), (0.0, 0.0), mass=2.0),
          {"pressure_virial", "pressure_xx", "energy_drift", "kinetic_energy"}),
     ],
-    ids=["nothing", "kick", "losses", "gravity", "remove", "add"],
+    ids=["nothing", "kick", "gravity", "remove", "add"],
 )  # fmt: skip
 def test_what_a_change_in_the_run_makes_wrong_is_nan_and_nothing_else(change, lost):
     names = {"pressure", "pressure_virial", "pressure_xx", "collision_rate", "kinetic_energy", "energy_drift"}
