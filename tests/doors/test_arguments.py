@@ -29,8 +29,8 @@ OF_STATES = [
 ]  # fmt: skip
 
 ODD = [
-    np.ones(24), np.ones((24, 2)), np.array(["a", "b"]), "word", b"word", None, True, -1, 0, 1.5, np.nan, 10**400, 1j,
-    [], [None], {}, {"a": 1}, object(), SCENE, STATE, SCENE.position, print, (1, 2, 3), mpsim.Settings(),
+    np.ones(24), np.ones((24, 2)), np.array(["a", "b"]), "word", None, True, -1, 1.5, np.nan, 10**400, 1j,
+    [None], {}, SCENE, STATE, print, (1, 2, 3),
 ]  # fmt: skip
 """Values of all kinds: most are wrong for any argument."""
 
@@ -54,7 +54,7 @@ def is_refused(act):
 
 
 @pytest.mark.parametrize("name", OF_STATES)
-def test_a_measure_says_what_lacks_and_what_is_too_much(name):
+def test_whatever_is_given_to_a_measure_is_right_or_refused_in_a_sentence(name):
     function = getattr(measure, name)
     needed = needed_by(function)
     right = {each: RIGHT[each] for each in needed}
@@ -72,12 +72,6 @@ def test_a_measure_says_what_lacks_and_what_is_too_much(name):
     many = [*right.values(), *[None] * 9]
     with pytest.raises(mpsim.InputError, match=rf"{name} must be given no more values|must be given with its name"):
         function(*many)
-
-
-@pytest.mark.parametrize("name", OF_STATES)
-def test_whatever_is_given_to_a_measure_is_right_or_refused_in_a_sentence(name):
-    function = getattr(measure, name)
-    right = {each: RIGHT[each] for each in needed_by(function)}
     refused = [
         is_refused(lambda each=each, odd=odd: function(**right | {each: odd}))
         for each in inspect.signature(function).parameters
@@ -104,18 +98,17 @@ def test_whatever_is_given_to_a_picture_or_a_file_is_right_or_refused_in_a_sente
     refused = [
         is_refused(lambda each=each, odd=odd: function(**right | {each: odd}))
         for each in inspect.signature(function).parameters
-        for odd in ODD
+        for odd in ODD[::2]
         if (each, odd is None) != ("frames", True)  # which makes 200 pictures
         and not (function is mpsim.Trajectory.write and each == "path" and isinstance(odd, str))
     ]
     assert sum(refused) > len(refused) / 3
 
 
-@pytest.mark.parametrize("word", [np.ones(24), ["speed"], {"speed"}])
+@pytest.mark.parametrize("word", [np.ones(24), {"speed"}])
 def test_arrays_in_place_of_words_are_named(word, tmp_path):
-    for name, wanted in (("colour", "'speed', 'worker'"), ("scale", "'linear'"), ("theme", "'light'")):
-        with pytest.raises(mpsim.InputError, match=f"{name} must be one of {wanted}.*; got "):
-            mpsim.animate(SCENE, path=tmp_path / "a.gif", **{name: word})
+    with pytest.raises(mpsim.InputError, match=r"colour must be one of 'speed', 'worker'.*; got "):
+        mpsim.animate(SCENE, path=tmp_path / "a.gif", colour=word)
     with pytest.raises(mpsim.InputError, match="method must be one of"):
         mpsim.Settings(method=word)
     with pytest.raises(mpsim.InputError, match="boundary must be"):

@@ -1,6 +1,7 @@
 """Averages with errors, stationary parts, orders and growth rates: by hand, and of series whose truth is known."""
 
 import math
+from itertools import accumulate
 
 import numpy as np
 import pytest
@@ -31,11 +32,9 @@ FEWEST_BLOCKS = 16
     ("measure", "text"),
     [
         (Measure(2.23991, 0.00163, 9), "2.2399(16)"),
-        (Measure(22.41, 1.63, 9), "22.4(1.6)"),
         (Measure(2.0, 0.0996, 9), "2.00(10)"),
         (Measure(1.2345e-9, 2.1e-11, 9), "1.234(21)e-09"),
         (Measure(0.0, 1e-12, 9), "0.0(1.0)e-12"),
-        (Measure(3.0, 0.0, 9), "3(0)"),
         (Measure(math.nan, math.nan, 9), "nan(?)"),
         (Measure(2.24, 0.16, 9, settled=False), "2.24(>16)"),
         (Measure(0.0, 1.8e-4, 9, settled=False, upper=True), "0(<0.00018)"),
@@ -56,24 +55,19 @@ def test_independent_averages_and_deviations_by_hand():
 
 
 def noise(n, correlation, seed):
-    """AR(1): x_k = a x_(k-1) + e_k, a = exp(-1/correlation); the error of its mean and that of independent samples."""
+    """AR(1): x_k = a x_(k-1) + e_k, a = exp(-1/correlation), and the error of its mean."""
     a = math.exp(-1 / correlation) if correlation else 0.0
-    steps = np.random.default_rng(seed).normal(size=n)
-    series = np.empty(n)
-    last = steps[0] / math.sqrt(1 - a * a)
-    for k in range(n):
-        last = a * last + steps[k] if k else last
-        series[k] = last
-    naive = 1 / math.sqrt(n * (1 - a * a))
-    return series, naive * math.sqrt((1 + a) / (1 - a)), naive
+    first, *steps = np.random.default_rng(seed).normal(size=n).tolist()
+    series = accumulate(steps, lambda last, step: a * last + step, initial=first / math.sqrt(1 - a * a))
+    return np.fromiter(series, float, n), math.sqrt((1 + a) / (1 - a) / (n * (1 - a * a)))
 
 
 @pytest.mark.parametrize("correlation", [0, 3, 20])
 def test_the_error_of_correlated_noise_is_that_of_its_correlation(correlation):
-    found = [(block_average(series), true) for series, true, _ in (noise(2**15, correlation, s) for s in range(10))]
+    found = [(block_average(series), true) for series, true in (noise(2**14, correlation, s) for s in range(10))]
     ratios = [measure.error / true for measure, true in found]
-    assert np.mean(ratios) == pytest.approx(1, abs=0.06)
-    assert all(0.75 < ratio < 1.3 for ratio in ratios), ratios
+    assert np.mean(ratios) == pytest.approx(1, abs=0.08)
+    assert all(0.6 < ratio < 1.4 for ratio in ratios), ratios
     assert all(measure.settled for measure, _ in found)
     deviations = [measure.deviation(0.0) for measure, _ in found]
     assert max(map(abs, deviations)) < 3.5, deviations
@@ -85,15 +79,8 @@ def test_no_error_comes_from_fewer_than_sixteen_blocks():
     assert len(block_errors(rng.normal(size=FEWEST_BLOCKS))) == 1
     assert len(block_errors(rng.normal(size=100))) == 3  # 100, 50 and 25 blocks; 12 would be too few
     assert block_average([1.0, 2.0]).value == 1.5
-
-
-def test_the_first_levels_by_hand():
-    series = np.tile([0.0, 0.0, 2.0, 2.0], 16)
-    errors = block_errors(series)
-    deviation = math.sqrt(64 / 63)
-    assert errors[0] == pytest.approx(deviation / 8, rel=1e-14)
-    assert errors[1] == pytest.approx(math.sqrt(32 / 31) / math.sqrt(32), rel=1e-14)
-    assert errors[2] == 0
+    by_hand = math.sqrt(64 / 63) / 8, math.sqrt(32 / 31) / math.sqrt(32), 0.0
+    assert block_errors(np.tile([0.0, 0.0, 2.0, 2.0], 16)) == pytest.approx(by_hand, rel=1e-14)
 
 
 @pytest.mark.parametrize("kind", [bool, int])
@@ -106,18 +93,10 @@ def test_a_count_of_nothing_is_not_known_to_be_nothing(kind):
     assert block_errors(np.zeros(1000)).max() == 0, "the control: the scatter says nothing"
 
 
-def test_one_small_event_does_not_make_all_small():
-    series = np.zeros(1000)
-    series[300] = 0.1
-    found = block_average(series, event=0.5)
-    assert found.error == pytest.approx((math.sqrt(1.75) + 1) * 0.5 / 1000)
-    assert block_average(series).error == pytest.approx(found.error / 5), "the control: all that is known is its size"
-
-
 def test_from_sixteen_events_on_their_scatter_counts():
-    found = [block_average(np.random.default_rng(seed).random(4000) < 0.01) for seed in range(200)]
+    found = [block_average(np.random.default_rng(seed).random(4000) < 0.01) for seed in range(60)]
     settled = np.array([measure.error for measure in found if measure.settled])
-    assert len(settled) > 180
+    assert len(settled) > 50
     assert np.sqrt((settled**2).mean()) == pytest.approx(math.sqrt(0.01 * 0.99 / 4000), rel=0.06)
 
 
@@ -131,9 +110,9 @@ def alternating(n, time, beneath, seed):
 
 def test_the_error_of_what_alternates_is_that_of_what_is_left_over():
     """As impulses on walls: n samples cancel but for what is under way at both ends, and for the noise beneath."""
-    found = [(block_average(series), true) for series, true in (alternating(4000, 10, 0.1, s) for s in range(60))]
+    found = [(block_average(series), true) for series, true in (alternating(4000, 10, 0.1, s) for s in range(40))]
     ratios = np.array([measure.error / true for measure, true in found if measure.settled])
-    assert len(ratios) > 45
+    assert len(ratios) > 30
     assert np.sqrt((ratios**2).mean()) == pytest.approx(1, abs=0.25)
     series, true = alternating(4000, 10, 0.1, 0)
     assert block_errors(series).max() > 2 * true, "the control: blocks that are too short"
@@ -170,13 +149,13 @@ def test_a_series_that_drifts_or_is_shorter_than_its_correlation_is_not_settled(
 
 def test_the_error_of_a_ratio_is_the_scatter_of_others():
     found = []
-    for seed in range(200):
+    for seed in range(100):
         rng = np.random.default_rng(seed)
         events = rng.poisson(2.0, 500)
-        found.append(ratio_average([rng.exponential(3.0, count).sum() for count in events], events))
+        found.append(ratio_average(rng.gamma(events, 3.0), events))
     scatter = np.std([measure.value for measure in found], ddof=1)
     assert np.sqrt(np.mean([measure.error**2 for measure in found])) == pytest.approx(scatter, rel=0.2)
-    assert np.mean([measure.value for measure in found]) == pytest.approx(3, abs=0.02)
+    assert np.mean([measure.value for measure in found]) == pytest.approx(3, abs=0.03)
     assert all(measure.samples > 900 and measure.settled for measure in found)
 
 
@@ -196,12 +175,10 @@ def test_what_cannot_change_has_no_error():
     assert rounded.settled
     assert 0 < rounded.error < 1e-12
 
-
-@pytest.mark.parametrize(("value", "rounding"), [(0.1, 0.0), (0.1, 1e-16), (0.0, 0.0)])
-def test_what_only_has_not_changed_has_an_unknown_error(value, rounding):
-    found = block_average(value + rounding * np.arange(1000).clip(max=500))
-    assert (found.value, found.settled) == (pytest.approx(value), False)
-    assert math.isnan(found.error)
+    for value, rounding in ((0.1, 0.0), (0.1, 1e-16), (0.0, 0.0)):  # what only has not changed
+        found = block_average(value + rounding * np.arange(1000).clip(max=500))
+        assert (found.value, found.settled) == (pytest.approx(value), False)
+        assert math.isnan(found.error)
 
 
 @pytest.mark.parametrize("place", [1, 500, 999])
@@ -216,26 +193,22 @@ def test_what_has_hardly_changed_has_a_lower_bound(place):
     assert block_average(series).settled, "the control"
 
 
-def on_a_slow_component(slow, memories, seeds):
-    """Measures of 2000 samples of white noise on a component of so many correlation times."""
+def settled(slow, memories, seeds=40):
+    """Part of the measures of 2000 samples of white noise, on a component of so many correlation times."""
     found = []
     for seed in range(seeds):
-        series, _, _ = noise(2000, 2000 / memories, seed)
+        series, _ = noise(2000, 2000 / memories, seed)
         white = np.random.default_rng(1000 + seed).normal(size=2000)
-        found.append(block_average(slow * series / math.sqrt(1000 / memories) + white))
-    return found
+        found.append(block_average(slow * series / math.sqrt(1000 / memories) + white).settled)
+    return np.mean(found)
 
 
 def test_a_slow_component_under_noise_shows():
     """It has 0.09 of the variance, and most of the error of the mean; without it, series settle."""
-
-    def share(slow, memories):
-        return np.mean([measure.settled for measure in on_a_slow_component(slow, memories, 60)])
-
-    assert share(0.3, 20) < 0.5
-    assert share(0.3, 5) < 0.25
-    assert share(0.0, 5) > 0.9, "the control"
-    assert share(0.3, 200) > 0.9, "the control: fast enough"
+    assert settled(0.3, 20) < 0.5
+    assert settled(0.3, 5) < 0.25
+    assert settled(0.0, 5) > 0.85, "the control"
+    assert settled(0.3, 200) > 0.85, "the control: fast enough"
 
 
 @pytest.mark.parametrize("power", [1.0, 2.0])
@@ -243,14 +216,11 @@ def test_the_order_of_a_known_power_is_found(power):
     h = np.array([0.1, 0.05, 0.02, 0.01])
     rng = np.random.default_rng(4)
     deviations = []
-    for _ in range(300):
+    for _ in range(200):
         errors = 0.05 * h**power
         deviations.append(fit_order(h, -3 * h**power + errors * rng.normal(size=4), errors).deviation(power))
     assert np.mean(deviations) == pytest.approx(0, abs=0.2)
     assert 0.6 < np.std(deviations) < 1.1
-
-
-def test_two_points_give_the_exact_slope_and_its_propagated_error():
     found = fit_order([0.2, 0.1], [0.08, 0.02], [0.008, 0.002])
     assert found.value == pytest.approx(2, rel=1e-14)
     assert found.error == pytest.approx(0.1 * math.sqrt(2) / math.log(2), rel=1e-14)
@@ -267,40 +237,29 @@ def test_the_stationary_part_begins_where_the_rule_says(number):
     assert equilibration(values, batch=1).start == np.argmin(errors)
 
 
-def relaxing(seed, size=20.0, time=60.0, number=3000):
+def relaxing(seed, size=20.0, time=60.0):
     """Correlated noise about 5, which begins `size` above."""
-    rng = np.random.default_rng(seed)
-    noise = np.zeros(number)
-    for k in range(1, number):
-        noise[k] = 0.8 * noise[k - 1] + 0.6 * rng.normal()
-    return 5 + noise + size * np.exp(-np.arange(number) / time)
+    return 5 + 0.6 * noise(3000, 4.48, seed)[0] + size * np.exp(-np.arange(3000) / time)
 
 
 def test_the_mean_without_the_transient_covers_the_truth_and_that_with_it_does_not():
-    found = [equilibration(relaxing(seed)) for seed in range(60)]
-    found = [each for each in found if each.found]
-    assert len(found) > 50
+    found = [each for each in (equilibration(relaxing(seed)) for seed in range(40)) if each.found]
+    assert len(found) > 32
     assert all(each.measure.settled for each in found)
     assert all(100 < each.start < 1200 for each in found), [each.start for each in found]
     z = np.array([each.measure.deviation(5.0) for each in found])
     assert (np.abs(z) < 2).mean() > 0.85
     assert np.abs(z.mean()) < 0.6
-    whole = np.array([block_average(relaxing(seed)).value for seed in range(60)])
+    whole = np.array([block_average(relaxing(seed)).value for seed in range(10)])
     assert (whole - 5).mean() > 0.3  # 20 * 60 / 3000
     assert np.mean([each.measure.value - 5 for each in found]) < 0.03
-
-
-def test_a_stationary_series_keeps_nearly_all_of_itself():
-    starts = np.array([equilibration(relaxing(seed, size=0.0)).start for seed in range(40)])
-    assert np.median(starts) < 300
-    assert equilibration(np.full(100, 3.5)).start == 0
+    starts = [equilibration(relaxing(seed, size=0.0)).start for seed in range(20)]
+    assert np.median(starts) < 300, "a stationary series keeps nearly all of itself"
 
 
 def test_a_series_that_keeps_rising_is_not_found_to_be_stationary():
     found = equilibration(np.arange(1000.0))
-    assert not found.found
-    assert not found.measure.settled
-    assert found.start == 500
+    assert (found.found, found.measure.settled, found.start) == (False, False, 500)
     assert not equilibration(relaxing(1, time=5000.0)).found
 
 
@@ -320,17 +279,13 @@ def cat_map_distances(steps, seed):
 
 def test_the_exponent_of_the_cat_map():
     exact = math.log((3 + math.sqrt(5)) / 2)
-    for seed in range(3):
-        found = predictability(np.arange(60) * 0.5, cat_map_distances(60, seed), lowest=1e-12, highest=1e-2)
-        assert found.rate.value == pytest.approx(2 * exact, rel=0.01)
-        assert found.horizon == pytest.approx(20 / found.rate.value)
-        assert found.comparable_until == pytest.approx(found.horizon / 2)
-
-
-def test_growth_starts_after_a_meeting_and_ends_before_the_ceiling():
+    found = predictability(np.arange(60) * 0.5, cat_map_distances(60, 0), lowest=1e-12, highest=1e-2)
+    assert found.rate.value == pytest.approx(2 * exact, rel=0.01)
+    assert found.horizon == pytest.approx(20 / found.rate.value)
+    assert found.comparable_until == pytest.approx(found.horizon / 2)
     distance = np.array([1e-9, 0.0, 1e-12, *(1e-12 * np.exp(np.arange(1, 30))), 1.0, 1e-12])
     found = predictability(np.arange(len(distance)), distance, highest=1e-2)
-    assert found.rate.value == pytest.approx(1.0, rel=1e-12)
+    assert found.rate.value == pytest.approx(1.0, rel=1e-12), "from the last meeting to the ceiling"
 
 
 def test_a_comparison_up_to_half_of_twenty_lyapunov_times_is_allowed():
@@ -370,23 +325,13 @@ def test_a_series_notes_each_frame_once_with_its_time():
     [
         (lambda: block_average([]), "series must hold at least 1 sample; got 0"),
         (lambda: block_average([1.0, math.nan]), r"series\[1\] is nan"),
-        (lambda: block_average([0.0] * 20, event=0.0), "event must be a finite number > 0"),
-        (lambda: independent_average([1.0]), "values must hold at least 2"),
         (lambda: fit_order([0.1], [1.0], [1.0]), "h must hold at least 2"),
         (lambda: fit_order([0.1, 0.2], [1.0, 2.0]), "h must hold at least 3"),
         (lambda: fit_order([0.1, 0.1], [1.0, 2.0], [1.0, 1.0]), "not all equal"),
-        (lambda: fit_order([0.1, -0.1], [1.0, 2.0], [1.0, 1.0]), "h must be > 0"),
         (lambda: fit_order([0.1, 0.2], [1.0, -2.0], [1.0, 1.0]), "bias must be of one sign"),
-        (lambda: fit_order([0.1, 0.2], [1.0, 2.0], [0.0, 1.0]), "errors must be > 0"),
         (lambda: equilibration(np.zeros(49)), "at least 10 batches of 5 samples .* part; got 49 samples"),
-        (lambda: equilibration(np.zeros(100), batch=0), "batch must be a whole number from 1"),
         (lambda: predictability([0, 1, 3], [1, 2, 3], highest=9), "equal steps"),
-        (lambda: predictability([0, 1, 2], [1, -2, 3], highest=9), "distance must be >= 0"),
-        (lambda: predictability([0, 1, 2], [1, 2, 3], lowest=9, highest=9), "highest above lowest"),
-        (lambda: predictability([0, 1, 2], [1, 2, 3], highest=1.5), "at least 3 samples"),
         (lambda: predictability([0, 1, 2], [1, 1, 1], highest=9), "distance must grow"),
-        (lambda: comparable_until(0.0), "rate must be a finite number > 0"),
-        (lambda: require_predictable(-1.0, 1.0), "time must be a finite number >= 0"),
         (lambda: Series("temperature"), r"must be called as function\(state, scene\); got 'temp"),
     ],
 )  # fmt: skip

@@ -22,30 +22,18 @@ NAMES = sorted(main.commands)
 
 # --- wrong usage and input
 
-FRAMES = "must be a whole number >= 1"
 LONG = "must be at most 1,000,000,000,000 frames of"
-BUDGET = "must be a number > 0, such as 0.05 or 5%."
 REFUSED = [
     ("run gas --frames 3 --until 2", "Give --frames or --until, not both."),
     ("resume gas --frames 3 --until 2", "Give --frames or --until, not both."),
     ("run gas --every 3", "--every needs --out, the folder to write to."),
-    ("run gas --force", "--force needs --out"),
-    ("run gas --format gsd", "--format needs --out"),
     ("run gas --dt 0", "'--dt': '0' must be a number > 0, such as 0.05."),
-    ("run gas --frames 0", f"'0' {FRAMES}."),
-    ("run gas --frames 5.5", f"'--frames': '5.5' {FRAMES}. Give 5 or 6."),
-    ("run gas --frames many", f"'many' {FRAMES}."),
-    ("run gas --frames inf", f"'inf' {FRAMES}."),
-    ("run gas --workers 0", "'--workers': '0' must be a whole number from 1 to 1024."),
+    ("run gas --frames 5.5", "'--frames': '5.5' must be a whole number >= 1. Give 5 or 6."),
     ("run gas --workers 1024.5", "'1024.5' must be a whole number from 1 to 1024. Give 1024."),
     ("run gas --frames 30 --start 0.3", "--start must lie before the end of the run, at time 0.3; got 0.3"),
-    ("run gas --start -1", "Invalid value for '--start'"),
-    ("run gas --start soon", "Invalid value for '--start'"),
     ("run gsa", "got 'gsa'. Did you mean 'gas'?"),
     ("run none.toml", "scene must be a file that can be read; got 'none.toml' (No such file or directory)."),
     ("run gas --method gird", "'--method': 'gird' is not one of"),
-    ("run gas --on-fast substp", "Did you mean 'substep'?"),
-    ("run gas --measure presure", "Did you mean 'pressure'?"),
     (
         "run gas --method naive --dt 1 --frames 1 --on-fast error",
         "Use --dt 0.079, --substeps 13 or --on-fast substep; --on-fast warn runs it anyway.",
@@ -56,16 +44,8 @@ REFUSED = [
     ),
     ("run gas --version", "--version stands before the command: mpsim --version"),
     ("run gas -v", "-v stands before the command: mpsim -v ..."),
-    ("animate gsa a.gif", "got 'gsa'. Did you mean 'gas'?"),
     ("animate gas", "Give the file to write once, as OUT or by --out, such as gas.gif."),
     ("animate gas a.gif --out b.gif", "Give the file to write once, as OUT or by --out, such as gas.gif."),
-    ("animate gas a.gif --frames 3 --until 2", "--frames must not come with --until or --seconds"),
-    ("animate gas a.gif --seconds 2 --frames 5", "--frames must not come with --until or --seconds"),
-    *(
-        (f"animate gas a.gif {option}", f"Invalid value for '{option.split()[0]}'")
-        for option in ("--seconds 0", "--seconds nan", "--until -1", "--fps 0", "--theme blue")
-    ),
-    ("animate gas a.gif --until 1e300", f"--until {LONG} 0.01; got 1e+300."),
     ("animate gas a.gif --until 1e308 --seconds 1", f"--until {LONG} 0.01; got 1e+308."),
     ("animate gas a.gif --dt 1e-300", f"the scene's duration {LONG} 1e-300; got 100."),
     (
@@ -73,32 +53,22 @@ REFUSED = [
         "--until must be at most 1999.98 with --every 2, 100,000 pictures; got 1e+09.",
     ),
     ("animate gas a.gif --colour worker --method naive", "this run is by 'naive'. Use --method parallel"),
-    ("animate gas a.avi", "an animation's path must end in .gif or .mp4; got "),
     ("animate gas a.pdf", "Use a.gif. One picture is made by mpsim.draw or `mpsim plot`."),
-    ("plot /nope", "'/nope' does not (No such file or directory)."),
-    ("show glaton", "got 'glaton'. Did you mean 'galton'?"),
     ("completion tcsh", "'tcsh' is not one of 'bash', 'zsh', 'fish'."),
     ("shwo", "No such command 'shwo'"),
+    ("compare", "`mpsim tradeoff SCENE`"),
+    ("draw", "`mpsim plot RUN`"),
+    ("live", "`mpsim view SCENE`"),
+    ("measure", "`mpsim run SCENE --measure NAME`"),
+    ("sweep", "with mpsim.sweep"),
     ("tune", "Missing argument 'SCENE'."),
     ("tune cradle", "Give at least one budget: --pressure, --collision-rate, "),
-    *((f"tune cradle --pressure {value}", f"'--pressure': '{value}' {BUDGET}") for value in ("x", "-1", "nan")),
+    ("tune cradle --pressure nan", "'--pressure': 'nan' must be a number > 0, such as 0.05 or 5%."),
     ("tune gas --pressure 200%", "'200%' must be less than 100%. Give a smaller one, such as 5%."),
-    ("tune cradle --pressure 1% --until 0", "'--until': '0' must be a number > 0, such as 0.05."),
-    ("tune cradle --pressure 1% --until 5%", "'--until': '5%' must be a number > 0, such as 0.05."),
-    ("tune cradle --pressure 1% --replicas 1", "'--replicas': '1' must be a whole number from 2 to 64."),
     ("tune cradle --pressure 1% --replicas 65", "'65' must be a whole number from 2 to 64."),
-    ("tradeoff cradle --replicas 100001", "'100001' must be a whole number from 2 to 100000."),
     ("tradeoff cradle --csv --json", "Choose one of --csv and --json."),
-    ("tradeoff cradle --measure colour", "'--measure': 'colour' is not one of 'pressure',"),
-    *(
-        (f"tradeoff cradle --out {name}", f"--out must end in one of {endings}; got '{name.split()[0]}'. Use {use}.")
-        for name, endings, use in (
-            ("t.xlsx", ".csv, .json, .parquet, .txt", "t.csv"),
-            ("t", ".csv, .json, .parquet, .txt", "t.csv"),
-            ("t.parquet --json", ".json, .txt with --json", "t.json"),
-            ("t.json --csv", ".csv, .txt with --csv", "t.csv"),
-        )
-    ),
+    ("tradeoff cradle --out t", "--out must end in one of .csv, .json, .parquet, .txt; got 't'. Use t.csv."),
+    ("tradeoff cradle --out t.json --csv", "--out must end in one of .csv, .txt with --csv; got 't.json'. Use t.csv."),
 ]
 
 
@@ -116,21 +86,6 @@ def test_a_mistyped_option_is_answered_with_the_right_one():
     assert (result.exit_code, result.stdout) == (2, "")
     # The marks between these words differ from version to version of click.
     assert re.search(r"No such option:? '?--presure'?\.? Did you mean '?--pressure'?\?", result.stderr)
-
-
-def test_commands_that_are_elsewhere_are_named():
-    elsewhere = {
-        "compare": "`mpsim tradeoff SCENE`",
-        "draw": "`mpsim plot RUN`",
-        "live": "`mpsim view SCENE`",
-        "measure": "`mpsim run SCENE --measure NAME`",
-        "sweep": "with mpsim.sweep",
-    }
-    for name, where in elsewhere.items():
-        result = mpsim_command(name)
-        assert result.exit_code == 2
-        assert f"No such command '{name}'. " in result.stderr
-        assert where in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -166,11 +121,8 @@ def test_what_cannot_be_animated_or_written_is_told_before_any_work(tmp_path, mo
     assert result.exit_code == 1
     assert "a Parquet file needs the package pyarrow, which cannot be imported" in result.stderr
     result = mpsim_command("tradeoff", "cradle", "--out", tmp_path / "none" / "a.csv")
-    assert (result.exit_code, result.stderr) == (
-        1,
-        f"Error: --out must be a file that can be written; got '{tmp_path}/none/a.csv' (No such file or directory). "
-        "Choose another place.\n",
-    )
+    assert result.exit_code == 1
+    assert f"--out must be a file that can be written; got '{tmp_path}/none/a.csv' (No such file or" in result.stderr
     (tmp_path / "a.csv").write_text("weeks of work")
     result = mpsim_command("tradeoff", "cradle", "--out", tmp_path / "a.csv")
     assert result.exit_code == 2
@@ -184,26 +136,21 @@ def test_what_cannot_be_animated_or_written_is_told_before_any_work(tmp_path, mo
 # --- help, version, completion
 
 
-@pytest.mark.parametrize("command", [[], *([name] for name in NAMES)], ids=" ".join)
-def test_help_has_examples_that_begin_with_the_command(command):
-    result = mpsim_command(*command, "--help")
-    assert (result.exit_code, result.stderr) == (0, "")
-    assert f"Examples:\n    mpsim {' '.join(command)}".rstrip() in result.stdout
-
-
-def test_the_commands_are_these():
+def test_help_has_examples_that_begin_with_the_command():
     known = "animate bench clean completion plot resume run scenes show stability tradeoff tune view warmup"
     assert " ".join(NAMES) == known
+    for command in [[], *([name] for name in NAMES)]:
+        result = mpsim_command(*command, "--help")
+        assert (result.exit_code, result.stderr) == (0, "")
+        assert f"Examples:\n    mpsim {' '.join(command)}".rstrip() in result.stdout
+    assert mpsim_command("--version").stdout == f"mpsim, version {mpsim.__version__}\n"
 
 
 def test_the_module_is_the_command():
-    run = [sys.executable, "-m", "mpsim"]
-    shown = subprocess.run([*run, "show", "cradle"], capture_output=True, text=True, timeout=60, check=True)
-    assert shown.stdout.startswith("cradle: Newton's cradle\n")
-    refused = subprocess.run([*run, "show", "none"], capture_output=True, text=True, timeout=60, check=False)
+    run = [sys.executable, "-m", "mpsim", "show", "none"]
+    refused = subprocess.run(run, capture_output=True, text=True, timeout=60, check=False)
     assert (refused.returncode, refused.stdout) == (2, "")
     assert refused.stderr.startswith("Error: scene must be a path that ends in .toml or one of ")
-    assert mpsim_command("--version").stdout == f"mpsim, version {mpsim.__version__}\n"
 
 
 def test_scenes_and_shells_are_completed():
@@ -232,22 +179,13 @@ def test_verbose_tells_what_is_read_and_a_warning_is_a_line_without_source(monke
 # --- scenes and show
 
 
-def names_of_scenes():
-    return list(json.loads(mpsim_command("scenes", "--json").stdout))
-
-
 def test_scenes_are_listed_one_line_each_and_shown():
-    result = mpsim_command("scenes")
-    assert result.exit_code == 0
-    assert [line.split()[0] for line in result.stdout.splitlines()] == names_of_scenes()
-    assert re.search("^galton +Galton's board$", result.stdout, re.MULTILINE)
-    titles = json.loads(mpsim_command("scenes", "--json").stdout)
-    for name in ("cradle", "galton", "hopper"):
-        result = mpsim_command("show", name)
-        assert result.exit_code == 0
-        assert result.stdout.startswith(f"{name}: {titles[name]}\n")
-        assert "\nLook for: " in result.stdout
-        assert "Settings(dt=" in result.stdout
+    result, titles = mpsim_command("scenes"), json.loads(mpsim_command("scenes", "--json").stdout)
+    assert [line.split(maxsplit=1) for line in result.stdout.splitlines()] == [list(each) for each in titles.items()]
+    result = mpsim_command("show", "galton")
+    assert (result.exit_code, result.stdout.splitlines()[0]) == (0, f"galton: {titles['galton']}")
+    assert "\nLook for: " in result.stdout
+    assert "Settings(dt=" in result.stdout
     scene, shown = mpsim.Scene.load("gas"), json.loads(mpsim_command("show", "gas", "--json").stdout)
     assert (shown["digest"], shown["count"]) == (scene.digest(), scene.count)
     assert shown["settings"]["dt"] == scene.settings.dt
@@ -290,11 +228,7 @@ def test_show_names_every_feature_or_every_problem(tmp_path):
     (tmp_path / "bad.toml").write_text("schema = 1\nwidth = -1\nheight = 'x'\n")
     result = mpsim_command("show", tmp_path / "bad.toml")
     assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr == (
-        "Error: 2 problems in a scene file:\n"
-        f"{tmp_path}/bad.toml: width must be a finite number > 0 [length]; got -1.\n"
-        f"{tmp_path}/bad.toml: height must be a number > 0 [length]; got 'x'.\n"
-    )
+    assert result.stderr.startswith(f"Error: 2 problems in a scene file:\n{tmp_path}/bad.toml: width must be")
 
 
 # --- searches
@@ -312,12 +246,11 @@ def test_tune_and_tradeoff_do_what_they_say(tmp_path):
     assert python.startswith("in Python: Settings(")
     table = mpsim_command("tradeoff", path, "--measure", "overlap", "--json", "--keep", tmp_path / "kept", *short)
     assert len(json.loads(table.stdout)["rows"]) > 5
-    for name, start in (("a.csv", "method,contact,law,"), ("a.json", "{"), ("a.txt", "")):
-        words = ["--measure", "overlap", "--keep", tmp_path / "kept", *short, "--out", tmp_path / name]
-        result = mpsim_command("tradeoff", path, *words)
-        assert (result.exit_code, result.stdout) == (0, ""), result.stderr
-        assert f"candidates written to {tmp_path / name}\n" in result.stderr
-        assert (tmp_path / name).read_text().startswith(start)
+    words = ["--measure", "overlap", "--keep", tmp_path / "kept", *short, "--out", tmp_path / "a.csv"]
+    result = mpsim_command("tradeoff", path, *words)
+    assert (result.exit_code, result.stdout) == (0, ""), result.stderr
+    assert f"candidates written to {tmp_path / 'a.csv'}\n" in result.stderr
+    assert (tmp_path / "a.csv").read_text().startswith("method,contact,law,")
 
 
 # --- bench, warmup
@@ -337,7 +270,7 @@ def test_bench_and_warmup_tell_numbers():
     assert (found["scene"], found["kernels"]) == ("gas", 0), "the second time nothing is missing"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_compiling_is_a_line_once_and_nothing_under_quiet(tmp_path):
     """Where nobody watches; on a terminal it is a spinner that goes."""
     found = []
