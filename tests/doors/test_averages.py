@@ -168,14 +168,13 @@ def test_a_ratio_over_few_events_is_not_settled_and_over_none_is_unknown():
     assert math.isnan(nothing.error)
 
 
-def test_what_cannot_change_has_no_error():
+def test_what_cannot_change_has_no_error_and_what_only_has_not_an_unknown_one():
     found = block_average(np.full(1000, 0.1), constant=True)
     assert (found.value, found.error, found.samples, found.settled) == (0.1, 0.0, 1000, True)
     rounded = block_average(0.1 + 1e-16 * np.arange(1000).clip(max=500), constant=True)
     assert rounded.settled
     assert 0 < rounded.error < 1e-12
-
-    for value, rounding in ((0.1, 0.0), (0.1, 1e-16), (0.0, 0.0)):  # what only has not changed
+    for value, rounding in ((0.1, 0.0), (0.1, 1e-16), (0.0, 0.0)):
         found = block_average(value + rounding * np.arange(1000).clip(max=500))
         assert (found.value, found.settled) == (pytest.approx(value), False)
         assert math.isnan(found.error)

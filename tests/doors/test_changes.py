@@ -3,11 +3,12 @@
 import math
 from decimal import Decimal
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 import pytest
 from support.refusals import assert_says
-from support.scenes import gas, lattice, simulate
+from support.scenes import digest_after, gas, lattice, simulate
 
 import mpsim
 from mpsim import InputError, ThermalWalls, Thermostat
@@ -34,17 +35,12 @@ def kept(sim):
 OF_GAS = {
     "set": [
         ({"ids": [1, 2, 1], "velocity": (0, 0)}, ["ids must hold each disc once", "disc 1 is in it 2 times"]),
-        ({"ids": 1.5, "velocity": (0, 0)}, ["ids must be whole numbers", "got 1.5"]),
         ({"ids": [[1], [2, 3]], "velocity": (0, 0)}, ["ids must be whole numbers", "[[1], [2, 3]]"]),
-        ({"ids": [True] * 20, "velocity": (0, 0)}, ["ids must be whole numbers", "numpy.flatnonzero"]),
         ({"ids": 9, "velocity": (0, 0)}, ["ids must be discs that are there", "disc 9 has been removed"]),
         ({"ids": 1}, ["set needs something to set", "position, velocity, acceleration, spin"]),
-        ({"ids": 1, "position": (NAN, 1)}, ["position must be finite", "nan"]),
         ({"ids": [1, 2], "velocity": [(1, 0), (1,)]}, ["velocity must be numbers of shape (2,) or (2, 2)"]),
-        ({"ids": 1, "velocity": np.array([1j, 1])}, ["velocity must be numbers of shape (2,)", "complex128"]),
         ({"ids": 1, "velocity": (1e200, 0)}, ["velocity must be at most", "1e+200"]),
         ({"ids": 1, "spin": 1.0}, ["spin can be set only in a scene of rough discs", "1.0"]),
-        ({"ids": 1, "colour": 3}, ["an argument of Simulation.set must be one of 'ids'", "got 'colour'"]),
     ],
     "kick": [
         ({"ids": 1, "impulse": 3.0}, ["impulse must have shape (2,) or (1, 2)", "got shape ()"]),
@@ -55,35 +51,22 @@ OF_GAS = {
     ],
     "add": [
         ({"position": [1, NAN], "velocity": [0, 0]}, ["position must be finite", "nan"]),
-        ({"position": [1, 1, 1], "velocity": [0, 0, 0]}, ["position must have shape", "(2,) or (K, 2)"]),
-        ({"position": [[1, 1], [2, 2]], "velocity": [0, 0]}, ["velocity must have shape (2, 2)", "as position has"]),
         ({"position": [[1, 1], [1, 99]], "velocity": [[0, 0], [0, 0]]}, ["position[1] must lie in", "99"]),
         ({"position": [1, 1], "velocity": [0, 0], "spin": 2}, ["only in a scene of rough discs", "got 2. Give"]),
         ({"position": [1, 1], "velocity": [0, 0], "radius": 0.5}, ["radius can be given for added discs only in a"]),
-        ({"position": [1, 1], "velocity": [0, 0], "charge": 2}, ["Simulation.add must be one of", "got 'charge'"]),
     ],
     "change": [
         ({"gravty": (0, 1)}, ["'gravty' is not a parameter of a simulation", "Did you mean 'gravity'?"]),
         ({"gravity": 9.8}, ["gravity must be two numbers, along x and y; got 9.8. Downwards it is (0, -9.8)"]),
-        ({"gravity": None}, ["gravity must be two numbers", "got None", "Give (0, 0)"]),
-        ({"contact": "pus"}, ["contact must be one of", "Did you mean 'push'?"]),
-        ({"dt": 0}, ["dt must be a finite number > 0", "got 0"]),
-        ({"passes": 0}, ["passes must be a whole number from 1", "got 0"]),
         ({"piston_speed": -1.0}, ["piston_speed can be changed only in a scene with a piston", "-1.0"]),
-        ({"friction": 0.5}, ["friction can be changed only in a scene that has it, and got 0.5"]),
-        ({"temperature": 2.0}, ["temperature can be changed only in a scene with a thermostat, and got 2.0"]),
         ({"wall_temperature": [1]}, ["wall_temperature can be changed only in a scene with thermal walls"]),
-        ({"restitution": 1.5}, ["restitution must be a number from 0 to 1", "1.5"]),
         ({"restitution": 0.5, "dt": -1}, ["dt must be a finite number > 0", "-1"]),
     ],
     "add_wall": [
-        ({"points": [(1, 1), (1, 1)]}, ["points of a Polyline must be at least two"]),
         ({"points": [(1, 1), (2, 1)], "thickness": -1}, ["thickness of a Polyline", "-1"]),
         ({"points": [(0, 0), (8, 8)], "thickness": 3}, ["a wall must be clear of all discs; got disc ", "inside it"]),
     ],
     "run": [
-        ({"frames": 2.5}, ["frames must be a whole number", "got 2.5"]),
-        ({"until": NAN}, ["until must be a finite number >= 0", "got nan"]),
         ({"until": 0.01}, ["until must not lie in the past", "the time is 0.02", "got 0.01"]),
         ({"until": 1e13}, ["until must be at most 1,000,000,000,000 frames of 0.01; got 1e+13"]),
         ({"frames": 9, "measures": ["temperature"], "start": 1e308}, ["start must be at most 1,000,000,000,000"]),
@@ -116,50 +99,41 @@ ROUGH = {"friction": 0.5, "wall_friction": 0.5}
 WARM = {"thermal_walls": ThermalWalls(left=1.0, right=1.0)}
 
 
-@pytest.mark.parametrize(
-    ("features", "arguments", "parts"),
-    [
-        (PISTON, {"piston_speed": 0.5}, ["speed of a Piston must point into the box"]),
-        ({"emitters": BY_FRAMES}, {"interval": 0.5}, ["emitters that have it"]),
-        ({"emitters": IN_TIME}, {"interval": [1, 2]}, ["one for each of 1 emitters"]),
-        (ROUGH, {"friction": 0.0}, ["friction must be > 0 in a change; got 0.0. A small one has almost no effect."]),
-        (WARM, {"wall_temperature": [1.0, 0.0]}, ["wall_temperature must be a finite number > 0"]),
-        (WARM, {"wall_temperature": [1, 2, 3]}, ["one for each of the thermal walls left, right; got [1, 2, 3]"]),
-    ],
-)  # fmt: skip
-def test_a_parameter_that_does_not_fit_its_scene_is_refused(features, arguments, parts):
-    with simulate(one_disc(**features), method="naive") as sim:
-        before = kept(sim)
-        with pytest.raises(InputError) as caught:
-            sim.change(**arguments)
-        assert_says(caught, parts)
-        assert kept(sim) == before
+OF_SCENES = [
+    (PISTON, {"piston_speed": 0.5}, "speed of a Piston must point into the box"),
+    ({"emitters": BY_FRAMES}, {"interval": 0.5}, "emitters that have it"),
+    ({"emitters": IN_TIME}, {"interval": [1, 2]}, "one for each of 1 emitters"),
+    (ROUGH, {"friction": 0.0}, "friction must be > 0 in a change; got 0.0. A small one has almost no effect."),
+    (WARM, {"wall_temperature": [1, 2, 3]}, "one for each of the thermal walls left, right; got [1, 2, 3]"),
+]
+
+
+def test_a_parameter_that_does_not_fit_its_scene_is_refused():
+    for features, arguments, text in OF_SCENES:
+        with simulate(one_disc(**features), method="naive") as sim:
+            before = kept(sim)
+            with pytest.raises(InputError) as caught:
+                sim.change(**arguments)
+            assert_says(caught, [text])
+            assert kept(sim) == before
 
 
 MIXED = {"position": [[2, 2], [5, 5]], "velocity": np.zeros((2, 2)), "radius": [0.5, 0.25], "mass": [1, 2]}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "parts"),
-    [
-        ({"mass": 1}, ["radius must be given for added discs, as the discs of this scene have one each; got None"]),
-        ({"radius": 0.5}, ["mass must be given for added discs, as the discs of this scene have one each"]),
-        ({"radius": 0.6, "mass": 1}, ["largest disc, 0.5; got [0.6]"]),
-        ({"radius": 0.5, "mass": -1}, ["mass of added discs must be > 0; got [-1.0]"]),
-        ({"radius": [0.1, 0.2], "mass": 1}, ["radius must have shape () or (1,)", "got shape (2,)"]),
-    ],
-)
-def test_sizes_and_spins_of_added_discs_are_checked(arguments, parts):
-    with simulate(mpsim.Scene(width=10, height=10, friction=0.5, **MIXED), method="naive") as sim:
-        with pytest.raises(InputError) as caught:
-            sim.add([7, 7], [0, 0], **arguments)
-        assert_says(caught, parts)
-        assert sim.count == 2, "nothing was added"
-
-
 @pytest.mark.parametrize("method", METHODS)
-def test_added_discs_have_one_value_or_one_each(method):
+def test_added_discs_have_one_value_or_one_each_and_right_ones(method):
     with simulate(mpsim.Scene(width=10, height=10, friction=0.5, **MIXED), method=method) as sim:
+        for arguments, text in (
+            ({"mass": 1}, "radius must be given for added discs, as the discs of this scene have one each; got None"),
+            ({"radius": 0.5}, "mass must be given for added discs, as the discs of this scene have one each"),
+            ({"radius": 0.6, "mass": 1}, "largest disc, 0.5; got [0.6]"),
+            ({"radius": [0.1, 0.2], "mass": -1}, "radius must have shape () or (1,)"),
+        ):
+            with pytest.raises(InputError) as caught:
+                sim.add([7, 7], [0, 0], **arguments)
+            assert_says(caught, [text])
+        assert sim.count == 2, "nothing was added"
         sim.add([[7, 7], [8, 2]], np.zeros((2, 2)), radius=[0.1, 0.2], mass=1)
         sim.add([3, 8], [0, 0], radius=0.5, mass=2, spin=2.5)
         sim.add(np.empty((0, 2)), np.empty((0, 2)), radius=[], mass=[])
@@ -181,10 +155,10 @@ def test_accelerations_are_set_and_added_for_each_disc():
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("features", [{}, {"mass": np.linspace(1, 4, 20), "wall_friction": 0.5}])
-def test_set_and_kick_do_what_they_say(features, method):
+def test_set_and_kick_do_what_they_say(method):
     base = gas(20, 0.2)
     box = {"width": base.width + 4, "height": base.height, "radius": 0.5}
+    features = {"mass": np.linspace(1, 4, 20), "wall_friction": 0.5}
     scene = mpsim.Scene(position=base.position, velocity=base.velocity, **box, **features)
     with simulate(scene, dt=0.01, method=method) as sim:
         sim.run(frames=3)
@@ -196,8 +170,7 @@ def test_set_and_kick_do_what_they_say(features, method):
         sim.kick(np.array([8]), (0.25, 0.25))
         expected = before.velocity.copy()
         expected[[2, 4, 6]] = (0.5, -0.25), (1.0, -0.25), (0.5, 0.5)
-        for disc, impulse in ((7, (1.0, 0.0)), (6, (0.0, 2.0)), (8, (0.25, 0.25))):
-            expected[disc] += np.array(impulse) / scene.masses[disc]
+        expected[[7, 6, 8]] += [(1.0, 0.0), (0.0, 2.0), (0.25, 0.25)] / scene.masses[[7, 6, 8], None]
         now, others = sim.state, np.arange(20) != 4
         assert np.array_equal(now.velocity, expected)
         assert np.array_equal(now.position[others], before.position[others])
@@ -222,9 +195,6 @@ def test_a_removed_disc_is_in_nobodys_way_and_the_others_keep_their_numbers(meth
         assert state.position.tolist() == [[pytest.approx(6.0), 1.5], [6.0, 1.5]]
         sim.add((9.0, 1.5), (0.0, 0.0))
         assert (sim.count, sim.state.present.tolist()) == (3, [True, False, True])
-        sim.remove([0, 2])
-        sim.run(frames=5)
-        assert not sim.state.present.any()
 
 
 def test_a_removed_disc_takes_no_part_in_measures_and_files(tmp_path):
@@ -240,8 +210,7 @@ def test_a_removed_disc_takes_no_part_in_measures_and_files(tmp_path):
             with pytest.raises(InputError, match="removed discs"):
                 sim.run(frames=1, measures=[name])
     frames = list(mpsim.Trajectory(tmp_path / "t.xyz"))
-    assert [len(frame.position) for frame in frames] == [20, 20]
-    assert not set(range(10, 20)) & set(frames[0].ids.tolist())
+    assert [sorted(frame.ids.tolist()) for frame in frames] == [[*range(10), *range(20, 30)]] * 2
 
 
 class At:
@@ -258,19 +227,14 @@ class At:
 
 
 def test_energy_that_was_put_in_is_no_drift():
-    """Between two runs it is counted by neither; in a run nobody knows what it was, and the drift is NaN."""
-    with simulate(gas(30, 0.3, seed=2), method="grid") as sim:
+    """Between two runs it is counted by neither; in a run nobody knows what it was, nor what a wall takes up."""
+    with simulate(gas(20, 0.3, seed=2), method="grid") as sim:
         sim.kick(0, (5.0, 0.0))
         assert abs(sim.run(frames=10, measures=["energy_drift"]).measures["energy_drift"].value) < 1e-10
-        names = ["energy_drift", "momentum_drift", "temperature"]
-        found = sim.run(frames=20, measures=names, observe=At(20, lambda sim: sim.kick(0, (5.0, 0.0)))).measures
-        assert np.isnan([found["energy_drift"].value, found["momentum_drift"].value]).all()
-        assert found["temperature"].value > 0
-        assert abs(sim.run(frames=10, measures=["energy_drift"]).measures["energy_drift"].value) < 1e-10
-        found = sim.run(frames=20, measures=names[1:], observe=At(40, lambda sim: sim.add_wall([(0, 0), (0, 1)])))
-        assert np.isnan(found.measures["momentum_drift"].value), "what a wall takes up is counted by nobody"
-        with pytest.raises(InputError, match="obstacles, whose impulses are not counted"):
-            sim.run(frames=1, measures=["momentum_drift"])
+        names = ["energy_drift", "momentum_drift"]
+        for act in (lambda sim: sim.kick(0, (5.0, 0.0)), lambda sim: sim.add_wall([(0, 0), (0, 1)])):
+            found = sim.run(frames=10, measures=names, observe=At(sim.frame, act)).measures
+            assert np.isnan(found["momentum_drift"].value)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -300,15 +264,6 @@ def test_the_rate_of_an_emitter_is_changed_within_its_interval(method):
     assert np.searchsorted(entered, [1, 2, 3], side="left").tolist() == [6, 10, 14]
 
 
-def test_walls_that_are_not_thermal_stay_so():
-    given = one_disc(thermal_walls=ThermalWalls(right=1.0, bottom=2.0))
-    with simulate(given, method="naive") as sim:
-        for value, expected in (([3.0, 4.0], (3.0, 4.0)), (5.0, (5.0, 5.0))):
-            sim.change(wall_temperature=value)
-            assert sim.scene.thermal_walls == ThermalWalls(right=expected[0], bottom=expected[1])
-        assert sim.journal.scene.thermal_walls == given.thermal_walls
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_wall_is_met_from_both_sides_once_it_stands(method):
     """Both discs would meet in the middle; a removed one is not in the way of the wall."""
@@ -331,57 +286,36 @@ def test_a_wall_is_met_from_both_sides_once_it_stands(method):
 
 
 def test_a_wall_leaves_the_other_parts_of_a_scene_their_room():
-    blocked = one_disc(emitters=mpsim.Emitter((4, 4), (1, 0), every=5))
-    with (
-        simulate(blocked, method="naive") as sim,
-        pytest.raises(InputError, match=r"the position of emitters\[0\] must be one radius from"),
-    ):
-        sim.add_wall([(3, 4), (6, 4)])
-    with simulate(one_disc(obstacles=mpsim.FixedDisc((5, 5), 1)), method="naive") as sim:
-        sim.add_wall([(3, 4), (6, 4)])
+    parts = {"emitters": mpsim.Emitter((4, 4), (1, 0), every=5), "obstacles": mpsim.FixedDisc((5, 6), 1)}
+    with simulate(one_disc(**parts), method="naive") as sim:
+        with pytest.raises(InputError, match=r"the position of emitters\[0\] must be one radius from"):
+            sim.add_wall([(3, 4), (6, 4)])
+        sim.add_wall([(3, 2), (6, 2)])
         assert len(sim.scene.obstacles) == 2
         with pytest.raises(InputError, match=r"position\[0\] must be one radius .* obstacle"):
-            sim.set(0, position=(5, 6.25))
-
-
-def test_the_exact_solver_refuses_discs_that_are_set_on_each_other():
-    with simulate(lattice(4, 4), method="event") as sim:
-        sim.run(frames=3)
-        before, there = kept(sim), sim.state.position[5]
-        for change in (lambda: sim.set(3, position=there), lambda: sim.add(there, (0, 0))):
-            with pytest.raises(InputError, match=r"discs (3 and 5|5 and 16) overlap"):
-                change()
-            assert kept(sim) == before
-        sim.remove(5)
-        sim.set(3, position=there)
-        assert sim.run(frames=3).frames == 3
+            sim.set(0, position=(5, 2.25))
 
 
 def test_a_speed_that_is_refused_is_not_given():
-    digests = []
     with simulate(lattice(4, 4), method="grid", dt=0.01, on_fast="error") as sim:
-        for _ in range(2):
-            sim.run(frames=2)
-            before = kept(sim)
-            for change in (
-                lambda: sim.kick(1, (500, 0)),
-                lambda: sim.set(1, velocity=(500, 0)),
-                lambda: sim.add((2.25, 2.25), (500, 0)),
-                lambda: sim.change(dt=10.0),
-            ):
-                with pytest.raises(mpsim.TooFastError):
-                    change()
-                assert kept(sim) == before
-        digests.append(sim.digest())
-    with simulate(lattice(4, 4), method="grid", dt=0.01) as sim:
-        sim.run(frames=4)
-        assert sim.digest() == digests[0]
+        sim.run(frames=2)
+        before = kept(sim)
+        for change in (
+            lambda: sim.kick(1, (500, 0)),
+            lambda: sim.set(1, velocity=(500, 0)),
+            lambda: sim.add((2.25, 2.25), (500, 0)),
+            lambda: sim.change(dt=10.0),
+        ):
+            with pytest.raises(mpsim.TooFastError):
+                change()
+            assert kept(sim) == before
+        sim.run(frames=2)
+        assert sim.digest() == digest_after(lattice(4, 4), 4, method="grid", dt=0.01)
 
 
-@pytest.mark.parametrize("method", ["naive", "grid"])
-def test_what_follows_is_what_a_new_simulation_of_the_changed_state_does(method):
+def test_what_follows_is_what_a_new_simulation_of_the_changed_state_does():
     scene = gas(30, 0.3, seed=3, gravity=(0.0, -0.25))
-    with simulate(scene, dt=0.01, method=method) as sim, simulate(scene, dt=0.01, method=method) as unchanged:
+    with simulate(scene, dt=0.01, method="grid") as sim:
         for act in (
             lambda: sim.kick(3, (1.5, -2.0)),
             lambda: sim.remove([4, 11]),
@@ -393,49 +327,34 @@ def test_what_follows_is_what_a_new_simulation_of_the_changed_state_does(method)
             act()
         state = sim.state
         sim.run(frames=5)
-        with simulate(scene.starting_from(state), dt=0.01, method=method, substeps=3) as fresh:
+        with simulate(scene.starting_from(state), dt=0.01, method="grid", substeps=3) as fresh:
             fresh.run(frames=5)
             assert np.array_equal(fresh.state.position, sim.state.position[state.present])
             assert np.array_equal(fresh.state.velocity, sim.state.velocity[state.present])
-        unchanged.run(frames=15)
-        assert unchanged.digest() != sim.digest()
 
 
-@pytest.mark.parametrize(
-    ("dt", "speed", "allowed", "text"),
-    [
-        (1e-9, 1e14, 1e11, "velocity(| after the kick) must give speeds of at most .*; got 1e"),
-        (1.0, 1e12, 1e2, "dt must be short enough"),
-    ],
-)
-def test_each_door_refuses_speeds_that_no_exact_run_can_follow(dt, speed, allowed, text):
-    with simulate(gas(20, 0.2), method="event", dt=dt) as sim:
-        before, corner = kept(sim), np.array([0.51, 0.51])
-        free = min(np.hypot(*(sim.state.position - corner).T)) > 1
-        for change in (
-            lambda: sim.set(0, velocity=(speed, 0)),
-            lambda: sim.kick(0, (0, -speed)),
-            lambda: sim.add(corner if free else sim.state.position[0], (speed, 0)),
-        ):
-            with pytest.raises(InputError, match=text):
+def test_each_door_refuses_speeds_that_no_exact_run_can_follow():
+    with simulate(gas(20, 0.2), method="event", dt=1e-9) as sim:
+        before = kept(sim)
+        for change in (lambda: sim.set(0, velocity=(1e14, 0)), lambda: sim.kick(0, (0, -1e14))):
+            with pytest.raises(InputError, match=r"velocity(| after the kick) must give speeds of at most .*; got 1e"):
                 change()
             assert kept(sim) == before
-        sim.set(0, velocity=(allowed, 0))  # the control
-    with simulate(gas(20, 0.2), method="event", dt=dt) as sim, pytest.raises(InputError, match="dt must be "):
-        sim.change(dt=1e40)
+        sim.set(0, velocity=(1e11, 0))  # the control
+    with simulate(gas(20, 0.2), method="event", dt=1.0) as sim:
+        with pytest.raises(InputError, match="dt must be short enough"):
+            sim.set(0, velocity=(1e12, 0))
+        with pytest.raises(InputError, match="dt must be "):
+            sim.change(dt=1e40)
 
 
 # --- the journal
 
 
-def test_dt_is_not_changed_in_a_callback():
-    with simulate(gas(20, 0.2)) as sim:
-        with pytest.raises(InputError, match="between two runs, not in a callback of a run"):
-            sim.run(frames=1, observe=At(0, lambda sim: sim.change(dt=0.5)))
-        sim.change(dt=0.005)
-
-
 def test_a_journal_holds_plain_numbers_and_is_replayed_from_its_file(tmp_path):
+    words = "between two runs, not in a callback of a run"
+    with simulate(gas(20, 0.2)) as sim, pytest.raises(InputError, match=words):
+        sim.run(frames=1, observe=At(0, lambda sim: sim.change(dt=0.5)))
     with simulate(gas(20, 0.2)) as sim:
         sim.change(dt=Fraction(1, 40), gravity=(Decimal("0.5"), np.float32(0)), passes=np.int8(2))
         sim.run(frames=5)
@@ -446,8 +365,6 @@ def test_a_journal_holds_plain_numbers_and_is_replayed_from_its_file(tmp_path):
     assert journal.changes[0].values == {"dt": 0.025, "gravity": [0.5, 0.0], "passes": 2}
     with mpsim.Simulation.replay(journal.save(tmp_path / "session.toml")) as again:
         assert again.digest() == journal.digest
-    with pytest.raises(InputError, match=r"must end in \.toml"):
-        journal.save(tmp_path / "session")
     with mpsim.Simulation.resume(checkpoint) as again:
         assert again.journal.changes == journal.changes
 
@@ -486,11 +403,18 @@ VALUES = {
 """Of each parameter: a value before the first frame, then two in the same frame, of which the last one holds."""
 
 
+HOW = {"dt": 0.025, "method": "grid"}
+
+
+@cache
+def unchanged(scene_name):
+    return digest_after(everything(scene_name), 14, **HOW)
+
+
 @pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 @pytest.mark.parametrize("name", VALUES)
 def test_each_parameter_acts_and_is_the_same_after_a_resume_and_in_a_replay(name, tmp_path):
-    how = {"dt": 0.025, "method": "grid"}
-    with simulate(everything(name), **how) as sim, simulate(everything(name), **how) as unchanged:
+    with simulate(everything(name), **HOW) as sim:
         first, second, last = VALUES[name]
         sim.change(**{name: first})
         sim.run(frames=6)
@@ -498,15 +422,16 @@ def test_each_parameter_acts_and_is_the_same_after_a_resume_and_in_a_replay(name
         sim.change(**{name: last})
         path = sim.save(tmp_path / "run")
         sim.run(frames=8)
-        unchanged.run(frames=14)
-        digest, time, journal = sim.digest(), sim.time, sim.journal
-        assert (digest == unchanged.digest()) == (name == "workers")
+        digest, time, session = sim.digest(), sim.time, sim.journal.save(tmp_path / "session.toml")
+        if name == "wall_temperature":
+            assert sim.scene.thermal_walls == ThermalWalls(left=last[0], bottom=last[1], seed=5)
+            assert sim.journal.scene.thermal_walls == everything(name).thermal_walls
+        assert (digest == unchanged("wall_friction" if name == "wall_friction" else "")) == (name == "workers")
     with mpsim.Simulation.resume(path) as again:
         again.run(frames=8)
         assert (again.digest(), again.time, len(again.journal)) == (digest, time, 3)
-    for source in (journal, journal.save(tmp_path / "session.toml")):
-        with mpsim.Simulation.replay(source) as again:
-            assert (again.digest(), again.time) == (digest, time)
+    with mpsim.Simulation.replay(session) as again:
+        assert (again.digest(), again.time) == (digest, time)
 
 
 def test_all_parameters_are_tried():

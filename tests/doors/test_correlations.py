@@ -132,7 +132,7 @@ def test_discs_that_drift_never_diffuse():
 def test_in_a_heat_bath_the_energy_is_known_after_many_memories_of_it(rate, settled):
     """Its error at least that of a canonical energy that the bath exchanges in 1/(2 rate)."""
     bath = gas(9, 0.1, seed=2, thermostat=mpsim.Thermostat(1.0, rate))
-    measure = Moving(random(1000, 9, 2), scene=bath).run(Correlations()).velocity[0]
+    measure = Moving(random(500, 9, 2), scene=bath).run(Correlations()).velocity[0]
     assert measure.settled is settled
     canonical = measure.value / 3  # of nine discs
     assert (measure.error > 0.3 * canonical) is not settled
