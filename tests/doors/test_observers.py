@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from support.refusals import assert_says
-from support.scenes import gas, simulate
+from support.scenes import simulate
 
-from mpsim import Collisions, Emitter, FixedDisc, InputError, Scene, Sensor
+from mpsim import Collisions, FixedDisc, InputError, Scene, Sensor
 
 pytestmark = pytest.mark.plain
 
@@ -80,26 +80,13 @@ def test_frames_that_nobody_observed_are_not_in_it():
     assert seen.table.tobytes() == everything.table[(frames <= 10) | (frames > 20)].tobytes()
 
 
-@pytest.mark.parametrize("method", ["event", "grid"])
-def test_discs_that_enter_are_seen_too(method):
-    spout = Emitter((1.0, 2.0), velocity=(1.0, 0.0), interval=1.0, limit=1)
-    scene = Scene(width=10.0, height=4.0, position=[[8.0, 2.0]], velocity=[[0.0, 0.0]], radius=0.5, emitters=spout)
-    seen = Collisions(between="discs")
-    run(seen, frames=80, method=method, scene=scene)
-    assert (seen.table["i"][0], seen.table["j"][0]) == (0, 1)
-    assert seen.table["impulse"][0] == pytest.approx([1.0, 0.0], abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("kind", "arguments", "part"),
     [
-        (Collisions, {"every": 0}, "every must be a whole number from 1"),
         (Collisions, {"between": "disks"}, "got 'disks'. Did you mean 'discs'?"),
         (Collisions, {"ids": [1, -1]}, "ids must be numbers of discs"),
         (Collisions, {"callback": 3}, "callback must be a function of a simulation and a table"),
-        (Sensor, {}, "one of obstacle, wall and region"),
         (Sensor, {"obstacle": 1, "wall": "left"}, "one of obstacle, wall and region"),
-        (Sensor, {"wall": "lft"}, "wall must be one of"),
         (Sensor, {"region": (1.0, 0.0, 0.0, 1.0)}, "region must be (x_low, x_high, y_low, y_high)"),
     ],
 )
@@ -117,21 +104,3 @@ def test_an_obstacle_that_is_not_there_and_another_simulation_are_refused():
     with pytest.raises(InputError, match="belongs to one simulation"):
         run(seen, frames=1)
     assert kept.scene.count == 30
-
-
-def test_an_observer_of_another_kind_looks_every_so_many_frames_and_needs_no_log():
-    class Frames:
-        every = 2
-
-        def observe(self, sim, collisions):
-            seen.append((sim.frame, collisions))
-
-    seen = []
-    with simulate(gas(20, 0.4), method="grid", dt=0.05) as sim:
-        report = sim.run(frames=9, observe=Frames())
-        assert "collisions" not in sim.array_names
-        assert report.observing_seconds > 0
-    frames, counts = zip(*seen, strict=True)
-    assert frames == (0, 2, 4, 6, 8)
-    assert counts[0] == 0 < counts[-1] <= report.collisions
-    assert sorted(counts) == list(counts), "collisions of the run until then"

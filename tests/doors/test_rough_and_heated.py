@@ -36,29 +36,22 @@ WRONG = {
     Thermostat: (
         {"temperature": 1.0, "rate": 1.0},
         [
-            ({"temperature": "warm"}, ["temperature of a Thermostat", "'warm'"]),
             ({"rate": 0.0}, ["rate of a Thermostat must be a finite number > 0"]),
             ({"seed": 1.5}, ["seed of a Thermostat must be a whole number", "1.5"]),
-            ({"seed": 2**63}, ["seed of a Thermostat"]),
         ],
     ),
     ThermalWalls: (
         {},
         [
             ({"left": 0}, ["left of ThermalWalls must be a finite number > 0", "0"]),
-            ({"top": "hot"}, ["top of ThermalWalls", "'hot'"]),
-            ({"left": 1.0, "seed": 0.5}, ["seed of ThermalWalls must be a whole number", "0.5"]),
         ],
     ),
     scene_of: (
         {},
         [
-            ({"friction": -0.1}, ["friction must be a number >= 0", "-0.1"]),
             ({"tangential_restitution": 1.01}, ["tangential_restitution", "from -1 to 1", "1.01"]),
             ({"spin": [1.0]}, ["spin", "(2,)", "(1,)"]),
-            ({"spin": [0.0, math.inf]}, ["spin must be finite", "inf"]),
             ({"thermostat": {"temperature": 1.0, "rate": 1.0}}, ["thermostat must be an mpsim.Thermostat"]),
-            ({"thermal_walls": 1.0}, ["thermal_walls must be mpsim.ThermalWalls", "1.0"]),
             ({"thermal_walls": WALLS, "boundary": "periodic"}, ["must name a wall", "'left'", "periodic along x"]),
             ({"thermal_walls": WALLS, "absorbing": "right"}, ["must not be absorbing edges", "'right'"]),
             ({"thermal_walls": WALLS, "piston": mpsim.Piston("left", 1, 3)}, ["must be at rest", "'left'", "piston"]),
@@ -79,26 +72,17 @@ def test_what_cannot_be_is_refused(make):
     scene_of(thermal_walls=WALLS, **beside)  # the control
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("[thermostat]\ntemprature = 1.0\nrate = 1.0", ["temprature", "temperature"]),
-        ("[thermal_walls]\nlft = 1.0", ["lft", "left"]),
-        ("[thermostat]\ntemperature = -1.0\nrate = 1.0", ["thermostat.temperature must be a finite number > 0", "-1"]),
-        ("[thermal_walls]\nleft = 1.0\nseed = 0.5", ["thermal_walls.seed", "0.5"]),
-        (
-            "friction = 0.5\n[[discs]]\nposition = [[2.0, 2.0], [4.0, 3.0]]\nradius = 0.5\nspin = [1.0, 2.0, 3.0]",
-            ["spin must be one number or 2, one per disc; got 3"],
-        ),
-    ],
-)
-def test_a_file_says_which_key_is_wrong(text, parts, tmp_path):
+def test_a_file_says_which_key_is_wrong(tmp_path):
     path = tmp_path / "a.toml"
-    path.write_text(f"schema = 1\nwidth = 8\nheight = 6\n{text}\n")
-    with pytest.raises(InputError) as caught:
-        Scene.load(path)
-    for part in parts:
-        assert part in str(caught.value)
+    for text, parts in (
+        ("[thermostat]\ntemprature = 1.0\nrate = 1.0", ["temprature", "temperature"]),
+        ("[thermal_walls]\nleft = 1.0\nseed = 0.5", ["thermal_walls.seed", "0.5"]),
+        ("[[discs]]\nposition = [[2.0, 2.0]]\nradius = 0.5\nspin = [1.0, 2.0]", ["spin must be one number or 1, one"]),
+    ):
+        path.write_text(f"schema = 1\nwidth = 8\nheight = 6\n{text}\n")
+        with pytest.raises(InputError) as caught:
+            Scene.load(path)
+        assert all(part in str(caught.value) for part in parts), caught.value
 
 
 def test_the_law_of_the_report_has_no_impulse_for_friction():
@@ -188,14 +172,14 @@ def test_a_scene_starts_from_the_spins_of_a_state():
             State(*flight, spin=wrong)
 
 
-@pytest.mark.parametrize(("suffix", "precision"), [("xyz", "float64"), ("gsd", "float32")])
-def test_a_trajectory_has_the_spins_to_the_bit(suffix, precision, tmp_path):
-    with simulate(scene_of(**ROUGH), method="naive", dt=0.1, precision=precision) as sim:
+@pytest.mark.parametrize("suffix", ["xyz", "gsd"])
+def test_a_trajectory_in_single_precision_has_all_to_the_bit_and_spins(suffix, tmp_path):
+    with simulate(scene_of(**ROUGH), method="naive", dt=0.1, precision="float32") as sim:
         with mpsim.Trajectory.write(tmp_path / f"a.{suffix}", every=3) as out:
             sim.run(frames=9, observe=out)
         last = mpsim.Trajectory(tmp_path / f"a.{suffix}")[-1]
         assert last.state.digest() == sim.digest()
-        assert last.spin.dtype == precision
+        assert (last.spin.dtype, last.velocity.dtype) == ("float32", "float32")
 
 
 def test_a_trajectory_of_smooth_discs_says_where_spins_would_be(tmp_path):

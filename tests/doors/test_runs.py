@@ -23,7 +23,17 @@ def whole(tmp_path_factory):
     result = mpsim_command("run", "gas", *SHORT, "--out", out, "--measure", "pressure")
     assert (result.exit_code, result.stderr) == (0, "")
     assert f"written to {out}/: trajectory.xyz, measures.csv, averages.csv, timings.csv, final.npz, " in result.stdout
+    assert "writing" in times_in(result.stdout)
     return out
+
+
+def times_in(text):
+    """Where the time went, in words and seconds of the summary, which add up."""
+    (times,) = re.findall(r"discs; ([\d.]+) s: (.+)\n", text)
+    parts = {name: float(seconds) for name, seconds in re.findall(r"(\w+) ([\d.]+)", times[1])}
+    rounding = 0.0004 + sum(0.05 if each >= 1 else 0.05 * each for each in (float(times[0]), *parts.values()))
+    assert sum(parts.values()) == pytest.approx(float(times[0]), abs=rounding)
+    return parts
 
 
 def record_of(out):
@@ -59,21 +69,19 @@ def test_run_tells_what_it_did_and_writes_nothing_unasked(tmp_path, monkeypatch)
     result = mpsim_command("run", "gas", "--method", "grid", "--frames", 30, "--measure", "kinetic_energy")
     assert result.exit_code == 0
     lines = result.stdout.splitlines()
+    assert {"simulating"} <= times_in(result.stdout).keys() <= {"compiling", "simulating", "other"}
     assert lines[0].startswith("30 frames by grid, median ")
     assert lines[1].startswith("frame 30, time 0.3, 100 discs; ")
     assert lines[2:4] == ["kinetic_energy: 100(0)", f"digest {library_digest(30)}"]
     assert not list(tmp_path.iterdir())
-    words = ("--dt", 0.02, "--precision", "float32", "--measure", "temperature", "--json")
+    words = ("--dt", 0.02, "--passes", 2, "--measure", "temperature", "--json")
     found = json.loads(mpsim_command("run", "gas", *SHORT[:4], *words).stdout)
-    assert found["settings"]["dt"] == 0.02
-    assert found["settings"]["contact"] == mpsim.Scene.load("gas").settings.contact, (
-        "those of the scene, but those given"
-    )
-    assert found["digest"] == library_digest(30, dt=0.02, precision="float32")
+    assert (found["settings"]["dt"], found["settings"]["contact"]) == (0.02, "impact"), "those of the scene but for two"
+    assert found["digest"] == library_digest(30, dt=0.02, passes=2)
     assert (found["from_frame"], found["to_frame"], found["method"]) == (0, 30, "grid")
 
 
-@pytest.mark.parametrize(("until", "frames"), [(0.3, 30), (0.301, 31), (0.299, 30), (1e-9, 1)])
+@pytest.mark.parametrize(("until", "frames"), [(0.3, 30), (0.301, 31), (1e-9, 1)])
 def test_until_is_the_first_frame_that_reaches_it(until, frames):
     words = ("--method", "naive", "--until", until, "--json", "--quiet")
     assert json.loads(mpsim_command("run", "cradle", *words).stdout)["to_frame"] == frames
@@ -82,30 +90,30 @@ def test_until_is_the_first_frame_that_reaches_it(until, frames):
         assert sim.frame == frames, "as the library does"
 
 
-def test_measures_are_taken_from_a_start_on_also_where_the_run_is_continued(tmp_path, monkeypatch):
-    measured, out = ("--measure", "collision_rate"), tmp_path / "run"
+def test_measures_are_taken_from_a_start_on_also_where_the_run_is_continued(whole, tmp_path, monkeypatch):
+    measured, out = ("--measure", "pressure", "--start", 0.2), tmp_path / "run"
     with mpsim.Simulation(mpsim.Scene.load("gas"), mpsim.Settings(method="grid")) as sim:
-        expected = sim.run(frames=30, measures="collision_rate", start=0.2).measures["collision_rate"].value
-    found = []
-    for start in ((), ("--start", 0), ("--start", 0.2)):
-        told = mpsim_command("run", "gas", *SHORT[:4], *measured, *start, "--json").stdout
-        found.append(json.loads(told)["measures"]["collision_rate"]["value"])
-    assert found[0] == found[1] != found[2] == expected
-    stopped_at(3, monkeypatch, "run", "gas", *SHORT, *measured, "--start", 0.2, "--out", out)
+        expected = sim.run(frames=30, measures="pressure", start=0.2).measures["pressure"].value
+    stopped_at(3, monkeypatch, "run", "gas", *SHORT, *measured, "--out", out)
     assert mpsim_command("resume", out, "--frames", 2, "--quiet").exit_code == 0
-    assert f"digest {library_digest(30)}\n" in mpsim_command("resume", out, "--quiet").stdout
+    assert f"digest {record_of(whole)['digest']}\n" in mpsim_command("resume", out, "--quiet").stdout
     parts = record_of(out)["parts"]
     assert parts[-2]["measures"] == {}, "a part that ends before the start"
-    assert parts[-1]["measures"]["collision_rate"]["value"] == expected
+    assert parts[-1]["measures"]["pressure"]["value"] == expected
+    assert record_of(whole)["parts"][0]["measures"]["pressure"]["value"] != expected, "the control"
 
 
-def test_a_measure_of_too_few_samples_or_that_is_not_settled_says_so():
-    done = mpsim_command("run", "gas", "--frames", 3, "--method", "grid", "--measure", "pressure", "--quiet")
-    assert "(too few samples for an error)\n" in done.stdout
+@pytest.mark.parametrize(
+    ("frames", "says"),
+    [
+        (3, r"\S+ \(too few samples for an error\)"),
+        (30, r"\S+ \(error at (least|most) \S+, not settled: run longer or start later\)"),
+    ],
+)
+def test_a_measure_of_too_few_samples_or_that_is_not_settled_says_so(frames, says):
+    done = mpsim_command("run", "gas", "--frames", frames, "--method", "grid", "--measure", "pressure", "--quiet")
+    assert re.search(rf"(?m)^pressure: {says}$", done.stdout), done.stdout
     assert "nan" not in done.stdout
-    done = mpsim_command("run", "gas", "--frames", 30, "--method", "grid", "--measure", "pressure", "--quiet")
-    line = next(line for line in done.stdout.splitlines() if line.startswith("pressure: "))
-    assert re.fullmatch(r"pressure: \S+ \(error at (least|most) \S+, not settled: run longer or start later\)", line)
 
 
 def test_a_folder_holds_all_of_a_run(whole):
@@ -213,8 +221,6 @@ def test_a_run_that_has_ended_goes_on_where_it_is_told_to_and_by_another_method_
     assert (record["settings"]["method"], record["parts"][-1]["method"]) == ("parallel", "parallel")
     timings = (out / "timings.csv").read_text().splitlines()
     assert [int(line.split(",")[0]) for line in timings[1:]] == list(range(1, 51))
-    again = json.loads(mpsim_command("resume", out, "--frames", 2, "--workers", 1, "--quiet", "--json").stdout)
-    assert again["parts"][-1]["method"] == "parallel", "the one so far"
     mpsim_command("run", "cradle", "--method", "naive", *SHORT[2:], "--out", out, "--force")
     refused = mpsim_command("resume", out, "--frames", 5, "--method", "grid")
     assert refused.exit_code == 2
@@ -273,7 +279,7 @@ def test_only_one_process_writes_to_a_folder(whole, tmp_path, monkeypatch):
     assert record_of(out)["digest"] == library_digest(35)
 
 
-@pytest.mark.parametrize("damage", [b"\0" * 5000 + b"\n", b"1,2\n", b"x,0,0,0,0,0,0\n", b"\xff\xfe,\n"])
+@pytest.mark.parametrize("damage", [b"\0" * 5000 + b"\n", b"1,2\n", b"\xff\xfe,\n"])
 def test_a_damaged_table_is_one_short_error(damage, whole):
     table = whole / "measures.csv"
     before = table.read_bytes()
@@ -314,22 +320,20 @@ def test_plot_draws_what_a_run_recorded(whole, tmp_path):
     with Image.open(picture) as found:
         assert found.size == (1200, 768)
     picture.unlink()
-    other = tmp_path / "other.pdf"
-    assert json.loads(mpsim_command("plot", whole, "--out", other, "--json").stdout) == {"picture": str(other)}
+    other = tmp_path / "other.PDF"
+    assert json.loads(mpsim_command("plot", whole, "-o", other, "--json").stdout) == {"picture": str(other)}
+    assert other.read_bytes().startswith(b"%PDF")
     for name, code, rule in (
-        ("other.pdf", 2, f"'{other}' exists already, and is not overwritten. Give another name, or --force."),
+        ("other.PDF", 2, f"'{other}' exists already, and is not overwritten. Give another name, or --force."),
         ("none/a.png", 1, "a picture must be a file that can be written, such as a .png; got "),
-        *((name, 2, f"'{tmp_path}/{name}'. Use a.png, or a.pdf for print.") for name in ("a.xls", "a", "a.rgba")),
+        *((name, 2, f"'{tmp_path}/{name}'. Use a.png, or a.pdf for print.") for name in ("a.xls", "a")),
     ):
         refused = mpsim_command("plot", whole, "--out", tmp_path / name)
         assert (refused.exit_code, rule in refused.stderr) == (code, True), refused.stderr
-    assert [each.name for each in tmp_path.iterdir()] == ["other.pdf"]
-    for ending, begin in ((".svg", b"<?xml"), (".PNG", b"\x89PNG")):
-        assert mpsim_command("plot", whole, "-o", tmp_path / f"b{ending}").exit_code == 0
-        assert (tmp_path / f"b{ending}").read_bytes().startswith(begin)
+    assert [each.name for each in tmp_path.iterdir()] == ["other.PDF"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "sides"), [("tall", (4, 12)), ("flat", (24, 4))])
 def test_the_picture_of_a_tall_box_has_the_box_beside_the_curves(name, sides, tmp_path):
     pair = {"position": [[1, 1], [3, 3]], "velocity": [[1, 0], [0, 1]], "radius": 0.5}
@@ -341,21 +345,21 @@ def test_the_picture_of_a_tall_box_has_the_box_beside_the_curves(name, sides, tm
 
 
 def test_animate_writes_an_animation_once(tmp_path, monkeypatch):
-    path = tmp_path / "a.gif"
-    few = ("--frames", 3, "--every", 5, "--pixels", 100, "--method", "grid", "--quiet")
-    result = mpsim_command("animate", "gas", path, *few, "--colour", "parity")
-    assert result.stdout == f"written: {path}, 3 pictures, 0.12 s, {path.stat().st_size / 1000:.0f} kB\n"
+    path, few = tmp_path / "a.gif", ("--pixels", 100, "--method", "grid")
+    words = ("--seconds", 0.6, "--until", 0.3, "--fps", 5, "--theme", "dark", "--colour", "parity")
+    result = mpsim_command("animate", "gas", "-o", path, *words, *few, "--quiet")
+    assert result.stdout == f"written: {path}, 3 pictures, 0.6 s, {path.stat().st_size / 1000:.0f} kB\n"
     with Image.open(path) as film:
         assert film.n_frames == 3
     before = path.read_bytes()
     refused = mpsim_command("animate", "gas", path, *few)
     assert refused.exit_code == 2
     assert f"'{path}' exists already, and is not overwritten" in refused.stderr
-    words = ("--fps", 5, "--pixels", 100, "--method", "grid", "--quiet", "--theme", "dark", "--scale", "log", "--force")
-    result = mpsim_command("animate", "gas", "-o", path, "--seconds", 0.6, "--until", 1, *words, "--json")
-    assert json.loads(result.stdout)["pictures"] == 3
-    assert path.read_bytes() != before
-    other = tmp_path / "b.gif"
-    result = stopped_at(0, monkeypatch, "animate", "gas", other, "--method", "naive")
-    assert (result.exit_code, result.stderr) == (130, f"Interrupted; '{other}' was not written.\n")
+    assert path.read_bytes() == before
+    found = mpsim_command(
+        "animate", "gas", path, "--frames", 2, "--every", 5, *few, "--scale", "log", "--quiet", "--force", "--json"
+    )
+    assert json.loads(found.stdout)["pictures"] == 2
+    result = stopped_at(0, monkeypatch, "animate", "gas", tmp_path / "b.gif", "--method", "naive")
+    assert (result.exit_code, result.stderr) == (130, f"Interrupted; '{tmp_path}/b.gif' was not written.\n")
     assert [each.name for each in tmp_path.iterdir()] == ["a.gif"]

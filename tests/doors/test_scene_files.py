@@ -4,8 +4,6 @@ import json
 import logging
 import os
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ import pytest
 from support.commands import mpsim_command
 from support.compare import overlapping_pairs
 from support.scenes import zoo
-from support.selection import slow_but
+from support.selection import long_but
 
 import mpsim
 from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, Settings
@@ -53,8 +51,18 @@ def problems(load):
 # --- what a file says
 
 
+def test_a_byte_order_mark_before_a_scene_or_a_session_is_no_part_of_it(load, tmp_path):
+    assert load("\ufeff" + HEAD + ONE).position.tolist() == [[2, 3]]
+    with mpsim.Simulation(load(HEAD + ONE), Settings(method="naive")) as sim:
+        sim.journal.save(tmp_path / "session.toml")
+    for each in tmp_path.glob("session*.toml"):
+        each.write_bytes(b"\xef\xbb\xbf" + each.read_bytes())
+    with mpsim.Simulation.replay(tmp_path / "session.toml") as again:
+        assert again.count == 1
+
+
 def test_a_file_says_the_same_as_python(load, tmp_path, caplog):
-    np.save(tmp_path / "mass.npy", np.array([1.0, 2.5]))
+    np.save(tmp_path / "mass.npy", np.array([1.0, 2.5], ">f4"))
     (tmp_path / "speeds.csv").write_text("vx, vy\n1, 0\n\n-0.5, 1e-3\n")
     with caplog.at_level(logging.INFO, logger="mpsim"):
         scene = load("""
@@ -179,12 +187,6 @@ def test_groups_are_joined_and_there_may_be_none(load):
     assert np.abs((warm.masses[:, None] * warm.velocity).sum(axis=0)).max() < 1e-12
 
 
-def test_arrays_of_other_kinds_of_numbers_are_fine(load, tmp_path):
-    for kind in ("<f4", ">f8", "i2", "u8"):
-        np.save(tmp_path / "a.npy", np.array([[1, 2], [3, 4]], dtype=kind))
-        assert load(HEAD + "[[discs]]\nposition = 'a.npy'\nradius = 0.5\n").position.tolist() == [[1, 2], [3, 4]]
-
-
 NINE = "schema = 1\nwidth = 4\nheight = 4\n"
 TABLE = "[compressed]\npacking = 0.7\nrate = 1.0\n"
 DISCS = "[[discs]]\nplaces = 'random'\ncount = 9\nradius = 0.5\ntemperature = 1.0\nseed = 3\n"
@@ -213,8 +215,9 @@ EVERYTHING = "gravity acceleration giants masses lossy rough obstacles absorbing
 ODD = [5e-324, -1 / 3, 1e300, -0.0, np.nextafter(1, 2), -1e-310]
 
 
-@pytest.mark.parametrize("count", [0, 1, 5, 70])
-@pytest.mark.parametrize("words", ["", "obstacles emitters radii heated", EVERYTHING])
+@pytest.mark.parametrize(
+    ("words", "count"), [("", 0), ("", 70), ("obstacles emitters radii heated", 1), (EVERYTHING, 5), (EVERYTHING, 70)]
+)
 def test_saved_and_loaded_a_scene_has_the_same_bits(words, count, tmp_path):
     """Of discs that stand in the file, and of more than do."""
     own = {"duration": 1 / 3, "settings": Settings(dt=1 / 3, law="reflect", workers=2)} if words else {}
@@ -273,11 +276,6 @@ def test_files_that_cannot_be_written_or_read_are_refused(tmp_path):
         with pytest.raises(kind, match=text):
             act()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.toml", "latin.toml"]
-
-
-def test_the_checker_is_loaded_only_where_a_file_is_read():
-    code = "import sys, mpsim; assert 'pydantic' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
 # --- what is wrong in a file
@@ -358,29 +356,18 @@ EMITTER = "emitters = [{ position = [1, 1], velocity = [1, 0], radius = 1 }]"
 WRONG = [
     ("", "schema must be given; got nothing. Write 'schema = 1' at the top."),
     ("schema = 1\nwidth = 3", "the box must be given either by packing or by width and height; got packing=None, wi"),
-    (HEAD + "packing = 0.3", "the box must be given either by packing or by width and height; got packing=0.3"),
-    ("schema = 1\npacking = 0.3", "packing needs discs to make a box for; got none. Give width and height."),
     ("schema = 1\npacking = 0.3\n" + SQUARE + "spacing = 1.0", "discs[0].count must be given where packing makes th"),
     ("schema = 2\nnonsense = 3", "schema must be 1, the version of scene files that this mpsim reads; got 2."),
     (HEAD.replace("10.0", "1" + "0" * 400), "width must be a number > 0 [length], finite in float64; got a whole nu"),
-    (HEAD.replace("10.0", "1979-05-27"), "width must be a number > 0 [length]; got datetime.date(1979, 5, 27)."),
     (HEAD + f"gravity = [1, 1{'0' * 400}]", "gravity[1] must be finite in float64; got a whole number of 401 digits."),
-    (HEAD + "boundary = ['walls']", "boundary must be one word or one for x and one for y; got ['walls']."),
     (HEAD + "[discs]\nradius = 3", "discs must be a list of tables, [[discs]] for each; got {'radius': 3}."),
-    (HEAD + "about = 'x'", "about must be a table; got 'x'."),
     (HEAD + "settings = { method = ['grid'] }", "settings.method must be one of 'naive', 'grid', 'parallel', 'event'"),
     (HEAD + ONE + "velocity = [[1, 2], [3, 4]]", "discs[0].velocity must be one row or 1, one per disc; got 2."),
-    (HEAD + ONE + "mass = [1, 2]", "discs[0].mass must be one number or 1, one per disc; got 2."),
-    (HEAD + ONE + "velocity = [1, true]", "discs[0].velocity[1] must be a number; got True."),
     (HEAD + ONE + "velocity = [1, 2]\ntemperature = 1.0", "discs[0] must have velocity or temperature, not both; go"),
     (HEAD + ONE + "count = 3", "discs[0].count goes with places, but these discs have positions. Leave it out."),
-    (HEAD + ONE + "places = 'square'", "discs[0] must have either position or places; got both."),
-    (HEAD + SQUARE, "discs[0].count or spacing must be given for places = 'square'; got neither."),
     (HEAD + SQUARE + "spacing = 2.0\ncount = 99", "discs[0].count must be at most 20, the sites of a square lattice"),
-    (HEAD + RANDOM, "discs[0].count must be given for places = 'random'; got none."),
     (HEAD + RANDOM + "count = 1\nspacing = 1.0", "discs[0].spacing belongs to a lattice; got it for places = 'rando"),
     (HEAD + RANDOM + "count = 1\nregion = [3, 3, 2, 4]", "discs[0].region must be [x_low, y_low, x_high, y_high], l"),
-    (HEAD + RANDOM + "count = 30", "discs[0]: packing must be at most 0.8 for random places; got 1.18."),
     (HEAD + "[piston]\nwall = 'right'\nspeed = 1\nstop = 5", "piston.speed must point into the box, < 0 for the rig"),
     (HEAD + "obstacles = [{ places = 'random', region = [0, 0, 1, 1], spacing = 1, radius = 1 }]",
      "obstacles[0].places must be one of 'square', 'hexagonal'; got 'random'."),
@@ -389,10 +376,8 @@ WRONG = [
     ("schema = " + "[" * 5000, "the file must be TOML; got tables or lists nested too deeply."),
     *[(text, "the file must be TOML; got this error: ")
       for text in ("schema = 1\nschema = 1", "schema = ", "schema = 1" + "0" * 5000, "= 3")],
-    (NINE + "[compressed]\n" + DISCS, "compressed.packing must be given; got nothing."),
     (NINE + TABLE.replace("0.7", "0.95") + DISCS, "compressed.packing must be above that of the scene, 0.441786, an"),
     (NINE + TABLE + DISCS.replace("temperature = 1.0\n", ""), "compressed: velocity must not be 0 everywhere"),
-    (NINE + TABLE, "compressed needs discs; got 0 discs."),
     (NINE + "obstacles = [{ position = [0.2, 0.2], radius = 0.1 }]\n" + TABLE + DISCS, "compressed cannot do a scen"),
     (NINE + DISCS.replace("random", "compressed"), "discs[0].places must be a start of one group; got 'compressed',"),
 ]  # fmt: skip
@@ -409,12 +394,9 @@ def test_what_is_wrong_is_said(text, words, problems):
     ("level", "key", "near"),
     [
         ("", "compresed", "compressed"),
-        ("[about]\ntitle = 'x'\n", "lookfor", "look_for"),
         ("[settings]\n", "pases", "passes"),
         (ONE, "temprature", "temperature"),
         ("[[obstacles]]\nposition = [1, 1]\nradius = 1\n", "spacin", "spacing"),
-        ("[[obstacles]]\npoints = [[1, 1], [2, 2]]\n", "thicknes", "thickness"),
-        ("[[emitters]]\nposition = [1, 1]\nvelocity = [1, 1]\nradius = 0.1\n", "evry", "every"),
         ("[piston]\nwall = 'top'\nspeed = -1\nstop = 5\n", "stopp", "stop"),
         (TABLE, "rat", "rate"),
     ],
@@ -436,17 +418,13 @@ def write(content):
 
 
 NOT_NUMPY = "must be an array of real numbers as numpy.save writes it; {} is not ("
-SHORT = "must have shape (N, 2); got shape "
 FILES = {
     "none.npy": (lambda path: None, "must be a file that exists; got 'none.npy': no such file in "),
-    "folder.npy": (lambda path: path.mkdir(), "must be a file that exists; got 'folder.npy': a folder in "),
     "text.npy": (write(b"hello"), NOT_NUMPY),
     "complex.npy": (save(np.zeros((3, 2), complex)), NOT_NUMPY + "'complex.npy' holds complex128). Save it anew."),
     "x.txt": (write(b"1,2"), "must be numbers or the name of a .npy or .csv file; got 'x.txt'."),
     "ragged.csv": (write(b"x,y\n1,2\n3,4,5\n"), "must have as many numbers in every row; line 3 of ragged.csv has 3"),
-    "words.csv": (write(b"1,2\n3,four\n"), "must be numbers; line 2 of words.csv has 'four'."),
     "bytes.csv": (write(b"\xff\xfe\x00"), "must be a text file of numbers; bytes.csv is not ("),
-    "wide.csv": (write(b"1,2,3\n"), SHORT + "(1, 3). Reshape the array."),
 }  # fmt: skip
 
 
@@ -492,7 +470,9 @@ def test_no_file_can_run_code_take_memory_or_lead_out_of_its_folder(problems, tm
 NAMED = sorted(path.stem for path in (Path(mpsim.__file__).parent / "scene" / "named").glob("*.toml"))
 
 
-@pytest.mark.parametrize("name", slow_but(NAMED, *(each for each in NAMED if each not in ("dense", "rough-sediment"))))
+@pytest.mark.parametrize(
+    "name", long_but(NAMED, *(each for each in NAMED if each not in ("dense", "rough-sediment", "mixture")))
+)
 def test_a_named_scene_is_complete_and_starts_without_overlap(name):
     scene = Scene.load(name)
     assert scene.settings is not None

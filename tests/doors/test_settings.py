@@ -29,15 +29,10 @@ NAN, INF = math.nan, math.inf
 # --- settings
 
 SETTINGS = {
-    "dt nan": ({"dt": NAN}, ["dt must be a finite number > 0", "got nan"]),
-    "dt as text": ({"dt": "fast"}, ["dt must be a number > 0", "'fast'"]),
     "dt too large for a number": ({"dt": 10**400}, ["dt must be a number > 0", "finite", "of 401 digits"]),
     "method None": ({"method": None}, ["method must be one of", "got None"]),
     "law": ({"law": "elastisch"}, ["law must be one of 'reflect', 'elastic'", "Did you mean 'elastic'?"]),
-    "workers 0": ({"workers": 0}, ["workers must be a whole number from 1 to", "got 0", "Leave it out"]),
     "workers absurd": ({"workers": 10**6}, ["workers must be a whole number from 1 to 1024", "got 1000000"]),
-    "workers as truth": ({"workers": True}, ["workers must be a whole number", "got True"]),
-    "substeps 0": ({"substeps": 0}, ["substeps must be a whole number from 1", "got 0", "dt"]),
 }
 
 
@@ -93,24 +88,14 @@ def test_a_value_without_its_name_and_a_setting_in_the_wrong_place_are_refused()
         mpsim.Simulation(gas(3, 0.1), colour="red")
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        InputError("dt must be positive"),
+def test_an_error_arrives_in_another_process_as_it_was_sent():
+    for error in (
         mpsim.errors.SceneFileError("a.toml", ["width must be positive", "radius must be positive"]),
         mpsim.DivergedError(3, 7, (1.0, float("inf")), (0.0, 2.0)),
         mpsim.WorkerDiedError(1, 4711, -9, "signal 9 (SIGKILL)", 12, "move"),
-    ],
-    ids=lambda error: type(error).__name__,
-)
-def test_an_error_arrives_in_another_process_as_it_was_sent(error):
-    arrived = pickle.loads(pickle.dumps(error))
-    assert (type(arrived), str(arrived), arrived.args, vars(arrived)) == (
-        type(error),
-        str(error),
-        error.args,
-        vars(error),
-    )
+    ):
+        arrived = pickle.loads(pickle.dumps(error))
+        assert (type(arrived), str(arrived), vars(arrived)) == (type(error), str(error), vars(error))
 
 
 # --- units
@@ -138,13 +123,9 @@ def test_units_multiply_as_the_quantities_do():
     }, rel=1e-14)  # fmt: skip
     for name in ("time", "velocity", "acceleration", "energy", "temperature"):
         assert Units(length=0.03, mass=0.2, **{name: one[name]}).time == pytest.approx(0.7, rel=1e-14)
-    assert units == Units(**CHOSEN) != Units(**CHOSEN | {"time": 1})
-
-
-def test_argon_at_300_kelvin_has_its_speed():
-    """sqrt(kT/m) is 249.9 m/s."""
     argon = Units(length=3.4e-10, mass=6.634e-26, temperature=300.0)
-    assert argon.to_si(1.0, "velocity") == pytest.approx(249.9, abs=0.1)
+    assert argon.to_si(1.0, "velocity") == pytest.approx(249.9, abs=0.1), "sqrt(kT/m) of argon at 300 K"
+    assert units == Units(**CHOSEN) != Units(**CHOSEN | {"time": 1})
 
 
 SMALL = Units(length=0.01, mass=1.0, time=1.0)
@@ -155,12 +136,9 @@ SMALL = Units(length=0.01, mass=1.0, time=1.0)
     [
         (lambda: Units(length=1, mass=1), ["must follow from one of time, velocity", "got none of them"]),
         (lambda: Units(**CHOSEN, energy=1.0), ["must follow from one of", "got time and energy"]),
-        (lambda: Units(**CHOSEN | {"length": -1}), ["length must be a finite number > 0 [m]", "got -1"]),
         (lambda: Units(**CHOSEN | {"length": 1e-200}), ["fit float64", "one unit of area is 0 in SI", "length=1e-200"]),
         (lambda: SMALL.to_si(1.0, "presure"), ["quantity must be one of 'length'", "Did you mean 'pressure'?"]),
         (lambda: SMALL.to_si(NAN, "force"), ["value must be finite; value is nan"]),
-        (lambda: SMALL.to_si("1 m", "length"), ["value must be numbers", "'1 m'"]),
-        (lambda: SMALL.from_si(1e308, "length"), ["value in units of the scene must be finite"]),
         (lambda: SMALL.to_si([1e308], "wave_number"), ["value in SI must be finite; value in SI[0] is inf"]),
     ],
 )  # fmt: skip
@@ -231,10 +209,7 @@ def test_a_terminal_has_a_line_with_rate_and_time_left_which_goes_at_the_end(sho
     quick = Terminal()
     shown(quick, 0.01)
     assert 2 <= quick.getvalue().count("\r") <= 6, "ten times a second"
-
-
-def test_elsewhere_there_is_a_line_now_and_then(shown):
-    _, end = shown(io.StringIO())
+    _, end = shown(io.StringIO())  # a file
     assert end == ["9 of 25: frames, 1/s, 16 s left", "19 of 25: frames, 1/s, 6.0 s left", "25 of 25: frames, 1/s", ""]
 
 
@@ -295,13 +270,11 @@ def v2(folder, text):
 JOB = groups(2, "/user/job")
 CORES = {
     "no limits": ({}, 8), "affinity": ({"affinity": 3}, 3), "fewer": ({"cores": 4}, 4), "unknown": ({"cores": None}, 1),
-    "user": ({"user": "3"}, 3), "user 0": ({"user": "0"}, 1), "user none": ({"user": "default"}, 8),
-    "user negative": ({"user": "-2"}, 8),
-    "no quota": ({"files": JOB | v2("/user/job", "max 100000")}, 8),
     "quota rounded up": ({"files": JOB | v2("/user/job", "250000 100000")}, 3),
+    "user": ({"user": "3"}, 3), "user 0": ({"user": "0"}, 1), "user none": ({"user": "default"}, 8),
+    "nonsense": ({"files": JOB | v2("/user/job", "odd")}, 8),
     "quota of half a core": ({"files": JOB | v2("/user/job", "50000 100000")}, 1),
     "quota of a parent": ({"files": JOB | v2("/user/job", "max 100000") | v2("/user", "300000 100000")}, 3),
-    "empty quota": ({"files": JOB | v2("/user/job", "")}, 8), "nonsense": ({"files": JOB | v2("/user/job", "odd")}, 8),
     "own group at the top": ({"files": groups(2, "/docker/a", "/docker/a") | v2("", "200000 100000")}, 2),
     "odd mounts": ({"files": groups(2, "/user/job", odd=ODD) | v2("/user/job", "200000 100000")}, 2),
     "version 1": ({"files": groups(1, "/job") | v1("/job", 3)}, 3),
@@ -309,7 +282,6 @@ CORES = {
                              | {"/sys/fs/cgroup/cpu/job/cpu.cfs_quota_us": "-1\n"}}, 8),
     "version 1, own group at the top": ({"files": groups(1, "/pod/own", "/pod/own") | v1("", 2)}, 2),
     "version 1, below the top": ({"files": groups(1, "/pod/own", "/pod") | v1("/own", 3) | v1("", 5)}, 3),
-    "version 1, another of the same name": ({"files": groups(1, "/own", "/pod") | v1("/own", 1)}, 8),
 }  # fmt: skip
 
 
@@ -330,33 +302,25 @@ def test_the_least_of_machine_affinity_quota_and_wish_is_the_number_of_cores(cas
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(pretended.get("affinity", 8))))
     monkeypatch.setattr(Path, "read_text", pretend)
     monkeypatch.setenv("PYTHON_CPU_COUNT", pretended.get("user", "default"))
-    assert cores_that_are_used() == expected
+    assert threads_that_are_used(expected) == expected
 
 
-def cores_that_are_used():
-    """The largest number of runs of a sweep at once: it has a thread for each core."""
-    inside, most, lock = [0], [0], threading.Lock()
+def threads_that_are_used(expected):
+    """The largest number of runs of a sweep at once, which wait until so many are there: it has a thread for a core."""
+    inside, most, lock, there = [0], [0], threading.Lock(), threading.Barrier(expected)
 
     def wait(x):
         with lock:
             inside[0] += 1
             most[0] = max(most[0], inside[0])
-        time.sleep(0.01)
+        time.sleep(0.005)  # in which one too many would come
+        there.wait(20)
         with lock:
             inside[0] -= 1
         return {}
 
-    mpsim.sweep(wait, {"x": range(24)})
+    mpsim.sweep(wait, {"x": range(24)})  # all the numbers expected divide it
     return most[0]
-
-
-def test_the_real_affinity_is_respected():
-    allowed = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(allowed)})
-    try:
-        assert cores_that_are_used() == 1
-    finally:
-        os.sched_setaffinity(0, allowed)
 
 
 # --- what the named scenes promise

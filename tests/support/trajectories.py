@@ -25,17 +25,17 @@ def written(path: Path, scene: mpsim.Scene, frames: int = 10, every: int = 2, mo
 
 
 def killed_and_resumed(path: Path, scene: mpsim.Scene, every: int = 3, **settings) -> None:
-    """A run of 40 frames, saved at frame 20 and killed at frame 25, of which the file holds more than is saved."""
+    """A run of 20 frames, saved at frame 10 and killed at frame 14, of which the file holds more than is saved."""
     saved = path.with_suffix(".mpsim")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
         warnings.simplefilter("ignore", mpsim.FastWarning)
         with simulate(scene, **{**SETTINGS, **settings}) as sim, mpsim.Trajectory.write(path, every) as out:
-            sim.run(frames=20, observe=out)
+            sim.run(frames=10, observe=out)
             sim.save(saved)
-            sim.run(frames=5, observe=out)
+            sim.run(frames=4, observe=out)
         with mpsim.Simulation.resume(saved) as sim, mpsim.Trajectory.write(path, every, mode="a") as out:
-            sim.run(frames=20, observe=out)
+            sim.run(frames=10, observe=out)
 
 
 def content(path: Path) -> list:
