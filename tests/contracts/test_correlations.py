@@ -10,7 +10,7 @@ from support.scenes import crowd, gas, simulate
 
 import mpsim
 
-pytestmark = [pytest.mark.compiled, pytest.mark.slow]
+pytestmark = [pytest.mark.compiled, pytest.mark.long]
 
 SCENE = gas(60, 0.3, seed=2, boundary="periodic")
 
@@ -81,7 +81,6 @@ if comm.rank == 0:
 """
 
 
-@pytest.mark.long
 def test_each_rank_has_the_averages_of_one_process_and_one_of_them_writes_the_file(tmp_path):
     digests = told_by_script(2, str(tmp_path), script=RANKS)
     assert digests == [after(SCENE, 40, dt=0.05, method="grid")] * 2

@@ -18,7 +18,7 @@ import json
 import numba
 import numpy as np
 import pytest
-from support.goldens import FRAMES, JAMMED, KINDS, SCENES, Pinned, few, methods, outcome, pins, renew, report
+from support.goldens import FRAMES, KINDS, SCENES, Pinned, few, methods, pins, renew, report
 from support.processes import run_script
 
 import mpsim
@@ -58,11 +58,6 @@ def test_every_method_has_the_pinned_digest_of_each_feature(name, found, pinned)
     got = found["digests"][name]
     assert got.keys() >= few(name).keys()
     assert got == {words: pinned["digests"][name][words] for words in got}, "intended? see the top of this file"
-
-
-@pytest.mark.slow
-def test_a_jammed_scene_has_its_pinned_digest(pinned):
-    assert outcome(JAMMED, method="event") == pinned["digests"][JAMMED]["event"], "intended? see the top of this file"
 
 
 def test_measures_are_the_pinned_ones_and_change_no_bit(found, pinned):

@@ -1,10 +1,12 @@
 """The pinned digests by machine code, and on any number of workers; see test_golden.py."""
 
 import itertools
+from functools import cache
 
 import pytest
 from support.goldens import KINDS, SCENES, methods, outcome, pins, renew
 from support.scenes import digest_after, lattice
+from support.selection import slow_but
 
 LARGE = {
     f"{method} {law} {contact} {precision}": {"method": method, "law": law, "contact": contact, "precision": precision}
@@ -21,25 +23,26 @@ ONE_KERNEL = [
 pytestmark = [pytest.mark.compiled, pytest.mark.timeout(700)]
 
 
-@pytest.fixture(scope="module")
-def found():
-    return {case: digest_after(lattice(24, 20), 200, dt=1 / 32, **how) for case, how in LARGE.items()}
+@cache
+def digest_of(case):
+    return digest_after(lattice(24, 20), 200, dt=1 / 32, **LARGE[case])
 
 
 @pytest.fixture(scope="module")
 def pinned(request):
     if request.config.getoption("--renew"):
-        renew({"lattice": request.getfixturevalue("found")})
+        renew({"lattice": {case: digest_of(case) for case in LARGE}})
     return pins()
 
 
-@pytest.mark.parametrize("case", LARGE)
-def test_the_digest_of_a_lattice_is_the_pinned_one(case, found, pinned):
-    assert found[case] == pinned["lattice"][case], "intended? see the top of test_golden.py"
+@pytest.mark.parametrize("case", slow_but(LARGE, *(each for each in LARGE if ("naive" in each) <= ("64" in each))))
+def test_the_digest_of_a_lattice_is_the_pinned_one(case, pinned):
+    """By `naive` in float32 in plain Python by default: another compilation."""
+    assert digest_of(case) == pinned["lattice"][case], "intended? see the top of test_golden.py"
 
 
-def test_each_case_has_a_digest_of_its_own(found, pinned):
-    assert len(set(found.values())) == len(LARGE)
+def test_each_case_has_a_digest_of_its_own(pinned):
+    assert len(set(pinned["lattice"].values())) == len(LARGE)
     assert pinned["lattice"].keys() == LARGE.keys()
 
 

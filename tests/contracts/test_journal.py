@@ -7,6 +7,7 @@ import numba
 import numpy as np
 import pytest
 from support.scenes import simulate
+from support.selection import long_but
 from support.sessions import METHODS, STEPS, play, room, stage
 from support.tiles import always_tiled
 
@@ -21,12 +22,12 @@ pytestmark = [
 
 NAMES = list(STEPS)
 KINDS = ["kick", "kick", "set", "change", "remove", "add", "change", "change", "change", "remove", "kick"]
-DT, FRAMES = 0.025, 5
+DT, FRAMES = 0.025, 3
 """Length of a frame, and frames after each change."""
 
 ALL = [
-    "grid", "event as a whole", pytest.param("naive", marks=pytest.mark.slow),
-    *(pytest.param(each, marks=pytest.mark.long) for each in ("parallel on 2", "event on tiles")),
+    "grid", "event as a whole",
+    *(pytest.param(each, marks=pytest.mark.long) for each in ("naive", "parallel on 2", "event on tiles")),
 ]  # fmt: skip
 """Methods: on workers and tiles there is another compilation for each of three kinds of scene."""
 
@@ -58,19 +59,17 @@ def alone(words):
 
 
 @pytest.mark.parametrize("words", ALL)
-def test_a_journal_is_replayed_to_the_same_bits_from_memory_and_from_a_file(words, tmp_path):
+def test_a_journal_is_replayed_to_the_same_bits_from_its_file(words, tmp_path):
     digest, _, time, journal = alone(words)
     assert (journal.digest, len(journal)) == (digest, len(STEPS))
-    path = journal.save(tmp_path / "session.toml")
-    for source, workers in ((journal, SEVERAL[0]), (path, SEVERAL[-1])):
-        with mpsim.Simulation.replay(source, workers=workers) as again:
-            assert (again.digest(), again.time, again.frame) == (digest, time, journal.frame)
-            assert [change.what for change in again.journal] == KINDS
+    with mpsim.Simulation.replay(journal.save(tmp_path / "session.toml"), workers=SEVERAL[-1]) as again:
+        assert (again.digest(), again.time, again.frame) == (digest, time, journal.frame)
+        assert [change.what for change in again.journal] == KINDS
 
 
 @pytest.mark.parametrize("words", ALL)
-@pytest.mark.parametrize("after", [5, *(pytest.param(each, marks=pytest.mark.slow) for each in (3, 8))])
-def test_a_session_that_is_saved_and_resumed_has_the_same_bits(words, after, tmp_path):
+@pytest.mark.parametrize("after", long_but((3, 5, 8), 5))
+def test_a_session_that_is_saved_and_resumed_has_the_same_bits_and_is_replayed_from_memory(words, after, tmp_path):
     with begun(words) as sim:
         path = play(sim, NAMES[:after], FRAMES).save(tmp_path / "run")
     with mpsim.Simulation.resume(path, workers=SEVERAL[0] if "naive" not in words else None) as again:
@@ -124,7 +123,7 @@ def test_a_journal_that_lacks_a_change_is_replayed_to_other_bits(tmp_path):
 @pytest.mark.parametrize("words", ALL)
 def test_walls_have_the_same_bits_in_one_run_resumed_and_replayed(words, tmp_path):
     found, scene = [], room()
-    for workers in (1, *SEVERAL):
+    for workers in {1, *SEVERAL}:
         method = "parallel" if METHODS[words]["method"] == "grid" and workers > 1 else METHODS[words]["method"]
         with simulate(scene, dt=DT, **METHODS[words] | {"workers": workers, "method": method}) as sim:
             for y in (5.0, 4.0):
@@ -144,7 +143,8 @@ def test_walls_have_the_same_bits_in_one_run_resumed_and_replayed(words, tmp_pat
         assert control.digest() != journal.digest, "discs have met the walls"
 
 
-@pytest.mark.parametrize("words", ["event as a whole", pytest.param("parallel on 2", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("words", long_but(["event as a whole", "parallel on 2"], "parallel on 2"))
 def test_a_change_of_workers_changes_no_bit(words):
     found = []
     for change in (False, True):

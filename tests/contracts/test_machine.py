@@ -1,4 +1,4 @@
-"""What has no public door: words and barriers between workers, functions linked into kernels, compiling in turns.
+"""What has no public door: words and barriers between workers, compiling in turns.
 
 That a barrier lets nobody through, and that an addition is not lost, would show in a public run only by luck.
 """
@@ -6,13 +6,12 @@ That a barrier lets nobody through, and that an addition is not lost, would show
 import numpy as np
 import pytest
 from numba import njit
-from numba.core.codegen import JITCodeLibrary
 from support.arrays import control_of, team_of
 from support.threads import together
 
-from mpsim.kernels import compiling, layout, machine
+from mpsim.kernels import layout, machine
 from mpsim.kernels.compile_turns import Turns
-from mpsim.kernels.compiling import compiled, inlined, linked
+from mpsim.kernels.compiling import compiled
 from mpsim.kernels.waiting import barrier
 
 pytestmark = pytest.mark.compiled
@@ -50,51 +49,13 @@ def meet_often(control, team, worker, places, rounds):
     return early
 
 
-@pytest.mark.parametrize("workers", [1, 2, 5])
+@pytest.mark.parametrize("workers", [2, 5])
 def test_nobody_passes_a_barrier_before_all_have_come(workers):
     control, team = control_of(0, workers=workers), team_of(workers)
     places = np.zeros((workers, 8), np.int64)
     members = [lambda worker=worker: meet_often(control, team, worker, places, 200) for worker in range(workers)]
     assert together(*members) == [0] * workers
     assert control.signals[layout.ARRIVED] == 400 * workers
-
-
-# --- linking: functions that only kernels call are parts of those, and optimised nowhere else
-
-
-@linked
-def smaller(x, y):
-    return min(x, y)
-
-
-@inlined
-def half_of_smaller(x, y):
-    return smaller(x, y) / 2.0
-
-
-@pytest.fixture
-def kernel(monkeypatch):
-    """A kernel that has yet to be compiled; what it calls in vain is needed by what it calls later."""
-    monkeypatch.setattr(compiling, "_FOLDER", None)
-
-    @compiled
-    def kernel(x):
-        never = 0
-        if never:
-            x = smaller(x, 1.0)
-        return half_of_smaller(x, 5.0)
-
-    return kernel
-
-
-def test_a_kernel_alone_becomes_machine_code_with_all_that_it_reaches(kernel, monkeypatch):
-    optimised, optimise = [], JITCodeLibrary._optimize_final_module
-    monkeypatch.setattr(
-        JITCodeLibrary, "_optimize_final_module", lambda self: (optimised.append(self.name), optimise(self))
-    )
-    assert (kernel(4.0), kernel(7.0), half_of_smaller(8.0, 6.0)) == (2.0, 2.5, 3.0)
-    assert any(name.endswith("kernel") for name in optimised)
-    assert not {"smaller", "half_of_smaller"} & set(optimised)
 
 
 # --- compiling in turns

@@ -66,18 +66,6 @@ def test_tiles_and_workers_have_the_same(tiling, workers, pinned):
         assert_played_on_tiles(sim)
 
 
-def test_one_bit_of_the_start_changes_them(pinned):
-    """The control."""
-    scene = gas()
-    velocity = scene.velocity.copy()
-    fastest = np.unravel_index(np.abs(velocity).argmax(), velocity.shape)  # the last bit of a slow one is soon lost
-    velocity[fastest] = np.nextafter(velocity[fastest], 0.0)
-    other = scene.starting_from(mpsim.State(scene.position, velocity))
-    with on_tiles(other, (1, 1), dt=DT) as sim:
-        found = outcome(other, sim)
-    assert found["digest"] != pinned["digest"]
-
-
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 def test_losses_of_a_rounding_in_each_collision_would_show():

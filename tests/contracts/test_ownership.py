@@ -245,7 +245,7 @@ def test_no_disc_has_two_writers_in_a_phase_and_none_is_read_while_it_is_written
 
 def test_without_odd_and_even_passes_discs_have_two_writers(figures):
     """The control: the demonstration of the race, by the same checker."""
-    watched = watch(gas(400, 0.7, seed=1), frames=4, guarded=False)
+    watched = watch(gas(200, 0.7, seed=1), frames=4, guarded=False)
     assert {(clash.phase, clash.kind) for clash in watched.clashes} == {("all columns", "written twice")}
     clashes = f"{len(watched.clashes)} clashes"
     figures.note("R13", f"parallel on {WORKERS}", "control: unguarded=True", "clashes", clashes)

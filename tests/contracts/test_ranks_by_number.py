@@ -3,7 +3,6 @@
 import pytest
 from support.measured import LARGE, measured
 from support.ranks import CASES, on_ranks, told_by_script
-from support.selection import long_but
 
 import mpsim
 
@@ -69,8 +68,9 @@ if comm.rank == 0:
 """
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # whose disc waits
-@pytest.mark.parametrize("name", long_but(["rough torus", "doors"], "doors"))
+@pytest.mark.parametrize("name", ["rough torus", "doors"])
 def test_ranks_read_ranges_of_discs_and_what_the_first_one_does_once(name):
     raised, digest = told_by_script(2, name, script=READING)
     assert raised == ["raised", "raised"]
@@ -86,9 +86,9 @@ def parts_of(state, first, last):
     return parts | {"box": state.box}
 
 
-AT_A_TIME, AS_SUMS, AS_TEXT = 16e6, 8e6, 32e6
-"""Bytes that a rank needs beyond its share, however many discs there are, for those that it reads at a time; of
-measures for them in float64, and of a trajectory for their text."""
+AT_A_TIME, AS_TEXT = 16e6, 32e6
+"""Bytes that a rank needs beyond its share, however many discs there are, for those that it reads at a time, and of a
+trajectory for their text."""
 DISCS_OF_A_RANK = 600_000
 MAPPED = 16
 """Bytes of a disc in a checkpoint, float32: the first rank reads the file through to verify it. Its pages are the
@@ -98,7 +98,6 @@ MEMORY = """
 import json, psutil, sys, mpsim
 from mpi4py import MPI
 from mpsim.core import chunks
-from support.measured import measures_of
 
 comm, count, path = MPI.COMM_WORLD, int(sys.argv[1]), sys.argv[2]
 settings, peaks = mpsim.Settings(dt=0.02, method="mpi", precision="float32"), {}
@@ -140,22 +139,12 @@ def life(count, note=lambda what: None):
         note("digest at once")
     return digest
 
-def measured(count, note=lambda what: None):
-    with mpsim.Simulation(scene(count), settings) as sim:
-        sim.run(frames=3)
-        forget()
-        for what, chunk in (("measures", CHUNK), ("measures at once", count)):
-            chunks.CHUNK = chunk
-            sim.run(frames=1, measures=measures_of(sim.scene))
-            note(what)
-        return sim.digest()
-
-CHUNK, act = chunks.CHUNK, {"files": life, "measures": measured}[sys.argv[3]]
-act(3000)
+CHUNK = chunks.CHUNK
+life(3000)
 chunks.CHUNK = CHUNK
 before = psutil.Process().memory_info().rss
 forget()
-digest = act(count, note)
+digest = life(count, note)
 if comm.rank == 0:
     print(json.dumps([digest, peaks]))
 """
@@ -167,22 +156,17 @@ def memory_given_back(monkeypatch):
     monkeypatch.setenv("MALLOC_MMAP_THRESHOLD_", str(2**17))
 
 
-def beyond_the_share(number, act, tmp_path, figures):
-    """Bytes that a rank of so many needs at most beyond its share of what one rank needs, by what is done."""
-    count, path = DISCS_OF_A_RANK * number, str(tmp_path / "run")
-    alone, shared = (told_by_script(each, str(count), path, act, script=MEMORY) for each in (1, number))
-    assert alone[0] == shared[0], "digests"
-    ratios = {what: shared[1][what] / alone[1][what] for what in alone[1]}
-    figures.note("R24", f"mpi on {number}", "peak memory of a rank over that of one", "1 / ranks", f"{ratios}")
-    return {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
-
-
 @pytest.mark.long
 @pytest.mark.usefixtures("memory_given_back")
 @pytest.mark.parametrize("number", [2, 4])
 def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures):
     """The control: a digest for which the first rank gets all discs at once."""
-    beyond, count = beyond_the_share(number, "files", tmp_path, figures), DISCS_OF_A_RANK * number
+    count, path = DISCS_OF_A_RANK * number, str(tmp_path / "run")
+    alone, shared = (told_by_script(each, str(count), path, script=MEMORY) for each in (1, number))
+    assert alone[0] == shared[0], "digests"
+    ratios = {what: shared[1][what] / alone[1][what] for what in alone[1]}
+    figures.note("R24", f"mpi on {number}", "peak memory of a rank over that of one", "1 / ranks", f"{ratios}")
+    beyond = {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
     assert beyond.pop("digest at once") > 1.5 * AT_A_TIME, beyond
     assert beyond.pop("trajectory") < AS_TEXT, beyond
     assert beyond.pop("resume") < AT_A_TIME + MAPPED * count, beyond
@@ -190,16 +174,7 @@ def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures)
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("memory_given_back")
-@pytest.mark.parametrize("number", [2, 4])
-def test_measures_take_the_memory_of_a_share_and_of_some_discs_at_a_time(number, tmp_path, figures):
-    """The control: all discs at a time."""
-    beyond = beyond_the_share(number, "measures", tmp_path, figures)
-    assert beyond["measures at once"] > 1.1 * AS_SUMS, beyond
-    assert beyond["measures"] < AS_SUMS, beyond
-
-
-@pytest.mark.parametrize("name", long_but(LARGE, "bare"))
+@pytest.mark.parametrize("name", LARGE)
 def test_measures_of_more_than_a_chunk_of_discs_are_the_same_on_workers(name):
     found = []
     for method, workers in (("grid", None), ("parallel", 2)):
@@ -231,7 +206,8 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize("number", [2, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("number", [2, 3])
 def test_speeds_are_looked_at_to_the_last_bit_and_so_are_the_sub_steps_that_follow(number):
     assert told_by_script(number, "mpi", script=FAST) == told_by_script(1, "grid", script=FAST)
 

@@ -5,7 +5,7 @@ import threading
 import pytest
 from support.compare import assert_same_bits
 from support.processes import assert_clean, run_script
-from support.scenes import ZOO, crowd, gas, lattice, simulate, state_after, zoo
+from support.scenes import crowd, gas, lattice, simulate, state_after
 
 import mpsim
 
@@ -37,7 +37,7 @@ def test_a_run_that_is_resumed_on_other_numbers_of_workers_has_the_same_bits(wor
 
 
 def test_auto_goes_on_with_the_method_it_had(tmp_path):
-    for scene in (gas(100, 0.5, seed=2), gas(300, 0.5, seed=2), gas(900, 0.5, seed=2)):
+    for scene in (gas(100, 0.5, seed=2), gas(900, 0.5, seed=2)):
         expected = state_after(scene, FRAMES, method="auto", workers=2)
         state = in_parts(scene, tmp_path / "run", (10, 14), 2, (3,), method="auto")
         assert_same_bits(state, expected, f"auto with {scene.count} discs")
@@ -87,18 +87,9 @@ def test_another_process_and_a_thread_go_on_with_the_same_bits(tmp_path):
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
-    outcome = run_script(ELSEWHERE.format(path=str(tmp_path / "run")))
+    outcome = run_script(ELSEWHERE.format(path=str(tmp_path / "run")), warm=True)
     assert_clean(outcome)
     assert [outcome.out.strip()] == found == [expected]
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning")
-@pytest.mark.parametrize("name", ZOO)
-def test_features_are_resumed_on_other_numbers_of_workers(name, tmp_path):
-    expected = state_after(zoo(ZOO[name]), FRAMES, method="grid")
-    state = in_parts(zoo(ZOO[name]), tmp_path / "run", (11, 4, 9), 1, (2, 3), method="parallel")
-    assert_same_bits(state, expected, name)
 
 
 @pytest.mark.long

@@ -15,7 +15,7 @@ FRAMES = 67
 
 def cooling():
     """A gas that loses energy, so that it needs fewer and fewer sub-steps."""
-    return gas(50, 0.4, restitution=0.6, wall_restitution=0.6)
+    return gas(30, 0.4, restitution=0.6, wall_restitution=0.6)
 
 
 def substepped(scene, **settings):
@@ -44,7 +44,7 @@ def test_how_a_run_is_cut_and_measured_changes_no_bit(whole):
         assert sim.digest() != whole, "the control: without sub-steps the result is another"
 
 
-@pytest.mark.parametrize("at", [0, 5, 16, 33])
+@pytest.mark.parametrize("at", [16, 33])
 def test_a_resumed_run_goes_on_with_its_sub_steps(at, whole, tmp_path):
     with substepped(cooling()) as sim:
         sim.run(frames=at)
@@ -95,8 +95,8 @@ def leaps():
         return found, sim.digest()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("method", "workers"), [("grid", 1), ("parallel", 2), ("parallel", 3)])
+@pytest.mark.long
+@pytest.mark.parametrize(("method", "workers"), [("grid", 1), ("parallel", 3)])
 def test_frames_divided_at_once_are_the_same_in_pieces_on_workers_and_after_a_resume(method, workers, leaps, tmp_path):
     frame = next((frame for frame, factor in leaps[0] if frame % 16 != 1 and factor > 1), None)
     assert frame, f"none is divided at once: {leaps[0]}"
@@ -111,7 +111,7 @@ def test_frames_divided_at_once_are_the_same_in_pieces_on_workers_and_after_a_re
             assert sim.digest() == leaps[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_the_alert_the_bits_are_others(leaps, monkeypatch):
     """The control: what is compared above depends on where frames are divided."""
     monkeypatch.setattr("mpsim.engine.step_limits.SUBSTEP_LIMIT", 1e9)

@@ -53,7 +53,8 @@ def test_a_run_that_is_resumed_in_other_tiles_on_other_workers_has_the_same_bits
     figures.note("R1", "event on 2, 1, 3, 1", f"digest after 3 resumes: {name}", "of an uninterrupted run", "the same")
 
 
-@pytest.mark.parametrize("name", long_but(SCENES, "walls"))
+@pytest.mark.long
+@pytest.mark.parametrize("name", SCENES)
 def test_discs_that_are_added_on_the_way_have_the_same_bits(name):
     states = []
     for tiling, workers in (((1, 1), 1), ((2, 2), 1), ((2, 2), 3)):
@@ -69,6 +70,7 @@ def test_discs_that_are_added_on_the_way_have_the_same_bits(name):
     assert_same_bits(states[2], states[0], "added, three workers")
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 @pytest.mark.parametrize("dt", [0.05, 1.7])
 def test_emitters_that_stop_inside_frames_have_the_same_bits(dt, tmp_path):
@@ -143,7 +145,7 @@ def leave_a_window(sim):
     assert_same_bits(sim.state, before, "inside a window")
 
 
-@pytest.mark.parametrize("workers", [1, 3])
+@pytest.mark.parametrize("workers", long_but([1, 3], 3))
 def test_a_window_that_is_played_in_many_commands_has_the_same_bits_and_counts(workers, as_a_whole, no_time):
     expected, counted = as_a_whole
     with on_tiles(scene_of("walls"), TILING, workers, dt=DT) as sim:
@@ -154,6 +156,7 @@ def test_a_window_that_is_played_in_many_commands_has_the_same_bits_and_counts(w
         assert windows_of(sim)["as_one"] == 0, "one worker has found them"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stop", [DT / 8, DT / 2])
 def test_a_stop_or_an_end_inside_a_window_that_was_left_plans_anew(stop, no_time):
     with on_tiles(scene_of("walls"), TILING, dt=DT) as sim, on_tiles(scene_of("walls"), (1, 1), dt=DT) as whole:

@@ -29,9 +29,7 @@ def expected():
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
-@pytest.mark.parametrize(
-    ("workers", "start_method"), [(1, "forkserver"), (2, "fork"), (2, "spawn"), (3, "forkserver"), (4, "fork")]
-)
+@pytest.mark.parametrize(("workers", "start_method"), [(1, "forkserver"), (2, "spawn"), (3, "forkserver"), (4, "fork")])
 def test_any_number_of_workers_has_the_bits_of_grid_however_they_start(workers, start_method, expected):
     how = {"method": "parallel", "workers": workers, "start_method": start_method, **SETTINGS}
     with simulate(dense(), **how) as sim:
@@ -71,32 +69,23 @@ AT_ONE_POINT = mpsim.Scene(width=30, height=30, position=rows(9), velocity=np.ze
         (gas(600, 0.05, seed=1), {"law": "reflect", "dt": 0.02}),
         (gas(2000, 0.6, seed=5), {"contact": "impact", "passes": 2}),
         (AT_ONE_POINT, {"contact": "push"}),
-        (AT_ONE_POINT, {"contact": "impact"}),
     ],
-    ids=["thin, reflect", "two passes", "at one point, push", "at one point, impact"],
+    ids=["thin, reflect", "two passes", "at one point"],
 )
 def test_parallel_is_grid(scene, settings):
     assert_parallel_is_grid(scene, frames=30, workers=(3,), **settings)
 
 
-@pytest.mark.parametrize("size", [(1.0, 200.0), (200.0, 1.5)])
-def test_parallel_is_grid_with_more_workers_than_columns_or_discs_in_them(size):
+@pytest.mark.parametrize(("count", "size"), [(60, (1.0, 200.0)), (60, (200.0, 1.5)), (2, (8.0, 8.0)), (0, (8.0, 8.0))])
+def test_parallel_is_grid_with_more_workers_than_columns_or_discs(count, size):
     rng = np.random.default_rng(3)
-    position = 0.5 + rng.random((60, 2)) * (np.array(size) - 1)
-    scene = mpsim.Scene(width=size[0], height=size[1], position=position, velocity=rng.normal(size=(60, 2)), radius=0.5)
-    assert_parallel_is_grid(scene, workers=(5,), dt=0.05)
-
-
-@pytest.mark.parametrize("count", [0, 2])
-def test_parallel_is_grid_for_fewer_discs_than_workers(count):
-    position = np.reshape([[3.0, 3.0], [3.5, 3.25]][:count], (-1, 2))
-    scene = mpsim.Scene(width=8, height=8, position=position, velocity=np.ones((count, 2)), radius=0.5)
-    grid = state_after(scene, 40, method="grid", dt=0.05)
-    assert_same_bits(state_after(scene, 40, method="parallel", workers=3, dt=0.05), grid, f"{count} discs on 3 workers")
+    position, velocity = 0.5 + rng.random((count, 2)) * (np.array(size) - 1), rng.normal(size=(count, 2))
+    scene = mpsim.Scene(width=size[0], height=size[1], position=position, velocity=velocity, radius=0.5)
+    assert_parallel_is_grid(scene, workers=(3,), dt=0.05)
 
 
 def test_auto_gives_the_bits_of_one_of_the_methods():
-    for count, method in ((50, "naive"), (300, "grid"), (1500, "grid")):
+    for count, method in ((50, "naive"), (1500, "grid")):
         scene = gas(count, 0.5, seed=4)
         expected = state_after(scene, 40, method=method)
         assert_same_bits(state_after(scene, 40, method="auto", workers=2), expected, f"auto, {count} discs")
@@ -125,15 +114,6 @@ def test_unguarded_workers_lose_no_disc_and_end_cleanly():
 
 
 # --- more discs and frames
-
-
-@pytest.mark.slow
-def test_many_discs_have_the_bits_of_grid_also_in_another_process():
-    grid = state_after(dense(MANY), 60, method="grid", **SETTINGS)
-    for workers in (2, 3, 4):
-        again = state_after(dense(MANY), 60, method="parallel", workers=workers, **SETTINGS)
-        assert_same_bits(again, grid, f"{workers} workers")
-    assert digest_alone("parallel", 2, "forkserver", 60) == grid.digest()
 
 
 RUN_ALONE = """

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 from support.commands import mpsim_command
 from support.pages import DRAWING, EXECUTED, PAGES, ROOT, Block, blocks_of, run_blocks
-from support.selection import slow_but
 
 import mpsim
 from mpsim import measure
@@ -21,8 +20,15 @@ from mpsim.measure import reference, reference_motion
 
 pytestmark = pytest.mark.compiled
 
-FIRST = [ROOT / "README.md", ROOT / "docs" / "tutorial" / "1-first-run.md"]
-"""Pages whose blocks are run by default."""
+LONG = ["collisions.md", "correlations.md", "dense-starts.md"]
+"""Pages of `howto` whose blocks compile for half a minute."""
+
+SELECTED = [
+    pytest.param(
+        page, marks=() if page.name == "README.md" else pytest.mark.long if page.name in LONG else pytest.mark.slow
+    )
+    for page in PAGES
+]
 
 LINK = re.compile(r"\]\((?!https?:|mailto:|#)(?P<target>[^)#\s]+)")
 
@@ -35,7 +41,7 @@ def in_a_folder(tmp_path, monkeypatch):
 # --- blocks of pages
 
 
-@pytest.mark.parametrize("page", slow_but(PAGES, *FIRST), ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", SELECTED, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_blocks_of_a_page_do_what_they_say(page, request):
     run_blocks(str(page), blocks_of(page.read_text()), request.config.getoption("--long"))
 

@@ -120,10 +120,8 @@ def execute(path, folder):
 PAGES = {each.stem: each for each in sorted((ROOT / "docs" / "tutorial").glob("*.md"))}
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow if name == "3-inside-a-frame" else pytest.mark.long) for name in PAGES],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("name", PAGES)
 @pytest.mark.timeout(900)
 def test_the_notebook_of_a_page_runs(name, tmp_path):
     assert make(PAGES[name], out=tmp_path).returncode == 0

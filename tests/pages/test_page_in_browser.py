@@ -5,7 +5,6 @@
 import base64
 import contextlib
 import io
-import json
 import re
 import shlex
 import time
@@ -17,8 +16,9 @@ from PIL import Image
 from support.browser import browser, until
 from support.hands import WHITE, Table
 from support.scenes import gas
+from support.selection import long_but
 from support.trajectories import written
-from support.visitor import digest_alone, kept, viewed
+from support.visitor import kept, viewed
 
 import mpsim
 from mpsim import measure
@@ -58,7 +58,7 @@ def brightness(picture):
 # --- what is drawn
 
 
-@pytest.mark.parametrize(("query", "by"), [("", "ByWebGL"), ("?canvas=2d", "ByCanvas")])
+@pytest.mark.parametrize(("query", "by"), long_but([("", "ByWebGL"), ("?canvas=2d", "ByCanvas")], ("", "ByWebGL")))
 def test_discs_are_drawn_where_they_are_as_large_as_they_are_and_faster_is_brighter(table, query, by):
     t = table(SCENE, query=query)
     assert t.page.get_attribute("#stage", "data-drawn-by") == by
@@ -78,6 +78,7 @@ def test_discs_are_drawn_where_they_are_as_large_as_they_are_and_faster_is_brigh
     assert t.complaints == []
 
 
+@pytest.mark.long
 def test_small_discs_are_drawn_at_true_radius_and_periodic_ones_at_both_edges(table):
     radius = np.linspace(0.2, 0.7, 100)
     place = np.stack(np.divmod(np.arange(100), 10), axis=1) * 10.03 + 4.9
@@ -170,6 +171,7 @@ def saves_gauges(t, state):
     assert base64.b64decode(link.removeprefix("data:image/png;base64,")).startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_the_wheel_zooms_on_the_stage_and_scrolls_elsewhere(table):
     t = table(SCENE, size=(390, 700))
     before = t.canvas()
@@ -184,6 +186,7 @@ def test_the_wheel_zooms_on_the_stage_and_scrolls_elsewhere(table):
     until(lambda: t.page.evaluate("scrollY") > 100)
 
 
+@pytest.mark.long
 def test_colours_are_chosen_and_a_disc_is_labelled_followed_and_has_a_trail(table):
     t = table(SCENE, colour=np.arange(40.0))
     until(lambda: t.page.input_value("#colour") == "own")
@@ -309,6 +312,7 @@ def test_walls_are_drawn_by_pointer_and_keys_cut_at_the_box_and_refused_on_discs
     assert t.complaints == []
 
 
+@pytest.mark.long
 def test_gravity_and_parameters_are_changed_by_pointer_and_keys(table):
     t = table()
     t.show("parameters")
@@ -454,6 +458,7 @@ def test_an_address_says_how_a_page_begins_and_what_is_copied_asks_for_what_is_s
     assert t.complaints == []
 
 
+@pytest.mark.long
 def test_another_scene_is_asked_for_and_then_shown_and_a_wrong_address_is_explained(table, tmp_path):
     other = table(mpsim.Scene.load("cradle"), name="cradle")
     page = other.context.new_page()
@@ -558,6 +563,7 @@ def test_two_stages_passes_and_moments(table):
     assert t.complaints == []
 
 
+@pytest.mark.long
 def test_stages_that_part_say_so_and_passes_are_offered_where_there_are_none(table):
     t = table(gas(12, 0.6), mpsim.Settings(method="grid", dt=0.08), beside=mpsim.Settings(method="event"))
     t.keys("m")
@@ -582,6 +588,7 @@ def test_stages_that_part_say_so_and_passes_are_offered_where_there_are_none(tab
 # --- a recording
 
 
+@pytest.mark.long
 def test_the_time_line_is_moved_by_pointer_and_keys(table, tmp_path):
     path = tmp_path / "run.xyz"
     written(path, gas(20, 0.2), frames=100, every=5, method="naive")
@@ -697,7 +704,7 @@ OUTSIDE = """() => {
 }"""
 
 
-@pytest.mark.parametrize("size", [(320, 800), (390, 844), (1280, 800), (1920, 1080)])
+@pytest.mark.parametrize("size", long_but([(320, 800), (390, 844), (1280, 800), (1920, 1080)], (390, 844)))
 def test_nothing_leaves_its_place_on_any_screen(table, size):
     for touch in (False, True):
         t = table(SCENE, size=size, name="A name that is quite long " * 3,
@@ -718,60 +725,3 @@ def test_nothing_leaves_its_place_on_any_screen(table, size):
         if touch:
             heights = "[...document.querySelectorAll('.save button, #colour')].map((each) => each.offsetHeight)"
             assert min(t.page.evaluate(heights)) >= 24
-
-
-# --- the module of the widget, without a notebook
-
-
-RENDER = """async (text) => {
-  window.said = [];
-  const model = {
-    get: () => 500, send: (content) => window.said.push(content), off() {},
-    on: (kind, hear) => { window.hear = hear; },
-  };
-  const address = URL.createObjectURL(new Blob([text], { type: "text/javascript" }));
-  window.end = (await import(address)).default.render({ model, el: document.body });
-}"""
-STATUS = {"type": "status", "phase": "paused", "speed": 1, "note": None, "can_remember": True, "snapshot": None}
-
-
-def test_the_widget_says_what_was_lost_and_asks_again_after_half_a_minute_of_silence(opened):
-    with mpsim.live(mpsim.Scene.load("cradle"), playing=False) as live:
-        module = str(live.widget._esm)
-    page = opened.new_page()
-    page.clock.install()
-    page.goto("data:text/html,<title>a notebook</title>")
-    page.evaluate(RENDER, module)
-
-    def said(word, since=0):
-        return [each for each in page.evaluate("said")[since:] if each.get(word)]
-
-    def hear(**content):
-        page.evaluate("(content) => hear(content, [])", {"page": name, **content})
-
-    def phase():
-        return page.frames[-1].inner_text("#phase")
-
-    name = until(lambda: said("open"))[-1]["page"]
-    assert phase() == "connecting"
-    hear(text=json.dumps(STATUS))  # opens it: the message that says so may be lost
-    until(lambda: phase() == "paused")
-    visible = [each for each in page.evaluate("said") if "visible" in each.get("text", "")]
-    assert len(visible) == 1
-    hear(opened=True)
-    hear(text=json.dumps({**STATUS, "phase": "playing"}))
-    until(lambda: phase() == "playing")
-    for sent, lost in ((2, False), (5, True), (5, False)):
-        hear(ping=True, sent=sent)
-        assert said("pong")[-1] == {"page": name, "pong": True, "lost": lost}
-    asked = len(page.evaluate("said"))
-    page.clock.run_for(25_000)
-    assert not said("pong", asked), "the control: it is patient"
-    page.clock.run_for(15_000)
-    assert said("pong", asked) == [{"page": name, "pong": True, "lost": True}]
-    page.evaluate("end()")
-    asked = len(page.evaluate("said"))
-    page.clock.run_for(100_000)
-    assert len(page.evaluate("said")) == asked, "a page that was taken away asks nothing"
-    page.close()
-    assert digest_alone(SCENE, GRID, 0)

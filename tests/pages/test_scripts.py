@@ -35,6 +35,7 @@ def test_run_bench_times_and_draws(tmp_path):
     assert list(tmp_path.rglob("fixed.png"))
 
 
+@pytest.mark.long
 def test_run_compression_says_what_was_reached_and_where_discs_jammed(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("<!-- run_compression: table -->\n<!-- end -->\n")
@@ -44,11 +45,13 @@ def test_run_compression_says_what_was_reached_and_where_discs_jammed(tmp_path):
     assert all(0.8 < float(row[2]) < 0.9 for row in rows)
 
 
+@pytest.mark.long
 def test_run_stability_draws_the_outcomes_that_are_kept(tmp_path):
     run("run_stability", "--draw", ROOT / "docs" / "stability" / "outcomes.json.gz", "--out", tmp_path)
     assert (tmp_path / "masses.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_run_validation_compares_two_discs_with_what_is_known(tmp_path):
     page = tmp_path / "page.md"
     words = ["--quick", "--only", "two", "--out", tmp_path / "kept.json"]
@@ -60,6 +63,7 @@ def test_run_validation_compares_two_discs_with_what_is_known(tmp_path):
         assert found["value"] == pytest.approx(expected["value"], rel=0.2)
 
 
+@pytest.mark.long
 def test_run_peers_has_a_row_for_the_yardstick_and_one_for_an_engine_that_is_missing(tmp_path):
     page, readme = tmp_path / "page.md", (ROOT / "README.md").read_text()
     words = ["--quick", "--accurate", "0", "--counts", "60", "--peers", "mpsim-push", "numpy", "rapier"]
@@ -81,6 +85,7 @@ def test_the_readme_claims_what_the_page_of_peers_says():
     assert claimed is None or said == f"{' '.join(claimed[1].split())} ([peers](docs/peers.md))."
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("words", [["--discs", "3"], ["--workers", "3"]])
 def test_run_scaling_says_what_it_cannot_measure(words):
     assert words[0] in run("run_scaling", *words, code=2)

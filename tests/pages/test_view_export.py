@@ -178,7 +178,7 @@ def test_two_stages_are_side_by_side_and_a_film_begins_with_them():
         assert near(frames[-1][120, 480 + 4], CLOSED)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_mp4_has_the_same_pictures(tmp_path):
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra film is not installed")
     with paused(TABLE, PLAIN) as page:

@@ -8,42 +8,16 @@ import pytest
 from support.commands import mpsim_command
 from support.processes import Script, assert_clean, assert_nothing_left_of, run_script
 from support.scenes import gas
-from support.visitor import Visitor, kept, viewed
+from support.selection import long_but
+from support.visitor import Visitor, viewed
 
 import mpsim
 
 PLAIN = {"NUMBA_DISABLE_JIT": "1"}
-ASKED = "scene=gas&seed=3&dt=0.005&method=grid&gravity=0.0,-1.5&restitution=0.9&beside=event"
 
 
 def address_in(line):
     return re.search(r"http://\S+", line)[0]
-
-
-COMMAND = """
-from mpsim.cli.app import main
-main({!r})
-"""
-
-
-def test_the_command_opens_what_an_address_asks_for_until_ctrl_c():
-    words = ["view", f"http://127.0.0.1:8000/a-token/?{ASKED}&wait&speed=2#top", "--passes", "2", "--no-browser"]
-    with Script(COMMAND.format(words), env=PLAIN) as script:
-        base, _, query = address_in(script.line()).partition("?")
-        assert query == f"{ASKED.replace('&gravity', '&passes=2&gravity')}&wait=&speed=2", "options count more"
-        with Visitor(base, visible=True) as page:
-            page.step_to(3)
-            assert (page.last["scene"]["name"], page.last["pair"]["second"]) == ("gas", "event")
-            found = kept(base)
-            script.send(signal.SIGINT)
-            outcome = script.finish()
-    assert_clean(outcome)
-    assert "Do not share this address: anyone who has it can control the view." in outcome.out
-    assert_nothing_left_of(script.pid)
-    with mpsim.Simulation(mpsim.Scene.load("gas").redrawn(3), mpsim.Settings(dt=0.005, method="grid", passes=2)) as sim:
-        sim.change(gravity=(0.0, -1.5), restitution=0.9)
-        sim.run(frames=3)
-        assert found == (3, sim.digest(), ["change"])
 
 
 TWO = """
@@ -56,7 +30,7 @@ for path in {!r}:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_shows_the_folder_of_a_run_with_its_obstacles_and_its_file(tmp_path):
     scene, folder = tmp_path / "pegs.toml", tmp_path / "run"
     mpsim.Scene(
@@ -84,7 +58,7 @@ print("and on")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", long_but([signal.SIGINT, signal.SIGTERM], signal.SIGINT))
 def test_a_signal_ends_a_view_with_its_workers_and_after_ctrl_c_the_program_goes_on(number):
     with Script(WORKERS, warm=True) as script, Visitor(address_in(script.line()), visible=True) as page:
         page.hear_until(lambda v: v.frame > 30)

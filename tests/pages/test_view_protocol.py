@@ -98,9 +98,7 @@ def test_both_stages_of_a_picture_come_together():
         assert first[1:6] == second[1:6], "serial, frame, time, walls, extent"
         assert page.radii[1].tolist() == [0.5]
         _, *stages = [message[6] for message in page.raw if message[5] == 1]
-        assert stages == [1, 0] * (len(stages) // 2), (
-            "after the start; the first one, which is acknowledged, comes last"
-        )
+        assert stages == [1, 0] * (len(stages) // 2), "after the start the first one, which is acknowledged, comes last"
 
 
 MESSAGES = {
@@ -124,7 +122,9 @@ def test_each_message_has_its_fields():
         page.step_to(3)
         page.say("pass")
         page.say("stop_tuning")
-        page.hear_until(lambda v: {*MESSAGES} <= v.last.keys() and v.last["gauges"]["workers"])
+        page.hear_until(
+            lambda v: {*MESSAGES} <= v.last.keys() and v.last["gauges"]["workers"] and v.last["pass"]["name"]
+        )
         for kind, fields in MESSAGES.items():
             assert set(page.last[kind]) == {"type", *fields.split()}, kind
         assert page.last["scene"] == {
@@ -142,12 +142,8 @@ def test_numbers_that_are_none_are_null():
     none = np.zeros((0, 2))
     with paused(mpsim.Scene(width=4, height=4, position=none, velocity=none, radius=0.5), GRID) as page:
         gauges = page.gauges_at(0)
-        assert (gauges["discs"], gauges["temperature"], gauges["energy_drift"], gauges["speeds"]) == (
-            0,
-            None,
-            None,
-            None,
-        )
+        numbers = [gauges[name] for name in ("discs", "temperature", "energy_drift", "speeds")]
+        assert numbers == [0, None, None, None]
         assert page.picture.position.shape == (0, 2)
 
 
@@ -188,43 +184,25 @@ def test_every_action_is_taken_and_what_cannot_be_done_ends_nothing():
 
 
 HOSTILE = [
-    "", "{", "garbage", "null", "[]", "7", '"play"', "{}", '{"do": null}', '{"do": 1}', '{"do": ["play"]}',
-    '{"do": {"do": "play"}}', '{"do": "__class__"}', '{"do": "Play"}', '{"do": "play", "now": 1}', '{"do": "step"}',
-    '{"do": "step", "frames": 0}', '{"do": "step", "frames": 10001}', '{"do": "step", "frames": 1e3}',
-    '{"do": "step", "frames": true}', '{"do": "step", "frames": 99999999999999999999}',
-    '{"do": "speed", "value": NaN}', '{"do": "speed", "value": 1e999}', '{"do": "speed", "value": -1}',
-    '{"do": "speed", "value": "1"}', '{"do": "speed", "value": 0}', '{"do": "speed", "value": 1e9}',
-    '{"do": "ack", "serial": -1}', '{"do": "ack", "serial": 1.0}', '{"do": "ack", "serial": 4000000000}',
-    '{"do": "visible", "value": 1}', '{"do": "visible", "value": null}', "[" * 3000, '{"do":' * 600,
-    '{"do": "hold", "id": 1, "x": 0}', '{"do": "hold", "id": -1, "x": 0, "y": 0}',
-    '{"do": "hold", "id": 1.5, "x": 0, "y": 0}', '{"do": "hold", "id": 4294967296, "x": 0, "y": 0}',
-    '{"do": "hold", "id": 1, "x": "0", "y": 0}', '{"do": "hold", "id": 1, "x": 1e300, "y": 0}',
-    '{"do": "hold", "id": 1, "x": null, "y": 0}', '{"do": "release", "id": 1, "vx": [1], "vy": 0}',
-    '{"do": "add", "x": 0, "y": 0, "same": 1}', '{"do": "add", "x": 0, "y": 0, "same": true, "radius": 1e9}',
+    "", "{", "null", "[]", '"play"', "{}", '{"do": null}', '{"do": ["play"]}', '{"do": "__class__"}', '{"do": "Play"}',
+    '{"do": "play", "now": 1}', '{"do": "step"}', '{"do": "step", "frames": 10001}', '{"do": "step", "frames": 1e3}',
+    '{"do": "step", "frames": true}', '{"do": "step", "frames": 99999999999999999999}', '{"do": "speed", "value": NaN}',
+    '{"do": "speed", "value": 1e999}', '{"do": "speed", "value": "1"}', '{"do": "ack", "serial": -1}',
+    '{"do": "visible", "value": 1}', "[" * 3000, '{"do":' * 600, '{"do": "hold", "id": 1, "x": 0}',
+    '{"do": "hold", "id": 4294967296, "x": 0, "y": 0}', '{"do": "hold", "id": 1, "x": 1e300, "y": 0}',
+    '{"do": "release", "id": 1, "vx": [1], "vy": 0}', '{"do": "add", "x": 0, "y": 0, "same": 1}',
     '{"do": "stroke", "places": [], "same": false}', '{"do": "stroke", "places": [[1, 2, 3]], "same": false}',
     json.dumps({"do": "stroke", "places": [[1, 1]] * 101, "same": False}),
-    '{"do": "wall", "ax": 0, "ay": 0, "bx": 1}', '{"do": "wall", "ax": 0, "ay": 0, "bx": 1, "by": 1e101}',
-    '{"do": "remove", "id": [0, 1], "same": false}', '{"do": "undo", "times": 9}',
+    '{"do": "wall", "ax": 0, "ay": 0, "bx": 1, "by": 1e101}', '{"do": "remove", "id": [0, 1], "same": false}',
     '{"do": "change", "name": "precision", "value": "float32", "same": false}',
-    '{"do": "change", "name": "__class__", "value": 1, "same": false}',
-    '{"do": "change", "name": ["dt"], "value": 1, "same": false}',
     '{"do": "change", "name": "dt", "value": "import os", "same": false}',
     '{"do": "change", "name": "dt", "value": {"dt": 1}, "same": false}',
-    '{"do": "change", "name": "dt", "value": true, "same": false}',
-    '{"do": "change", "name": "passes", "value": 99999999999, "same": false}',
-    '{"do": "change", "name": "gravity", "value": [1, 2, 3], "same": false}',
-    '{"do": "change", "name": "gravity", "value": [1, "2"], "same": false}',
-    '{"do": "colour", "by": "red"}', '{"do": "keep", "what": "session.zip"}', '{"do": "searching"}',
-    '{"do": "found", "settings": {}}', '{"do": "seed", "value": -1}', '{"do": "seed", "value": 0.5}',
-    '{"do": "open"}', '{"do": "open", "link": null}', '{"do": "open", "link": {}}', '{"do": "open", "link": "../gas"}',
-    '{"do": "open", "link": "scene=%ed%b3%a9"}',
-    '{"do": "beside"}', '{"do": "beside", "settings": "event"}', '{"do": "beside", "settings": {"workers": 900}}',
-    '{"do": "beside", "settings": {"method": ["event"]}}', '{"do": "beside", "settings": {"frames": 101}}',
-    '{"do": "beside", "settings": {"passes": true}}', '{"do": "tune", "measure": "__class__", "budget": 1}',
-    '{"do": "tune", "measure": "pressure", "budget": 0}', '{"do": "tune", "measure": "pressure", "budget": -1}',
-    '{"do": "tune", "measure": "pressure", "budget": NaN}', '{"do": "tune", "measure": "pressure", "budget": "0.1"}',
-    '{"do": "play"}{"do": "play"}', "\x00", '{"do": "\\ud800"}', '{"do": "colour", "by": "\\udce9"}',
-    '{"do": "../../etc/passwd"}',
+    '{"do": "change", "name": "gravity", "value": [1, "2"], "same": false}', '{"do": "colour", "by": "red"}',
+    '{"do": "keep", "what": "session.zip"}', '{"do": "found", "settings": {}}', '{"do": "seed", "value": 0.5}',
+    '{"do": "open", "link": "../gas"}', '{"do": "open", "link": "scene=%ed%b3%a9"}',
+    '{"do": "beside", "settings": {"workers": 900}}', '{"do": "beside", "settings": {"method": ["event"]}}',
+    '{"do": "tune", "measure": "__class__", "budget": 1}', '{"do": "tune", "measure": "pressure", "budget": 0}',
+    '{"do": "play"}{"do": "play"}', "\x00", '{"do": "\\ud800"}',
 ]  # fmt: skip
 """Messages that no page sends."""
 
@@ -242,7 +220,7 @@ def any_json(rng, depth=3):
 
 def test_what_is_no_action_ends_its_connection_with_a_reason_and_nothing_else():
     rng = random.Random(1)
-    noise = [json.dumps(any_json(rng)) for _ in range(40)]
+    noise = [json.dumps(any_json(rng)) for _ in range(15)]
     with paused(GAS, GRID) as polite:
         for message in [*HOSTILE, *noise]:
             with Visitor(polite.view.address) as page:

@@ -1,6 +1,5 @@
 """A real browser for the tests of the live view's page: Debian's Chromium, driven by Playwright."""
 
-import contextlib
 import os
 import shutil
 import time
@@ -8,7 +7,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import psutil
 import pytest
 
 from support.processes import descendants_of
@@ -49,16 +47,6 @@ def browser() -> Iterator[Any]:
         finally:
             opened.close()
             DRIVERS.difference_update(drivers)
-
-
-def kill_browsers() -> None:
-    """Kill the browsers that are open, as a crash would: their pages say nothing any more."""
-    found = [psutil.Process(each) for driver in DRIVERS for each in descendants_of(driver)]
-    for process in found:
-        with contextlib.suppress(psutil.Error):
-            process.kill()
-    assert found
-    assert not psutil.wait_procs(found, 30)[1]
 
 
 def until(holds: Callable[[], Any], within: float = 150.0) -> Any:
