@@ -3,6 +3,8 @@
 import pytest
 from support.processes import assert_clean, run_script
 
+pytestmark = pytest.mark.long
+
 SOAK = """
 import gc, logging, os, random, signal, tempfile, threading, time, warnings
 import psutil
@@ -116,8 +118,6 @@ for sim, _ in leaks:
 ACTS = "[closed, dropped, kept_in_a_circle, resumed, interrupted, killed, refused, in_a_thread, forked]"
 MOST_GROWTH = 4
 """MiB that a process may grow by, once it has read the kernels of all combinations of features."""
-SETTLED = 100
-"""Simulations after which it has."""
 
 
 def soak(simulations, acts=ACTS, settled=0):
@@ -128,29 +128,16 @@ def soak(simulations, acts=ACTS, settled=0):
     return equal == "True", int(growth), list(map(int, numbers))
 
 
-@pytest.mark.long
 @pytest.mark.timeout(3000)
-def test_nothing_stays_of_many_simulations(request, figures):
-    long = request.config.getoption("--long")
-    simulations = 600 if long else 6
-    settled = SETTLED if long else 0
-    equal, growth, numbers = soak(simulations, settled=settled)
+def test_nothing_stays_of_many_simulations(figures):
+    equal, growth, numbers = soak(600, settled=100)
     words = f"descriptors, blocks, threads, processes: {numbers[:4]} before, {numbers[4:]} after"
     assert equal, words
-    assert growth < MOST_GROWTH or not long, f"it grew by {growth} MiB"
-    figures.note(
-        "R23",
-        "all methods",
-        f"{simulations} simulations used in nine ways, memory over the last {simulations - settled}",
-        "no growth",
-        f"{words}; {growth} MiB more",
-    )
-
-
-@pytest.mark.long
-def test_control_simulations_that_are_kept_are_seen():
+    assert growth < MOST_GROWTH, f"it grew by {growth} MiB"
+    what = "600 simulations used in nine ways, memory over the last 500"
+    figures.note("R23", "all methods", what, "no growth", f"{words}; {growth} MiB more")
     equal, growth, numbers = soak(3, "[leaking]")
-    assert not equal
+    assert not equal, "the control: simulations that are kept"
     assert growth > MOST_GROWTH, "memory"
     assert numbers[4] > numbers[0], "descriptors"
     assert numbers[5] > numbers[1], "blocks"

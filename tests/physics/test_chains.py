@@ -39,9 +39,11 @@ def slide(chain, t, n, *, radius=0.25, pull=10.0, lift=0.0, boundary="walls", un
         return sim.state
 
 
-@pytest.mark.parametrize(("method", "contact"), STEPPED[:2])
-@pytest.mark.parametrize(("pieces", "wall_restitution"), [(1, 0.5), (40, 0.0), (40, 1.0), (400, 0.5)])
-def test_a_smooth_disc_keeps_its_speed_along_a_straight_chain(wall_restitution, pieces, method, contact):
+@pytest.mark.parametrize(
+    ("pieces", "wall_restitution", "method", "contact"),
+    [(1, 0.5, *STEPPED[0]), (40, 0.0, *STEPPED[1]), (40, 1.0, *STEPPED[0]), (400, 0.5, *STEPPED[1])],
+)
+def test_a_smooth_disc_keeps_its_speed_along_a_straight_chain(pieces, wall_restitution, method, contact):
     """From either side, level or not, thrown onto it or laid, under both laws, also if larger than segments."""
     for angle, side, lift, radius, law in (
         (0.0, 1, 0, 0.25, "elastic"),
@@ -60,7 +62,7 @@ def test_a_smooth_disc_keeps_its_speed_along_a_straight_chain(wall_restitution, 
         assert place @ t == pytest.approx(4 * SPEED - LENGTH / 4, rel=1e-9)
 
 
-@pytest.mark.parametrize(("method", "contact"), STEPPED)
+@pytest.mark.parametrize(("method", "contact"), STEPPED[::2])
 def test_a_level_chain_moves_discs_as_one_segment_does_rough_ones_too(method, contact):
     rough = {"wall_friction": 0.3, "tangential_restitution": 0.5, "spin": 2.0, "wall_restitution": 0.5}
     for more in ({"wall_restitution": 0.5}, rough):
@@ -72,8 +74,7 @@ def test_a_level_chain_moves_discs_as_one_segment_does_rough_ones_too(method, co
     assert abs(chain.velocity[0, 0] / SPEED - 1) > 0.01, "friction has done nothing, which tests little"
 
 
-@pytest.mark.parametrize(("method", "contact"), STEPPED[:2])
-@pytest.mark.parametrize("thickness", [0.0, 0.2])
+@pytest.mark.parametrize(("thickness", "method", "contact"), [(0.0, *STEPPED[0]), (0.2, *STEPPED[1])])
 def test_walls_that_end_on_a_floor_do_not_stick_out_of_it(thickness, method, contact):
     """Below it, or in line with it and joined but for rounding, whichever is given first."""
     for angle, side in ((0.0, 1), (2.5, -1)):
@@ -113,7 +114,7 @@ def test_there_is_no_joint_where_a_ring_or_a_line_through_a_border_closes(method
             assert state.image[0, 0] == 1, "it did not pass the border"
 
 
-@pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])
+@pytest.mark.parametrize("shift", [0.0, 0.7])
 def test_a_corner_that_sticks_out_is_met_like_a_disc_of_no_size(shift):
     """Under `impact`, along the normal at touch; and so is the end of a chain."""
     corner, radius = np.array([10.0, 10.0]), 0.5
@@ -137,19 +138,7 @@ def test_a_corner_that_sticks_out_is_met_like_a_disc_of_no_size(shift):
                 assert sim.state.position[0] == pytest.approx(place, rel=1e-12)
 
 
-def test_a_disc_slides_off_the_end_of_a_chain_without_a_blow():
-    for start in np.linspace(17.0, 17.05, 5):
-        scene = mpsim.Scene(
-            width=LENGTH, height=30, position=[[start, 15.25]], velocity=[[SPEED, 0.0]], radius=0.25, gravity=(0, -10),
-            wall_restitution=0.0, obstacles=[mpsim.Polyline([(10, 15), (15, 15), (20, 15)])],
-        )  # fmt: skip
-        with simulate(scene, method="naive", contact="impact", dt=0.01) as sim:
-            sim.run(until=1.0)
-            assert sim.state.velocity[0, 0] == SPEED
-            assert sim.state.velocity[0, 1] < -3
-
-
-@pytest.mark.parametrize(("method", "contact"), STEPPED)
+@pytest.mark.parametrize(("method", "contact"), STEPPED[::2])
 @pytest.mark.parametrize(("bend", "kept"), [(0.2, math.cos(0.2)), (-0.2, 1.0)], ids=["rises", "falls"])
 def test_a_bend_that_rises_takes_the_speed_across_it_and_one_that_falls_takes_none(bend, kept, method, contact):
     """Without restitution and gravity. It is the control of the others: a joint of 0.2 radians is felt."""

@@ -23,7 +23,7 @@ ROUNDING = 1e-12
 
 
 def met_once(settings, features, offset, shift):
-    """Misses of velocities, places, energy lost and momentum, and the cosine between both velocities afterwards."""
+    """Misses of velocities, places, energy lost and momentum."""
     features = {"radius": 0.5, "mass": 1.0, "restitution": 1.0, "boundary": "walls"} | features
     radii, mass = (np.broadcast_to(features[name], 2).astype(float) for name in ("radius", "mass"))
     position = np.array([[3.0 + shift, 5.0], [6.0, 5.0 + offset]])
@@ -46,13 +46,11 @@ def met_once(settings, features, offset, shift):
     away = state.position - position - velocity * time - after * (end - time)
     away -= 10 * np.round(away / 10) * (features["boundary"] == "periodic")
     lost = (mass[:, None] * (velocity**2 - state.velocity**2)).sum() / 2
-    first, second = state.velocity
     return [
         np.abs(state.velocity - after).max(),
         np.abs(away).max(),
         abs(lost - (1 - e**2) / 2 * reduced * (u @ normal) ** 2),
         np.abs(mass @ (state.velocity - velocity)).max(),
-        abs(first @ second) / (np.hypot(*first) * np.hypot(*second)),
     ]
 
 
@@ -64,8 +62,6 @@ def worst(settings, **features):
 
 ALIKE = {
     "equal": {},
-    "equal, lossy": {"restitution": 0.6},
-    "masses": {"mass": [1.0, 4.0]},
     "masses, lossy": {"mass": [1.0, 4.0], "restitution": 0.6},
     "sizes": {"radius": [0.5, 0.3], "mass": [2.0, 5.0], "restitution": 0.0},
     "through a border": {"radius": [0.5, 0.3], "mass": [2.0, 5.0], "boundary": "periodic"},
@@ -83,7 +79,7 @@ EXACT = {
 )
 def test_two_discs_part_as_the_closed_form_says(name, method, figures):
     found = worst(EXACT[method], **ALIKE[name])
-    assert max(found[:4]) < ROUNDING, f"velocity, place, energy, momentum are off by {found[:4]}"
+    assert max(found) < ROUNDING, f"velocity, place, energy, momentum are off by {found}"
     figures.note("A2", method, f"{name}: velocities after contact, largest miss", 0, f"{found[0]:.0e}", "")
 
 
@@ -97,11 +93,6 @@ def test_push_misses_them_by_a_multiple_of_its_step(name, figures):
     assert (fine[2] > 1e-3) == ("lossy" in name)
     assert fine[3] < ROUNDING, "any contact keeps momentum"
     figures.note("A2", "push", f"{name}, dt = 0.02: velocities after contact", 0, f"{fine[0]:.0e}", "it is the control")
-
-
-def test_discs_of_which_one_was_at_rest_part_at_a_right_angle():
-    assert worst(EXACT["naive"])[4] < ROUNDING
-    assert worst(EXACT["naive"], restitution=0.6)[4] > 0.1, "the control: with losses the angle is no right one"
 
 
 def test_the_time_of_an_impact_has_all_digits(figures):
@@ -131,41 +122,7 @@ def test_the_time_of_an_impact_has_all_digits(figures):
     figures.note("A1", "event", "time of impact, relative error", "< 3e-15", f"{found:.0e}", f"1e-11: {control:.0e}")
 
 
-def test_discs_that_meet_head_on_exchange_their_velocities_and_one_at_rest_gets_all():
-    """With the law `reflect` a disc at rest stays at rest; what only touched, on its way apart, is turned round."""
-    for settings in ({"contact": "push", "method": "naive"}, {"contact": "push"}, {"contact": "impact"}):
-        common = {"method": "grid", "dt": 1 / 8, **settings}
-        assert after_meeting([[1, 0], [-0.5, 0]], **common) == [[-0.5, 0], [1, 0]]
-        assert after_meeting([[1, 0], [0, 0]], **common) == [[0, 0], [1, 0]]
-        assert after_meeting([[1, 0], [0, 0]], law="reflect", **common) == [[-1, 0], [0, 0]]
-    assert after_meeting([[1, 0], [-0.5, 0]], method="event", dt=4.0) == [[-0.5, 0], [1, 0]]
-
-
-def after_meeting(velocity, **settings):
-    scene = Scene(width=16, height=8, position=[[6, 4], [9, 4]], velocity=velocity, radius=0.5)
-    with simulate(scene, **settings) as sim:
-        sim.run(until=4.0)
-        return sim.state.velocity.tolist()
-
-
-# --- discs that overlap
-
-
-@pytest.mark.parametrize("law", ["elastic", "reflect"])
-def test_a_frame_ends_with_touching_discs_apart(law):
-    """Centres 0.75 apart are pushed to 1.0 apart, each by an eighth, and a middle that does not move."""
-    scene = Scene(width=8, height=8, position=[[3, 4], [3.75, 4]], velocity=np.zeros((2, 2)), radius=0.5)
-    with simulate(scene, method="grid", law=law) as sim:
-        sim.run(frames=1)
-        assert sim.state.position.tolist() == [[2.875, 4], [3.875, 4]]
-    parting = Scene(width=8, height=8, position=scene.position, velocity=[[-1, 0], [1, 0]], radius=0.5)
-    with simulate(parting, method="grid", law=law, dt=1 / 64) as sim:
-        sim.run(frames=1)
-        assert sim.state.velocity.tolist() == ([[-1, 0], [1, 0]] if law == "elastic" else [[1, 0], [-1, 0]])
-
-
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("method", ["naive", "grid"])
+@pytest.mark.parametrize(("method", "precision"), [("naive", "float32"), ("grid", "float32"), ("grid", "float64")])
 def test_a_pair_is_visited_once_so_no_contact_undoes_itself(method, precision):
     """Under `reflect` a second visit would mirror both velocities back: in float32 after 48 % of contacts.
 
@@ -186,9 +143,7 @@ def test_a_pair_is_visited_once_so_no_contact_undoes_itself(method, precision):
     ("boundary", "law", "method", "contact", "precision"),
     [
         ("walls", "elastic", "naive", "push", "float32"),
-        ("walls", "elastic", "grid", "impact", "float64"),
-        ("periodic", "reflect", "grid", "push", "float64"),
-        ("periodic", "elastic", "grid", "impact", "float32"),
+        ("periodic", "reflect", "grid", "impact", "float64"),
     ],
 )
 def test_discs_at_one_point_part_in_all_directions(boundary, law, method, contact, precision):
@@ -203,18 +158,6 @@ def test_discs_at_one_point_part_in_all_directions(boundary, law, method, contac
         apart -= 4 * np.round(apart / 4) * (boundary == "periodic")
         nearest = np.hypot(*np.moveaxis(apart, -1, 0))[np.triu_indices(6, 1)].min()
         assert nearest > 0.99, f"two discs are {nearest} apart, of diameter 1"
-
-
-@pytest.mark.parametrize("method", ["naive", "grid"])
-def test_two_discs_at_one_point_part_by_one_diameter_about_it(method):
-    """In one frame, along no axis of the box."""
-    scene = Scene(width=6, height=6, position=[[3.0, 2.5]] * 2, velocity=np.zeros((2, 2)), radius=0.5)
-    with simulate(scene, method=method) as sim:
-        sim.run(frames=1)
-        apart = sim.state.position[1] - sim.state.position[0]
-        assert np.hypot(*apart) == pytest.approx(1, abs=ROUNDING)
-        assert np.abs(apart).min() > 0.01
-        assert sim.state.position.mean(axis=0) == pytest.approx([3.0, 2.5], abs=ROUNDING)
 
 
 # --- one contact after the other
@@ -236,18 +179,13 @@ def cradle(settings, gap, restitution, against=False):
     return abs(speeds[-1] - kept**5), abs(last - x[-1] - (end - struck) * kept**5), np.abs(speeds[:-1]).max()
 
 
-@pytest.mark.parametrize(("gap", "restitution"), [(0.0, 1.0), (0.0, 0.9), (1e-9, 1.0), (1e-9, 0.9), (0.1, 0.9)])
+@pytest.mark.parametrize(("gap", "restitution"), [(0.0, 1.0), (1e-9, 0.9), (0.1, 0.9)])
 def test_only_the_last_disc_of_a_cradle_leaves(gap, restitution, figures):
-    """Contacts one after the other in the same frame too, as long as they come in the order of the discs.
-
-    With losses and without gaps, at one instant, the exact solver's guard lets nothing be lost: left out.
-    """
+    """Contacts one after the other in the same frame too, as long as they come in the order of the discs."""
     for method, settings in {
         "impact": EXACT["naive"],
         "event": {"method": "event", "dt": 2.7, "contact_time": 1e-15},
     }.items():
-        if method == "event" and gap == 0 and restitution < 1:
-            continue
         speed, place, others = cradle(settings, gap, restitution)
         assert max(speed, place) < ROUNDING, f"{method}: the last disc's speed and place are off by {speed}, {place}"
         assert restitution < 1 or others < ROUNDING, f"another disc moves, at {others}"
@@ -262,7 +200,7 @@ def test_a_cradle_struck_against_the_order_of_the_discs_needs_a_pass_per_contact
     assert 0.005 < cradle(settings, 0.0, 1.0, against=True)[1] < 0.1, "one pass is late by a frame per contact at most"
 
 
-@pytest.mark.parametrize("power", [0, 1, 2])
+@pytest.mark.parametrize("power", [0, 1])
 def test_collisions_of_two_discs_and_a_wall_count_the_digits_of_pi(power, figures):
     counted = []
     for mass in (100.0**power, 2 * 100.0**power):
@@ -342,87 +280,3 @@ def test_the_time_place_and_impulse_of_a_bounce_are_those_of_touching(method, pu
                 assert row["place"] == pytest.approx(place, abs=ROUNDING)
                 assert row["impulse"][axis] == pytest.approx(-2 * sign * (1.5 + pull * touch), abs=ROUNDING)
                 place[axis] = 4.0
-
-
-# --- what contacts keep
-
-
-def cloud(count=30):
-    """Discs in the middle of a box so large that none reaches a wall, moving about each other."""
-    inner = Scene.random(count=count, packing=0.5, radius=0.5, seed=1)
-    return Scene(width=inner.width + 40, height=inner.height + 40, radius=0.5, position=inner.position + 20,
-                 velocity=inner.velocity + np.array([0.5, -0.25]))  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("settings", "kept"),
-    [
-        ({"method": "naive"}, True),
-        ({"method": "grid"}, True),
-        ({"method": "grid", "contact": "impact"}, True),
-        ({"method": "event", "dt": 0.5}, True),
-        ({"method": "grid", "law": "reflect"}, False),
-    ],
-    ids=str,
-)
-def test_contacts_keep_momentum_and_energy_far_from_walls_but_reflect_no_momentum(settings, kept):
-    """The control is the law `reflect`, which fails by ten orders of magnitude. It does keep the energy."""
-    scene = cloud()
-    with simulate(scene, **{"dt": 0.02, **settings}) as sim:
-        assert sim.run(until=1.0).collisions > scene.count / 2, "too few contacts to test much"
-        end = sim.state.velocity
-    drift = np.abs(end.sum(axis=0) - scene.velocity.sum(axis=0)).max() / np.hypot(*scene.velocity.T).sum()
-    assert drift < 1e-14 if kept else drift > 1e-4
-    assert (end**2).sum() == pytest.approx((scene.velocity**2).sum(), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("law", "precision", "rel"),
-    [("elastic", "float64", 1e-12), ("elastic", "float32", 1e-5), ("reflect", "float64", 1e-12)],
-)
-def test_a_closed_box_keeps_its_energy(law, precision, rel):
-    scene = Scene.random(count=30, packing=0.6, radius=0.5, seed=2)
-    with simulate(scene, dt=0.02, method="grid", law=law, precision=precision) as sim:
-        assert sim.run(frames=60).collisions > 100
-        end = sim.state.velocity.astype(float)
-    assert (end**2).sum() == pytest.approx((scene.velocity**2).sum(), rel=rel)
-
-
-def test_a_contact_keeps_the_angular_momentum_of_a_pair_but_for_the_push():
-    """An impulse acts along the line of centres, so that angular momentum changes by the push alone, which is O(dt)."""
-    scene = Scene(width=40, height=40, position=[[18, 20], [22, 20.5]], velocity=[[1, 0], [-1, 0]], radius=0.5)
-    changes = {}
-    for contact, dt in (("push", 1 / 16), ("push", 1 / 128), ("impact", 1 / 16)):
-        with simulate(scene, dt=dt, method="naive", contact=contact) as sim:
-            assert sim.run(until=3.0).collisions == 1
-            (x, y), (vx, vy) = sim.state.position.T, sim.state.velocity.T
-        changes[contact, dt] = abs(float((x * vy - y * vx).sum()) - 0.5)
-    assert changes["impact", 1 / 16] < ROUNDING
-    assert ROUNDING < changes["push", 1 / 128] < changes["push", 1 / 16] / 4 < 0.05
-
-
-def homecoming(scene, until, **settings):
-    """Run, reverse, run: how far each disc is from where it began."""
-    position, velocity = scene.position, scene.velocity
-    for _ in range(2):
-        there = Scene(width=scene.width, height=scene.height, position=position, velocity=velocity, radius=0.5)
-        with simulate(there, **settings) as sim:
-            collisions = sim.run(until=until).collisions
-            position, velocity = sim.state.position, -sim.state.velocity
-    return np.hypot(*(position - scene.position).T), collisions
-
-
-def test_a_reversed_run_comes_home_with_impact_but_not_with_push(figures):
-    """Exactly with `event`; with `impact` but for discs that had two contacts in one frame; `push` is the control."""
-    scene = Scene.random(count=24, packing=0.3, radius=0.5, seed=8)
-    exact, collisions = homecoming(scene, 2.0, method="event", dt=2.0)
-    assert collisions > 30
-    assert exact.max() < 1e-9
-    parts = {}
-    for contact in ("impact", "push"):
-        found, _ = homecoming(scene, 0.5, method="naive", dt=0.01, contact=contact)
-        parts[contact] = (found < 1e-9).mean()
-    assert parts["impact"] > 0.85
-    assert parts["push"] < 0.5
-    figures.note("H3", "event", "a run reversed at T = 2 comes home within", "< 1e-9", f"{exact.max():.0e}", "")
-    figures.note("H3", "impact", "reversed at T = 0.5: part of discs that came home", 1, parts["impact"], parts["push"])

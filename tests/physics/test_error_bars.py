@@ -65,8 +65,8 @@ def test_errors_are_those_of_other_starts(packing, boundary, collisions):
     assert all(0.7 < ratio < 1.4 for ratio in ratios.values()), ratios
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["event", pytest.param("grid", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["event", "grid"])
 def test_a_wall_shows_the_pressure_of_its_own_direction(method):
     scene = mpsim.Scene.random(count=100, packing=0.3, radius=0.5, seed=1, boundary=("periodic", "walls"))
     settings = mpsim.Settings(method=method, dt=0.02 if method == "grid" else 0.2)
@@ -83,18 +83,9 @@ def test_a_wall_shows_the_pressure_of_its_own_direction(method):
     assert mean == pytest.approx(both.value, rel=1e-5)
 
 
-@pytest.mark.slow
-def test_shear_stress_of_a_gas_without_walls_is_none():
-    scene = mpsim.Scene.random(count=64, packing=0.3, radius=0.5, seed=2, boundary="periodic")
-    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=0.2)) as sim:
-        found = sim.run(until=400, measures=["pressure_xx", "pressure_yy", "pressure_xy", "pressure"]).measures
-    assert abs(found["pressure_xy"].value) < 4 * found["pressure_xy"].error < 0.05 * found["pressure"].value
-    mean = (found["pressure_xx"].value + found["pressure_yy"].value) / 2
-    assert mean == pytest.approx(found["pressure"].value, rel=1e-9)
-
-
-@pytest.mark.parametrize("method", ["naive", "grid", "event"])
-@pytest.mark.parametrize(("mass", "change"), [(None, 1.0), ((1.0, 3.0), 1.5)])
+@pytest.mark.parametrize(
+    ("method", "mass", "change"), [("naive", None, 1.0), ("grid", (1.0, 3.0), 1.5), ("event", (1.0, 3.0), 1.5)]
+)
 def test_the_impulse_of_one_collision_is_counted_by_component(method, mass, change):
     """Discs of mass 1, or 1 and 3, that meet along n = (0.6, 0.8) at speed 1: |dp| = 2 mu.
 
@@ -131,9 +122,10 @@ def test_where_nothing_has_happened_an_error_says_how_much_could():
     ideal = 4 * 0.5 * (scene.velocity**2).sum() / 4 / 200**2
     assert ideal < found["pressure"].error < 100 * ideal, "it leaves room for the pressure of an ideal gas"
     assert 0 < reference.enskog_rate(4 * np.pi / 4 / 200**2) < found["collision_rate"].error
-    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=20.0)) as sim:
-        longer = sim.run(until=6_000, measures=["pressure"]).measures["pressure"]
-    assert longer.value > 0, "the control: it does hit the walls"
+    bath = scene.replace(thermostat=mpsim.Thermostat(1.0, 0.01))
+    with mpsim.Simulation(bath, mpsim.Settings(method="grid", dt=0.1)) as sim:
+        found = sim.run(until=10, measures=["pressure", "contact_rate"]).measures
+    assert [(each.settled, each.upper) for each in found.values()] == [(False, False)] * 2, "a bath leaves no bound"
 
 
 VIRIALS = ["pressure", "pressure_virial", "pressure_xx", "pressure_yy", "pressure_xy"]
@@ -141,10 +133,10 @@ VIRIALS = ["pressure", "pressure_virial", "pressure_xx", "pressure_yy", "pressur
 
 @pytest.mark.parametrize("method", ["event", "naive"])
 def test_where_nobody_has_collided_only_what_keeps_is_known(method):
-    """All were settled with an error of 0: what discs carry is not zero, and did not change."""
+    """What discs carry is not zero, and has not changed; the energy could have, with losses."""
     scene = mpsim.Scene.random(count=4, width=200, height=200, radius=0.5, seed=3, boundary="periodic")
     with mpsim.Simulation(scene, mpsim.Settings(method=method, dt=0.05)) as sim:
-        report = sim.run(frames=400, measures=[*VIRIALS, "speed_kurtosis", "temperature", "kinetic_energy"])
+        report = sim.run(frames=200, measures=[*VIRIALS, "speed_kurtosis", "temperature", "kinetic_energy"])
     found = report.measures
     assert report.collisions == 0
     for name in ("pressure", "pressure_virial"):
@@ -157,6 +149,9 @@ def test_where_nobody_has_collided_only_what_keeps_is_known(method):
     for name in ("temperature", "kinetic_energy"):
         assert found[name].settled, "it cannot change"
         assert found[name].error < 1e-12
+    with mpsim.Simulation(scene.replace(restitution=0.9), mpsim.Settings(method=method, dt=0.05)) as sim:
+        found = sim.run(frames=40, measures=["kinetic_energy", "temperature"]).measures
+    assert not any(each.settled for each in found.values()), "with losses it could have changed"
 
 
 @pytest.mark.slow
@@ -179,35 +174,6 @@ def test_a_pressure_of_a_few_collisions_is_not_settled():
     assert abs(longer["pressure"].deviation(1.4612)) < 4
 
 
-@pytest.mark.slow
-def test_a_flow_that_has_not_forgotten_its_start_is_not_settled():
-    """Each disc has collided a tenth of a time: the impulses, as many, scatter enough to hide how slowly it changes."""
-    scene = mpsim.Scene.random(count=1000, packing=0.02, radius=0.5, seed=1, boundary="periodic")
-    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=0.1 / 400 / reference.enskog_rate(0.02))) as sim:
-        report = sim.run(frames=400, measures=["pressure_xx", "pressure_yy", "pressure_xy"])
-    assert report.collisions >= 32
-    assert not any(measure.settled for measure in report.measures.values()), report.measures
-
-
-def test_an_energy_that_could_change_is_not_known_before_it_has():
-    for restitution, keeps in ((0.9, False), (1.0, True)):
-        scene = mpsim.Scene.random(
-            count=4, width=200, height=200, radius=0.5, seed=3, boundary="periodic", restitution=restitution
-        )
-        with mpsim.Simulation(scene, mpsim.Settings(method="naive", dt=0.05)) as sim:
-            found = sim.run(frames=400, measures=["kinetic_energy", "temperature"]).measures
-        assert [measure.settled for measure in found.values()] == [keeps, keeps]
-
-
-def test_what_one_disc_carries_keeps_as_it_can_meet_nobody():
-    scene = mpsim.Scene(width=10, height=8, position=[[3, 4]], velocity=[[1.0, 0.5]], radius=0.5)
-    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=0.1)) as sim:
-        found = sim.run(frames=400, measures=["pressure_virial", "pressure_xx", "speed_kurtosis"]).measures
-    assert found["pressure_xx"].value == pytest.approx(1 / (9 * 8))
-    assert found["pressure_virial"].value == pytest.approx(1.25 / (9 * 8 + 7 * 10))
-    assert all(measure.settled and measure.error < 1e-12 for measure in found.values())
-
-
 def heap(dt, restitution, gravity=(0.0, -1.0)):
     """Rate at which contacts are resolved of 6 discs, a heap where they are lossy and heavy."""
     scene = mpsim.Scene.random(
@@ -215,31 +181,20 @@ def heap(dt, restitution, gravity=(0.0, -1.0)):
         wall_restitution=restitution,
     )  # fmt: skip
     with mpsim.Simulation(scene, mpsim.Settings(method="naive", dt=dt, on_fast="warn")) as sim:
-        sim.run(until=10)
+        sim.run(until=8)
         if restitution < 1 and any(gravity):
             with pytest.raises(mpsim.InputError, match=r"'collision_rate' only without losses under gravity.*contact_"):
-                sim.run(until=12, measures=["collision_rate"])
-            return sim.run(until=12, measures=["contact_rate"]).measures["contact_rate"].value
-        found = sim.run(until=40, measures=["contact_rate", "collision_rate"]).measures
+                sim.run(until=10, measures=["collision_rate"])
+            return sim.run(until=10, measures=["contact_rate"]).measures["contact_rate"].value
+        found = sim.run(until=18, measures=["contact_rate", "collision_rate"]).measures
     assert found["contact_rate"] == found["collision_rate"]
     return found["collision_rate"].value
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_contacts_of_a_heap_are_counted_in_each_step_and_are_no_collisions():
-    assert heap(0.02, 0.5) / heap(0.04, 0.5) > 1.3
-    assert heap(0.02, 1.0, (0, 0)) / heap(0.04, 1.0, (0, 0)) == pytest.approx(1, abs=0.3), "the control: a gas"
-
-
-@pytest.mark.slow
-def test_states_are_sampled_often_enough_for_errors_to_settle():
-    scene = mpsim.Scene.random(count=20, packing=0.3, radius=0.5, seed=1, boundary="periodic")
-    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=1.0)) as sim:
-        found = sim.run(frames=400, measures=["speed_kurtosis", "kinetic_energy"]).measures
-    assert found["speed_kurtosis"].settled
-    assert found["speed_kurtosis"].samples == 200
-    assert found["kinetic_energy"].settled
-    assert found["kinetic_energy"].error < 1e-10
+    assert heap(0.04, 0.5) / heap(0.08, 0.5) > 1.3
+    assert heap(0.04, 1.0, (0, 0)) / heap(0.08, 1.0, (0, 0)) == pytest.approx(1, abs=0.3), "the control: a gas"
 
 
 def runs_in_bath(bath, before, time, seeds=40):
@@ -284,14 +239,6 @@ def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy(bath, memor
     rms = {name: rms_deviation([run[name] for run in found]) for name in found[0]}
     assert all(0.4 < each < 1.45 for each in rms.values()), rms
     assert rms_deviation(control) > 2.5, "the control: an error from the series alone"
-
-
-def test_a_bath_leaves_no_upper_bound_where_hardly_anything_has_happened():
-    for bath in (None, mpsim.Thermostat(1.0, 0.01)):
-        scene = mpsim.Scene.random(count=4, width=200, height=200, radius=0.5, seed=1, thermostat=bath)
-        with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.1)) as sim:
-            found = sim.run(until=20, measures=["pressure", "contact_rate"]).measures
-        assert [(each.settled, each.upper) for each in found.values()] == [(False, bath is None)] * 2
 
 
 @pytest.mark.long

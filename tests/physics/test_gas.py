@@ -27,16 +27,13 @@ def agree(found, expected, control, within=3.0, beyond=5.0, slack=0.0):
 # --- few discs
 
 
-def two_discs(seed, torus=False):
-    """Two discs of radius 0.2 in a box of 1 x 1 with a total energy of 2, and no total momentum on a torus."""
+def two_discs(seed):
+    """Two discs of radius 0.2 in a box of 1 x 1 with a total energy of 2."""
     rng, places = np.random.default_rng(seed), np.full((2, 2), 0.5)
-    while np.hypot(*(apart := places[0] - places[1] - torus * np.round(places[0] - places[1]))) < 0.4:
-        places = rng.random((2, 2)) if torus else rng.uniform(0.2, 0.8, (2, 2))
+    while np.hypot(*(places[0] - places[1])) < 0.4:
+        places = rng.uniform(0.2, 0.8, (2, 2))
     velocity = rng.normal(size=(2, 2))
-    velocity -= torus * velocity.mean(axis=0)
-    del apart
-    return Scene(width=1, height=1, radius=0.2, position=places, velocity=velocity * 2 / np.linalg.norm(velocity),
-                 boundary="periodic" if torus else "walls")  # fmt: skip
+    return Scene(width=1, height=1, radius=0.2, position=places, velocity=velocity * 2 / np.linalg.norm(velocity))
 
 
 @cache
@@ -84,7 +81,7 @@ def kurtosis_from_equal_speeds(count, starts, frames, **settings):
     return independent_average(values)
 
 
-@pytest.mark.parametrize(("count", "method"), [(3, "event"), (10, "event"), (3, "naive")])
+@pytest.mark.parametrize(("count", "method"), [(3, "event"), pytest.param(10, "naive", marks=pytest.mark.long)])
 def test_speeds_of_few_discs_have_the_moments_of_fixed_energy(count, method, figures):
     """2N/(N+1), from equal speeds: neither Maxwell's 2 nor the 1 of the start, which `reflect` never leaves."""
     settings = {"method": method, "contact": "impact", "dt": 1.0 if method == "event" else 0.02}
@@ -145,7 +142,7 @@ def test_discs_on_a_line_miss_their_places_by_a_multiple_of_dt_squared(figures):
     The factor is that of this gas, 0.9 to 1.1 for each unit of time; `push` misses ten times as much, and by dt.
     """
     steps, until = (0.08, 0.04, 0.02), 5.0
-    found, control = ([line_gas_miss(dt, how, until, 24) for dt in steps] for how in ("impact", "push"))
+    found, control = ([line_gas_miss(dt, how, until, 12) for dt in steps] for how in ("impact", "push"))
     for dt, miss, late in zip(steps, found, control, strict=True):
         assert miss.value < 1.6 * dt**2 * until, f"impact misses by {miss} at dt={dt}"
         assert late.value > max(3 * dt**2 * until, 4 * miss.value), f"push must miss by more; got {late} at dt={dt}"
@@ -159,11 +156,11 @@ def test_discs_on_a_line_miss_their_places_by_a_multiple_of_dt_squared(figures):
 
 
 @cache
-def compressibilities(contact, dt, law="elastic", method="naive", passes=1, packing=0.3, until=1550.0):
+def compressibilities(contact, dt, law="elastic", method="naive", packing=0.3, until=1550.0):
     """P A / (N kT) of 100 discs in a closed box from the walls, and that less the same from the collisions."""
     rows = []
     for scene in (gas(100, packing, seed=seed) for seed in range(4)):
-        with simulate(scene, method=method, dt=dt, contact=contact, law=law, passes=passes) as sim:
+        with simulate(scene, method=method, dt=dt, contact=contact, law=law) as sim:
             sim.run(until=50)
             found = sim.run(until=until, measures=["pressure", "pressure_virial"]).measures
         area = scene.width * scene.height / scene.count
@@ -173,7 +170,7 @@ def compressibilities(contact, dt, law="elastic", method="naive", passes=1, pack
 
 
 def test_pressure_tells_the_exact_solver_impact_and_push_apart(figures):
-    """At h = 0.1 the published biases are -1.95 % of `impact` and -11 % of `push`; a second pass takes the first away.
+    """At h = 0.1 the published biases are -1.95 % of `impact` and -11 % of `push`.
 
     The walls' pressure less that of the collisions vanishes for a solver that keeps momentum at each contact at once.
     """
@@ -186,28 +183,15 @@ def test_pressure_tells_the_exact_solver_impact_and_push_apart(figures):
     assert abs(difference.value) < 0.0002 + 3 * difference.error
     impact, late = compressibilities("impact", 0.1)
     push, later = compressibilities("push", 0.1)
-    twice, _ = compressibilities("impact", 0.1, passes=2)
     mirrored = compressibilities("impact", 0.1, law="reflect", until=450.0)[1]
     assert -0.027 < impact.value / 2.2389 - 1 < -0.011
     assert -0.12 < push.value / 2.2389 - 1 < -0.095
-    assert abs(twice.value / 2.2389 - 1) < 0.005 + 2 * twice.error
     assert -0.016 < late.value < -0.005, f"{late} at h = 0.1: second order"
     assert later.value < -0.05, f"push must fail; got {later}"
     assert abs(mirrored.value) > 0.05, f"contacts that do not keep momentum must fail; got {mirrored}"
     for how, value in (("event", exact), ("impact", impact), ("push", push)):
         figures.note("C5", how, "Z of 100 discs, packing 0.3, h = 0.1", f"{expected:.4f}", value, f"bulk {bulk:.4f}")
     figures.note("C6", "impact", "Z of walls less Z of pairs, h = 0.1", 0, late, f"push: {later}; reflect: {mirrored}")
-
-
-@pytest.mark.slow
-def test_at_a_short_step_impact_is_within_a_quarter_of_a_per_cent(figures):
-    exact, _ = compressibilities("impact", 1.0, method="event")
-    (impact, fine), (push, late) = (compressibilities(contact, 0.02) for contact in ("impact", "push"))
-    assert abs(impact.value / exact.value - 1) < 0.003 + 2 * exact.error
-    assert -0.033 < push.value / exact.value - 1 < -0.011
-    assert abs(fine.value) < 0.0008 + 2 * fine.error
-    assert 3.5 < compressibilities("push", 0.1)[1].value / late.value < 6, "push is first order"
-    figures.note("C5", "impact", "Z of 100 discs in a closed box, h = 0.02", exact, impact, f"push: {push}")
 
 
 @pytest.mark.long
@@ -262,7 +246,7 @@ def relaxation(method, seed, count, **settings):
 
 @pytest.mark.parametrize(
     ("method", "starts", "count"),
-    [("event", 8, 6000), ("grid", 8, 3000), pytest.param("event", 16, 40_000, marks=pytest.mark.long)],
+    [("event", 8, 6000), pytest.param("grid", 8, 3000, marks=pytest.mark.long)],
 )
 def test_speeds_relax_from_equal_ones_as_boltzmann_says(method, starts, count, figures):
     """The parabola's slope is up to 3 % high, as the excess bends less and less; a packing of 0.01 is not dilute.
@@ -280,17 +264,6 @@ def test_speeds_relax_from_equal_ones_as_boltzmann_says(method, starts, count, f
     figures.note("D1", method, f"equal speeds, {starts} x {count}: a2 after one", known, after, "one exponential")
 
 
-def test_the_energy_is_spread_over_both_directions_unless_contacts_only_mirror():
-    base = gas(2000, 0.3, seed=3)
-    scene = Scene(width=base.width, height=base.height, radius=0.5, position=base.position,
-                  velocity=base.velocity * [math.sqrt(2), 0])  # fmt: skip
-    with simulate(scene, dt=0.02, method="grid") as sim:
-        sim.run(frames=700)
-        x, y = (sim.state.velocity**2).mean(axis=0)
-        assert speed_kurtosis(sim.state) == pytest.approx(2, abs=0.25)
-    assert x / y == pytest.approx(1, abs=5 * math.sqrt(4 / scene.count)), f"mean squares {x}, {y}"
-
-
 def test_energy_stays_over_a_quarter_of_a_million_collisions(figures):
     scene = gas(400, 0.45, seed=2)
     with simulate(scene, method="event", dt=5.0) as sim:
@@ -303,21 +276,6 @@ def test_energy_stays_over_a_quarter_of_a_million_collisions(figures):
 
 
 # --- periodic gases
-
-
-@pytest.mark.slow
-def test_two_discs_on_a_torus_collide_at_sinais_rate(figures):
-    """The controls: a radius larger by one per cent, and the rate without excluded area."""
-    rates = []
-    for seed in range(32):
-        with simulate(two_discs(seed, torus=True), method="event", dt=100.0) as sim:
-            rates.append(sim.run(until=8000.0).collisions / 8000.0)
-    found, speed = independent_average(rates), 2 * math.sqrt(2)
-    right, wrong = (reference.sinai_rate(1, 1, radius, speed) for radius in (0.2, 0.202))
-    assert found.error < 0.003 * right
-    agree(found, right, wrong)
-    agree(found, right, 4 * 0.2 * speed, beyond=100)
-    figures.note("B3", "event", "two discs on a torus: pair rate", f"{right:.5f}", found, f"1 % larger: {wrong:.4f}")
 
 
 def bulk(count, packing, starts, collisions, shape=1.0):
@@ -337,7 +295,7 @@ def bulk(count, packing, starts, collisions, shape=1.0):
     return independent_average(values)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("packing", [0.1, 0.3])
 def test_pressure_of_a_periodic_gas_is_that_of_the_virial_series(packing, figures):
     """The controls: two per cent more dense, and the same discs between walls."""

@@ -33,6 +33,7 @@ def after(scene, dt, frames=1, **settings):
         ("elastic", [(5, 10), (5, -5)], [(-7.2, -9.6), (7.2, 9.6)]),  # they exchange 11 and -1 along (0.6, 0.8)
         ("reflect", [(5, 10), (5, -5)], [(-13.2, -17.6), (1.2, 1.6)]),  # each loses twice its part along it
         ("elastic", [(-5, -10), (5, 5)], [(0, 0), (0, 0)]),  # they part already
+        ("reflect", [(-5, -10), (5, 5)], [(13.2, 17.6), (-8.4, -11.2)]),  # which this law turns round too
     ],
 )
 @pytest.mark.parametrize("swapped", [False, True])
@@ -49,7 +50,7 @@ def test_a_push_parts_discs_and_a_law_changes_their_velocities(swapped, law, vel
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("law", ["elastic", "reflect"])
-@pytest.mark.parametrize("offset", [(0, 0), (1e-30, 0), (0, 1e-38), (5e-324, 5e-324), (1e-7, 1e-7)])
+@pytest.mark.parametrize("offset", [(0, 0), (1e-30, 0), (5e-324, 5e-324), (1e-7, 1e-7)])
 def test_centres_at_nearly_one_point_part_by_a_diameter_and_keep_their_energy(offset, law, precision):
     scene = Scene(width=20, height=20, position=[(0, 0), offset], velocity=[(1, 2), (-1, 3)], radius=0.5,
                   boundary="periodic")  # fmt: skip
@@ -61,25 +62,20 @@ def test_centres_at_nearly_one_point_part_by_a_diameter_and_keep_their_energy(of
     assert (state.velocity**2).sum() == pytest.approx(15, rel=1e-5)
 
 
-def energy(state, pulls, mass):
-    return ((state.velocity**2 / 2 - np.array(pulls) * state.position) * np.reshape(mass, (-1, 1))).sum()
-
-
-def lifted(offset, parting, mass=(1.0, 1.0), contact="impact", restitution=1.0):
+def lifted(mass, contact):
     """A disc on the floor and another 0.625 above it: height of both, and energies before and after."""
-    velocity = [(0, 0), parting * np.array(offset) / 0.625]
-    box = {"width": 10, "height": 10, "radius": 0.5, "gravity": (0, -8.0), "restitution": restitution}
-    scene = Scene(**box, position=[(5, 0.5), np.add((5, 0.5), offset)], velocity=velocity, mass=mass)
+    scene = Scene(width=10, height=10, radius=0.5, gravity=(0, -8.0), position=[(5, 0.5), (5.375, 1.0)],
+                  velocity=[(0, 0), (3, 4)], mass=mass)  # fmt: skip
     state = after(scene, SHORT, contact=contact)
-    before = mpsim.State(scene.position, scene.velocity)
-    return state.position[:, 1], *(energy(each, (0, -8.0), mass) for each in (before, state))
+    energies = (mass @ ((v**2).sum(axis=1) / 2 + 8.0 * p[:, 1]) for p, v in
+                ((scene.position, scene.velocity), (state.position, state.velocity)))  # fmt: skip
+    return state.position[:, 1], *energies
 
 
-@pytest.mark.parametrize("mass", [(1.0, 1.0), (1.0, 3.0), (4.0, 1.0)])
+@pytest.mark.parametrize("mass", [(1.0, 1.0), (4.0, 1.0)])
 def test_a_lift_against_gravity_is_paid_for_by_the_speed_of_parting(mass):
     """3/8 are missing along (0.6, 0.8). The floor does not yield, so the upper disc's half is a lift."""
-    height, before, now = lifted((0.375, 0.5), 5.0, mass)
-    pushed, _, control = lifted((0.375, 0.5), 5.0, mass, "push")
+    (height, before, now), (pushed, _, control) = (lifted(np.array(mass), how) for how in ("impact", "push"))
     assert height == pytest.approx(pushed, abs=1e-7)
     assert height[0] == pytest.approx(0.5, abs=1e-7)
     assert height[1] > 1.05
@@ -164,7 +160,7 @@ def test_a_disc_in_an_obstacle_is_put_across_it(obstacle, place, velocity, then,
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9, -1e-9, -1e-6])
+@pytest.mark.parametrize("depth", [1e-3, 1e-9, -1e-9])
 def test_grazes_are_found_where_they_are_deep_and_left_out_where_they_miss(depth, axis):
     """The top of the flight is below the peg at time 1.1; from there the overlap is depth - (v^2 / R + g) s^2 / 2."""
     place, velocity, pull = (-0.7 * 1.1, -0.5 - 1.1**2 / 2 + depth), (0.7, 1.1), (0, -1.0)

@@ -6,10 +6,9 @@ import re
 import numpy as np
 import pytest
 from support.scenes import simulate
-from support.tiles import on_tiles
 
 import mpsim
-from mpsim import Piston, Scene, State
+from mpsim import Piston, Scene
 from mpsim.measure import independent_average, observables
 
 pytestmark = pytest.mark.plain
@@ -97,7 +96,7 @@ def test_a_piston_sweeps_up_discs_at_rest_at_twice_its_speed_and_not_after_its_s
 
 def test_a_disc_that_is_on_the_wall_when_it_stops_stays_inside():
     """Slow discs in contact at the moment of the stop, at many places: none is lost behind it."""
-    for part in np.linspace(0.0, 1.0, 21):
+    for part in np.linspace(0.0, 1.0, 11):
         scene = one((2.5 + part, 1.5), (0.0, 0.0), Piston("left", 0.5, 3.0 - part * 1e-16))
         with exactly(scene, dt=40.0) as sim:
             sim.run(frames=1)
@@ -121,12 +120,10 @@ def pressed(stop=2.0, position=(6.0, 3.0), velocity=(0.1, 0.03), **features):
     ("features", "at"),
     [
         ({"obstacles": ACROSS}, 3.2),
-        ({"obstacles": WEDGE, "velocity": (0.0, 0.0)}, 4.49),
-        pytest.param({"stop": 1.0}, 1.0, marks=pytest.mark.long),
+        pytest.param({"obstacles": WEDGE, "velocity": (0.0, 0.0)}, 4.49, marks=pytest.mark.long),
         pytest.param({"obstacles": ACROSS, "wall_restitution": 0.5}, 3.2, marks=pytest.mark.long),
-        pytest.param({"obstacles": ACROSS, "wall_restitution": 0.0}, 3.2, marks=pytest.mark.long),
     ],
-    ids=["before an obstacle", "in a wedge", "before a wall", "with losses", "without a bounce"],
+    ids=["before an obstacle", "in a wedge", "with losses"],
 )
 @pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 def test_a_disc_that_is_crushed_is_an_error_that_names_it_and_what_to_do(features, at):
@@ -164,55 +161,15 @@ def test_a_fast_disc_that_is_added_is_not_taken_for_one_that_is_crushed(tmp_path
         assert np.abs(sim.state.velocity).max() >= 5e4
 
 
-@pytest.mark.slow
-def test_a_disc_that_is_fast_already_when_a_run_is_saved_is_crushed_at_the_same_event(tmp_path):
-    """What counts as crushed follows from the start, not from the discs that are there when a run is resumed."""
-    scene, texts, last = pressed(2.0, (4.5, 3.0), obstacles=ACROSS), [], 0
-    for path in (None, tmp_path / "run"):
-        sim = exactly(scene, dt=1 / 64)
-        if path:
-            sim.run(frames=last)
-            assert np.abs(sim.state.velocity).max() > 10 * np.abs(scene.velocity).max()
-            sim.save(path)
-            sim.close()
-            sim = mpsim.Simulation.resume(path)
-        with sim, pytest.raises(mpsim.errors.StalledError, match="is crushed") as caught:
-            sim.run(frames=2000)
-        texts.append(str(caught.value))
-        last = int(re.findall(r"frame (\d+)", texts[0])[0])
-    assert texts[0] == texts[1]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("workers", [1, 2])
-def test_discs_are_crushed_alike_on_tiles(workers):
-    """The same disc, place and speed on tiles and as a whole. Patched tiles: a user's have thousands of discs."""
-    place = np.stack(np.meshgrid(np.arange(30) * 1.2 + 2.2, np.arange(40) * 1.2 + 0.8), -1).reshape(-1, 2)
-    velocity = np.random.default_rng(1).normal(size=place.shape)
-    place, velocity = np.append(place, [[58.5, 24.5]], axis=0), np.append(velocity, [[0.0, 0.0]], axis=0)
-    scene = Scene(width=60, height=49, radius=0.5, position=place, velocity=velocity,
-                  obstacles=mpsim.Polyline([[57, 20], [57, 29]], thickness=0.2),
-                  piston=Piston("right", -1.0, 50.0))  # fmt: skip
-    texts = []
-    for tiling, number in (((1, 1), 1), ((2, 1), workers)):
-        with on_tiles(scene, tiling, number, dt=0.25) as sim, pytest.raises(mpsim.errors.StalledError) as caught:
-            sim.run(frames=200)
-        texts.append(str(caught.value))
-    assert texts[0] == texts[1]
-    assert re.match("disc 1200 is crushed in frame 7: the piston, now at 58.1 ", texts[0])
-
-
 # --- many discs
 
 
-def crowd(gravity=None, **features):
-    return Scene.random(count=16, width=9, height=7, radius=0.4, seed=3, gravity=gravity,
-                        **{"piston": Piston("right", -0.5, 7.0), **features})  # fmt: skip
+def crowd():
+    return Scene.random(count=16, width=9, height=7, radius=0.4, seed=3, piston=Piston("right", -0.5, 7.0))
 
 
-@pytest.mark.parametrize("gravity", [None, (0.3, -1.0)])
-def test_no_disc_is_ever_behind_the_piston_and_it_works_on_the_gas(gravity):
-    scene = crowd(gravity)
+def test_no_disc_is_ever_behind_the_piston_and_it_works_on_the_gas():
+    scene = crowd()
     with exactly(scene, dt=0.5) as sim:
         before = (sim.state.velocity**2).sum()
         for _ in range(10):
@@ -221,41 +178,10 @@ def test_no_disc_is_ever_behind_the_piston_and_it_works_on_the_gas(gravity):
             assert (state.position[:, 0] <= state.box[1] - 0.4).all()
             assert state.box[1] == max(9 - 0.5 * sim.time, 7.0)
             assert observables.overlap(state, scene).largest < 1e-12
-        assert gravity or (sim.state.velocity**2).sum() > 1.2 * before
+        assert (sim.state.velocity**2).sum() > 1.2 * before
         later = scene.starting_from(sim.state)
     with exactly(later) as sim:
         assert sim.state.box[1] == 7.0
-
-
-def test_a_run_goes_back_once_the_piston_has_stopped():
-    scene = crowd(piston=Piston("right", -0.5, 8.5))
-    with exactly(scene) as sim:
-        sim.run(until=2.0)
-        rest = scene.starting_from(sim.state)
-    with exactly(rest) as there:
-        assert there.run(until=1.0).collisions > 5
-        state = there.state
-    with exactly(rest.starting_from(State(state.position, -state.velocity, box=state.box))) as back:
-        back.run(until=1.0)
-        assert observables.trajectory_error(back.state, State(rest.position, rest.velocity), rest).largest < 1e-9
-
-
-def test_stepped_runs_come_to_the_exact_one_as_their_step_shrinks(figures):
-    """`impact` is exact for one contact a step. The control: a piston that is faster by a tenth."""
-    scene, until, errors = crowd((0.3, -1.0)), 1.6, {}
-    with exactly(scene, dt=until) as sim:
-        sim.run(frames=1)
-        exact = sim.state
-    for contact, steps in (("impact", 400), ("push", 50), ("push", 400)):
-        with simulate(scene, method="grid", contact=contact, dt=until / steps) as sim:
-            sim.run(frames=steps)
-            errors[contact, steps] = observables.trajectory_error(sim.state, exact, scene).rms
-    assert errors["impact", 400] < 1e-9
-    assert errors["push", 50] / errors["push", 400] > 3
-    with exactly(crowd((0.3, -1.0), piston=Piston("right", -0.6, 7.0)), dt=until) as sim:
-        sim.run(frames=1)
-        assert observables.trajectory_error(sim.state, exact, scene).rms > 1e-3
-    figures.note("piston", "impact", "rms error of grid", "< 1e-9", f"{errors['impact', 400]:.0e}", "V + 10 %: fails")
 
 
 def test_a_piston_stops_at_the_same_time_however_long_the_frames_are():
@@ -267,7 +193,7 @@ def test_a_piston_stops_at_the_same_time_however_long_the_frames_are():
     assert ends[0] == ends[1]
 
 
-def compressed(speed, seed, how, count=24, radius=0.1, side=8.0):
+def compressed(speed, seed, how, count=12, radius=0.1, side=8.0):
     """After a right wall has halved a box: energy over that at the start, and what impulse times speed of the right
     and of the left wall would make of it."""
     scene = Scene.random(count=count, width=side, height=side / 2, radius=radius, seed=seed)

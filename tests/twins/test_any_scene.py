@@ -13,8 +13,8 @@ import mpsim
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]  # any discs in any box
 
-FEW = settings(max_examples=max(settings().max_examples // 2, 1))
-"""Half as many examples as the profile has: with --long there are more."""
+FEW = settings(max_examples=settings().max_examples // 3)
+"""A third of those of the profile: with --long there are more."""
 
 SIXTEENTHS = st.integers(0, 16)
 """Places as fractions of the box: coincident discs, discs at walls and on the edges of cells are likely."""

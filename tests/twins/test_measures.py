@@ -83,21 +83,6 @@ def check_sums(seed):
     same(measure.speed_kurtosis(state), np.mean(squares**2) / np.mean(squares) ** 2)
 
 
-def check_speeds(seed):
-    """The distribution of speeds: counts, and the largest distance of the two cumulative curves."""
-    _, (state, _), here = drawn(seed)
-    v = np.sort(np.linalg.norm(state.velocity[here].astype(float), axis=1))
-    found = measure.speed_distribution(state, bins=7)
-    above = [(v >= edge).sum() for edge in found.edges[:-1]]  # none is above the last edge but by rounding
-    inside = -np.diff([*above, 0])
-    width = found.edges[1] - found.edges[0]
-    same(found.value, inside / len(v) / width)
-    below = lambda speed: 1 - np.exp(-(speed**2) / np.mean(v**2))  # noqa: E731
-    same(found.maxwell, (below(found.edges[1:]) - below(found.edges[:-1])) / width, rel=1e-9)
-    steps = [abs(below(speed) - rank / len(v)) for k, speed in enumerate(v) for rank in (k, k + 1)]
-    same(found.distance, max(steps), rel=1e-9)
-
-
 def check_pairs(seed):
     """Overlaps, and the pair correlation, over all pairs one by one."""
     scene, (state, _), here = drawn(seed)
@@ -159,7 +144,7 @@ def drawn_run(seed):
 
 def check_run(seed):
     """Every measure that a gas allows, from the changes of velocity between short frames. Returns which were seen."""
-    (scene, settings), frames = drawn_run(seed), 400
+    (scene, settings), frames = drawn_run(seed), 250
     names = [name for name in run_averages.NAMES if run_averages.refusal(name, scene) is None]
     states = [mpsim.State(scene.position, scene.velocity)]
     with simulate(scene, **settings) as sim:
@@ -226,11 +211,7 @@ def depths_met(scene, states, settings):
 def states_say(scene, states, time):
     """Measures that follow from states: means over every second one, or every one where pressures are asked for."""
     m, g = scene.masses, np.zeros(2) if scene.gravity is None else scene.gravity
-    every = (
-        1
-        if run_averages.refusal("pressure_xx", scene) is None or run_averages.refusal("pressure_yy", scene) is None
-        else 2
-    )
+    every = 2 - any(run_averages.refusal(name, scene) is None for name in ("pressure_xx", "pressure_yy"))
     squares = np.array([(state.velocity**2).sum(axis=1) for state in states])
     kinetic = (m * squares).sum(axis=1) / 2
     total = [kinetic[k] - (m * (states[k].position @ g)).sum() for k in (0, -1)]
@@ -299,7 +280,7 @@ def same(got, expected, rel=1e-12, scale=None):
     assert (np.abs(np.asarray(got) - expected) <= slack).all(), f"{got!r} instead of {expected!r}"
 
 
-CHECKS = {check.__name__: check for check in (check_sums, check_speeds, check_pairs, check_displacements)}
+CHECKS = {check.__name__: check for check in (check_sums, check_pairs, check_displacements)}
 
 
 @pytest.mark.parametrize("seeds", [range(10), pytest.param(range(15, 1515), marks=pytest.mark.long)])
@@ -313,7 +294,7 @@ def test_functions_of_a_state(name, seeds):
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("seeds", [(1, 4, 5, 10), pytest.param(range(100, 500), marks=pytest.mark.long)])
+@pytest.mark.parametrize("seeds", [(1, 5), pytest.param(range(100, 500), marks=pytest.mark.long)])
 def test_measures_of_runs(seeds):
     """Seen are those of runs with one event in a frame at most."""
     seen = Counter(name for seed in seeds for name in check_run(seed))

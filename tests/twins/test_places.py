@@ -28,24 +28,20 @@ def check(sim, path, changed=None):
             assert again.scene.piston == replayed.scene.piston == sim.scene.piston
 
 
-@pytest.mark.parametrize(
-    ("method", "precision"), [("naive", "float64"), ("grid", "float64"), ("grid", "float32"), ("event", "float64")]
-)
+@pytest.mark.parametrize(("method", "precision"), [("grid", "float32"), ("event", "float64")])
 def test_a_piston_is_where_its_time_says_after_every_change(method, precision, tmp_path):
     scene = mpsim.Scene(width=10, height=10, radius=0.5, position=[[2, 2], [6, 2], [9.3, 7]],
                         velocity=[[0, 0], [1, 0.3], [0, 0]], piston=mpsim.Piston("right", SPEED, STOP))  # fmt: skip
     path = tmp_path / "run.mpsim"
     with mpsim.Simulation(scene, mpsim.Settings(method=method, precision=precision, dt=0.02)) as sim:
-        for frames in (11, 10):
-            sim.run(frames=frames)
-            check(sim, path)
+        sim.run(frames=21)
+        check(sim, path)
         sim.change(dt=0.026, **({} if method == "event" else {"substeps": 3}))
         sim.run(frames=15)
         check(sim, path)
         assert sim.scene.piston == scene.piston  # which goes on as it was
         slower = sim.time
         sim.change(piston_speed=SLOWER)
-        check(sim, path, slower)
         sim.run(frames=16)
         check(sim, path, slower)
         sim.change(dt=0.07)
@@ -64,8 +60,7 @@ def test_a_piston_is_where_its_time_says_after_every_change(method, precision, t
         assert sim.state.box[1] == STOP
 
 
-@pytest.mark.parametrize("dt", [0.1, 0.3, 0.7, 1.3])
-@pytest.mark.parametrize(("method", "substeps"), [("grid", 7), ("event", 1)])
+@pytest.mark.parametrize(("method", "substeps", "dt"), [("grid", 7, 0.3), ("grid", 7, 1.3), ("event", 1, 0.7)])
 def test_frames_of_other_lengths_end_at_the_same_place(method, substeps, dt):
     """Where a piston stops inside a frame, too."""
     scene = mpsim.Scene(width=10, height=10, radius=0.1, position=[[1, 2]], velocity=[[0, 0]],
@@ -79,8 +74,7 @@ def test_frames_of_other_lengths_end_at_the_same_place(method, substeps, dt):
 ROUGH = {"gravity": (0, -0.125), "wall_restitution": 0.5, "friction": 0.25, "wall_friction": 0.25}
 
 
-@pytest.mark.parametrize("more", [{}, ROUGH], ids=["bare", "rough"])
-@pytest.mark.parametrize("method", ["naive", "grid", "event"])
+@pytest.mark.parametrize(("method", "more"), [("naive", {}), ("grid", ROUGH), ("event", {}), ("event", ROUGH)])
 def test_a_piston_passes_over_discs_that_have_left_and_every_file_has_them_where_they_left(method, more, tmp_path):
     where = np.array([[1.0, 8.0], [6.0, 8.0], [3.0, 2.0], [8.0, 8.25]])  # absorbed, removed, and two that stay
     velocity = [[-1, 0], [0, 0], [0, 0], [0, -0.125]]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from support.anything import anything
 from support.compare import assert_parallel_is_grid, assert_same_bits
-from support.processes import assert_clean, run_script
 from support.scenes import ZOO, crowd, gas, simulate, state_after, zoo
 from support.twins import Twin, assert_is_its_twin
 
@@ -111,22 +110,7 @@ def check_anything(first, last):
 
 
 def test_any_features_are_what_the_slow_twin_says():
-    assert check_anything(0, 30) > 300, "too few contacts to show anything"
-
-
-@pytest.mark.slow
-def test_all_of_a_hundred_scenes_are_what_the_slow_twin_says():
-    """In plain Python, whatever the others run in."""
-    text = """
-    import warnings
-    warnings.simplefilter("ignore")
-    from twins.test_stepped import METHODS, ZOO, check_anything, check_feature, kind
-    check_anything(30, 100)
-    for turn, name in enumerate(ZOO):
-        for method in METHODS:
-            check_feature(name, method=method, **kind(turn + 2))
-    """
-    assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=150))
+    assert check_anything(0, 16) > 150, "too few contacts to show anything"
 
 
 @pytest.mark.parametrize("boundary", ["walls", "periodic"])
@@ -144,10 +128,10 @@ def test_joints_of_chains_are_what_the_slow_twin_says(boundary):
     assert_is_its_twin(scene, 40, "joints", method="naive", dt=0.03, **kind(boundary == "walls"))
 
 
-@pytest.mark.parametrize("until", [0.5, 3.0])
+@pytest.mark.parametrize("until", [0.5, 2.0])
 def test_a_piston_that_starts_inside_is_what_the_slow_twin_says(until):
     """On its way (0.75 in 0.5), and arrived."""
-    scene = zoo("piston lossy")
+    scene = zoo("piston lossy", 24)
     with simulate(scene, method="grid", dt=0.03) as sim:
         sim.run(until=until)
         there = scene.starting_from(sim.state)
@@ -171,8 +155,7 @@ def test_added_discs_bring_their_radius_and_mass():
         assert_same_bits(sim.state, twin.state, "growth with radii and masses")
 
 
-@pytest.mark.parametrize("count", [0, 1, 2])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("count", "method"), [(0, "grid"), (0, "naive"), (1, "grid"), (2, "naive")])
 def test_no_disc_one_and_two_run_with_all_features(count, method):
     scene = zoo(ZOO["everything"].replace("giants", "radii"), count, seed=12)  # what enters is of another size
     assert_is_its_twin(scene, 15, f"{count} discs", method=method, contact="impact", dt=0.05)
@@ -212,28 +195,3 @@ def test_each_feature_is_what_the_slow_twin_says_compiled_and_on_workers(name):
         for contact, precision in KINDS:
             check_feature(name, method=method, contact=contact, precision=precision)
     assert_parallel_is_grid(zoo(ZOO[name], 400, seed=7, side=22.0), contact="impact")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("side", [6.0, 6.1, 9.5, 20.0, 21.0])
-def test_workers_do_not_change_giants_in_periodic_boxes_also_on_borders_and_corners(side):
-    """6 is exactly two diameters of a giant; odd numbers of columns are made even."""
-    scene = zoo("giants periodic", int(side**2), seed=4, side=side)
-    for corner in ([0, 0], [side, side / 2], [side / 2, 0], [1e-9, side - 1e-9]):
-        position = scene.position.copy()
-        position[0] = corner
-        there = scene.starting_from(mpsim.State(position, scene.velocity))
-        assert_parallel_is_grid(there, workers=(2, 3), contact="impact")
-        assert assert_is_its_twin(there, 10, f"giant at {corner}", method="grid", dt=0.03).contacts > 20
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-def test_any_features_are_what_the_slow_twin_says_in_thousands_of_scenes():
-    text = """
-    import warnings
-    warnings.simplefilter("ignore")
-    from twins.test_stepped import check_anything
-    check_anything(300, 8000)
-    """
-    assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=500))

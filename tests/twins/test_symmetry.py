@@ -10,7 +10,6 @@ import warnings
 import numpy as np
 import pytest
 from support.gases import any_room, typical_time
-from support.processes import assert_clean, run_script
 from support.scenes import simulate
 from support.transforms import features_of, mirror, renumbered, turn
 
@@ -121,11 +120,11 @@ def wrong_mirror(scene, rng):
 
 
 def test_images_of_scenes_do_the_same_by_the_exact_solver():
-    assert sum(map(check_exact, range(6))) >= 3
+    assert sum(map(check_exact, range(4))) >= 2
 
 
 def test_images_of_scenes_do_the_same_on_average_by_grid():
-    check_averages(range(14), 0.08)
+    check_averages(range(9), 0.1)
 
 
 def test_a_wrong_mirror_is_seen():
@@ -133,19 +132,4 @@ def test_a_wrong_mirror_is_seen():
     with pytest.raises(AssertionError, match="differs by"):
         check_exact(5, wrong_mirror)
     with pytest.raises(AssertionError, match="mirrored: collisions"):
-        check_averages(range(10), 1.0, wrong_mirror)
-
-
-PLAIN = """
-import warnings
-warnings.simplefilter("ignore")
-from twins.test_symmetry import *
-check_averages(range(1000, 1300), 0.012); [check_exact(seed) for seed in range(1000, 4000)]
-"""
-
-
-@pytest.mark.long
-@pytest.mark.timeout(2100)
-def test_thousands_of_scenes_do_the_same_in_a_mirror():
-    """In plain Python, whatever the others run in."""
-    assert_clean(run_script(PLAIN, env={"NUMBA_DISABLE_JIT": "1"}, bound=2000))
+        check_averages(range(8), 1.0, wrong_mirror)
