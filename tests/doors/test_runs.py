@@ -13,7 +13,7 @@ from support.trajectories import content
 
 import mpsim
 
-pytestmark = pytest.mark.plain
+pytestmark = pytest.mark.compiled  # a gas by default settings
 
 
 @pytest.fixture(scope="module")

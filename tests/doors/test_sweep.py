@@ -331,19 +331,19 @@ def test_a_sweep_of_runs_that_cannot_be_is_refused(function, grid, options, text
 
 
 def test_threads_give_the_same_rows_and_a_result_that_an_executor_loses_is_a_failed_row(expected):
-    class Wandering(ThreadPoolExecutor):
+    class Losing(ThreadPoolExecutor):
         def submit(self, task, /, *arguments):
+            future = super().submit(task, *arguments)
             if arguments[1].get("x") == 2:
                 future = Future()
                 future.set_exception(ConnectionError("the worker is gone"))
-                return future
-            return super().submit(task, *arguments)
+            return future
 
-    with Wandering(2) as executor:
+    with Losing(2) as executor:
         assert rows_of(sweep(gas, GRID, SEEDS, executor)) == expected
         table = sweep(double, {"x": [1, 2, 3]}, executor=executor)
     assert [row.failure for row in table.rows] == [None, "ConnectionError: the worker is gone", None]
-    with pytest.raises(InputError, match=r"^executor must accept tasks; got Wandering.*not shut down"):
+    with pytest.raises(InputError, match=r"^executor must accept tasks; got Losing.*not shut down"):
         sweep(double, {"x": [1]}, executor=executor)
 
 

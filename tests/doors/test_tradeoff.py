@@ -384,12 +384,6 @@ def test_a_damaged_file_is_refused(text, kept, tmp_path):
         kept(path)
 
 
-@pytest.mark.parametrize("path", [5, "a\0b", "/nowhere/at/all.json"])
-def test_what_is_no_path_is_refused(path):
-    with pytest.raises(mpsim.InputError, match="path must be a file in a folder that can be written to; got"):
-        tradeoff(SCENE, path=path)
-
-
 def test_a_run_that_fails_is_a_row_with_its_reason_and_is_tried_again_if_it_was_the_machine(kept, costs, tmp_path):
     failing = {"failure": "DivergedError: disc 0 is not finite in frame 0"}
 
@@ -431,6 +425,7 @@ def test_tables_go_to_pandas_xarray_and_parquet(table, tmp_path):
     ("arguments", "text"),
     [
         ({"measures": ["presure"]}, "measures must be one of .*got 'presure'. Did you mean 'pressure'"),
+        ({"path": "a\0b"}, "path must be a file in a folder that can be written to; got"),
         ({"candidates": []}, "candidates must hold at least one Settings"),
         ({"candidates": [COARSE, "grid"]}, r"candidates\[1\] must be an mpsim.Settings; got str"),
         ({"until": 1e12}, r"^until must be at most \S+, in which a disc flies 1e\+11 diameters; got 1e"),
