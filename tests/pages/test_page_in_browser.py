@@ -563,28 +563,6 @@ def test_two_stages_passes_and_moments(table):
     assert t.complaints == []
 
 
-@pytest.mark.long
-def test_stages_that_part_say_so_and_passes_are_offered_where_there_are_none(table):
-    t = table(gas(12, 0.6), mpsim.Settings(method="grid", dt=0.08), beside=mpsim.Settings(method="event"))
-    t.keys("m")
-    t.page.click("#play")
-    until(lambda: t.page.is_visible("#parted"))
-    t.page.click("#play")
-    assert "The stages parted for good" in t.text("parted")
-    assert t.text("trade-distance") == "parted"
-    t = table(gas(20, 0.3), None)  # `auto` takes the method naive
-    t.keys(".", "p")
-    until(lambda: t.page.is_visible("#asked-yes"))
-    assert t.text("asked-text") == (
-        "The method naive tests all pairs of discs at once, so a frame has no passes. The method grid has passes. "
-        "A restart changes all pages of this view."
-    )
-    t.keys("Enter")  # the button has the focus
-    until(lambda: t.page.get_attribute("#stage", "data-pass") == "even 1/2")
-    assert "method grid" in t.page.inner_text("#about")
-    assert t.complaints == []
-
-
 # --- a recording
 
 

@@ -1,8 +1,6 @@
 """What is kept of a view: a session and a program that run again to the same bits, a scene that goes on, and films."""
 
 import io
-import shutil
-import subprocess
 import sys
 import tomllib
 
@@ -176,19 +174,6 @@ def test_two_stages_are_side_by_side_and_a_film_begins_with_them():
             assert near(at(frames[-1], 8, 5, stage), FAST)
             assert near(at(frames[-1], 10, 8, stage), SOLID)
         assert near(frames[-1][120, 480 + 4], CLOSED)
-
-
-@pytest.mark.long
-def test_an_mp4_has_the_same_pictures(tmp_path):
-    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="the extra film is not installed")
-    with paused(TABLE, PLAIN) as page:
-        (tmp_path / "a.mp4").write_bytes(film_of(page, (0, 3, 6), "mp4"))
-        expected = np.array(frames_of(downloaded(page.view.address, "film.gif")))
-    decode = [shutil.which("ffmpeg") or imageio_ffmpeg.get_ffmpeg_exe(), "-i", str(tmp_path / "a.mp4")]
-    raw = subprocess.run([*decode, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True, check=True).stdout
-    found = np.frombuffer(raw, np.uint8).reshape(-1, 240, 480, 3).astype(int)
-    assert np.abs(found[-1] - expected[-1]).mean() < 1.5, "what is lost by encoding"
-    assert np.abs(found[-1] - expected[0]).mean() > 2.5, "the control: another picture"
 
 
 def test_films_that_cannot_be_made_say_why(tmp_path, monkeypatch):
