@@ -189,19 +189,12 @@ def test_a_fork_server_that_was_killed_is_started_again():
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("before", "says"),
-    {
-        "a limit in the fork server": ("", r"Python's fork server, .*ended.* (ulimit -u)"),
-        "no current folder": (
-            "import tempfile; os.chdir(f := tempfile.mkdtemp()); os.rmdir(f)",
-            "The current folder, ",
-        ),
-        "no temporary folder": ("import tempfile; tempfile.tempdir = '/nowhere'", "(TMPDIR"),
-        "a long temporary folder": (
-            "import tempfile; tempfile.tempdir = tempfile.mkdtemp(suffix='a' * 90)",
-            "AF_UNIX path too long",
-        ),
-    }.values(),
-    ids=str,
+    [
+        ("", r"Python's fork server, .*ended.* (ulimit -u)"),
+        ("import tempfile; os.chdir(f := tempfile.mkdtemp()); os.rmdir(f)", "The current folder, "),
+        ("import tempfile; tempfile.tempdir = '/nowhere'", "(TMPDIR"),
+    ],
+    ids=["a limit in the fork server", "no current folder", "no temporary folder"],
 )
 def test_what_keeps_a_worker_from_starting_is_named(before, says, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(

@@ -62,7 +62,7 @@ def test_auto_chooses_the_bits_by_the_number_of_discs_and_the_speed_by_the_machi
         assert sim.run(frames=1).workers == 1
 
 
-@pytest.mark.parametrize("method", ["grid", "parallel", "auto"])
+@pytest.mark.parametrize("method", ["grid", "auto"])
 def test_discs_may_be_added_while_progress_is_reported(method):
     """`auto` goes from one process to several on the way, so that the number of workers changes during the run."""
     place = np.stack(np.divmod(np.arange(900), 30), axis=1) * 1.5 + 1
@@ -173,7 +173,7 @@ def test_what_was_changed_in_a_checkpoint_is_damage(change, text, tmp_path):
 
 # --- reports
 
-LAYOUTS = [("naive", 1), ("grid", 1), ("event", 1), ("parallel", 1), ("parallel", 3)]
+LAYOUTS = [("grid", 1), ("event", 1), ("parallel", 3)]
 
 
 @pytest.mark.parametrize(("method", "workers"), LAYOUTS)
