@@ -94,6 +94,8 @@ def test_measures_are_taken_from_a_start_on_also_where_the_run_is_continued(whol
     measured, out = ("--measure", "pressure", "--start", 0.2), tmp_path / "run"
     with mpsim.Simulation(mpsim.Scene.load("gas"), mpsim.Settings(method="grid")) as sim:
         expected = sim.run(frames=30, measures="pressure", start=0.2).measures["pressure"].value
+    told = json.loads(mpsim_command("run", "gas", *SHORT[:4], *measured, "--json").stdout)
+    assert told["measures"]["pressure"]["value"] == expected
     stopped_at(3, monkeypatch, "run", "gas", *SHORT, *measured, "--out", out)
     assert mpsim_command("resume", out, "--frames", 2, "--quiet").exit_code == 0
     assert f"digest {record_of(whole)['digest']}\n" in mpsim_command("resume", out, "--quiet").stdout

@@ -348,12 +348,19 @@ def test_threads_give_the_same_rows_and_a_result_that_an_executor_loses_is_a_fai
 
 
 def test_an_executor_holds_a_bounded_number_of_tasks():
-    submitted, finished, most, held = 0, 0, 0, []
+    """Each future is looked at a few times, whatever else is pending: `wait` would look at all for each one."""
+    submitted, finished, most, looks, held = 0, 0, 0, 0, []
+
+    class Watched(Future):
+        def __getattribute__(self, name):
+            nonlocal looks
+            looks += 1
+            return super().__getattribute__(name)
 
     class Counting(ThreadPoolExecutor):
         def submit(self, task, /, *arguments):
             nonlocal submitted, most
-            submitted, future = submitted + 1, Future()
+            submitted, future = submitted + 1, Watched()
             most = max(most, submitted - finished)
             held.append((future, task, arguments))
             if submitted % 1000 == 0:  # the last one first
@@ -370,6 +377,7 @@ def test_an_executor_holds_a_bounded_number_of_tasks():
         table = sweep(double, {"x": range(6000)}, executor=executor, progress=count)
     assert [row.values["y"] for row in table.rows] == list(range(0, 12_000, 2))
     assert 1000 <= most <= 5000
+    assert 6000 < looks < 100 * 6000
 
 
 @pytest.mark.slow
