@@ -113,6 +113,10 @@ def test_a_scene_keeps_read_only_copies_and_refuses_assignments():
             with pytest.raises(InputError, match=rf"^{name} of a Scene cannot be assigned; got 3\. Make another"):
                 setattr(each, name, 3)
         assert each.digest() == scene.digest()
+    named = type("Named", (Scene,), {}).random(count=9, packing=0.1, radius=0.5)
+    named.label = "an attribute of its own"
+    with pytest.raises(InputError, match=r"gravity of a Named cannot be deleted\. Make another Scene; "):
+        del named.gravity
 
 
 def test_discs_may_touch_to_rounding_and_what_is_equal_for_all_counts_as_one():
