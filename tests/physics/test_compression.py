@@ -40,8 +40,14 @@ def jammed_at(scene, packing, rate=0.1):
     return float(str(caught.value).split("a packing of ")[1].split(". ")[0])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("count", "distance"), [(3, math.sqrt(6) - math.sqrt(2)), (5, math.sqrt(2) / 2), (9, 0.5)])
+@pytest.mark.parametrize(
+    ("count", "distance"),
+    [
+        pytest.param(5, math.sqrt(2) / 2, marks=pytest.mark.slow),
+        pytest.param(3, math.sqrt(6) - math.sqrt(2), marks=pytest.mark.long),
+        pytest.param(9, 0.5, marks=pytest.mark.long),
+    ],
+)
 def test_few_discs_jam_in_the_densest_packing_in_a_square(count, distance):
     """distance: the largest least distance of so many points in a unit square (of nine: Schaer, Canad. Math. Bull. 8,
     273, 1965). Some starts jam before, none after.
