@@ -7,7 +7,6 @@ import os
 import pickle
 import re
 import resource
-import signal
 import tracemalloc
 import warnings
 import zipfile
@@ -15,8 +14,8 @@ import zipfile
 import numpy as np
 import pytest
 from support.checkpoints import WORDS, frame_in, rewrite, rewrite_members, saved, two
-from support.processes import assert_clean, run_script
 from support.scenes import exact_zoo, lattice, zoo
+from support.selection import long_but
 
 import mpsim
 
@@ -82,8 +81,8 @@ def assert_flipped_bits_do_no_harm(path, places):
 
 def test_a_flipped_bit_anywhere_changes_nothing_or_leads_to_the_one_before(tmp_path, figures):
     path = two(tmp_path / "run")
-    found = assert_flipped_bits_do_no_harm(path, range(0, path.stat().st_size, 13))
-    figures.note("R6", "grid", "one bit flipped, in every 13th byte", "the same content, or the previous one", found)
+    found = assert_flipped_bits_do_no_harm(path, range(0, path.stat().st_size, 31))
+    figures.note("R6", "grid", "one bit flipped, in every 31st byte", "the same content, or the previous one", found)
 
 
 @pytest.mark.long
@@ -129,11 +128,10 @@ class ImpatienceError(Exception):
 
 
 PASSED_ON = [
-    MemoryError("no memory"), KeyboardInterrupt(), SystemExit(143), TimeoutError("the user's alarm"),
-    TimeoutError(errno.ETIMEDOUT, "the user's alarm"), InterruptedError("the user's"),
+    MemoryError("no memory"), KeyboardInterrupt(), SystemExit(143), TimeoutError(errno.ETIMEDOUT, "the user's alarm"),
     OSError("the user's, without a number"), ImpatienceError("the user's own"), UserWarning("a warning as an error"),
 ]  # fmt: skip
-IN_WORDS = [errno.EACCES, errno.EISDIR, errno.EMFILE, errno.ENOMEM, errno.ESTALE]
+IN_WORDS = [errno.EACCES, errno.EMFILE, errno.ESTALE]
 DAMAGE = [
     OSError(errno.EIO, "Input/output error"), OSError(errno.EBADMSG, "Bad message"), EOFError("cut off"),
     zipfile.BadZipFile("Bad CRC-32"), ValueError("no number"), KeyError("no such array"),
@@ -190,25 +188,6 @@ def test_only_damage_leads_to_the_older_one(where, tmp_path, monkeypatch):
         with pytest.warns(mpsim.errors.CheckpointWarning, match="the previous one"):
             assert read(fail_once) == 2, error
     assert frame_in(path) == 3
-
-
-def test_a_real_alarm_while_a_checkpoint_is_read_is_passed_on(tmp_path):
-    def impatient(*_):
-        raise TimeoutError("the user's alarm")
-
-    def resume_again_and_again():
-        for _ in range(10**6):
-            mpsim.Simulation.resume(path).close()
-
-    path = saved(tmp_path / "run", lattice(60, 60), frames=0)
-    before = signal.signal(signal.SIGALRM, impatient)
-    signal.setitimer(signal.ITIMER_REAL, 0.05)
-    try:
-        with pytest.raises(TimeoutError, match="the user's alarm"):
-            resume_again_and_again()
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def test_a_folder_a_pipe_or_a_file_for_a_folder_is_no_damage(tmp_path):
@@ -280,18 +259,14 @@ def raw(text, content=bytes(80), version=(1, 0)):
 
 NO_ARRAYS = {
     "a shape of 8 PB": npy((10**15,)),
-    "a shape beyond 64 bits": npy((2**40, 2**40)),
     "a negative shape": npy((-1, -8), content=bytes(64)),
     "a shape of nothing times much": npy((0, 2**62, 2**62)),
     "objects": npy((1,), "|O", bytes(8)),
-    "texts": npy((1,), "<U9", bytes(36)),
     "a dtype of no size": npy((2**50,), "|V0"),
     "another version": npy((1,), content=bytes(8), version=(3, 0)),
-    "no array": b"nothing of the kind",
     "one byte too many": npy((1,), content=bytes(9)),
     "a header of minus signs": raw(b"-" * 9000 + b"1"),  # which NumPy's reader evaluates, to a MemoryError
     "a header of brackets": raw(b"[" * 9000),
-    "a header that is a sum": raw(b"1+" * 4000 + b"1"),
     "a header of a number too long": raw(
         b"{'descr': '<f8', 'fortran_order': False, 'shape': (" + b"9" * 5000 + b",), }\n"
     ),
@@ -312,12 +287,12 @@ def test_a_declared_array_is_compared_with_the_file_before_anything_is_allocated
 
 def test_bombs_of_compressed_or_overlapping_members_are_refused_before_they_are_read(tmp_path):
     path = saved(tmp_path / "run")
-    rewrite_members(path, lambda members: members.update({"solver.velocity.npy": bytes(2**28)}), zipfile.ZIP_DEFLATED)
-    assert path.stat().st_size < 2**20
+    rewrite_members(path, lambda members: members.update({"solver.velocity.npy": bytes(2**26)}), zipfile.ZIP_DEFLATED)
+    assert path.stat().st_size < 2**18
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(mpsim.CheckpointError, match="compressed"):
         mpsim.Simulation.resume(path)
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**17, "kilobytes: the bomb went off"
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**15, "kilobytes: the bomb went off"
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("first.npy", bytes(2**20))
         info = file.getinfo("first.npy")
@@ -366,22 +341,17 @@ def of_header(key, value, *keys):
 
 IMPOSSIBLE = {
     "a position that is not a number": put("solver.position", (0, 0), np.nan),
-    "a position far outside": put("solver.position", (0, 0), 1e9),
     "an infinite velocity": put("solver.velocity", (1, 1), np.inf),
-    "radii of 0": of_array("solver.radii", np.zeros_like),
     "radii above the largest": of_array("solver.radii", lambda a: np.full_like(a, 3.0)),
-    "masses that differ from those of the scene": of_array("solver.masses", lambda a: np.full_like(a, 2.0)),
     "one mass that differs": of_array("solver.masses", lambda a: np.append(np.ones(6), 2.0)),
-    "a mass that is not a number": of_array("solver.masses", lambda a: np.full_like(a, np.nan)),
     "masses as whole numbers": of_array("solver.masses", lambda a: np.asarray(a, np.int64)),
     "no number of discs": lambda header, arrays: header.pop("discs"),
-    **{f"{value!r:.9} discs": of_header("discs", value) for value in (10**7, 10**30, -1, 5.5, "five", [5, 5])},
+    **{f"{value!r:.9} discs": of_header("discs", value) for value in (10**30, -1, 5.5, [5, 5])},
     "frames below 0": put("solver.progress", 0, -1),
     "steps of another number of frames": put("solver.progress", 1, 77),
     "steps that its frames cannot have": put("solver.progress", 1, 6),
     "a disc that has half left": put("solver.exits", (0, 0), 0.5),
     "positions of the wrong dtype": of_array("solver.position", lambda a: a.astype(np.float32)),
-    "positions as whole numbers": of_array("solver.position", lambda a: a.astype(np.int64)),
     "one velocity too few": of_array("solver.velocity", lambda a: a[:-1]),
     "fewer discs than the scene": of_array("solver.position", lambda a: a[:2]),
     "positions in one row": of_array("solver.position", np.ravel),
@@ -390,7 +360,6 @@ IMPOSSIBLE = {
         for name in ("solver.progress", "solver.position", "scene.position")
     },
     "an array too many": lambda header, arrays: arrays.update({"solver.more": np.zeros(3)}),
-    "an array that belongs to nothing": lambda header, arrays: arrays.update({"more": np.zeros(3)}),
     "no settings": lambda header, arrays: header.pop("settings"),
     "an unknown setting": of_header("colour", "red", "settings"),
     "an impossible setting": of_header("dt", -1.0, "settings"),
@@ -400,9 +369,7 @@ IMPOSSIBLE = {
     "a scene in a list": of_header("scene", [1, 2]),
     "an obstacle of unknown kind": of_header("obstacles", [["Exit", {}]], "scene"),
     "a box that holds no disc": of_header("width", 0.1, "scene"),
-    "a width that is not a number": of_header("width", float("nan"), "scene"),
     "another frame": of_header("frame", 5, "run"),
-    "a frame in words": of_header("frame", "three", "run"),
     "no emission": lambda header, arrays: header["run"].pop("emission"),
     "an emission in a list": of_header("emission", [], "run"),
     "an emission of something else": of_header("more", [0, 0, 0], "run", "emission"),
@@ -422,9 +389,7 @@ IMPOSSIBLE_EXACT = {
     "a row below the box": put("solver.event", (0, 5), -1),
     "a cell that is not that of its place": of_array("solver.event", lambda a: np.roll(a, 1, axis=0)),
     "an order in which one is twice": put("solver.order", 0, 1),
-    "an order beyond the discs": put("solver.order", 0, 10**6),
     "an event in the past": put("solver.disc", (0, 6), -5.0),
-    "an event that has no time": put("solver.disc", (0, 5), np.nan),
     "a place that is none": put("solver.disc", (0, 0), np.nan),
     "a step of no length": put("solver.clock", 2, 0.0),
     "a step that is no power of two": put("solver.clock", slice(2, 4), 0.3),
@@ -452,7 +417,6 @@ def both(*changes):
 IMPOSSIBLE_FEATURES = {
     "a disc that has half left": of_one(1, "solver.exits", 0, 0.5),
     "a place of leaving that is not a number": of_one(1, "solver.exits", 1, np.nan),
-    "a place of leaving far outside": of_one(1, "solver.exits", 1, 1e6),
     "a place of leaving of a disc that is there": of_one(0, "solver.exits", 1, 3.0),
     "a disc that has left and has an event": of_one(0, "solver.exits", 0, 1.0),
     "a disc that has left and flies": of_one(1, "solver.disc", 2, 1.0),
@@ -496,7 +460,7 @@ def test_a_state_that_no_simulation_can_have_is_refused_though_its_digest_is_rig
         assert "features" not in start or 0 < (~sim.state.present).sum() < sim.count, "some have left"
 
 
-@pytest.mark.parametrize("method", ["grid", "event"])
+@pytest.mark.parametrize("method", long_but(["grid", "event"], "event"))
 def test_a_number_of_discs_is_compared_with_the_arrays_before_room_is_made_for_them(method, tmp_path):
     path = saved(tmp_path / "run", lattice(5, 5), method=method)
     rewrite(path, of_header("discs", 10**8))
@@ -509,71 +473,13 @@ def test_a_number_of_discs_is_compared_with_the_arrays_before_room_is_made_for_t
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("steps", [3, 6, 12])
-def test_frames_that_were_divided_are_no_damage(steps, tmp_path):
+def test_frames_that_were_divided_are_no_damage(tmp_path):
     """With on_fast="substep" each frame may have had several steps, and each as many."""
     path = saved(tmp_path / "run", zoo(WORDS, count=5), on_fast="substep")
-    rewrite(path, put("solver.progress", 1, steps))
-    with mpsim.Simulation.resume(path) as sim:
-        assert sim.frame == 3
-    rewrite(path, put("solver.progress", 1, steps + 1))
-    with pytest.raises(mpsim.CheckpointError, match=f"3 frames cannot have {steps + 1} steps"):
-        mpsim.Simulation.resume(path)
-
-
-FUZZ = """
-import shutil, warnings
-from pathlib import Path
-import numpy as np
-import mpsim
-from support.checkpoints import rewrite
-from support.scenes import exact_zoo, lattice, simulate
-
-folder, rng = Path({folder!r}), np.random.default_rng(1)
-with simulate({scene}, method={method!r}, dt=0.3) as sim:
-    sim.run(frames=6)
-    sim.save(folder / "whole")
-
-def spoil(header, arrays):
-    name = rng.choice([name for name in arrays if arrays[name].size])
-    array = arrays[name].reshape(-1)
-    place = rng.integers(array.size)
-    if array.dtype.kind == "f":
-        near = [rng.normal(), array[place] * 1.01]
-        array[place] = rng.choice([0.0, -1.0, 1e-300, 1e300, np.inf, -np.inf, np.nan, *near])
-    else:
-        array[place] = rng.choice([-(2**31), -2, -1, 0, 1, 7, 16, 2**31 - 1])
-
-warnings.simplefilter("ignore")
-counts = [0, 0, 0]
-for attempt in range(1000):
-    shutil.copy(folder / "whole", folder / "run")
-    rewrite(folder / "run", spoil)
-    try:
-        sim = mpsim.Simulation.resume(folder / "run")
-    except mpsim.CheckpointError:
-        counts[0] += 1
-        continue
-    with sim:
-        try:
-            sim.run(frames=20)
-            counts[1] += 1
-        except mpsim.MpsimError:
-            counts[2] += 1
-print(*counts)
-"""
-
-
-@pytest.mark.long
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("method", ["grid", "event", "event with features"])
-def test_a_random_value_anywhere_is_refused_or_runs(method, tmp_path, figures):
-    """Whatever passes the gate must run without a crash: in a process of its own, as a crash would end this one."""
-    scene = "exact_zoo()" if method.endswith("features") else "lattice(4, 4)"
-    outcome = run_script(FUZZ.format(method=method.split()[0], scene=scene, folder=str(tmp_path)), bound=800)
-    assert_clean(outcome)
-    refused, ran, failed = map(int, outcome.out.split())
-    assert refused > 300
-    figures.note("R7", method, "a random value in a random array, with a correct digest",
-                 "refused, or runs, or an error of mpsim",
-                 f"{refused} refused, {ran} ran, {failed} ended by an error of mpsim, 0 crashes")  # fmt: skip
+    for steps in (3, 6, 12):
+        rewrite(path, put("solver.progress", 1, steps))
+        with mpsim.Simulation.resume(path) as sim:
+            assert sim.frame == 3
+        rewrite(path, put("solver.progress", 1, steps + 1))
+        with pytest.raises(mpsim.CheckpointError, match=f"3 frames cannot have {steps + 1} steps"):
+            mpsim.Simulation.resume(path)

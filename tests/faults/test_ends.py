@@ -105,7 +105,9 @@ def held():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "workers", "start"), [(20, 3, "fork"), (4, 2, "forkserver")])
+@pytest.mark.parametrize(
+    ("number", "workers", "start"), long_but([(20, 3, "fork"), (4, 2, "forkserver")], (4, 2, "forkserver"))
+)
 def test_many_simulations_leak_no_descriptor_no_block_and_no_process(number, workers, start):
     def cycle():
         with begin("parallel", workers, lattice(9, 9), start) as sim:
@@ -122,14 +124,13 @@ def test_many_simulations_leak_no_descriptor_no_block_and_no_process(number, wor
 # --- a program
 
 ENDINGS = {
-    "without closing": ("fork", "", 0),
     "by sys.exit": ("fork", "import sys; state, report = sim.state, sim.run(frames=1); sys.exit(3)", 3),
     "by an error": ("fork", "1 / 0", 1),
-    "without closing, forkserver": ("forkserver", "", 0),
+    "without closing": ("forkserver", "", 0),
 }
 
 
-@pytest.mark.parametrize("ending", slow_but(ENDINGS, "without closing", "by an error"))
+@pytest.mark.parametrize("ending", slow_but(ENDINGS, "by an error"))
 def test_a_program_may_end_without_closing_and_without_a_main_guard(ending):
     start, text, code = ENDINGS[ending]
     outcome = run_script(f"""
@@ -149,7 +150,7 @@ sim.run(frames=2)
         assert outcome.err == ""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_program_read_from_standard_input_works():
     """As a notebook's cells do: there is no file that a new process could import as the main module."""
     outcome = run_script("""
@@ -231,19 +232,20 @@ def test_the_end_of_a_program_waits_for_no_thread_that_runs_and_for_none_that_it
         atexit.register(lambda: print(time.perf_counter() - began[0] < 5))  # runs after that of mpsim
         from support.scenes import lattice, simulate
 
-        sims, begun = [simulate(lattice(12, 12), method="grid") for _ in range(2)], threading.Event()
+        sims, begun = [simulate(lattice(12, 12), method="grid") for _ in range(3)], threading.Event()
         pool = multiprocessing.get_context("fork").Pool(1)
         pool.apply_async(int, callback=lambda _: sims[0].run(frames=2000, progress=lambda *_: begun.set()))
         begun.wait()
         again = lambda: [sims[1].run(frames=1) for _ in iter(int, 1)]
         threading.Thread(target=again, daemon=True).start()
         time.sleep(0.2)
+        atexit.register(lambda: print(sims[2].run(frames=5).frames))
         began.append(time.perf_counter())
         """,
         flags=(),  # else the pool complains that nobody has closed it
     )
     assert_clean(outcome)
-    assert outcome.out == "True\n"
+    assert outcome.out == "5\nTrue\n"
 
 
 LEFT_OPEN = """
@@ -310,12 +312,12 @@ PHASES = {
 }
 """What is done, by which the coordinator is killed, or in the midst of which."""
 
-STARTS = [(phase, "fork") for phase in PHASES] + [(phase, "forkserver") for phase in ("in a run", "idle")]
+STARTS = [(phase, "fork") for phase in PHASES] + [("in a run", "forkserver")]
 FEW = [(phase, "fork") for phase in ("as the block is born", "in a run", "as it is closed", "as discs are added")]
 
 
 @pytest.mark.timeout(60)
-@pytest.mark.parametrize(("phase", "start"), slow_but(STARTS, *FEW))
+@pytest.mark.parametrize(("phase", "start"), long_but(STARTS, *FEW))
 def test_a_killed_coordinator_leaves_no_worker_and_no_block_whatever_it_was_doing(phase, start):
     """Workers end at once; the block goes with the last process that holds the tracker's pipe."""
     text = "import warnings\nwarnings.simplefilter('ignore')\n" + HEAD.replace("START", repr(start)) + PHASES[phase]
@@ -386,12 +388,9 @@ def test_mpsim_clean_removes_blocks_of_dead_owners_alone(dead_pid, figures):
             told = [each for each in json.loads(tried.stdout) if SHARED_MEMORY / each["name"] in stale]
             assert {"name": stale[0].name, "pid": dead_pid, "nbytes": 5000} in told
             assert all(path.exists() for path in stale)
-            shown = mpsim_command("clean", "--dry-run")
-            assert (shown.exit_code, f"{stale[0].name}  " in shown.output, "would be removed" in shown.output) == (
-                0,
-                True,
-                True,
-            )
+            shown = mpsim_command("clean", "--dry-run").output
+            assert f"{stale[0].name}  " in shown
+            assert "would be removed" in shown
             assert f"of process {dead_pid}" in mpsim_command("clean").output
             assert [path.exists() for path in stale] == [False, True, False, False]
             assert all(path.exists() for path in kept)

@@ -12,6 +12,7 @@ import pytest
 from support.compare import assert_same_bits
 from support.killing import Killer, repeat_until_killed
 from support.scenes import gas
+from support.selection import long_but
 from support.tiles import always_tiled, first_free_place, on_tiles
 
 import mpsim
@@ -94,7 +95,7 @@ def test_workers_stay_the_same_when_discs_are_added_or_changed_and_a_death_befor
     assert len(states[0].position) == COUNT + 2
 
 
-@pytest.mark.parametrize("dt", [0.01, 20.0])
+@pytest.mark.parametrize("dt", long_but([0.01, 20.0], 20.0))
 def test_a_run_that_is_interrupted_between_short_frames_or_inside_long_ones_goes_on_with_the_same_bits(dt, tmp_path):
     with tiled(2, dt) as sim:
         pids = sim.pids
@@ -112,6 +113,7 @@ def test_a_run_that_is_interrupted_between_short_frames_or_inside_long_ones_goes
     assert_same_bits(state, undisturbed(frames + 2, dt)[0], f"interrupted four times, last in frame {frames}")
 
 
+@pytest.mark.long
 def test_ctrl_c_beside_a_death_leaves_a_state_that_is_one_or_none():
     """The window may be given up half-way. What lies in the block then must not pass for a result."""
 

@@ -24,7 +24,7 @@ from support.processes import (
     wait_until,
 )
 from support.scenes import ALONE, digest_after, lattice, simulate
-from support.selection import long_but, slow_but
+from support.selection import long_but
 
 import mpsim
 
@@ -142,7 +142,7 @@ def tried(sim):
     return {name: str(value) for name, value in found.items()}, repr(sim), sim.scene.count
 
 
-@pytest.mark.parametrize("method", slow_but(METHODS, "parallel", "event"))
+@pytest.mark.parametrize("method", long_but(METHODS, "parallel", "event"))
 def test_every_door_is_refused_in_a_fork_and_the_parent_continues_as_if_alone(method):
     """Also where a callback of a run forks, and the fork comes back into the run of its parent."""
 
@@ -202,7 +202,7 @@ class ForkAt:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["naive", "grid", "parallel"])
+@pytest.mark.parametrize("method", long_but(["naive", "grid", "parallel"], "parallel"))
 def test_a_fork_at_any_moment_of_a_run_does_not_write_to_the_block_of_its_parent(method, request):
     """It returns into a call that may have all views of the block already, and ran its parent's frames."""
     codes, frames = [], 5
@@ -337,7 +337,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_processes_that_the_fork_server_starts_for_the_program_get_ctrl_c_and_its_pools_run_simulations():
     """The server was started while Ctrl-C was blocked for the sake of a worker; all that it started inherited it."""
     outcome = run_script(MASKED, flags=("-W", "error", "-W", "ignore:This process:DeprecationWarning"))
@@ -382,7 +382,7 @@ print(memory.size, flush=True)
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of a box that is too full
-@pytest.mark.parametrize("end", slow_but(["memory.close()", "os.abort()", "os.kill(os.getpid(), 9)"], "memory.close()"))
+@pytest.mark.parametrize("end", long_but(["memory.close()", "os.abort()"], "memory.close()"))
 def test_a_foreign_process_that_attached_to_the_block_or_removed_its_name_does_no_harm(end):
     """Before Python 3.13 its resource tracker removes the block's name as it exits, thinking it a leak of its own.
 

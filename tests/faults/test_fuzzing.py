@@ -22,7 +22,7 @@ import mpsim
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile.reading import PACKAGED
 
-FEW, MANY = 80, 20_000
+FEW, MANY = 40, 20_000
 """Executions of each test by default, and with --long."""
 
 MEMORY = 100_000_000
@@ -152,13 +152,8 @@ def test_damaged_scene_files(request, tmp_path, figures):
     times = executions(request)
     good = count_good(times, 1, trial)
     assert 0 < good < times, "neither is every damage harmless nor every file refused"
-    figures.note(
-        "F1",
-        "scenes",
-        f"{times} damaged scene files",
-        "no other error than SceneFileError",
-        f"{good} still valid scenes",
-    )
+    what, good = f"{times} damaged scene files", f"{good} still valid scenes"
+    figures.note("F1", "scenes", what, "no other error than SceneFileError", good)
 
 
 def checkpoints(folder):
@@ -172,16 +167,8 @@ def checkpoints(folder):
     return [path.read_bytes() for path in made]
 
 
-def damage_checkpoints(folder, times):
-    """How many of so many damaged checkpoints still run."""
-    contents = checkpoints(folder)
-    path = folder / "run"
-
-    def trial(rng):
-        path.write_bytes(damaged_bytes(rng.choice(contents), rng))
-        return read_checkpoint(path)
-
-    return count_good(times, 1, trial)
+def damage(path, rng):
+    path.write_bytes(damaged_bytes(path.read_bytes(), rng))
 
 
 def forge(header, arrays, rng):
@@ -198,25 +185,28 @@ def forge(header, arrays, rng):
             arrays[name] = damaged_array(arrays[name], rng)
 
 
-def forge_checkpoints(folder, times):
-    """How many of so many checkpoints with other values and a good digest still run."""
-    contents = checkpoints(folder)
-    path = folder / "run"
+def forged(path, rng):
+    rewrite(path, lambda header, arrays: forge(header, arrays, rng))
+
+
+def hit_checkpoints(folder, times, hit):
+    """How many of so many damaged or forged checkpoints still run."""
+    contents, path = checkpoints(folder), folder / "run"
 
     def trial(rng):
         path.write_bytes(rng.choice(contents))
-        rewrite(path, lambda header, arrays: forge(header, arrays, rng))
+        hit(path, rng)
         return read_checkpoint(path)
 
     return count_good(times, 1, trial)
 
 
-def without_compilation(deed, folder, times):
+def without_compilation(hit, folder, times):
     """Do it in a process whose kernels are plain Python: there an index that leads out of an array is an error."""
     text = f"""
     from pathlib import Path
     from faults import test_fuzzing
-    print(test_fuzzing.{deed.__name__}(Path({str(folder)!r}), {times}))
+    print(test_fuzzing.hit_checkpoints(Path({str(folder)!r}), {times}, test_fuzzing.{hit.__name__}))
     """
     outcome = run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=60 + times / 10)
     assert outcome.code == 0, outcome.err
@@ -226,11 +216,10 @@ def without_compilation(deed, folder, times):
 @pytest.mark.timeout(2400)
 def test_damaged_checkpoints(request, tmp_path, figures):
     times = executions(request)
-    good = without_compilation(damage_checkpoints, tmp_path, times)
+    good = without_compilation(damage, tmp_path, times)
     assert good < times / 10, "a digest lets hardly any damage pass"
-    figures.note(
-        "F2", "runs", f"{times} damaged checkpoints", "no other error than CheckpointError", f"{good} still valid"
-    )
+    what, good = f"{times} damaged checkpoints", f"{good} still valid"
+    figures.note("F2", "runs", what, "no other error than CheckpointError", good)
 
 
 @pytest.mark.slow
@@ -238,11 +227,10 @@ def test_damaged_checkpoints(request, tmp_path, figures):
 def test_forged_checkpoints(request, tmp_path, figures):
     """The digest is right, as whoever forges one can compute it; what is refused must be refused for what it says."""
     times = executions(request)
-    good = without_compilation(forge_checkpoints, tmp_path, times)
+    good = without_compilation(forged, tmp_path, times)
     assert 0 < good < times
-    figures.note(
-        "F3", "runs", f"{times} forged checkpoints", "no other error than CheckpointError", f"{good} valid states"
-    )
+    what, good = f"{times} forged checkpoints", f"{good} valid states"
+    figures.note("F3", "runs", what, "no other error than CheckpointError", good)
 
 
 def test_the_fuzzer_sees_what_escapes():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.internals import write
 from support.scenes import gas, split
-from support.selection import slow_but
+from support.selection import long_but
 
 import mpsim
 
@@ -16,14 +16,15 @@ pytestmark = [
 ]
 
 BEFORE = 7
+METHODS = [("naive", 1), ("grid", 1), ("parallel", 3)]
 
 
-def begin(method, workers, precision="float64", count=900):
+def begin(method, workers, precision="float64", count=300):
     settings = {"method": method, "workers": workers, "start_method": "fork", "precision": precision}
     return mpsim.Simulation(gas(count, 0.3, seed=1), **split(settings))
 
 
-def error_of(changes, method, workers, precision="float64", count=900):
+def error_of(changes, method, workers, precision="float64", count=300):
     """What a run raises after values were written into discs, {disc: {field: value}}: no input can bring them there."""
     with begin(method, workers, precision, count) as sim:
         sim.run(frames=BEFORE)
@@ -39,28 +40,22 @@ def error_of(changes, method, workers, precision="float64", count=900):
 
 @pytest.mark.parametrize(
     ("method", "workers", "precision"),
-    slow_but(
-        [
-            (method, workers, precision)
-            for method, workers in [("naive", 1), ("grid", 1), ("parallel", 2), ("parallel", 3)]
-            for precision in ("float64", "float32")
-        ],
-        ("naive", 1, "float64"),
-        ("grid", 1, "float64"),
-        ("parallel", 3, "float64"),
+    long_but(
+        [(*method, precision) for method in METHODS for precision in ("float64", "float32")],
+        *((*method, "float64") for method in METHODS),
     ),
 )
 def test_a_disc_that_is_not_finite_is_named_with_frame_position_and_velocity(method, workers, precision):
     """The lowest of several, whichever worker meets it; the first and the last; any coordinate."""
-    error = error_of({500: {"x": np.nan, "y": 3.0, "vx": 0.0, "vy": 0.0}}, method, workers, precision)
-    assert (error.particle, error.frame) == (500, BEFORE)
+    error = error_of({200: {"x": np.nan, "y": 3.0, "vx": 0.0, "vy": 0.0}}, method, workers, precision)
+    assert (error.particle, error.frame) == (200, BEFORE)
     assert np.isnan(error.position[0])
     assert (error.position[1], *error.velocity) == (3.0, 0.0, 0.0)
-    assert re.search(r"disc 500 is not finite in frame 7: position \(nan, 3.0\), velocity \(0.0, 0.0\)", str(error))
+    assert re.search(r"disc 200 is not finite in frame 7: position \(nan, 3.0\), velocity \(0.0, 0.0\)", str(error))
     assert "smaller dt" in str(error), "the text must say what to do"
-    several = {disc: {"vx": np.nan} for disc in (880, 411, 23, 300, 24)}
+    several = {disc: {"vx": np.nan} for disc in (280, 211, 23, 100, 24)}
     assert error_of(several, method, workers, precision).particle == 23
-    for disc in (0, 899):
+    for disc in (0, 299):
         assert error_of({disc: {"y": np.nan}}, method, workers, precision).particle == disc
     for number, value in enumerate([np.nan, np.inf, -np.inf, np.inf]):
         field = ["x", "y", "vx", "vy"][number]
@@ -98,9 +93,9 @@ def test_the_frame_of_an_overflow_inside_a_long_run_does_not_depend_on_the_worke
 @pytest.mark.timeout(600)
 def test_a_bad_disc_is_named_alike_a_hundred_times_on_more_workers_than_cores(figures):
     """Workers that are late in leaving one command's barrier must still come to the next one's, bad state or not."""
-    several = {disc: {"vx": np.nan} for disc in (880, 411, 23, 300, 24)}
+    several = {disc: {"vx": np.nan} for disc in (280, 211, 23, 100, 24)}
     for _ in range(100):
         error = error_of(several, "parallel", 5)
         assert (error.particle, error.frame) == (23, BEFORE)
-    what = "NaN in 5 of 900 discs, 100 times"
+    what = "NaN in 5 of 300 discs, 100 times"
     figures.note("R17", "parallel on 5", what, "the lowest disc is named", "100 of 100")

@@ -7,6 +7,7 @@ from support.commands import library_digest, mpsim_command
 from support.processes import run_script, wait_until
 from support.ranks import on_ranks
 from support.scenes import gas
+from support.selection import long_but
 
 import mpsim
 from mpsim.cli.runfolder import RunFolder
@@ -30,7 +31,10 @@ with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as s
 """
 
 
-@pytest.mark.parametrize("act", ["os.kill(os.getpid(), signal.SIGKILL)", "raise ValueError('of rank one')"])
+KILLED, RAISED = "os.kill(os.getpid(), signal.SIGKILL)", "raise ValueError('of rank one')"
+
+
+@pytest.mark.parametrize("act", long_but([KILLED, RAISED], KILLED))
 def test_a_rank_that_ends_ends_the_job(act):
     done = on_ranks(2, script=LONG.format(act=act), bound=BOUND)
     assert done.code != 0
@@ -55,7 +59,7 @@ with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as s
 """
 
 
-@pytest.mark.parametrize(("signal", "every"), [("SIGKILL", 10), ("SIGTERM", 10**6)])
+@pytest.mark.parametrize(("signal", "every"), long_but([("SIGKILL", 10), ("SIGTERM", 10**6)], ("SIGTERM", 10**6)))
 def test_a_rank_that_is_told_to_end_leaves_a_checkpoint_with_which_one_process_goes_on(signal, every, tmp_path):
     path = tmp_path / "run.mpsim"
     done = on_ranks(2, str(path), script=SAVING.format(signal=signal, every=every), bound=BOUND)
@@ -178,6 +182,7 @@ def test_what_ranks_cannot_do_is_one_error_on_all():
         assert words in told[0][name][1], name
 
 
+@pytest.mark.long
 def test_an_error_of_a_command_on_all_ranks_is_told_once_and_one_of_a_rank_ends_the_job(tmp_path):
     """The controls: each of them with an exit code, and nobody left waiting."""
     on_all = on_ranks(2, "run", "gas", "--method", "mpi", "--workers", "3000", program="mpsim", bound=BOUND)
@@ -264,6 +269,7 @@ except SystemExit as end:
 FULL_DISK = "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rank", "act", "code", "status", "told"),
     [
@@ -310,34 +316,6 @@ def test_a_worker_of_a_rank_that_dies_is_one_error_on_all():
     assert done.code == 0, done.err
     assert done.out.count("worker 1 True") == 2
     assert done.out.count("closed") == 2
-
-
-FULL = """
-import mpsim
-from mpi4py import MPI
-from mpsim.engine.solvers import mpi_part
-from support.ranks import found, tell
-
-mpi_part.SPARE, mpi_part.FEWEST = 1.0, 4
-renew = mpi_part.Part._renew
-
-def refuse(part, count, with_discs=True):
-    if with_discs and MPI.COMM_WORLD.rank == 1:
-        raise mpsim.errors.SharedMemoryError("there is no more")
-    renew(part, count, with_discs)
-
-mpi_part.Part._renew = refuse
-try:
-    found("corner", method="mpi")
-except mpsim.errors.SharedMemoryError as error:
-    tell(f"{error} {error.__notes__[0]}")
-"""
-
-
-def test_a_rank_without_room_in_the_middle_of_a_step_is_one_error_on_all():
-    done = on_ranks(2, script=FULL, bound=BOUND)
-    assert done.code == 0, done.err
-    assert done.out.count("there is no more on rank 1") == 2
 
 
 def test_without_mpi_the_error_says_what_to_install():

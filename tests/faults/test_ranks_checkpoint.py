@@ -7,6 +7,7 @@ import pytest
 from support.checkpoints import rewrite, saved
 from support.ranks import on_ranks, told_by_script
 from support.scenes import gas
+from support.selection import long_but
 
 import mpsim
 
@@ -116,7 +117,7 @@ if comm.rank == 0:
 """
 
 
-@pytest.mark.parametrize("when", ["at once", "while it is written"])
+@pytest.mark.parametrize("when", long_but(["at once", "while it is written"], "at once"))
 def test_sigterm_to_all_ranks_writes_one_checkpoint(when, tmp_path):
     """As batch systems send it: to each rank, which has it a little sooner or later than others."""
     path = tmp_path / "run"

@@ -12,7 +12,7 @@ import psutil
 import pytest
 from support.processes import SHARED_MEMORY, assert_clean, blocks_of, run_script
 from support.scenes import digest_after, lattice, simulate
-from support.selection import slow_but
+from support.selection import long_but
 
 import mpsim
 
@@ -82,7 +82,7 @@ def size_of_block(scene):
         return (SHARED_MEMORY / name).stat().st_size
 
 
-@pytest.mark.parametrize("method", slow_but(METHODS, "grid", "parallel"))
+@pytest.mark.parametrize("method", long_but(METHODS, "grid", "parallel"))
 def test_too_few_descriptors_are_an_error_with_numbers_and_nothing_leaks(method):
     """With none to spare, with one, with two ... until there are enough."""
     before = started_before(method)
@@ -99,7 +99,7 @@ def test_too_few_descriptors_are_an_error_with_numbers_and_nothing_leaks(method)
     assert refusals > 1, "the control: some starts were refused"
 
 
-@pytest.mark.parametrize("method", slow_but(["grid", "event", "parallel", "a worker"], "grid"))
+@pytest.mark.parametrize("method", long_but(["grid", "parallel", "a worker"], "grid"))
 def test_too_little_address_space_is_an_error_with_sizes_and_nothing_leaks(method):
     """A worker that is forked has all that its coordinator has, and maps the block once more."""
     solver, settings = ("parallel", {"start_method": "fork"}) if method == "a worker" else (method, {})
@@ -194,7 +194,7 @@ print(psutil.Process().num_fds() - before, blocks_of(os.getpid()))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become a user without processes")
 def test_no_process_for_the_resource_tracker_is_an_error_that_says_so():
     """The first simulation of a program starts it, whatever the method. It was an error about /dev/shm."""
