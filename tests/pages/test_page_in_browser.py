@@ -682,7 +682,10 @@ OUTSIDE = """() => {
 }"""
 
 
-@pytest.mark.parametrize("size", long_but([(320, 800), (390, 844), (1280, 800), (1920, 1080)], (390, 844)))
+@pytest.mark.parametrize(
+    "size",
+    [(390, 844), *(pytest.param(each, marks=pytest.mark.long) for each in ((320, 800), (1280, 800), (1920, 1080)))],
+)
 def test_nothing_leaves_its_place_on_any_screen(table, size):
     for touch in (False, True):
         t = table(SCENE, size=size, name="A name that is quite long " * 3,
