@@ -50,7 +50,7 @@ def checked(
     speeds = checks.finite_array("velocity", checks.rows(velocity), (count, 2), f"({count}, 2), as position has")
     radii = _one_each("radius", radius, scene.largest_radius, count, has_radii(scene))
     masses = _one_each("mass", mass, 1.0, count, has_masses(scene))
-    _check_room(scene, time, present, "position", places, radii)
+    _check_new(scene, time, present, "position", places, radii)
     checks.fitting("velocity", speeds, precision)
     brought = {
         column.name: _brought(scene, precision, column, others[column.name], count)
@@ -79,7 +79,7 @@ def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, cou
     return values
 
 
-def _check_room(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:
+def _check_new(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:
     """Refuse discs that are not in the box as it is now, or for which a feature of the scene leaves no room."""
     scene.check_inside(name, position, radius, time)
     new = feature.NewDiscs(name, position, radius, present)
@@ -98,7 +98,7 @@ def hindrance(scene: Scene, time: float, present: Floats, name: str, position: F
         position, radius: of the disc, shape (2,) and () [length].
     """
     try:
-        _check_room(scene, time, present, name, position[None], np.array([radius]))
+        _check_new(scene, time, present, name, position[None], np.array([radius]))
     except InputError as error:
         return str(error)
     return None

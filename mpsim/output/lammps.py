@@ -51,7 +51,7 @@ class DumpReader(TextReader):
         rows = [line for line in lines[first:] if line.strip()]
         if number.strip() != f"{len(rows)}":
             raise changed(lines[0])
-        low, size, periodic = _box(bounds, lines, items[bounds])
+        low, size, periodic = _box_of_dump(bounds, lines, items[bounds])
         columns = table(rows, first, [(name, 1) for name in names], READ, "ITEM: ATOMS says")
         found = {name: values[:, 0] for name, values in columns.items()}
         ending = next((each for each in PLACES if {f"x{each}", f"y{each}"} <= found.keys()), None)
@@ -79,7 +79,7 @@ class DumpReader(TextReader):
         return self._given.frame(where, number, box, origin, periodic, place, self._path, known)
 
 
-def _box(bounds: str, lines: list[str], at: int) -> tuple[Any, Any, tuple[bool, bool] | None]:
+def _box_of_dump(bounds: str, lines: list[str], at: int) -> tuple[Any, Any, tuple[bool, bool] | None]:
     """Lowest corner and sides of the box, and which axes are periodic; None if the frame, as old ones, does not say."""
     numbers = [[real(word, "ITEM: BOX BOUNDS", at + row) for word in lines[at + row].split()] for row in range(3)]
     wide = {len(row) for row in numbers}

@@ -17,7 +17,8 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import kinds_of
 from mpsim.features.packing_bounds import densest_packing
-from mpsim.kernels.events import records, solver, state
+from mpsim.kernels.events import records, solver
+from mpsim.kernels.events import state as stores
 from mpsim.kernels.events.boundary import Box
 from mpsim.kernels.events.cells import plan_cells
 from mpsim.kernels.events.features.hooks import BARE
@@ -205,13 +206,13 @@ def _fly(
     """
     count, largest = len(position), 2 * float(discs.radius.max()) * scale[1]
     cells = plan_cells(*discs.size, largest, count)
-    arrays = {name: np.zeros(shape, dtype)[()] for name, (dtype, shape) in state.layout(count, cells).items()}
-    store, box = state.store_of(arrays), Box(*discs.size, *discs.periodic, *cells, 0.0)
+    arrays = {name: np.zeros(shape, dtype)[()] for name, (dtype, shape) in stores.layout(count, cells).items()}
+    store, box = stores.store_of(arrays), Box(*discs.size, *discs.periodic, *cells, 0.0)
     columns = {"radius": discs.radius * scale[0], "mass": discs.mass}
     features = BARE._replace(
         contact_time=0.0, expansion=speed / scale[0], **{name: np.empty(count) for name in columns}
     )
-    state.place(position, velocity, columns, 0.0, store, box, features)
+    stores.place(position, velocity, columns, 0.0, store, box, features)
     solver.schedule(store, box, features)
     until, status = (scale[1] - scale[0]) / speed, records.PAUSED
     most = EVENTS * count
@@ -222,5 +223,5 @@ def _fly(
     reached = status == records.REACHED
     time = until if reached else float(store.clock.origin + store.clock.now)
     grown = scale[1] if reached else min(scale[0] + speed * time, scale[1])
-    found = state.read_out(store, box, features._replace(radius=features.radius * grown / scale[0]), time)
+    found = stores.read_out(store, box, features._replace(radius=features.radius * grown / scale[0]), time)
     return found["position"], found["velocity"], grown

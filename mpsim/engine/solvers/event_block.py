@@ -15,7 +15,8 @@ from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.radii import has_radii
 from mpsim.kernels import collision_log
-from mpsim.kernels.events import records, solver, state
+from mpsim.kernels.events import records, solver
+from mpsim.kernels.events import state as stores
 from mpsim.kernels.events.boundary import Box
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.scene.scene import Scene
@@ -55,7 +56,7 @@ class Plan(NamedTuple):
     def room(self, count: int) -> SharedBlock:
         """A block for so many discs, which is still to be made."""
         cells, tiling = event_snapshot.cells_for(self.scene, count), self._tiling(count)
-        shapes = state.layout(count, cells) | event_snapshot.column_shapes(self.scene, count)
+        shapes = stores.layout(count, cells) | event_snapshot.column_shapes(self.scene, count)
         specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
         if self.logging:
             specs |= collisions.specs_of(count, self.workers if tiling != WHOLE else 1)
@@ -79,7 +80,7 @@ class Plan(NamedTuple):
         """
         block.create()
         system = self.system_in(block)
-        status, particle = state.place(position, velocity, columns, time, *system)
+        status, particle = stores.place(position, velocity, columns, time, *system)
         if status != records.REACHED:
             raise InputError(
                 f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
@@ -92,7 +93,7 @@ class Plan(NamedTuple):
     def system_in(self, block: SharedBlock) -> System:
         """What kernels take of a block."""
         scene, arrays = self.scene, block.arrays
-        store = state.store_of(arrays)
+        store = stores.store_of(arrays)
         count = len(store.order)
         box, features = self._box(count), features_of(scene, arrays | self._given(count))
         features = features._replace(log=collision_log.log_of(arrays, 0))

@@ -10,7 +10,7 @@ from mpsim.errors import InputError, StalledError
 from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
 from mpsim.features.obstacles import OBSTACLES
-from mpsim.kernels import layout
+from mpsim.kernels import layout as shared
 from mpsim.kernels.events.boundary import COARSE
 from mpsim.kernels.events.solver import worst_overlap
 from mpsim.measure.driving import gravity_strength, is_inelastic, thermal_speed
@@ -43,7 +43,7 @@ ROUNDING = 1e-12
 def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
     """Raise InputError for what the exact solver cannot do exactly, by name."""
     refusals = {
-        **{law.not_exact: word == settings.law for word, law in layout.LAWS.items() if law.not_exact},
+        **{law.not_exact: word == settings.law for word, law in shared.LAWS.items() if law.not_exact},
         "precision='float32'": settings.precision != "float64",
         **{kind.not_exact: True for kind in kinds_of(scene.boundary) if kind.not_exact},
         **{feature.not_exact: feature.is_in(scene) for feature in FEATURES if feature.not_exact},

@@ -13,7 +13,8 @@ from mpsim.engine.solvers.event_scene import crushing_speed_of
 from mpsim.engine.solvers.snapshots import MOST_STEPS, REAL, Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.radii import has_radii
-from mpsim.kernels.events import records, state
+from mpsim.kernels.events import records
+from mpsim.kernels.events import state as stores
 from mpsim.kernels.events.cells import plan_cells
 from mpsim.scene.scene import Scene
 
@@ -67,7 +68,7 @@ def taken(scene: Scene, arrays: dict[str, Any]) -> Snapshot:
     """What a snapshot holds of the arrays of a block, discs by number. No radii and masses, and no calendar."""
     place = np.argsort(arrays["event"]["number"])  # of each disc
     by_disc = ("disc", "event")
-    found = {name: records.numbers(arrays[name][place] if name in by_disc else arrays[name]) for name in state.KEPT}
+    found = {name: records.numbers(arrays[name][place] if name in by_disc else arrays[name]) for name in stores.KEPT}
     number = np.append(arrays["event"]["number"], -1)  # of what lies at each place, and of none
     found["event"][:, PARTNER] = number[found["event"][:, PARTNER]]
     found = {name: np.array(values) for name, values in found.items()}
@@ -76,7 +77,7 @@ def taken(scene: Scene, arrays: dict[str, Any]) -> Snapshot:
 
 def put_back(scene: Scene, arrays: dict[str, Any], snapshot: Snapshot) -> None:
     """Write a snapshot into the arrays of a new block, the calendar aside."""
-    for name in state.KEPT:
+    for name in stores.KEPT:
         records.numbers(arrays[name])[...] = snapshot[name]
     arrays["event"]["number"] = np.arange(len(arrays["order"]))
     for saved, name in _saved_columns(scene).items():
@@ -99,8 +100,8 @@ def crushing_speed_in(scene: Scene, snapshot: Snapshot) -> float | None:
 
 def shapes(scene: Scene, count: int) -> Shapes:
     """dtype and shape of every array of a snapshot."""
-    layout, columns = state.layout(count, cells_for(scene, count)), column_shapes(scene, count)
-    blank = {name: records.numbers(np.empty(layout[name][1], layout[name][0])) for name in state.KEPT}
+    layout, columns = stores.layout(count, cells_for(scene, count)), column_shapes(scene, count)
+    blank = {name: records.numbers(np.empty(layout[name][1], layout[name][0])) for name in stores.KEPT}
     found: Shapes = {name: (array.dtype, array.shape) for name, array in blank.items()}
     found |= {saved: columns[name] for saved, name in _saved_columns(scene).items()}
     totals = records.numbers(np.empty((), records.TOTALS))
@@ -137,7 +138,7 @@ def _check_clock(arrays: Snapshot, frame_end: float) -> None:
     """frame_end: of the frame in hand [time]."""
     clock = records.of_numbers(records.CLOCK, arrays["clock"])
     counter = records.of_numbers(records.COUNTER, arrays["counter"])
-    steps = state.layout(len(arrays["order"]), (1, 1))["step_head"][1][0]
+    steps = stores.layout(len(arrays["order"]), (1, 1))["step_head"][1][0]
     finite = np.isfinite(arrays["clock"]).all()
     demand(finite and clock.origin >= 0 and clock.step > 0, "its clock must be finite, its step > 0")
     whole = np.frexp(clock.step)[0] == 0.5 and clock.lap == clock.step * steps

@@ -35,7 +35,8 @@ from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import resident_bytes
 from mpsim.errors import DivergedError, StalledError
-from mpsim.kernels import collision_log, layout
+from mpsim.kernels import collision_log
+from mpsim.kernels import layout as shared
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
 from mpsim.kernels.events.cells import link_cells
@@ -115,12 +116,12 @@ class EventSolver(Solver):
         times = np.zeros((1 + self._most_workers, frames), np.int64)
         totals = np.zeros(frames if self.tallied else 0, records.TOTALS)
         done = self._run_kernel(times, totals, stop - self.origin.time)
-        by_phase = np.zeros((self._most_workers, done, len(layout.PHASES)), np.int64)
+        by_phase = np.zeros((self._most_workers, done, len(shared.PHASES)), np.int64)
         if self._windows is None:
-            by_phase[0, :, layout.MOVE] = times[0, :done]
+            by_phase[0, :, shared.MOVE] = times[0, :done]
         else:
-            by_phase[:, :, layout.MOVE] = times[1:, :done]
-            by_phase[:, :, layout.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
+            by_phase[:, :, shared.MOVE] = times[1:, :done]
+            by_phase[:, :, shared.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
         contacts = int(self._system.store.counter.pairs) - before
         return Slice(by_phase, contacts, self._tally(totals[:done], seen) if self.tallied else None)
 

@@ -9,7 +9,8 @@ from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.solvers.mpi_ranks import Communicator
-from mpsim.engine.solvers.speeds import Part, Speeds, Walls, sides_at, speeds_together
+from mpsim.engine.solvers.speeds import Part as SpeedsOfPart
+from mpsim.engine.solvers.speeds import Speeds, Walls, sides_at, speeds_together
 from mpsim.scene.scene import Scene
 
 
@@ -49,5 +50,5 @@ def speeds_on_ranks(
         if ranks.rank == 0:
             numbers = np.append(numbers, range(count, len(radii)))
             velocity = np.append(velocity, new.velocity, 0)
-    part = Part.of(numbers, velocity, radii[numbers], Walls(sides, scene.periodic, scene.largest_radius))
+    part = SpeedsOfPart.of(numbers, velocity, radii[numbers], Walls(sides, scene.periodic, scene.largest_radius))
     return speeds_together(part, ranks.all_of, radii if present is None else radii[present], sides)

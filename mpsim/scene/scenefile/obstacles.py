@@ -25,7 +25,7 @@ from mpsim.features.obstacles import (
 )
 from mpsim.scene.scenefile.arrays import INLINE
 from mpsim.scene.scenefile.part import Part, Problem, Tables
-from mpsim.scene.scenefile.rules import Numbers, Region, Spacing, Table, array, as_in, one_or_many, plain
+from mpsim.scene.scenefile.rules import Numbers, Region, Spacing, Table, array_of, as_in, one_or_many, plain
 from mpsim.scene.scenefile.toml import Files, array_lines, pairs
 from mpsim.scene.starts import LATTICES, lattice_sites
 
@@ -38,12 +38,12 @@ class PegTable(Table):
 
     position: Annotated[
         Numbers,
-        array((2,), (None, 2), meaning="(2,) or (K, 2)"),
+        array_of((2,), (None, 2), meaning="(2,) or (K, 2)"),
         Field(description="centre [x, y]; of many discs [[x, y], ...], or a file"),
     ]
     radius: Annotated[
         float | Numbers,
-        array((), (None,), meaning="() or (K,)", unit="[length]"),
+        array_of((), (None,), meaning="() or (K,)", unit="[length]"),
         Field(description="> 0; one for all, one each, or a file"),
     ]
 
@@ -95,12 +95,12 @@ class LineTable(Table):
 
     points: Annotated[
         Numbers,
-        array((None, 2), meaning="(K, 2)"),
+        array_of((None, 2), meaning="(K, 2)"),
         Field(description="corners [[x, y], [x, y], ...], or a file"),
     ]
     lengths: Annotated[
         Numbers | None,
-        array((None,), meaning="(L,)"),
+        array_of((None,), meaning="(L,)"),
         Field(description="if points holds several lines: number of points of each, or a file"),
     ] = None
     thickness: Annotated[Any, one_or_many(_LINE), Field(description=">= 0; one for all lines, one each, or a file")] = (

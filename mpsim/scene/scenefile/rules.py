@@ -75,7 +75,7 @@ def one_or_many(*examples: Any, row: tuple[int, ...] = ()) -> Any:
     return checked(check)
 
 
-def array(*shapes: tuple[int | None, ...], meaning: str, unit: str | None = None) -> PlainValidator:
+def array_of(*shapes: tuple[int | None, ...], meaning: str, unit: str | None = None) -> PlainValidator:
     """Numbers, or a file of them; > 0 if a unit is given."""
 
     def check(name: str, value: Any, info: ValidationInfo) -> Any:

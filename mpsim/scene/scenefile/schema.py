@@ -19,7 +19,7 @@ from mpsim.scene.scenefile.rules import (
     Region,
     Spacing,
     Table,
-    array,
+    array_of,
     as_in,
     plain,
 )
@@ -79,10 +79,10 @@ else:
 def _key_of(each: PerDisc) -> tuple[Any, Any]:
     """Type and default of a key for a value of each disc."""
     if each.components:
-        rule = array((2,), (None, 2), meaning="(2,) or (N, 2)")
+        rule = array_of((2,), (None, 2), meaning="(2,) or (N, 2)")
         forms, otherwise = f"[{', '.join(each.components)}] for all, one row each, or a file", "none"
     else:
-        rule = array((), (None,), meaning="() or (N,)", unit=each.unit or None)
+        rule = array_of((), (None,), meaning="() or (N,)", unit=each.unit or None)
         forms, otherwise = "one for all, one each, or a file", f"{each.default:g}" if each.default is not None else ""
     description = "; ".join(filter(None, (each.meaning, forms, otherwise and f"default: {otherwise}")))
     default = ... if each.default is None else None
@@ -103,7 +103,7 @@ class _Places(Table):
     """Where the discs of a group are."""
 
     position: Annotated[
-        Numbers | None, array((None, 2), meaning="(N, 2)"), Field(description="centres [[x, y], ...], or a file")
+        Numbers | None, array_of((None, 2), meaning="(N, 2)"), Field(description="centres [[x, y], ...], or a file")
     ] = None
     places: Annotated[
         str | None,
@@ -137,7 +137,7 @@ class Discs(_Own):
 
     velocity: Annotated[
         Numbers | None,
-        array((2,), (None, 2), meaning="(2,) or (N, 2)"),
+        array_of((2,), (None, 2), meaning="(2,) or (N, 2)"),
         Field(description="[vx, vy] for all, one row each, or a file; default: at rest"),
     ] = None
     temperature: Annotated[

@@ -103,10 +103,10 @@ def _demand_readable(target: Path, lines: list[str]) -> None:
         )
 
 
-def _write(files: list[tuple[Path, Callable[[BinaryIO], object]]]) -> None:
+def _write(parts: list[tuple[Path, Callable[[BinaryIO], object]]]) -> None:
     """Every file is complete on the disk before the first is renamed; they are renamed last to first."""
-    if files:
-        (path, write), *others = files
+    if parts:
+        (path, write), *others = parts
         with atomic.atomic_write(path) as file:
             write(file)
             file.flush()
