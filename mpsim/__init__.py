@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import mpsim.core.interpreter  # noqa: F401  # pyright: ignore[reportUnusedImport]  # isort: skip
 from mpsim import errors, measure
-from mpsim.core import views
+from mpsim.core import state
 from mpsim.core.state import State
 from mpsim.core.units import Units
 from mpsim.core.version import __version__ as __version__
@@ -37,10 +37,9 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.findings import Findings, findings
 from mpsim.studies.sweep import sweep
-from mpsim.studies.sweep_table import Sweep
+from mpsim.studies.sweep_runs import Sweep
 from mpsim.studies.tradeoff import Tradeoff, tradeoff
-from mpsim.studies.tune import tune
-from mpsim.studies.tuned import Tuned
+from mpsim.studies.tune import Tuned, tune
 
 if TYPE_CHECKING:
     from mpsim.output.animation import animate
@@ -65,7 +64,7 @@ _VIEWS = {
     "scene_to_file": ("mpsim.scene.scenefile", "save"),
     "scene_png": ("mpsim.output.notebook", "scene_png"),
     "report_html": ("mpsim.output.notebook", "report_html"),
-    "report_times": ("mpsim.output.times", "times"),
+    "report_times": ("mpsim.output.figures", "times"),
     "trade_text": ("mpsim.output.tables", "terminal_table"),
     "trade_html": ("mpsim.output.tables", "html_table"),
     "tuned_html": ("mpsim.output.notebook", "tuned_html"),
@@ -82,7 +81,7 @@ def _imported_when_called(module: str, name: str) -> Callable[..., Any]:
 
 
 for _view, _where in _VIEWS.items():
-    views.register(_view, _imported_when_called(*_where))
+    state.register(_view, _imported_when_called(*_where))
 
 
 def __getattr__(name: str) -> Any:

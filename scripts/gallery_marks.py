@@ -8,7 +8,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
 import mpsim
-from mpsim.studies.promises import Compression, Cooling, Galton, Hopper, Promise
+from mpsim.studies.findings import Compression, Cooling, Galton, Hopper, Promise
 
 INK, LAW = "#D55E00", "#000000"
 PLAIN = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}

@@ -30,7 +30,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 import mpsim
-from mpsim.core.cores import usable_cores
+from mpsim.core.machine import usable_cores
 from mpsim.output import figures
 from mpsim.scene.settings import LAWS, PRECISIONS
 from mpsim.studies import benchmark

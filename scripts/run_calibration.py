@@ -26,10 +26,10 @@ from rich.console import Console
 from run_bench import machine
 
 import mpsim
-from mpsim.core.cores import usable_cores
+from mpsim.core.machine import usable_cores
 from mpsim.features.edges import EDGES
 from mpsim.measure import Measure, reference
-from mpsim.measure.driving import memory_of_baths
+from mpsim.measure.moments import memory_of_baths
 from mpsim.scene.settings import MethodName
 
 COUNT = 64

@@ -23,10 +23,10 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from window_picture import window
 
 import mpsim
-from mpsim.engine.workers.arrays import Grid, grid_for
+from mpsim.engine.workers.shared import Grid, grid_for
+from mpsim.output.animation import DPI, Picture
 from mpsim.output.drawing import STYLE, draw_discs, new_figure
-from mpsim.output.moving_picture import DPI, Picture
-from mpsim.output.times import PHASE_COLOURS, usual_phases
+from mpsim.output.figures import PHASE_COLOURS, usual_phases
 from mpsim.scene.scenefile import load
 
 PAGES = Path(__file__).parents[1] / "docs"

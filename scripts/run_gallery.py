@@ -20,14 +20,11 @@ from PIL import Image
 from rich.console import Console
 
 import mpsim
-from mpsim.output.animation import pictures_until
-from mpsim.output.colour_scale import scale_of_run
-from mpsim.output.drawing import LIGHT, STYLE
-from mpsim.output.moving_picture import Picture
-from mpsim.scene.recommended import frames_between_pictures, settings_for
+from mpsim.output.animation import Picture, pictures_until
+from mpsim.output.drawing import LIGHT, STYLE, scale_of_run
 from mpsim.scene.scenefile import SceneFile, load, names
-from mpsim.studies.findings import promise_of
-from mpsim.studies.promises import Promise
+from mpsim.scene.settings import frames_between_pictures, settings_for
+from mpsim.studies.findings import Promise, promise_of
 
 WHOLE = ("brownian", "cooling", "cradle", "galton", "growth", "pi", "piston", "rough-sediment")
 """Scenes that are shown to the end of their duration; of the others as many pictures, at their own interval."""

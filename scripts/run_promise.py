@@ -23,10 +23,10 @@ from promise_scenes import CASES, Case
 from run_bench import machine
 
 import mpsim
-from mpsim.core.digits import with_error
+from mpsim.core.text import with_error
 from mpsim.scene import scenefile
 from mpsim.studies.ensemble import Ensemble
-from mpsim.studies.independent_starts import StartsGiven
+from mpsim.studies.preliminary import StartsGiven
 from mpsim.studies.replicas import available
 from mpsim.studies.tune import FEWEST_REPLICAS
 

@@ -28,7 +28,7 @@ from rich.console import Console
 from run_bench import machine
 
 import mpsim
-from mpsim.core.cores import usable_cores
+from mpsim.core.machine import usable_cores
 from mpsim.engine.solvers.grid import shares_of
 
 PAGE = Path(__file__).parents[1] / "docs" / "performance.md"

@@ -27,7 +27,7 @@ from mpsim.engine import step_limits
 from mpsim.engine.solvers import speeds
 from mpsim.output import stability_map
 from mpsim.studies import stability
-from mpsim.studies.extremes import AXES
+from mpsim.studies.stability import AXES
 
 console = Console()
 

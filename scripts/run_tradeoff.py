@@ -29,7 +29,7 @@ from run_bench import machine, make_folder
 from tradeoff_answers import Effort, SavedAnswers, answers
 
 import mpsim
-from mpsim.core.cores import usable_cores
+from mpsim.core.machine import usable_cores
 from mpsim.output import frontier, tables
 
 COUNT = 200

@@ -35,11 +35,9 @@ from mpsim.engine.simulation import read_in_place
 from mpsim.scene import scenefile
 from mpsim.studies import benchmark
 from mpsim.viewer import wire
-from mpsim.viewer.admission import Admission
 from mpsim.viewer.broadcast import Shown
-from mpsim.viewer.colours import scale_of
-from mpsim.viewer.page_files import page_files
-from mpsim.viewer.server import Server, listening
+from mpsim.viewer.colouring import scale_of
+from mpsim.viewer.server import Admission, Server, listening, page_files
 from mpsim.viewer.session import Session
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure import kinetic_energy
 from mpsim.output.frontier import short_label
 from mpsim.output.tables import UNITS, error_text
-from mpsim.studies import cost
+from mpsim.studies import replicas
 from mpsim.studies.deviations import Deviation
 from mpsim.studies.tradeoff import Row, label
 
@@ -120,7 +120,9 @@ def measure_push(effort: Effort) -> dict[str, Any]:
         found[name] = tuned(scene, {"pressure": 0.01}, effort, each)
         settings[name] = replace(each, dt=found[name].get("dt", each.dt))
     settings["event"] = mpsim.Settings(method="event")
-    costs = [{name: cost.measure(scene, each, 200.0)["low"] for name, each in settings.items()} for _ in range(TURNS)]
+    costs = [
+        {name: replicas.measure(scene, each, 200.0)["low"] for name, each in settings.items()} for _ in range(TURNS)
+    ]
     return {"found": found, "costs": {name: min(each[name] for each in costs) for name in settings}}
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import mpsim
 from mpsim.engine.solvers.event_tiles import HALO
-from mpsim.kernels.events.region import BAND
+from mpsim.kernels.events.records import BAND
 from mpsim.kernels.events.windows import MOST_COLLISIONS
 from mpsim.output.drawing import new_figure
 

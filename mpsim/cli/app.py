@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from mpsim.cli import clean, look, machine, run, scenes, stability, trade, view
+from mpsim.cli import misc, run, trade, view
 from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted, in_options
 from mpsim.core.interpreter import ready_for_interrupts
 from mpsim.core.progress import above
@@ -119,19 +119,19 @@ def main(verbose: bool) -> None:
 
 
 for command in (
-    scenes.scenes,
-    scenes.show,
+    misc.scenes,
+    misc.show,
     run.run,
     run.resume,
-    look.plot,
-    look.animate,
+    misc.plot,
+    misc.animate,
     view.view,
     trade.tune,
     trade.tradeoff,
-    machine.bench,
-    machine.warmup,
-    machine.completion,
-    stability.stability,
-    clean.clean,
+    misc.bench,
+    misc.warmup,
+    misc.completion,
+    misc.stability,
+    misc.clean,
 ):
     main.add_command(command)

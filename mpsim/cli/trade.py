@@ -10,20 +10,19 @@ from typing import Any
 import click
 
 from mpsim.cli import terminal
+from mpsim.cli.misc import settings_text
 from mpsim.cli.run import run
-from mpsim.cli.scenes import settings_text
-from mpsim.core import atomic
-from mpsim.core.plain import json_text
-from mpsim.core.table_files import CSV, JSON, PARQUET, TEXT, demand_parquet
+from mpsim.core import files
+from mpsim.core.files import CSV, JSON, PARQUET, TEXT, demand_parquet
+from mpsim.core.text import json_text
 from mpsim.errors import OutputError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
-from mpsim.scene.recommended import settings_for
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import Settings, settings_for
 from mpsim.studies import tradeoff as tradeoffs
 from mpsim.studies import tune as tuning
-from mpsim.studies.independent_starts import KINDS
+from mpsim.studies.preliminary import KINDS
 
 _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
@@ -232,7 +231,7 @@ def _demand_writable(out: Path) -> None:
     if out.suffix.lower() == PARQUET:
         demand_parquet()
     try:
-        atomic.check_target(out)
+        files.check_target(out)
     except OSError as error:
         raise OutputError(
             f"--out must be a file that can be written; got {str(out)!r} ({error.strerror}). Choose another place."

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mpsim.cli import terminal
-from mpsim.cli.runfolder import RECORD, RunFolder
+from mpsim.cli.run import RECORD, RunFolder
 from mpsim.errors import InputError
 from mpsim.features.edges import BOUNDARIES
-from mpsim.output.frame_file import READERS, ending_of
+from mpsim.output.trajectory import READERS, ending_of
 from mpsim.scene import scenefile
 from mpsim.scene.settings import Settings
 
 if TYPE_CHECKING:
     from mpsim.viewer.link import Link
-    from mpsim.viewer.recording import Recording
+    from mpsim.viewer.playback import Recording
 
 VIEW_EXAMPLES = """\b
 Examples:
@@ -108,7 +108,7 @@ def _recording(path: str, given: dict[str, Any], options: dict[str, Any]) -> "Re
     Raises:
         click.UsageError: for settings beside a recording.
     """
-    from mpsim.viewer.recording import Recording  # noqa: PLC0415 - as above
+    from mpsim.viewer.playback import Recording  # noqa: PLC0415 - as above
 
     wrong = sorted(name for name, value in options.items() if value is not None)
     if wrong:

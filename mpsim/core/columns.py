@@ -1,11 +1,6 @@
-"""The declaration of all columns: numbers of each disc that are stored by disc number.
+"""Columns, the quantities that discs have one each: declared, kept in sizes, read in chunks."""
 
-Block, discs that enter, snapshots and with them checkpoints, states, their digests and files, and the frames of
-trajectories follow from the declarations. Which scenes have a column its feature says (`Feature.columns`). What every
-kernel needs at once, places and speeds, lies in the order of the grid instead: `mpsim.kernels.layout.Discs`.
-"""
-
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
@@ -13,6 +8,133 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
+
+# --- Radii and masses of discs, stored as one number if all are equal
+
+
+def equal_sizes(size: float, count: int) -> NDArray[np.float64]:
+    """So many equal numbers, read-only.
+
+    >>> equal_sizes(0.5, 3)
+    array([0.5, 0.5, 0.5])
+    """
+    # Not np.broadcast_to, which runs Python code: an interrupt in there would be lost.
+    sizes = np.ndarray((count,), np.float64, np.array([size], np.float64), strides=(0,))
+    sizes.flags.writeable = False
+    return sizes
+
+
+def kept_sizes(*parts: ArrayLike) -> NDArray[np.float64]:
+    """Numbers one after the other, a copy, read-only.
+
+    Args:
+        parts: of each array or number, shape (K,) or ().
+
+    >>> kept_sizes([1, 1], 2).tolist(), kept_sizes([2, 2], 2).strides
+    ([1.0, 1.0, 2.0], (0,))
+    """
+    arrays = [np.atleast_1d(np.asarray(part, np.float64)) for part in parts]
+    ends = [(float(part.min()), float(part.max())) for part in arrays if part.size]
+    if ends and min(low for low, _ in ends) == max(high for _, high in ends):
+        return equal_sizes(ends[0][0], sum(part.size for part in arrays))
+    sizes = np.concatenate(arrays)
+    sizes.flags.writeable = False
+    return sizes
+
+
+def of_each_disc(arrays: Mapping[str, NDArray[Any]], names: Iterable[str], discs: Any) -> dict[str, NDArray[Any]]:
+    """Arrays of a file, those of these names repeated for each disc where they are one number, which takes no memory.
+
+    Raises:
+        ValueError: if no array in the file is for so many discs: what follows makes room for them.
+    """
+    once = [name for name in names if name in arrays and not arrays[name].ndim]
+    # A list: an interrupt while a generator that is not at its end is thrown away would be lost.
+    if once and not any([array.ndim and len(array) == discs for array in arrays.values()]):
+        raise ValueError(f"it has no array for {discs!r:.30} discs")
+    return {name: np.broadcast_to(array, discs) if name in once else array for name, array in arrays.items()}
+
+
+# --- Arrays with a row per disc that are read in chunks, because no process holds them completely
+
+CHUNK = 2**16
+"""Rows that are read at a time."""
+
+
+def ranges(count: int, length: int | None = None) -> list[tuple[int, int]]:
+    """First row and the one after the last of each chunk of so many rows.
+
+    length: of a chunk; None: CHUNK.
+
+    >>> ranges(CHUNK + 1), ranges(0), ranges(3, 2)
+    ([(0, 65536), (65536, 65537)], [], [(0, 2), (2, 3)])
+    """
+    length = CHUNK if length is None else length
+    return [(first, min(first + length, count)) for first in range(0, count, length)]
+
+
+class ChunkedArray:
+    """An array of which any range of rows can be read. Slices are arrays; `numpy.asarray` reads all of it.
+
+    Args:
+        dtype, shape: of the whole.
+        read: called with (first, last), returns these rows, shape (last - first, *shape[1:]).
+
+    >>> squares = ChunkedArray(np.dtype(np.int64), (10,), lambda first, last: np.arange(first, last) ** 2)
+    >>> squares[2:5], len(squares), int(np.asarray(squares).sum())
+    (array([ 4,  9, 16]), 10, 285)
+    """
+
+    def __init__(
+        self,
+        dtype: np.dtype[Any],
+        shape: tuple[int, ...],
+        read: Callable[[int, int], NDArray[Any]],
+    ):
+        self.dtype: np.dtype[Any] = dtype
+        self.shape: tuple[int, ...] = shape
+        self._read = read
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.shape)
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        """A range of rows."""
+        first, last, step = rows.indices(len(self))
+        assert step == 1  # nobody asks for others
+        return self._read(first, last)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        rows = self[:]
+        return rows if dtype is None else rows.astype(dtype, copy=False)
+
+    def chunks(self) -> Iterator[NDArray[Any]]:
+        """All of it in the order of C, in contiguous arrays."""
+        yield from (np.ascontiguousarray(self._read(*each)) for each in ranges(len(self)))
+
+
+Array = NDArray[Any] | ChunkedArray
+
+
+def chunks_of(array: Array) -> Iterator[NDArray[Any]]:
+    """An array in the order of C, in contiguous arrays: one of them if it lies in memory.
+
+    >>> [chunk.tolist() for chunk in chunks_of(np.array([[1, 2], [3, 4]]).T)]
+    [[[1, 3], [2, 4]]]
+    """
+    return array.chunks() if isinstance(array, ChunkedArray) else iter([np.asarray(array, order="C")])
+
+
+# --- The declaration of all columns: numbers of each disc that are stored by disc number
+#
+# Block, discs that enter, snapshots and with them checkpoints, states, their digests and files, and the frames of
+# trajectories follow from the declarations. Which scenes have a column its feature says (`Feature.columns`). What
+# every kernel needs at once, places and speeds, lies in the order of the grid instead: `mpsim.kernels.records.Discs`.
 
 
 class Column(NamedTuple):

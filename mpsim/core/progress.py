@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 from mpsim.core import checks
-from mpsim.core.durations import duration
+from mpsim.core.text import duration
 from mpsim.errors import InputError
 
 Show = Callable[[int, int, str], None]

@@ -1,8 +1,5 @@
 """`State`: all discs at one time."""
 
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
-
 from __future__ import annotations
 
 import functools
@@ -16,11 +13,31 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mpsim.core import atomic, checks, columns, untrusted
+from mpsim.core import checks, columns, files
 from mpsim.core.archive import DAMAGE, ArrayFile
-from mpsim.core.chunks import ChunkedArray, chunks_of, ranges
-from mpsim.core.columns import StateColumns
+from mpsim.core.columns import ChunkedArray, StateColumns, chunks_of, ranges
 from mpsim.errors import InputError, OutputError, reason_of
+
+# --- Registry through which upper packages offer functions to objects of lower ones, such as pictures of scenes
+#
+# An object asks for it by name. mpsim/__init__.py registers the functions when mpsim is imported.
+
+_registered: dict[str, Callable[..., Any]] = {}
+
+
+def register(name: str, function: Callable[..., Any]) -> None:
+    """Make `view(name, ...)` call `function`."""
+    _registered[name] = function
+
+
+def view(name: str, *arguments: Any) -> Any:
+    """Call the function registered under a name."""
+    return _registered[name](*arguments)
+
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
 
 Box = tuple[float, float, float, float]
 """Where the walls are: x_low, x_high, y_low, y_high [length]."""
@@ -159,7 +176,7 @@ class State:
         """
         target = _npz(path)
         try:
-            with atomic.atomic_write(target) as file:
+            with files.atomic_write(target) as file:
                 np.savez(file, **self._held())
         except OSError as error:
             raise OutputError(
@@ -189,7 +206,7 @@ class State:
         """
         source = _npz(path)
         try:
-            with untrusted.opened(source) as file, ArrayFile(file) as arrays:
+            with files.opened(source) as file, ArrayFile(file) as arrays:
                 names = {each.name for each in (*fields(cls), *columns.in_state())}
                 known: dict[str, Any] = {name: arrays.read(name).copy() for name in names if name in arrays.names}
                 state = cls(**known)

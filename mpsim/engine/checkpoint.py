@@ -1,17 +1,21 @@
 """Checkpoints: the complete state of a simulation in one file without executable code.
 
 A checkpoint is a NumPy .npz without pickled objects: one JSON header, and arrays. It is written as every file is (see
-mpsim.core.atomic); the one before is kept as <name>.previous. A kill at any moment leaves a whole checkpoint under
+mpsim.core.files); the one before is kept as <name>.previous. A kill at any moment leaves a whole checkpoint under
 <name>. Reading verifies sizes first, then a digest over everything, then whether a simulation can be in such a state.
 """
 
 import contextlib
 import dataclasses
 import errno
+import hashlib
 import json
+import math
 import os
 import platform
 import shutil
+import signal
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -21,18 +25,29 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core import atomic, joint_file, untrusted
-from mpsim.core.archive import DAMAGE, ArrayFile, Arrays
-from mpsim.core.archive_layout import laid_out
-from mpsim.core.chunks import Array
-from mpsim.core.joint_archive import piece_of, write_around, write_contents
-from mpsim.core.joint_file import write_at
-from mpsim.core.sizes import of_each_disc
+from mpsim.core import archive, checks, files
+from mpsim.core.archive import (
+    DAMAGE,
+    ArrayFile,
+    Arrays,
+    content_of,
+    digest_of_piece,
+    laid_out,
+    piece_of,
+    pieces_of,
+    write_around,
+    write_at,
+    write_contents,
+)
+from mpsim.core.columns import Array, of_each_disc
+from mpsim.core.deferred_signals import Noted
 from mpsim.core.team import Alone, Team
-from mpsim.engine.checkpoint_digest import digest_of, joined_digest
-from mpsim.engine.checkpoint_scene import ARRAYS, scene_from, scene_parts
-from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed
-from mpsim.engine.older_formats import in_this_format
+from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed, parameters_after
+from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
+from mpsim.engine.solvers import event_block
+from mpsim.engine.solvers.base import MOST_STEPS, count_in, demand
+from mpsim.engine.solvers.methods import METHODS, choose
+from mpsim.engine.step_limits import MOST_SUBSTEPS
 from mpsim.errors import (
     CheckpointError,
     CheckpointWarning,
@@ -41,9 +56,179 @@ from mpsim.errors import (
     is_of_the_system,
     level_of_caller,
 )
-from mpsim.features import FEATURES
-from mpsim.scene.scene import Scene
+from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
+from mpsim.features.masses import has_masses
+from mpsim.features.radii import has_radii
+from mpsim.kernels.events.boundary import COARSE
+from mpsim.kernels.events.records import ENTRIES, FINE
+from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings, settings_from
+
+# --- Reads checkpoints of older formats
+
+TALLY, SEEN = "solver.tally", "solver.seen"
+
+
+def in_this_format(arrays: Arrays, version: int) -> Arrays:
+    """Arrays of a file of a format."""
+    for since, convert in _CONVERSIONS:
+        if version <= since:
+            arrays = convert(arrays)
+    return arrays
+
+
+def digest_at_once(header: bytes, arrays: Arrays) -> str:
+    """The digest of a file up to format 6: over the text of its header and the bytes of all its arrays."""
+    digest = hashlib.blake2b(header, digest_size=16)
+    for name in sorted(arrays):
+        array = arrays[name]
+        content: Any = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+        digest.update(f"{name} {array.dtype.str} {array.shape or (1,)}".encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def _with_virials(arrays: Arrays) -> Arrays:
+    """The exact solver counted no virials by component, and does from there on."""
+    end = 5  # of the entries that were there already, four walls and the virial; in `seen` the collisions follow them
+    shapes = {TALLY: (end,), SEEN: (end + 1,)}
+    counts = {name: arrays[name] for name, shape in shapes.items() if name in arrays and arrays[name].shape == shape}
+    return arrays | {name: np.insert(array, end, [0.0, 0.0]) for name, array in counts.items()}
+
+
+def _without_lists(arrays: Arrays) -> Arrays:
+    """The exact solver kept its lists of cells, which follow from the discs."""
+    return {name: array for name, array in arrays.items() if name not in ("solver.cell_head", "solver.cell_next")}
+
+
+def _with_discs_first(arrays: Arrays) -> Arrays:
+    """Solvers that step had two columns in the order of their block: components first."""
+    if "solver.position" not in arrays:
+        return arrays
+    columns = {name: arrays[name] for name in ("solver.image", "solver.exits") if name in arrays}
+    return arrays | {name: array.T for name, array in columns.items() if array.ndim == 2}
+
+
+def _in_fixed_point(arrays: Arrays) -> Arrays:
+    """The exact solver counted in real numbers, now in whole multiples of a unit."""
+    shapes = {TALLY: (ENTRIES,), SEEN: (ENTRIES + 1,)}
+    found = {name: arrays[name] for name, shape in shapes.items() if name in arrays and arrays[name].shape == shape}
+    if len(found) < len(shapes) or not all(np.isfinite(array).all() for array in found.values()):
+        return arrays
+    most = max(float(np.abs(array[:ENTRIES]).max()) for array in found.values())
+    unit = math.ldexp(COARSE, math.frexp(most)[1])
+    parts = {name: np.concatenate([_parts(array[:ENTRIES], unit), array[ENTRIES:]]) for name, array in found.items()}
+    counts = {name: array.astype(np.int64) for name, array in parts.items()}
+    return arrays | counts | {"solver.units": np.array([unit, unit])}
+
+
+def _parts(values: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
+    """Numbers as coarse and fine parts; see kernels/events/records.py."""
+    coarse = np.floor(values / unit)
+    return np.concatenate([coarse, (values / unit - coarse) * 2.0**FINE])
+
+
+_CONVERSIONS: tuple[tuple[int, Callable[[Arrays], Arrays]], ...] = (
+    (1, _with_virials),
+    (5, _without_lists),
+    (5, _in_fixed_point),
+    (6, _with_discs_first),
+)
+"""For files up to this format, one after the other."""
+
+
+# --- The digest of a checkpoint, computed from digests of pieces of its arrays
+
+AT_ONCE = 6
+"""The last format in which the digest is over all bytes one after the other, which only one process can make."""
+
+
+def digest_of(header: dict[str, Any], arrays: Arrays) -> str:
+    """Hex digest over header and arrays, names, dtypes and shapes included, as the format of the header has it."""
+    if int(header["format"]) <= AT_ONCE:
+        return digest_at_once(_plain_text(header), arrays)
+    return joined_digest(
+        header,
+        arrays,
+        {
+            name: [digest_of_piece(content_of(array, rows)) for rows in pieces_of(array.shape)]
+            for name, array in arrays.items()
+        },
+    )
+
+
+def joined_digest(header: dict[str, Any], arrays: Mapping[str, Array], digests: Mapping[str, list[bytes]]) -> str:
+    """The digest over header and arrays, from those of their pieces, which may be taken by different processes."""
+    digest = hashlib.blake2b(_plain_text(header), digest_size=16)
+    for name in sorted(arrays):
+        digest.update(f"{name} {arrays[name].dtype.str} {arrays[name].shape}".encode())
+        digest.update(b"".join(digests[name]))
+    return digest.hexdigest()
+
+
+def _plain_text(header: dict[str, Any]) -> bytes:
+    """A header without its digest, in an order of its own."""
+    return json.dumps({name: header[name] for name in header if name != "digest"}, sort_keys=True).encode()
+
+
+# --- The scene of a checkpoint: plain values in its header, and arrays
+
+OF_LATTICE = ("count", "temperature", "seed")
+"""Numbers of a lattice that are written beside what other scenes have too."""
+
+ARRAYS = ("position", "velocity", *PER_DISC, *VECTORS)
+"""Arrays that a scene may have."""
+
+
+def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
+    """A scene as plain values and arrays, exact to the bit; a lattice as the numbers that it is made of."""
+    plain: dict[str, Any] = {
+        name: getattr(scene, name) for name in ("width", "height", "restitution", "wall_restitution", "boundary")
+    }
+    lattice = scene.on_lattice
+    names = ARRAYS if lattice is None else (*PER_DISC, *VECTORS)
+    arrays = {name: np.asarray(value) for name in names if (value := getattr(scene, name)) is not None}
+    given = [each for each in FEATURES if not each.is_numeric and each.argument in vars(scene)]
+    plain |= {feature.argument: feature.to_plain(scene) for feature in given}
+    plain |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
+    if scene.duration is not None:
+        plain["duration"] = scene.duration
+    if scene.settings is not None:
+        plain["settings"] = dataclasses.asdict(scene.settings)
+    plain |= {name: value for name in ("picture_interval", "measures") if (value := getattr(scene, name))}
+    if lattice is not None:
+        plain["lattice"] = {name: getattr(lattice, name) for name in OF_LATTICE} | {"digest": lattice.digest_of_some()}
+    return plain, arrays
+
+
+def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
+    """The scene from its plain values and arrays, as `scene_parts` returns them.
+
+    Raises:
+        ValueError, or what else a scene raises that is given other values than those.
+    """
+    values: dict[str, Any] = {
+        **plain,
+        **{name: value if value.ndim else value.item() for name, value in arrays.items()},
+    }
+    given = [each for each in FEATURES if not each.is_numeric and each.argument in plain]
+    values |= {each.argument: each.from_plain(plain[each.argument]) for each in given}
+    if "settings" in values:
+        values["settings"] = settings_from(values["settings"])
+    lattice = values.pop("lattice", None)
+    return Scene(**values) if lattice is None else _on_lattice(lattice, values)
+
+
+def _on_lattice(lattice: dict[str, Any], values: dict[str, Any]) -> Scene:
+    """The scene whose discs start on a lattice, of which OF_LATTICE and a digest are given, with its other values."""
+    if not isinstance(lattice, dict) or lattice.keys() != {*OF_LATTICE, "digest"}:
+        raise ValueError(f"its lattice must have {', '.join(OF_LATTICE)} and digest; got {lattice!r:.60}")
+    scene = Scene.lattice(**{name: lattice[name] for name in OF_LATTICE}, **values)
+    start = scene.on_lattice
+    if start is None or start.digest_of_some() != lattice["digest"]:
+        raise ValueError("its lattice has other discs here: another version of NumPy has drawn other random numbers")
+    return scene
+
 
 FORMAT = 7
 """Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the image flags and
@@ -143,7 +328,7 @@ def _as_output_error(target: Path) -> Iterator[None]:
     except OutputError:
         raise
     except OSError as error:
-        if isinstance(error, atomic.WrittenError):
+        if isinstance(error, files.WrittenError):
             text = f"the checkpoint {str(target)!r} must be safe on its disk; {error.strerror}. Check that disk."
         else:
             text = (
@@ -167,7 +352,7 @@ def _check_place(target: Path) -> None:
                 f"a checkpoint may replace only a checkpoint; {str(path)!r} is a file of another kind. "
                 "Choose another name, or remove it."
             )
-    atomic.check_target(target)
+    files.check_target(target)
 
 
 def write(
@@ -199,12 +384,12 @@ def write(
             nonlocal file
             _check_place(target)
             replacing.enter_context(_kept_as_previous(target))
-            file = replacing.enter_context(atomic.atomic_write(target))
+            file = replacing.enter_context(files.atomic_write(target))
             return len(_text_of(header))
 
         length = team.once(begin)  # others may have other versions of what is named in the header
         top, *members = laid_out({HEADER: np.zeros(length, np.uint8), **everything})
-        with joint_file.begun(team, file) as joint:
+        with archive.begun(team, file) as joint:
             pieces = write_contents(joint, team, members, everything)
 
         def end() -> None:
@@ -252,7 +437,7 @@ def method_of(path: str | os.PathLike[str]) -> str | None:
     """The method that the header of a checkpoint names; None if it cannot be read: then `read` says why."""
     with contextlib.suppress(_DamagedError, CheckpointError, *_NO_STATE):
         own = place_of(path)
-        with _damage_reported(own), untrusted.opened(own) as file, ArrayFile(file) as archive:
+        with _damage_reported(own), files.opened(own) as file, ArrayFile(file) as archive:
             return str(_header_of(archive)["settings"]["method"])
     return None
 
@@ -376,18 +561,18 @@ def _kept_as_previous(target: Path) -> Iterator[None]:
         return
     is_written, unflushed = False, None
     try:
-        with atomic.draft_of(_previous(target)) as second:
+        with files.draft_of(_previous(target)) as second:
             _link(target, second)
             try:
                 yield
-            except atomic.WrittenError as error:  # the new file has its name already, so the old one gets its own too
+            except files.WrittenError as error:  # the new file has its name already, so the old one gets its own too
                 unflushed = error
             is_written = True
     except OSError as error:
-        if not is_written or isinstance(error, atomic.WrittenError):
+        if not is_written or isinstance(error, files.WrittenError):
             raise
         why = f"it is written, but the one before it may be lost ({error.strerror})"
-        raise atomic.WrittenError(error.errno, why) from error
+        raise files.WrittenError(error.errno, why) from error
     if unflushed is not None:
         raise unflushed
 
@@ -437,7 +622,7 @@ def _unpacked(path: Path, mapped: bool = False, verified: tuple[int, ...] = ()) 
         mapped: whether arrays stay in its pages.
         verified: `_identity` of the file of which the digest is known to be right.
     """
-    with _damage_reported(path), untrusted.opened(path) as file, ArrayFile(file) as archive:
+    with _damage_reported(path), files.opened(path) as file, ArrayFile(file) as archive:
         header = _header_of(archive)
         format_version, said = int(header["format"]), str(header["digest"])
         if format_version <= FORMAT:
@@ -496,3 +681,148 @@ def _made_from(path: Path, header: dict[str, Any], found: Arrays) -> Checkpoint:
 
 def _named(prefix: str, arrays: Arrays) -> Arrays:
     return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+
+
+# --- Checks whether the state in a checkpoint is possible for its scene
+
+NOT_IN_ALL_FILES = {"image", "winding", event_block.CRUSHING_SPEED}
+"""Arrays that older files lack: counts of periods those of format 1, which count from there on."""
+
+
+def check(found: Checkpoint) -> None:
+    """Raise ValueError for a checkpoint in which no simulation can have been, saying why."""
+    arrays, changed = found.arrays, found.changed
+    scene, settings = parameters_after(found.scene, found.settings, changed.changes)
+    count = count_in(arrays)
+    demand(scene.count <= count <= LARGEST_COUNT, f"it has {count} discs; its scene has {scene.count}")
+    solver = METHODS[choose(count, settings).method].solver
+    shapes = solver.snapshot_shapes(scene, settings, count)
+    missing = shapes.keys() - arrays.keys()
+    demand(
+        arrays.keys() <= shapes.keys() and missing <= NOT_IN_ALL_FILES,
+        f"it holds arrays {sorted(arrays)}; needed are {sorted(shapes)}",
+    )
+    for name, array in arrays.items():
+        dtype, shape = shapes[name]
+        demand(
+            array.dtype == dtype and array.shape == shape,
+            f"{name} must be {dtype} of shape {shape}; got {array.dtype} of shape {array.shape}",
+        )
+    _check_sizes(scene, arrays)
+    frames, second = arrays["progress"].tolist()
+    demand(0 <= frames <= MOST_STEPS and second >= 0, f"frames and steps must be >= 0; got {frames}, {second}")
+    frame = changed.origin.frame + frames
+    demand(found.run["frame"] == frame, f"its frame must be {frame}; got {found.run['frame']!r}")
+    _check_emission(scene, found.run["emission"], count)
+    if solver.capabilities.has_steps:
+        _check_steps(settings, frames, second)
+    solver.check_snapshot(scene, settings, arrays)
+
+
+def _check_steps(settings: Settings, frames: int, steps: int) -> None:
+    """Every frame has had as many steps: those that are set, or that on_fast="substep" has chosen."""
+    most = max(MOST_SUBSTEPS, settings.substeps) if settings.on_fast == "substep" else settings.substeps
+    each, rest = divmod(steps, frames) if frames else (settings.substeps, steps)
+    demand(rest == 0 and settings.substeps <= each <= most, f"{frames} frames cannot have {steps} steps")
+
+
+def _check_sizes(scene: Scene, arrays: Arrays) -> None:
+    """Radii and masses: those of the scene first, and no disc larger than its largest."""
+    radii, masses = arrays["radii"], arrays["masses"]
+    for name, values, own in (("radii", radii, scene.radii), ("masses", masses, scene.masses)):
+        demand(checks.equal(values[: len(own)], own), f"{name} must begin with those of the scene")
+        demand((np.isfinite(values) & (values > 0)).all(), f"{name} must be finite and > 0")
+    demand((radii <= scene.largest_radius).all(), "radii must be at most that of the scene's largest disc")
+    demand(has_radii(scene) or (radii == scene.largest_radius).all(), "all discs of this scene have one radius")
+    demand(has_masses(scene) or (masses == 1).all(), "all discs of this scene have mass 1")
+
+
+def _check_emission(scene: Scene, emission: Any, count: int) -> None:
+    """What emitters have done: whole numbers, one each, and no more discs than there are."""
+    known = isinstance(emission, dict) and emission.keys() - {"since"} == {"emitted", "due"}
+    demand(known, "emission must have emitted and due")
+    for name, values in emission.items():
+        if name == "since":
+            times = isinstance(values, list) and all(type(value) is float and math.isfinite(value) for value in values)
+            demand(times and len(values) == len(scene.emitters), "since must be one time per emitter")
+            continue
+        whole = isinstance(values, list) and all(type(value) is int and 0 <= value <= MOST_STEPS for value in values)
+        demand(whole and len(values) == len(scene.emitters), f"{name} must be one whole number per emitter")
+    demand(sum(emission["emitted"]) <= count - scene.count, "emitters cannot have added more discs than there are")
+
+
+# --- Writes checkpoints during a run, and one more on SIGTERM
+
+
+class Checkpointer:
+    """Writes checkpoints while a run continues, and one when the process is asked to end (SIGTERM).
+
+    Whatever handled SIGTERM before does so again afterwards, also a handler in C.
+
+    Args:
+        save: writes one.
+        path: where; None: no checkpoints, and SIGTERM is left alone.
+        every: frames between two; None: `seconds` count.
+        seconds: between two.
+        any_of: whether what is said here is said in any of the processes that share the simulation; all ask alike.
+
+    Raises:
+        InputError: naming the argument of `run` that is out of range.
+    """
+
+    def __init__(
+        self,
+        save: Callable[[Path], Any],
+        path: Path | None,
+        every: int | None,
+        seconds: float,
+        any_of: Callable[[bool], bool],
+    ):
+        if every is not None:
+            checks.whole("checkpoint_every", every, 1, MOST_FRAMES_OF_A_RUN, "Frames between two checkpoints.")
+            if path is None:
+                raise InputError(f"checkpoint_every needs checkpoint, the file to write; got {every!r} and no file.")
+        self._save = save
+        self._any_of = any_of
+        self._path = path
+        self._every = every
+        self._seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
+        self._last = time.monotonic()
+        self._frames = 0
+        self._termination = Noted(signal.SIGTERM)
+
+    def __enter__(self) -> "Checkpointer":
+        if self._path is not None:
+            self._termination.begin()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
+        self._termination.end()
+        if kind is None:
+            if self._path is not None and self._any_of(self._termination.came):  # after the last look
+                raise SystemExit(128 + signal.SIGTERM)
+        elif self._termination.came and kind is not SystemExit:  # the run has ended otherwise
+            self._termination.send_again()
+
+    def frames_ahead(self, done: int) -> int:
+        """Number of frames until the next checkpoint; very large if frames do not count."""
+        if self._path is None or self._every is None:
+            return 2**62
+        return self._every - done % self._every
+
+    def look(self, done: int, last: bool) -> None:
+        """Write a checkpoint if it is time for one, or the last frame is done, or the process is to end.
+
+        Raises:
+            SystemExit: with 143, after SIGTERM and its checkpoint.
+        """
+        if self._path is None:
+            return
+        by_frames = self._every is not None and done - self._frames >= self._every
+        by_time = self._every is None and time.monotonic() - self._last >= self._seconds
+        asked_to_end = self._any_of(self._termination.came)
+        if self._any_of(by_frames or by_time) or last or asked_to_end:
+            self._save(self._path)
+            self._last, self._frames = time.monotonic(), done
+        if asked_to_end:
+            raise SystemExit(128 + signal.SIGTERM)

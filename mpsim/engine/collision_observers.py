@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks
 from mpsim.core.binding import Binding
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.collisions import joined
+from mpsim.engine.solvers.base import joined
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES
 

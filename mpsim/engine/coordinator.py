@@ -1,34 +1,31 @@
-"""The coordinator: owns the solver, and does what happens between two commands to it.
+"""The coordinator: owns the solver, runs slices of frames, and recovers from the death of a worker."""
 
-Emitters add discs, speeds are checked, the length of the next command is chosen, and if a worker has died the run goes
-back to a snapshot. Who may call is settled before (`access.py`); who calls holds `access.state_lock`.
-"""
-
+import math
+import signal
+import statistics
+import time
+from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.deferred_signals import Noted, interrupts_held_back
 from mpsim.core.state import Discs, StateInChunks
-from mpsim.engine.access import Access
-from mpsim.engine.batch_size import BatchSizer
+from mpsim.engine.access import Access, Closing
 from mpsim.engine.changes import REMOVE, Change, edited, with_wall
+from mpsim.engine.checkpoint import Checkpointer
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.journal import Changed, parameters_after
-from mpsim.engine.notices import Once, warn
+from mpsim.engine.notices import Notices, Once, warn
+from mpsim.engine.observers import Observed, Observers
 from mpsim.engine.parameters import in_force
-from mpsim.engine.precision_check import check_precision
-from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
 from mpsim.engine.report import Report, phase_seconds
-from mpsim.engine.run_record import RunRecord
-from mpsim.engine.shutdown import Closing
-from mpsim.engine.solvers import methods
-from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Processes, Solver
-from mpsim.engine.solvers.snapshots import Snapshot, count_in
-from mpsim.engine.step_limits import StepLimits
-from mpsim.engine.workers.arrays import MOST_FRAMES
-from mpsim.engine.workers.system_limits import refusals_named
+from mpsim.engine.solvers import base, methods
+from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Processes, Slice, Snapshot, Solver, count_in
+from mpsim.engine.step_limits import StepLimits, check_precision
+from mpsim.engine.workers.shared import MOST_FRAMES, refusals_named
 from mpsim.errors import (
     BusyError,
     ClosedError,
@@ -38,9 +35,275 @@ from mpsim.errors import (
     WorkerStalledError,
 )
 from mpsim.kernels.compile_notice import compile_seconds
+from mpsim.kernels.records import PHASES
 from mpsim.measure.run_averages import Run, RunAverages
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+# --- Times and counts that a run has collected so far
+
+
+class Mark(NamedTuple):
+    """How far a run had come: frames and collisions, slices of times, what had been gathered for measures, logged."""
+
+    done: int
+    collisions: int
+    slices: int
+    gathered: Any
+    logged: tuple[NDArray[Any], ...]
+
+
+class RunRecord:
+    """Times, collisions and counts of the frames of a run so far.
+
+    Attributes:
+        averages: averages for its measures.
+        whole: whether it began between two frames, not inside one.
+        guarded: losses that the solver's guard had suppressed before.
+        done: frames.
+        collisions: contacts resolved.
+        logged: tables of collisions that nobody has taken yet.
+    """
+
+    def __init__(self, workers: int, averages: RunAverages, whole: bool, guarded: int, logged: list[NDArray[Any]]):
+        self.averages = averages
+        self.whole: bool = whole
+        self.guarded: int = guarded
+        self.done: int = 0
+        self.collisions: int = 0
+        self.logged: list[NDArray[Any]] = logged
+        self._times = [np.zeros((workers, 0, len(PHASES)), np.int64)]
+
+    def take(self, part: Slice) -> None:
+        """Add what one command of the solver took and counted."""
+        size = part.times.shape[1]
+        self.done += size
+        self._times.append(part.times)
+        self.collisions += part.contacts
+        if size:
+            self.averages.take(part.tally, self.done)
+
+    def mark(self) -> Mark:
+        """How far the run has come, for `rewind`."""
+        return Mark(self.done, self.collisions, len(self._times), self.averages.mark(), tuple(self.logged))
+
+    def rewind(self, mark: Mark) -> None:
+        """Forget what came after a mark."""
+        self.done, self.collisions = mark.done, mark.collisions
+        del self._times[mark.slices :]
+        self.averages.rewind(mark.gathered)
+        self.logged[:] = mark.logged
+
+    def take_logged(self, frame: int) -> NDArray[Any]:
+        """The collisions up to the end of a frame that nobody has taken yet, in order: TABLE. Later ones stay."""
+        table = base.joined(self.logged)
+        late = table["frame"] > frame
+        self.logged[:] = [table[late]]
+        return base.in_order(table[~late])
+
+    @property
+    def times(self) -> NDArray[np.int64]:
+        """Times of all frames, (workers, frames, phases); growth under `auto` may have raised the number of workers."""
+        workers = max(part.shape[0] for part in self._times)
+        times = np.zeros((workers, sum(part.shape[1] for part in self._times), len(PHASES)), np.int64)
+        end = 0
+        for part in self._times:
+            begin, end = end, end + part.shape[1]
+            times[: len(part), begin:end] = part
+        return times
+
+
+# --- Recovery after the death of a worker: back to the last snapshot in memory, then on with new workers
+
+SNAPSHOT_FRACTION = 0.01
+"""Fraction of the running time that in-memory snapshots may take: the next one waits until the last one's time is so
+small a fraction of what has passed since."""
+
+SNAPSHOT_SECONDS = 0.2
+"""Time between two snapshots, at least."""
+
+MOST_DEATHS = 5
+"""Deaths of workers without a snapshot in between after which there is no use in trying again."""
+
+
+def log_death(death: WorkerDiedError, what_now: str, notices: Notices) -> None:
+    """Log a death from which the run recovers."""
+    notices.log(
+        "mpsim: worker %d (process %s) ended with exit code %s in frame %d, phase '%s'; %s, on new workers.",
+        death.worker,
+        death.pid,
+        death.exitcode,
+        death.frame,
+        death.phase,
+        what_now,
+    )
+
+
+def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | None, notices: Notices) -> None:
+    """Act; if a worker dies, act again on new ones.
+
+    Args:
+        act: changes nothing if a worker dies.
+        renew: starts new workers; None: a death is not to be healed.
+        notices: which take a line for each death.
+
+    Raises:
+        WorkerDiedError: if that does not help.
+    """
+    died = False
+    for chances in range(MOST_DEATHS, -1, -1):
+        try:
+            if died and renew is not None:
+                renew()
+            act()
+            return
+        except WorkerDiedError as death:
+            if renew is None or not chances:
+                raise
+            log_death(death, "trying again", notices)
+            died = True
+
+
+class Kept(NamedTuple):
+    """A snapshot, where the record of the run stood, and how many changes there had been."""
+
+    snapshot: Any
+    mark: Mark
+    changes: int
+
+
+class RecoverySnapshots:
+    """Snapshots of a run, and the return to the last one when a worker has died.
+
+    Args:
+        take: copies everything that the next frame depends on.
+        restore: goes back to such a copy, on new workers.
+        record: of the run, which is rewound too.
+        notices: which take a line for each death.
+        changes: how often discs or parameters have been changed from outside: a snapshot from before is of no use.
+    """
+
+    def __init__(
+        self,
+        take: Callable[[], Any],
+        restore: Callable[[Any], None],
+        record: RunRecord,
+        notices: Notices,
+        changes: Callable[[], int] = lambda: 0,
+    ):
+        self._changes = changes
+        self._take = take
+        self._restore = restore
+        self._record = record
+        self._notices = notices
+        self._kept: Kept | None = None
+        self._due = 0.0
+        self._deaths = 0
+
+    def take(self) -> None:
+        """Take a snapshot if it is time for one and there is anything new to keep."""
+        started = time.perf_counter()
+        is_new = self._kept is None or self._record.done > self._kept.mark.done
+        is_changed = self._kept is not None and self._kept.changes != self._changes()
+        if is_changed or (is_new and started >= self._due):
+            self._kept = Kept(self._take(), self._record.mark(), self._changes())
+            now = time.perf_counter()
+            self._due = now + max(SNAPSHOT_SECONDS, (now - started) / SNAPSHOT_FRACTION)
+            self._deaths = 0
+
+    def go_back(self, death: WorkerDiedError) -> None:
+        """Restore the last snapshot.
+
+        Raises:
+            WorkerDiedError: the death itself, if workers die faster than snapshots can be taken.
+        """
+        while True:
+            self._deaths += 1
+            if self._kept is None or self._deaths > MOST_DEATHS:
+                raise death
+            snapshot, mark, _ = self._kept
+            frames = self._record.done - mark.done
+            log_death(death, f"going back {frames} frames and more" if frames else "trying again", self._notices)
+            self._record.rewind(mark)
+            try:
+                self._restore(snapshot)
+                return
+            except WorkerDiedError as another:  # a new worker, before it was ready
+                death = another
+
+
+# --- Number of frames of the next command, and number of workers that run it
+
+MOST_SECONDS = 0.05
+"""Length of a slice of frames: how long Ctrl-C, progress, or the report of a dead worker may have to wait."""
+
+TRIAL_SECONDS = 0.005
+"""Length of a slice that measures how fast a number of workers is."""
+
+TRIALS = 7
+"""Slices that decide: their median leaves out the first ones, in which caches are cold and workers asleep."""
+
+FEW_TRIALS, HOPELESS = 3, 1.3
+"""Slices after which a number of workers is given up if all of them were so many times slower than another number: so
+that a run that is not long does not consist of trials."""
+
+TRIAL_AFTER = 1.0
+"""Seconds of running after which `auto` tries the slower number of workers again: machine and scene may change."""
+
+
+class BatchSizer:
+    """Chooses the next slice of a run from the frame times of those before.
+
+    Args:
+        choices: numbers of workers to choose from, the likely best first. All give the same bits, so the choice may
+            follow the clock.
+        most_frames: frames of a slice at most.
+    """
+
+    def __init__(self, choices: tuple[int, ...], most_frames: int):
+        self._most_frames = most_frames
+        self._recent = {workers: deque(maxlen=TRIALS) for workers in choices}
+        self._seconds_run = 0.0
+
+    @property
+    def best(self) -> int:
+        """The number of workers with the shortest recent frame time."""
+        return min(self._recent, key=self._seconds)
+
+    def next_slice(self, remaining: int) -> tuple[int, int]:
+        """Workers and frames of the next slice."""
+        if len(self._recent) > 1 and self._seconds_run > TRIAL_AFTER:
+            self._seconds_run = 0.0
+            self._recent[max(self._recent, key=self._seconds)].clear()
+        for workers, recent in self._recent.items():
+            if len(self._recent) > 1 and len(recent) < TRIALS and not self._is_hopeless(workers):
+                return workers, self._fit(TRIAL_SECONDS, self._seconds(workers), remaining)
+        return self.best, self._fit(MOST_SECONDS, self._seconds(self.best), remaining)
+
+    def _is_hopeless(self, workers: int) -> bool:
+        """Whether so many workers need not be tried further."""
+        recent, others = self._recent[workers], (self._seconds(other) for other in self._recent if other != workers)
+        return len(recent) >= FEW_TRIALS and min(recent) > HOPELESS * min(others)
+
+    def note(self, workers: int, frames: int, seconds_per_frame: float) -> None:
+        """Note the time of a frame in the last slice: its median, which one late worker does not disturb [s]."""
+        self._seconds_run += frames * seconds_per_frame
+        self._recent[workers].append(max(seconds_per_frame, 1e-9))
+
+    def _seconds(self, workers: int) -> float:
+        """Median frame time of the last slices on so many workers; infinite before the first."""
+        return statistics.median(self._recent[workers]) if self._recent[workers] else math.inf
+
+    def _fit(self, seconds: float, seconds_per_frame: float, remaining: int) -> int:
+        """Number of frames that take so many seconds; one where nothing is known yet."""
+        frames = 1 if math.isinf(seconds_per_frame) else int(seconds / seconds_per_frame)
+        return max(min(frames, remaining, self._most_frames), 1)
+
+
+# --- The coordinator: owns the solver, and does what happens between two commands to it
+#
+# Emitters add discs, speeds are checked, the length of the next command is chosen, and if a worker has died the run
+# goes back to a snapshot. Who may call is settled before (`access.py`); who calls holds `access.state_lock`.
 
 MANY_GUARDED = 1_000_000
 """So many collisions of a run in which the guard acts, up to a second of work, and it is said before the run ends."""
@@ -431,3 +694,95 @@ class Coordinator:
         choice = methods.choose(self.solver.count, settings, self._processes)
         self.solver.adopt(scene, settings, choice, origin)
         self.scene, self.settings = scene, settings
+
+
+# --- Ctrl-C in a run on MPI ranks: all ranks stop after the same slice of frames
+
+
+class Interruption:
+    """Notes Ctrl-C, and raises it where all processes look. Use it in a `with` block.
+
+    Else it would come to each of them somewhere else, and the others would wait there for ever. In a run of one process
+    it comes as it always does.
+
+    Args:
+        solver: that runs the frames.
+    """
+
+    def __init__(self, solver: Solver):
+        self._solver = solver
+        self._noted = Noted(signal.SIGINT)
+
+    def __enter__(self) -> "Interruption":
+        if self._is_shared:
+            self._noted.begin()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
+        self._noted.end()
+        if kind is None:
+            self.look()  # it may have come after the last slice
+        elif self._noted.came and kind is not KeyboardInterrupt:  # the run has ended otherwise
+            self._noted.send_again()
+
+    def look(self) -> None:
+        """Raise KeyboardInterrupt in all processes if Ctrl-C has come to one. All of them look."""
+        if self._is_shared and self._solver.any_of(self._noted.came):
+            raise KeyboardInterrupt
+
+    @property
+    def _is_shared(self) -> bool:
+        return self._solver.capabilities.on_ranks
+
+
+# --- The run loop: slices of frames, with observers, checkpoints, progress and readers between them
+
+
+class BetweenSlices(NamedTuple, Generic[Observed]):
+    """What happens between two slices of a run.
+
+    Attributes:
+        sim: at which observers look.
+        observers, checkpoints: those of the run.
+        progress: called as progress(done, of_frames); None: nobody asks.
+        interruption: Ctrl-C, where processes share the run.
+    """
+
+    sim: Observed
+    observers: Observers[Observed]
+    checkpoints: Checkpointer
+    progress: Callable[[int, int], None] | None
+    interruption: Interruption
+
+
+def run_frames(
+    frames: int, coordinator: Coordinator, access: Access, record: RunRecord, between: BetweenSlices[Observed]
+) -> None:
+    """Run so many frames, and record them; if a worker dies, go back to a snapshot if the settings say so."""
+    sim, observers, checkpoints, progress, interruption = between
+    recovery = coordinator.recovery(record)
+    with access.callbacks():
+        observers.begin(sim)
+        if record.whole:
+            observers.observe(sim, 0)
+        if not frames:
+            checkpoints.look(0, last=True)
+    while record.done < frames:
+        ahead = min(frames - record.done, checkpoints.frames_ahead(record.done))
+        access.let_readers_in()
+        with access.state_lock:
+            access.waiting = False
+            before = coordinator.open_solver().frame  # which says so if an observer has closed it
+            coordinator.advance(min(ahead, observers.frames_ahead(before)), record, recovery)
+            done = coordinator.solver.frame > before
+        with access.callbacks():
+            access.notices.give()
+            if done and observers.want_collisions:
+                frame = coordinator.solver.frame
+                observers.take_collisions(record.take_logged(frame), frame)
+            if done:
+                observers.observe(sim, record.collisions)
+            checkpoints.look(record.done, last=record.done == frames)
+            if progress is not None:
+                progress(record.done, frames)
+            interruption.look()

@@ -1,18 +1,39 @@
-"""The arrays that features of a scene need in the shared block, and their initial values."""
+"""The columns and arrays of a scene, which its features determine."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.columns import columns_of
-from mpsim.engine.workers.arrays import ArraySpec
+from mpsim.core.columns import IMAGE, Column
+from mpsim.engine.workers.shared import ArraySpec
 from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
 from mpsim.features.radii import has_radii
-from mpsim.measure.driving import acceleration_bound, thermal_speed
+from mpsim.measure.moments import acceleration_bound, thermal_speed
 from mpsim.scene.scene import Scene
+
+# --- The columns of a scene, which its features determine
+
+_OWN: tuple[tuple[Column, Callable[[Scene], bool]], ...] = ((IMAGE, lambda scene: any(scene.periodic)),)
+"""Those of no feature, and the scenes that have them."""
+
+
+def columns_of(scene: Scene) -> list[Column]:
+    """The columns that the discs of a scene have."""
+    own = [column for column, needed in _OWN if needed(scene)]
+    return own + [column for feature in FEATURES if feature.has_columns(scene) for column in feature.columns]
+
+
+def given_in(scene: Scene) -> dict[str, Any]:
+    """What a scene gives of its columns, by name; what it leaves out is zero."""
+    values = {column.name: getattr(scene, column.name, None) for column in columns_of(scene) if column.given}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+# --- The arrays that features of a scene need in the shared block, and their initial values
 
 FEW_GIANTS = 8
 """Discs that may be giants in any scene; in large ones, one in GIANTS_PER as well."""

@@ -1,31 +1,34 @@
-"""The journal of a simulation: its start and all later changes, in files from which it can be run again.
-
-In memory and in checkpoints a change is `changes.Change`. A session file is TOML beside a scene file:
-
-    session.toml            settings, and a table for each change
-    session.scene.toml      the scene at the start, with long arrays in files beside it
-"""
+"""The journal of a simulation: its start and all later changes, written, read and run again."""
 
 import dataclasses
 import json
 import math
 import os
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core import atomic, checks, untrusted
+from mpsim.core import checks, files
 from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALL, Change, with_wall
 from mpsim.engine.parameters import in_force
+from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.solvers.base import Origin
+from mpsim.engine.solvers.methods import same_bits
 from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings, settings_from
+
+# --- The journal of a simulation: its start and all later changes, in files from which it can be run again
+#
+# In memory and in checkpoints a change is `changes.Change`. A session file is TOML beside a scene file:
+#
+#     session.toml            settings, and a table for each change
+#     session.scene.toml      the scene at the start, with long arrays in files beside it
 
 KINDS = (SET, KICK, REMOVE, ADD, PARAMETERS, WALL)
 
@@ -92,13 +95,13 @@ class Journal:
         target = _toml(path)
         start = target.with_name(f"{target.stem}.scene.toml")
         self.scene.save(start)
-        from mpsim.scene.scenefile import toml  # noqa: PLC0415 - its validator takes a moment to load
+        from mpsim.scene.scenefile import rules  # noqa: PLC0415 - its validator takes a moment to load
 
         head = {"format": FORMAT, "frame": self.frame, "digest": self.digest, "scene": start.name}
-        lines = [*toml.pairs(head), "", "[settings]", *toml.pairs(dataclasses.asdict(self.settings)), ""]
+        lines = [*rules.pairs(head), "", "[settings]", *rules.pairs(dataclasses.asdict(self.settings)), ""]
         for each in self.changes:
             entry = {"frame": each.frame, "time": each.time, "what": each.what, **each.values}
-            lines += ["[[change]]", *toml.pairs(entry), ""]
+            lines += ["[[change]]", *rules.pairs(entry), ""]
         text = "\n".join(lines).encode()
         if len(text) > MOST_BYTES:
             raise OutputError(
@@ -106,7 +109,7 @@ class Journal:
                 "Save a checkpoint instead, which holds the journal too, or begin a new simulation earlier."
             )
         try:
-            with atomic.atomic_write(target) as file:
+            with files.atomic_write(target) as file:
                 file.write(text)
         except OSError as error:
             raise OutputError(
@@ -127,7 +130,7 @@ class Journal:
         """
         source = _toml(path)
         try:
-            tables = tomllib.loads(untrusted.text(source, MOST_BYTES))
+            tables = tomllib.loads(files.text(source, MOST_BYTES))
             return cls(**_checked(tables, source))
         except InputError:
             raise
@@ -253,3 +256,81 @@ def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]
 def without_workers(values: Mapping[str, Any]) -> dict[str, Any]:
     """Parameters except the number of workers, which does not affect the bits of the result."""
     return {name: value for name, value in values.items() if name != "workers"}
+
+
+# --- Runs the simulation of a journal again, on any number of workers
+
+
+class Replayable(Protocol):
+    """What a simulation is asked for; the methods of changes are called by name."""
+
+    @property
+    def frame(self) -> int:
+        """Frames done."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Time reached [time]."""
+        ...
+
+    def run(self, frames: int) -> Any:
+        """Run so many frames."""
+        ...
+
+    def close(self) -> None:
+        """Stop."""
+        ...
+
+
+Sim = TypeVar("Sim", bound=Replayable)
+
+
+def replayed(
+    make: Callable[..., Sim], source: Journal | str | os.PathLike[str], frame: int | None, **chosen: Any
+) -> Sim:
+    """What `Simulation.replay` returns.
+
+    Args:
+        make: a simulation, called with scene, settings, comm and start_method.
+        source, frame: as of `Simulation.replay`.
+        chosen: its workers, method, comm and start_method.
+    """
+    journal = source if isinstance(source, Journal) else Journal.load(source)
+    last = journal.frame
+    if frame is not None:
+        last = checks.whole("frame", frame, 0, min(last, MOST_FRAMES_OF_A_RUN), "It is one of those that were done.")
+    workers, method = chosen.pop("workers"), chosen.pop("method")
+    settings = dataclasses.replace(journal.settings, workers=workers)
+    if method is not None:
+        settings = dataclasses.replace(settings, method=same_bits(journal.settings.method, method))
+    sim = make(journal.scene, settings, **chosen)
+    try:
+        for number, change in enumerate(journal.changes):
+            if change.frame <= last:
+                sim.run(frames=change.frame - sim.frame)
+                _apply(sim, number, change)
+        sim.run(frames=last - sim.frame)
+    except BaseException:
+        sim.close()
+        raise
+    return sim
+
+
+def _apply(sim: Replayable, number: int, change: Change) -> None:
+    """Make a change of a journal again."""
+    if sim.time != change.time:
+        raise InputError(
+            f"change {number} of a journal must have been made at the end of frame {change.frame}, at time "
+            f"{sim.time!r}; got {change.time!r}: an interrupt had left that run inside a frame. Replay up to a frame "
+            "before, by frame=..."
+        )
+    values: dict[str, Any] = dict(change.values)
+    if change.what == PARAMETERS:
+        values = without_workers(values)
+        if not values:
+            return
+    try:
+        getattr(sim, change.what)(**values)
+    except (InputError, TypeError) as error:
+        raise InputError(f"change {number} of a journal, {change.what!r} at frame {change.frame}: {error}") from error

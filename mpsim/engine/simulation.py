@@ -1,8 +1,5 @@
 """`Simulation`, the public class: checks arguments and returns copies."""
 
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
-
 from __future__ import annotations
 
 import contextlib
@@ -11,38 +8,287 @@ import os
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TypeVar
+from typing import NoReturn, TypeVar, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import ReadOnly
+from mpsim.core.columns import GivenColumns
 from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import State
 from mpsim.core.team import Team
+from mpsim.engine import changes, checkpoint, report, step_limits
 from mpsim.engine import checkpoint as checkpoint_file
-from mpsim.engine import checkpoint_validation, frame_count, precision_check
 from mpsim.engine.access import Access, exclusive, reading
-from mpsim.engine.changing import Changing
-from mpsim.engine.checkpointer import Checkpointer
-from mpsim.engine.coordinator import Coordinator
-from mpsim.engine.interruption import Interruption
-from mpsim.engine.journal import Journal
+from mpsim.engine.checkpoint import Checkpointer
+from mpsim.engine.coordinator import BetweenSlices, Coordinator, Interruption, run_frames
+from mpsim.engine.journal import Journal, replayed
 from mpsim.engine.observers import Observer, Observers
-from mpsim.engine.replay import replayed
+from mpsim.engine.parameters import Parameters, check_names, demand_steps, plain
 from mpsim.engine.report import Report
-from mpsim.engine.run_loop import BetweenSlices, run_frames
-from mpsim.engine.solvers.base import Columns, OnWorkerDeath, Processes, Solver, StartMethod
-from mpsim.engine.solvers.in_place import InPlace
+from mpsim.engine.solvers.base import Columns, InPlace, OnWorkerDeath, Processes, Solver, StartMethod
+from mpsim.engine.solvers.grid import Pass, frame_in_passes
 from mpsim.engine.solvers.methods import capabilities_of, check_processes, on_ranks, same_bits
 from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together
-from mpsim.engine.solvers.passes import Pass, frame_in_passes
 from mpsim.errors import CheckpointError, InputError
 from mpsim.features import FEATURES
 from mpsim.measure.run_averages import checked
-from mpsim.scene.recommended import settings_for
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import Settings, settings_for
+
+# --- The public methods that change a simulation between two frames, with checks of their input
+
+
+class Changing(ReadOnly):
+    """A simulation, as far as it is changed from outside.
+
+    Between two frames: between two calls of `run`, or in a callback of one. A change is made as a whole or, if it is
+    refused, not at all. It is an entry of the journal, and the same on any number of workers.
+    """
+
+    _instead = "Use sim.change(...) for parameters and settings, and sim.set(...) for discs"
+
+    _access: Access
+    _coordinator: Coordinator
+
+    def __reduce__(self) -> NoReturn:
+        raise InputError(
+            "a Simulation cannot be pickled or copied, as its discs are in shared memory. Pass sim.state on, or a file "
+            "of sim.save(...), from which Simulation.resume(...) continues."
+        )
+
+    @exclusive
+    def add(
+        self,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        acceleration: ArrayLike | None = None,
+        *,
+        radius: ArrayLike | None = None,
+        mass: ArrayLike | None = None,
+        **others: Unpack[GivenColumns],
+    ) -> None:
+        """Add one disc, or several.
+
+        Args:
+            position, velocity: shape (2,) or (K, 2); centres inside the box as it is now, clear of what stands in it
+                [length], [length/time]. A new disc may overlap others: the next frames push them apart.
+            acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
+            radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
+                larger than the largest of the scene [length], [mass].
+            others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
+                one each; left out it is zero.
+
+        Raises:
+            InputError: naming the argument, its rule and the value received; then nothing was added.
+            TooFastError: as settings.on_fast says; then nothing was added either.
+        """
+        given = position, velocity, acceleration, radius, mass, others
+        self._coordinator.open_solver().demand_alike("the discs that are added", given)
+        place = self._place()
+        brought = {"acceleration": acceleration, **others}
+        radii = place.solver.radii[~place.solver.absorbed] if place.scene.loses_discs else place.solver.radii
+        now = place.scene, place.precision, place.solver.time, radii
+        new = changes.checked(*now, position, velocity, radius, mass, brought)
+        changes.check_momentum(place.solver, "velocity", new.velocity, new.mass)
+        substeps = self._coordinator.look(new)
+        self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
+        self._coordinator.add(place.change(changes.ADD, changes.arguments_of(place.scene, new)), new, substeps)
+
+    @exclusive
+    def set(
+        self,
+        ids: ArrayLike,
+        position: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        **others: Unpack[GivenColumns],
+    ) -> None:
+        """Put discs elsewhere, or give them other velocities, between two frames.
+
+        What is left out stays as it is; image flags do, so that a disc that is put elsewhere has jumped.
+
+        Args:
+            ids: numbers of discs that are there, one or shape (K,), each once.
+            position: shape (2,) for one disc or (K, 2); centres inside the box as it is now, clear of what stands in it
+                [length]. Discs may overlap others, which the next frames push apart; of `event` they must not.
+            velocity: one for all, shape (2,), or one each, shape (K, 2) [length/time].
+            acceleration: shape (K, 2), only in a scene that has it [length/time^2].
+            others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
+                one each.
+
+        Raises:
+            InputError: naming the argument, its rule and the value received; then nothing is changed.
+            TooFastError: as settings.on_fast says; then nothing is changed either.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=4, height=3, position=[[1, 1], [3, 2]], velocity=[[1, 0], [0, 0]], radius=0.5)
+        >>> with Simulation(scene) as sim:
+        ...     sim.set(1, position=(2.5, 1.5), velocity=(0, 1))
+        ...     sim.state.position.tolist(), sim.state.velocity.tolist()
+        ([[1.0, 1.0], [2.5, 1.5]], [[1.0, 0.0], [0.0, 1.0]])
+        """
+        self._coordinator.open_solver().demand_alike("what is set", (ids, position, velocity, acceleration, others))
+        place = self._place("set")
+        self._coordinator.change(changes.checked_set(place, ids, position, velocity, acceleration, others))
+
+    @exclusive
+    def kick(self, ids: ArrayLike, impulse: ArrayLike) -> None:
+        """Give discs a kick between two frames: impulse / mass is added to their velocities.
+
+        Args:
+            ids: numbers of discs that are there, one or shape (K,), each once.
+            impulse: one for all, shape (2,), or one each, shape (K, 2) [mass length/time].
+
+        Raises:
+            InputError, TooFastError: as `set`.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=4, height=3, position=[[1, 1]], velocity=[[1, 0]], radius=0.5)
+        >>> with Simulation(scene) as sim:
+        ...     sim.kick(0, (0.5, 2.0))
+        ...     sim.state.velocity.tolist()
+        [[1.5, 2.0]]
+        """
+        self._coordinator.open_solver().demand_alike("the kick", (ids, impulse))
+        self._coordinator.change(changes.checked_kick(self._place("kick"), ids, impulse))
+
+    @exclusive
+    def remove(self, ids: ArrayLike) -> None:
+        """Take discs out between two frames.
+
+        The numbers of the others stay. A removed disc keeps its own, as one does that an edge has absorbed: `count` and
+        the rows of arrays include it, `sim.state.present` is False for it, it rests where it was, meets nobody, and no
+        observable, picture or trajectory has it. It does not come back; add another one.
+
+        The first one that is removed from a scene without absorbing edges makes the simulation load other kernels,
+        compiled once on each machine, and the exact solver then plays the box as a whole, in one process.
+
+        Args:
+            ids: numbers of discs that are there, one or shape (K,), each once.
+
+        Raises:
+            InputError: naming the rule and the value received; then nothing is changed.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     sim.remove([1, 3])
+        ...     sim.count, sim.state.present.tolist()
+        (5, [True, False, True, False, True])
+        """
+        self._coordinator.open_solver().demand_alike("the discs that are removed", ids)
+        self._coordinator.change(changes.checked_remove(self._place("remove"), ids))
+
+    @exclusive
+    def change(self, **parameters: Unpack[Parameters]) -> None:
+        """Change parameters of the scene or the settings between two frames; those not given stay as they are.
+
+        `scene` and `settings` then are those in force.
+
+        Args:
+            parameters: by name, as Scene, Emitter and Settings have them: gravity, restitution, wall_restitution, dt,
+                contact, passes, substeps (the last three not of "event", which has no steps), workers; friction and
+                wall_friction, of a scene in which they are > 0, and > 0 again; temperature, of a thermostat;
+                wall_temperature, one number for all thermal walls or a list with one for each, in the order left,
+                right, bottom, top; interval or every of emitters, one number for all that have it or a list with one
+                for each; piston_speed, of a piston that then goes on from where it is. What is left of an emitter's
+                interval shrinks or grows as the interval does. dt not in a callback of `run`.
+
+        Raises:
+            InputError: naming the parameter, its rule and the value received, and what can be changed; then nothing is
+                changed.
+            TooFastError: as settings.on_fast says; then nothing is changed either.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=9, height=9, position=[[4, 5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1))
+        >>> with Simulation(scene) as sim:
+        ...     sim.change(gravity=(1, 0), dt=0.005)
+        ...     sim.run(frames=200).frames, sim.state.velocity.round(12).tolist(), round(sim.time, 12)
+        (200, [[1.0, 0.0]], 1.0)
+        """
+        given = dict(parameters)
+        self._coordinator.open_solver().demand_alike("the parameters that are changed", given)
+        place = self._place("change")
+        check_names(given)
+        demand_steps(given, self._coordinator.settings)
+        use = self._access.use
+        if "dt" in given and use is not None and use.outer is not None:
+            raise InputError(
+                "dt can be changed between two runs, not in a callback of a run, which counts frames of this "
+                "length; got "
+                f"{given['dt']!r}. Return from the run before."
+            )
+        self._coordinator.change_parameters(place.change(changes.PARAMETERS, plain(given)))
+
+    @exclusive
+    def add_wall(self, points: ArrayLike, thickness: float = 0.0) -> None:
+        """Put up a wall between two frames: one more Polyline among the obstacles of `scene`.
+
+        The first obstacle of a scene makes the simulation load other kernels, compiled once on each machine. Measures
+        that mean nothing in a scene with obstacles are NaN for a run in which a wall is put up.
+
+        Args:
+            points: its corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
+            thickness: of the wall, >= 0 [length].
+
+        Raises:
+            InputError: naming the argument, its rule and the value received, also where it leaves a disc, an emitter or
+                the piston no room; then nothing is changed.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
+        >>> with Simulation(scene) as sim:
+        ...     sim.add_wall([(4, 0), (4, 4)])
+        ...     report = sim.run(frames=300)
+        ...     sim.scene.obstacles, sim.state.velocity.tolist()
+        ((Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
+        """
+        coordinator = self._coordinator
+        coordinator.open_solver().demand_alike("the wall", (points, thickness))
+        place, start = self._place("add_wall"), coordinator.start_of_all[0]
+        coordinator.add_wall(changes.checked_wall(place, start, points, thickness))
+
+    @property
+    @reading
+    def journal(self) -> Journal:
+        """What the simulation started from, and every change by set, kick, remove, add, change and add_wall, in order.
+
+        A checkpoint holds it, so that of a resumed simulation begins where the first one did. `journal.save` writes it,
+        and `Simulation.replay` runs it again, with the same bits. On ranks all ask for it; one of them saves it.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     sim.kick([0, 1], impulse=(1, 0))
+        ...     [(change.frame, change.what, change.values["ids"].tolist()) for change in sim.journal]
+        [(0, 'kick', [0, 1])]
+        """
+        coordinator = self._coordinator
+        solver = coordinator.open_solver()
+        return Journal(*coordinator.start_of_all, tuple(coordinator.journal), solver.frame, solver.digest())
+
+    @property
+    @reading
+    def origin(self) -> tuple[int, float]:
+        """Frame and time [time] of the last `change` of dt, since which frames are counted; (0, 0.0) without one."""
+        frame, time = self._coordinator.open_solver().origin
+        return frame, time
+
+    def _place(self, what: str = "") -> changes.Place:
+        """Where the simulation stands; what: the call, if that needs a whole frame."""
+        coordinator = self._coordinator
+        solver = coordinator.open_solver()
+        if what:
+            changes.demand_whole_frame(solver, what)
+        return changes.Place(solver, coordinator.scene, coordinator.settings.precision)
+
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
 
 Result = TypeVar("Result")
 
@@ -104,7 +350,7 @@ class Simulation(Changing):
         self._access = Access()
         for feature in FEATURES:
             feature.check_law(scene, settings.law)
-        precision_check.check_precision(scene, settings)
+        step_limits.check_precision(scene, settings)
         self._coordinator = Coordinator(self, scene, settings, self._access, processes)
 
     def __enter__(self) -> Simulation:
@@ -288,8 +534,8 @@ class Simulation(Changing):
         progress = checked_progress(progress, "progress(done, of_frames)")
         if progress is True and not solver.jointly(lambda team: team.rank == 0):
             progress = None  # of several ranks the first one shows it
-        frames = frame_count.frames_wanted(frames, until, self.settings.dt, self.frame, self.time, solver.origin)
-        skipped = frame_count.frames_skipped(start, measures, frames, self.settings.dt, self.frame, solver.origin)
+        frames = report.frames_wanted(frames, until, self.settings.dt, self.frame, self.time, solver.origin)
+        skipped = report.frames_skipped(start, measures, frames, self.settings.dt, self.frame, solver.origin)
         observers, names = Observers(observe), checked(measures, self.scene, self.count)
         with access.state_lock:
             record = coordinator.begin_record(names, frames, observers.want_collisions, skipped)
@@ -507,11 +753,11 @@ def _refused_together(settings: Settings | None, comm: object) -> contextlib.Abs
 def _read(path: str | os.PathLike[str], comm: object, together: bool) -> checkpoint_file.Checkpoint:
     """A checkpoint, verified; together: on ranks, by the first one."""
     if not together:
-        return checkpoint_file.read(path, checkpoint_validation.check)
+        return checkpoint_file.read(path, checkpoint.check)
     ranks = communicator_of(comm)
     try:
         ranks.demand_alike("paths of checkpoints", str(checkpoint_file.place_of(path)))
         with raised_together(comm):
-            return checkpoint_file.read_together(path, checkpoint_validation.check, ranks.once)
+            return checkpoint_file.read_together(path, checkpoint.check, ranks.once)
     finally:
         ranks.close()

@@ -1,39 +1,345 @@
-"""Limits of the time step: checks speeds and collision rates, and warns, refuses or uses sub-steps.
-
-Two discs that touch at the start of a step and move towards each other are 2 R - 2 v dt apart at its end. While each
-moves less than its own radius, centres cannot pass one another, nor the middle of a capsule: whatever overlaps is
-found on the side on which it came. Beyond, a pair may be met from behind, or pass unseen. Between two walls a disc must
-not move farther than its free distance, or the second bounce of one step is lost. And where discs meet more than one
-other in a step on average, collisions that follow from others are missed.
-
-The kernels see a disc that is too fast for the step to come, whatever made it fast, while they move it: the frame is
-then the last of its command, and the exact look follows. What no single speed tells, collisions in a step and the room
-between walls, is looked at in frames that follow from what can change it: at the start, where discs are added, as often
-as a wall has taken a little of the box, and now and then. All of it depends on the state alone. So what follows is
-the same with any number of workers, and however a run is cut into calls, saved or healed.
-"""
+"""What a scene and its time step must fulfil: speeds, collision rates, precision, compression."""
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
-from mpsim.engine.compression import SELDOM, is_crowded, may_be_pressed, pressed
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import checks
+from mpsim.core.columns import given
+from mpsim.core.state import State
 from mpsim.engine.notices import Notices, Once
-from mpsim.engine.precision_check import coarseness
 from mpsim.engine.solvers.base import NewDiscs, Origin, Solver
-from mpsim.engine.solvers.speed_limit import SpeedLimit
-from mpsim.engine.solvers.speeds import Speeds, sides_at, speeds_at_start
-from mpsim.engine.speed_estimates import (
-    speeds_after_fall,
-    speeds_in_bath,
-    speeds_in_equilibrium,
-    speeds_of_emitters,
-    speeds_of_pushed,
-)
-from mpsim.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
-from mpsim.kernels.layout import LAWS
-from mpsim.measure.driving import acceleration_bound, is_inelastic
+from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, estimated_collision_rate, sides_at, speeds_at_start
+from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarning, TooFastError
+from mpsim.features import FEATURES, VECTORS
+from mpsim.kernels.records import LAWS
+from mpsim.measure.moments import acceleration_bound, is_inelastic, thermal_speed
+from mpsim.measure.observables import Overlap, overlap
+from mpsim.scene.placement import overlaps
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+# --- Speeds that discs will reach: after a fall, in equilibrium, from emitters, at a moving wall, in a heat bath
+
+
+def speeds_after_fall(speeds: Speeds, scene: Scene) -> Speeds:
+    """Speed of the fastest disc after a fall through the box; in a scene without discs, of one from an emitter."""
+    fall = math.sqrt(2 * acceleration_bound(scene) * max(sides_at(scene, 0.0)))
+    if not fall:
+        return speeds
+    speeds = speeds if scene.count else speeds_of_emitters(scene)
+    return replace(speeds, speed=math.hypot(speeds.speed, fall), when="after a fall through the box")
+
+
+def speeds_in_equilibrium(speeds: Speeds, scene: Scene) -> Speeds:
+    """Speeds of discs of different masses in equilibrium: each has the same mean energy, so light ones are fast.
+
+    With E = <m v^2> the mean square of a disc's speed is E / m, and the fastest of N is sqrt(ln N) times faster:
+    speeds in two dimensions exceed s with probability exp(-s^2 m / E).
+    """
+    if scene.mass is None or scene.count < 2:
+        return speeds
+    squares = (scene.velocity**2).sum(axis=1)
+    energy = float((scene.mass * squares).mean())
+    speed = np.sqrt(energy / scene.mass * max(math.log(scene.count), 1.0))
+    worst = int((speed / scene.radii).argmax())
+    mean_speed = math.sqrt(energy * float((1 / scene.mass).mean()))
+    return replace(
+        speeds,
+        disc=worst,
+        speed=float(speed[worst]),
+        limit=float(scene.radii[worst]),
+        between="",
+        collision_rate=estimated_collision_rate(scene.radii, mean_speed, sides_at(scene, 0.0), list(scene.pieces())),
+        mean_speed=mean_speed,
+        when="once collisions have shared the energy out",
+    )
+
+
+def speeds_of_emitters(scene: Scene) -> Speeds:
+    """Speed of the disc from an emitter that moves the largest fraction of its radius in a step."""
+    if not scene.emitters:
+        return Speeds()
+    common = scene.largest_radius
+    limits = [common if emitter.radius is None else emitter.radius for emitter in scene.emitters]
+    velocities: Any = [emitter.velocity for emitter in scene.emitters]
+    speeds = [math.hypot(*velocity) for velocity in velocities]
+    index = int((np.array(speeds) / limits).argmax())
+    return Speeds(speed=speeds[index], limit=limits[index], when=f"from emitters[{index}]")
+
+
+def speeds_of_pushed(speeds: Speeds, scene: Scene) -> Speeds:
+    """Speed of the smallest disc after a moving wall has hit it at rest: without loss twice that of the wall."""
+    wall = scene.moving_wall
+    if wall is None or not scene.count:
+        return Speeds()
+    speed = (1 + scene.wall_restitution) * abs(wall.speed)
+    return Speeds(speed=speed, limit=speeds.smallest, when=f"pushed by the {wall.name}")
+
+
+def speeds_in_bath(speeds: Speeds, scene: Scene) -> Speeds:
+    """Speed of the fastest of so many discs of the mean mass in equilibrium with a thermostat: sqrt(2 ln(N) kT / m)."""
+    speed = thermal_speed(scene) * math.sqrt(2 * max(math.log(max(scene.count, 1)), 1.0))
+    return Speeds(speed=speed, limit=speeds.smallest, when="at the temperature of the heat bath")
+
+
+# --- Checks whether the floating-point precision is sufficient for a scene; refuses it or warns
+
+COARSE = 1e-3
+"""Spacing of coordinates, as a fraction of the smallest radius, from which on a warning is given: directions of
+contacts are then wrong by about as much [radians]."""
+
+TOO_COARSE = 0.125
+"""The same, from which on contacts mean nothing and the scene is refused."""
+
+TINY = 1e-6
+"""Radius, as a fraction of the distance between neighbours, below which squares of both do not fit one float64."""
+
+VANISHING = 1e7
+"""Square of radius times speed, in smallest normal numbers, below which a warning is given."""
+
+STEP_SPACINGS = 16
+"""A step of typical length should be so many spacings of coordinates long: rounding then changes it by 3 % at most."""
+
+
+def check_precision(scene: Scene, settings: Settings) -> None:
+    """Refuse a scene whose numbers do not fit the precision of the run.
+
+    Raises:
+        InputError: naming the number, the rule and a remedy.
+    """
+    precision = settings.precision
+    checks.fitting("the box", np.array([scene.width, scene.height]), precision)
+    # Squares of lengths must not underflow either, nor the time of a step.
+    tiny = float(np.finfo(precision).tiny)
+    smallest = float(scene.radii.min(initial=scene.largest_radius))
+    if smallest > 0:  # with radii of their own, no discs have none
+        checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
+    checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
+    checks.fitting("dt", np.array([settings.dt]), precision)
+    if (wall := scene.moving_wall) is not None:
+        checks.fitting("speed of a wall", np.array([wall.speed]), precision)
+    fastest = 0.0
+    for first, velocity in scene.velocities_in_pieces():
+        checks.fitting("velocity", velocity, precision, first)
+        fastest = max(fastest, float(np.abs(velocity).max(initial=0.0)))
+    for name in (*VECTORS, *(column.name for column in given())):
+        if (values := getattr(scene, name, None)) is not None:
+            checks.fitting(name, values, precision)
+    product = 8 * scene.largest_radius * fastest
+    most = math.sqrt(float(np.finfo(precision).max))
+    if product > most and computes_contact_times(settings):
+        raise InputError(
+            f"radius times velocity must be at most {most / 8:.3g} in {precision}, so that its square fits; got "
+            f"{product / 8:.3g}. Use other units{_or_double(precision)}."
+        )
+    if scene.mass is not None:
+        lightest = float(scene.mass.min(initial=1.0))
+        checks.not_vanishing("mass", lightest, tiny / float(np.finfo(precision).eps), precision)
+    spacing = spacing_of(scene, precision)
+    if smallest > 0 and spacing > TOO_COARSE * smallest:
+        raise InputError(
+            f"radius must be at least {spacing / TOO_COARSE:.3g} in a box of {scene.width:g} x {scene.height:g} in "
+            f"{precision}, whose coordinates are {spacing:.3g} apart: smaller discs cannot be distinguished; "
+            f"got {smallest:.3g}. Use {_finer(precision)}."
+        )
+
+
+def computes_contact_times(settings: Settings) -> bool:
+    """Whether times of contacts are computed, with the square of radius times speed: `push` needs none."""
+    return settings.contact == "impact" or not capabilities_of(settings).has_steps
+
+
+def spacing_of(scene: Scene, precision: str) -> float:
+    """Distance between two neighbouring coordinates at the far end of the box [length]."""
+    return float(np.finfo(precision).eps) * max(scene.width, scene.height)
+
+
+def rms_speed(scene: Scene) -> float:
+    """Root mean square of the speeds at the start; 0 without discs [length/time]."""
+    squares = sum(float((velocity**2).sum(axis=1).sum()) for _, velocity in scene.velocities_in_pieces())
+    return math.sqrt(squares / scene.count) if scene.count else 0.0
+
+
+def coarseness(scene: Scene, settings: Settings) -> str | None:
+    """What the precision of the run loses of a scene: text with numbers and remedy; None if it is little."""
+    precision, spacing = settings.precision, spacing_of(scene, settings.precision)
+    words = []
+    if scene.count and spacing > COARSE * scene.smallest_radius:
+        words.append(
+            f"coordinates are {spacing:.3g} apart at the far end of the box, {spacing / scene.smallest_radius:.2g} of "
+            f"the smallest radius: directions of contacts are wrong by as much. Use {_finer(precision)}"
+        )
+    apart = math.sqrt(scene.width * scene.height / max(scene.count, 1))
+    has_steps = capabilities_of(settings).has_steps
+    if not has_steps and scene.count > 1 and scene.smallest_radius < TINY * apart:
+        words.append(
+            f"discs of radius {scene.smallest_radius:.3g} are some {apart:.3g} apart: the square of the radius is lost "
+            "beside that of the distance, so that the time of a contact is wrong by up to the time in which a disc "
+            "moves its radius. Use larger discs or a smaller box"
+        )
+    speed = rms_speed(scene)
+    square = (speed * scene.smallest_radius) ** 2
+    if computes_contact_times(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
+        words.append(
+            f"the square of rms speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
+            f"contacts cannot be computed. Use other units{_or_double(precision)}"
+        )
+    dt = settings.dt / settings.substeps
+    displacement = speed * dt
+    if has_steps and 0 < displacement < STEP_SPACINGS * spacing:
+        effect = "most discs do not move at all" if displacement < spacing / 2 else "rounding changes each step"
+        words.append(
+            f"a disc of rms speed {speed:.3g} moves {displacement:.3g} in a step, {displacement / spacing:.2g} of the "
+            f"distance {spacing:.3g} between coordinates: {effect}. Use larger steps, or {_finer(precision)}"
+        )
+    pull = 0.0 if scene.gravity is None else float(np.abs(scene.gravity).max())
+    if has_steps and 0 < pull * dt < float(np.finfo(precision).eps) * speed:
+        words.append(
+            f"gravity changes a velocity by {pull * dt:.3g} in a step, which is lost to rounding beside an rms speed "
+            f"of {speed:.3g}. Use larger steps{_or_double(precision)}"
+        )
+    return ". ".join(words) + "." if words else None
+
+
+_DOUBLE = "precision='float64'"
+
+
+def _or_double(precision: str) -> str:
+    return "" if precision == "float64" else f" or {_DOUBLE}"
+
+
+def _finer(precision: str) -> str:
+    return "a smaller box or larger discs" if precision == "float64" else f"{_DOUBLE} or a smaller box"
+
+
+# --- Detects discs that are pressed into each other or into obstacles, which smaller steps cannot cure
+#
+# Because of steps discs overlap, by as much as they move in a few of them; discs that overlap more are pressed. Moving
+# walls, emitters and added discs can cause it. So scenes with these are checked, in the frames in which speeds are
+# checked too, and after the frame, as added discs may overlap others until then.
+
+Floats = NDArray[np.float64]
+
+DEEP = 0.2
+"""Overlap from which on discs are pressed, as a fraction of the smaller one's radius, beyond what steps explain."""
+
+STEPS = 4.0
+"""Steps at the rms speed that explain an overlap. In gases below the bounds of speed, at packings 0.3 to 0.78, the
+deepest was 3.5 (docs/stability.md)."""
+
+MEAN_OVERLAP = 0.1
+"""Overlap for each disc, on average over all, as a fraction of the smallest radius, from which on they are pressed at
+any speed, or steps are far too long. In those gases it was 0.015 at most, and 0.024 in lossy discs that a wall
+holds at packing 0.785."""
+
+CROWDED = 0.4
+"""Packing of discs and capsules from which on all looks are taken. Discs between flat walls have room up to 0.54: two
+of them in the smallest square. Below, a disc may still be caught between a moving wall and a capsule."""
+
+SELDOM = 8
+"""How many times rarer looks are below that packing."""
+
+NONE = Overlap(0, 0.0, 0.0, None)
+
+
+def may_be_pressed(scene: Scene, count: int) -> bool:
+    """Whether discs can have come to lack room: by a moving wall, emitters, or added discs."""
+    return scene.moving_wall is not None or bool(scene.emitters) or count > scene.count
+
+
+def is_crowded(scene: Scene, radii: Floats, time: float) -> bool:
+    """Whether discs and capsules fill so much of the box at a time that most discs can be pressed."""
+    low, high = scene.walls_at(time)
+    ax, ay, bx, by, radius = scene.capsules.T
+    solid = math.pi * radius**2 + 2 * radius * np.hypot(bx - ax, by - ay)
+    area = math.pi * float((radii * radii).sum()) + float(solid.sum())
+    return area > CROWDED * float((high - low).prod())
+
+
+def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
+    """Which discs are pressed into each other or into a capsule now, and what to do, in words; None if none are."""
+    state, radii = solver.state(), solver.radii
+    if not state.present.any():
+        return None
+    displacement = np.hypot(*state.velocity.T.astype(np.float64)) * settings.dt / solver.substeps
+    mean = float(np.sqrt((displacement[state.present] ** 2).mean()))
+    found = overlap(state, scene, radii) if _overlap_at_all(state, scene, radii) else NONE
+    words = _deepest_pair(found, radii, displacement, mean) or _into_capsules(state, scene, radii, displacement, mean)
+    cause = "They were placed that way, or there is no room for them: smaller steps and on_fast='substep' do not help"
+    if words is None:
+        words = _most_of_them(found, radii[state.present])
+        cause += ", or steps are far too long"
+    if words is None:
+        return None
+    relief = ", ".join(sorted(feature.relief for feature in FEATURES if feature.relief))
+    return (
+        f"discs are pressed into each other: at time {solver.time:g} {words}, and discs move {mean:.3g} in a step on "
+        f"average. {cause}. {relief[0].upper()}{relief[1:]}, or use smaller ones or a larger box."
+    )
+
+
+def _overlap_at_all(state: State, scene: Scene, radii: Floats) -> bool:
+    """Whether overlaps are so deep, or so many, that the slow search is worth while."""
+    here = state.present
+    position, diameter = state.position[here].astype(np.float64), 2 * radii[here]
+    common = float(diameter[0]) if (diameter == diameter[0]).all() else diameter
+    pairs, _, depth = overlaps(position, scene.width, scene.height, common, scene.periodic)
+    smallest = 0.5 * float(diameter.min())
+    return depth > DEEP * smallest or pairs * depth > MEAN_OVERLAP * smallest * len(position)
+
+
+def _deepest_pair(found: Overlap, radii: Floats, displacement: Floats, mean: float) -> str | None:
+    if found.worst is None:
+        return None
+    i, j = found.worst
+    smaller = float(min(radii[i], radii[j]))
+    if found.largest <= DEEP * smaller + STEPS * max(mean, float(displacement[[i, j]].max())):
+        return None
+    return f"discs {i} and {j} overlap by {found.largest:.3g}, {found.largest / smaller:.2g} of a radius"
+
+
+def _most_of_them(found: Overlap, radii: Floats) -> str | None:
+    if found.worst is None or found.pairs * found.mean <= MEAN_OVERLAP * float(radii.min()) * len(radii):
+        return None
+    i, j = found.worst
+    return (
+        f"{found.pairs} pairs overlap by {found.mean:.3g} on average, discs {i} and {j} deepest, by {found.largest:.3g}"
+    )
+
+
+def _into_capsules(state: State, scene: Scene, radii: Floats, displacement: Floats, mean: float) -> str | None:
+    if not len(scene.capsules):
+        return None
+    discs = np.flatnonzero(state.present)
+    position = state.position[discs].astype(np.float64)
+    found = scene.deepest(position, radii[discs])
+    if found is None:
+        return None
+    disc, depth = int(discs[found.disc]), found.depth
+    if depth <= DEEP * radii[disc] + STEPS * max(mean, float(displacement[disc])):
+        return None
+    return f"disc {disc} is {depth:.3g} deep in {found.where}, {depth / radii[disc]:.2g} of its radius"
+
+
+# --- Limits of the time step: checks speeds and collision rates, and warns, refuses or uses sub-steps
+#
+# Two discs that touch at the start of a step and move towards each other are 2 R - 2 v dt apart at its end. While each
+# moves less than its own radius, centres cannot pass one another, nor the middle of a capsule: whatever overlaps is
+# found on the side on which it came. Beyond, a pair may be met from behind, or pass unseen. Between two walls a disc
+# must not move farther than its free distance, or the second bounce of one step is lost. And where discs meet more
+# than one other in a step on average, collisions that follow from others are missed.
+#
+# The kernels see a disc that is too fast for the step to come, whatever made it fast, while they move it: the frame is
+# then the last of its command, and the exact look follows. What no single speed tells, collisions in a step and the
+# room between walls, is looked at in frames that follow from what can change it: at the start, where discs are added,
+# as often as a wall has taken a little of the box, and now and then. All of it depends on the state alone. So what
+# follows is the same with any number of workers, and however a run is cut into calls, saved or healed.
 
 BOUND = 1.0
 """Displacement of a disc in one step, as a fraction of its radius (of its free distance between walls), from which on

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, cast
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.kernels import moving_wall
+from mpsim.kernels import geometry
 
 BoundaryName = Literal["walls", "periodic"]
 Edge = Literal["left", "right", "bottom", "top"]
@@ -78,7 +78,7 @@ class MovingWall(NamedTuple):
 
     def place(self, time: float) -> float:
         """Its coordinate at a time [length]: in float64, as both solvers have it."""
-        return moving_wall.place(self, max(time - self.began, 0.0))
+        return geometry.place(self, max(time - self.began, 0.0))
 
 
 def check_boundary(boundary: object) -> tuple[BoundaryName, BoundaryName]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.garbage import garbage_collection_paused
+from mpsim.core.machine import garbage_collection_paused
 from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest

@@ -6,7 +6,7 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.features.feature import Feature, Floats, PerDisc, SceneLike, Shapes, extent, lattice_sites
-from mpsim.kernels import layout
+from mpsim.kernels import records
 
 
 def check_radius(value: Any, count: int) -> float | Floats:
@@ -34,7 +34,7 @@ class Radii(Feature):
         """Radii in both buffers of the discs, sorted with them; the radius above which discs are giants."""
         if not has_radii(scene):
             return {}
-        buffers = {f"{buffer}.radius": (real, (capacity + layout.PADDING,)) for buffer in "ab"}
+        buffers = {f"{buffer}.radius": (real, (capacity + records.PADDING,)) for buffer in "ab"}
         return {**buffers, "giants": (real, (1,))}
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:

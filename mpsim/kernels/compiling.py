@@ -1,34 +1,218 @@
-"""Compilation of kernels, and the cache of their machine code.
+"""Compilation of kernels: their parts, their optional arguments, the cache of machine code, and turns of processes."""
 
-Numba's own cache looks only at the file in which a function stands: after an edit in a second file, a cached
-caller continues to run the old callee. The kernels here call each other across files, so their machine code lies
-in a folder whose name is a digest of *all* kernel sources and of the versions that compiled them. Any edit or
-upgrade is therefore a different folder, and a stale cache cannot be loaded.
-"""
-
-# pyright: reportAttributeAccessIssue=false
-# Numba fills its config module when it is imported.
-
+import fcntl
 import hashlib
 import logging
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import llvmlite
 import numba
-from numba import config, njit, types
+from numba import _dynfunc, config, njit, types
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.typed_passes import NativeLowering
 from numba.extending import register_jitable
 
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.garbage import garbage_collection_paused
+from mpsim.core.machine import garbage_collection_paused
 from mpsim.kernels import compile_notice
-from mpsim.kernels.compile_turns import Turns
-from mpsim.kernels.linking import KernelCompiler, PartCompiler
+
+# --- If several processes need the same kernel, one compiles it; the others wait and load the result
+#
+# Otherwise ranks and runs that start together would each compile it, on cores that the others need. The system's lock
+# (`flock`) ends with its process. A fork may keep it longer, so no process waits longer than LONGEST.
+
+LONGEST = 60.0
+"""Seconds to wait for another process; then a kernel is compiled twice, which does no harm."""
+
+STEP = 0.02
+"""Seconds between two looks at the lock."""
+
+
+class Turns:
+    """Turns of compiling one function, for each signature of its own.
+
+    Args:
+        folder: of the cache; the lock files lie in it.
+        name: of the function, unique.
+    """
+
+    def __init__(self, folder: Path, name: str):
+        self._stem = folder / f"{hashlib.sha256(name.encode()).hexdigest()[:16]}"
+        self._held: dict[str, int] = {}
+
+    def load_or_take(self, signature: Any, load: Callable[[], Any]) -> Any:
+        """What `load` finds in the cache, perhaps from another process; None: compile it, then `give_back`."""
+        key = hashlib.sha256(str(signature).encode()).hexdigest()[:16]
+        path = self._stem.with_name(f"{self._stem.name}-{key}.lock")
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        except OSError:  # a read-only cache
+            return None
+        if not _locked(descriptor):
+            os.close(descriptor)
+            return None
+        found = load()
+        if found is None:
+            self._held[key] = descriptor
+        else:
+            os.close(descriptor)
+        return found
+
+    def give_back(self) -> None:
+        """Release the lock: the function is compiled, or could not be."""
+        while self._held:
+            _, descriptor = self._held.popitem()
+            with suppress(OSError):
+                os.close(descriptor)
+
+
+def _locked(descriptor: int) -> bool:
+    """Wait for the lock, at most LONGEST; False: it could not be taken."""
+    end = time.monotonic() + LONGEST
+    while time.monotonic() < end:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(STEP)
+        except OSError:  # a file system without locks
+            return False
+        else:
+            return True
+    return False
+
+
+# --- Merges functions into one kernel; functions that only kernels call get no machine code of their own
+#
+# Numba optimises each function together with all that it calls, and makes machine code of the whole. With ten levels
+# of calls, the innermost function is optimised ten times and nine results are discarded: this was half the time of a
+# first compilation. Here a part stays as it was lowered; a kernel, which Python calls, is linked with all parts that
+# it reaches, each once, and optimised once.
+#
+#     run_grid (a kernel)          step, merge_up_to, resolve_contact ... (parts)
+#     typed, lowered               typed, lowered
+#     linked with its parts   <--  kept
+#     optimised, machine code
+
+# pyright: reportAttributeAccessIssue=false, reportIndexIssue=false
+# The state of a compilation has attributes that Numba declares nowhere.
+
+
+class _Part(JITCodeLibrary):
+    """The code of one function as it was lowered: neither linked with what it calls, nor optimised as a whole."""
+
+    def finalize(self) -> None:
+        """Numba asks for this before it links the code with that of a caller."""
+        self._finalized = True
+
+
+class _Kernel(JITCodeLibrary):
+    """The code of a function that Python calls."""
+
+    def finalize(self) -> None:
+        """Link with all parts, not only with those that are called directly; optimise; make machine code."""
+        self._linking_libraries = _callers_first(self)
+        super().finalize()
+
+    def _verify_declare_only_symbols(self) -> None:
+        """Numba looks only for its own functions; a call of an unlinked one would end the process."""
+        super()._verify_declare_only_symbols()
+        missing = [each.name for each in self._final_module.functions if each.is_declaration and each.name[:3] == "_ZN"]
+        assert not missing, f"not linked: {missing}"
+
+
+def _callers_first(kernel: _Kernel) -> list[CodeLibrary]:
+    """What a kernel is linked with, callers first: LLVM leaves out what nothing needs yet."""
+    callees_first: dict[CodeLibrary, None] = {}
+
+    def visit(library: CodeLibrary) -> None:
+        if library not in callees_first:
+            for callee in library._linking_libraries if isinstance(library, _Part) else ():
+                visit(callee)
+            callees_first[library] = None
+
+    for callee in kernel._linking_libraries:
+        visit(callee)
+    return list(reversed(callees_first))
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _LowerKernel(NativeLowering):
+    """Lower a function, link it with its parts, and make machine code."""
+
+    _name = "mpsim_lower_kernel"
+
+    def run_pass(self, state: Any) -> Literal[True]:
+        """As Numba's, for a library of our own."""
+        state.library = _Kernel(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return super().run_pass(state)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _LowerPart(NativeLowering):
+    """Lower a function for its callers alone."""
+
+    _name = "mpsim_lower_part"
+
+    def run_pass(self, state: Any) -> Literal[True]:
+        """As Numba's, up to the generation of machine code."""
+        part = _Part(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library = part
+        state.flags.no_compile = True
+        super().run_pass(state)
+        lowered = state["cr"]
+        described = lowered.fndesc
+        # Numba knows the function by this object, whose address 0 is never called.
+        key = _dynfunc.make_function(described.lookup_module(), described.qualname, "", 0, lowered.env, (part,))
+        state.targetctx.insert_user_function(key, described, [part])
+        state["cr"] = lowered._replace(cfunc=key)
+        return True
+
+
+class _Compiler(CompilerBase):
+    """Numba's passes for nopython mode, except the last."""
+
+    lowering: type[NativeLowering]
+
+    def define_pipelines(self) -> list[Any]:
+        """The one pipeline."""
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [(self.lowering if each is NativeLowering else each, why) for each, why in passes.passes]
+        passes.finalize()
+        return [passes]
+
+
+class KernelCompiler(_Compiler):
+    """For functions that Python calls."""
+
+    lowering = _LowerKernel
+
+
+class PartCompiler(_Compiler):
+    """For functions that only kernels call."""
+
+    lowering = _LowerPart
+
+
+# --- Compilation of kernels, and the cache of their machine code
+#
+# Numba's own cache looks only at the file in which a function stands: after an edit in a second file, a cached caller
+# continues to run the old callee. The kernels here call each other across files, so their machine code lies in a
+# folder whose name is a digest of *all* kernel sources and of the versions that compiled them. Any edit or upgrade is
+# therefore a different folder, and a stale cache cannot be loaded.
+
+# pyright: reportAttributeAccessIssue=false
+# Numba fills its config module when it is imported.
+
 
 logger = logging.getLogger("mpsim")
 
@@ -201,3 +385,73 @@ def compiled_kernels() -> int:
     modules = [m for name, m in sys.modules.items() if name.startswith("mpsim.kernels.")]
     functions = {f for m in modules for f in vars(m).values() if hasattr(f, "signatures")}
     return sum(len(function.signatures) for function in functions)
+
+
+# --- Optional arguments of kernels: None stands for a feature that a scene does not have
+#
+# Numba compiles a function anew for a None argument and drops what is tested against it, if the test is of one
+# argument alone: not of an attribute, nor of several at once. So each accessor returns the value itself, a constant,
+# or None, and a second condition stands in a separate `if` inside the test against None (ruff's SIM102 would join the
+# two).
+
+
+@inlined
+def value_or(values, i, shared):
+    """A disc's own radius or mass, or the common value if all discs have the same."""
+    if values is None:
+        return shared
+    return values[i]
+
+
+@inlined
+def slice_of(values, low, high):
+    """A slice of an array, or None."""
+    if values is None:
+        return None
+    return values[low:high]
+
+
+@inlined
+def present(value):
+    """True for an array, else None, so that code tested against it can be dropped."""
+    if value is None:
+        return None
+    return True
+
+
+@inlined
+def any_present(value, other):
+    """True if at least one of two is present, else None."""
+    if value is None:
+        return present(other)
+    return True
+
+
+@inlined
+def swap_entries(values, i, j):
+    """Exchange the values of two discs, if discs have such values, shape (N,)."""
+    if values is not None:
+        values[i], values[j] = values[j], values[i]
+
+
+@inlined
+def swap_rows(values, i, j):
+    """The same, shape (N, components)."""
+    if values is not None:
+        for k in range(values.shape[1]):
+            values[i, k], values[j, k] = values[j, k], values[i, k]
+
+
+@inlined
+def copy_entry(source, i, target, j):
+    """Copy a disc's own value to another array, if discs have such values, shape (N,)."""
+    if source is not None:
+        target[j] = source[i]
+
+
+@inlined
+def copy_row(source, i, target, j):
+    """The same, shape (N, components)."""
+    if source is not None:
+        for k in range(source.shape[1]):
+            target[j, k] = source[i, k]

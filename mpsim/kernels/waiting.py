@@ -1,8 +1,8 @@
 """Waiting for other processes, on words of the shared block: spin, then yield, then sleep. Every wait ends."""
 
 from mpsim.kernels.compiling import compiled, linked
-from mpsim.kernels.layout import ABORT, ARRIVED, COMMAND, IDLE, MAIL, MAILED, PATIENCE, RUNNING, STALLED
 from mpsim.kernels.machine import atomic_add, atomic_load, atomic_store, now, pause, sleep_briefly, yield_core
+from mpsim.kernels.records import ABORT, ARRIVED, COMMAND, IDLE, MAIL, MAILED, PATIENCE, RUNNING, STALLED
 
 SPINS = 200
 """Polls before a waiting process gives its core away: about 4 microseconds, which covers the waits of an undisturbed

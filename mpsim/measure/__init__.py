@@ -5,7 +5,6 @@
 
 from mpsim.measure import reference, reference_motion
 from mpsim.measure.correlation import PairCorrelation, pair_correlation
-from mpsim.measure.equilibration import Equilibration, equilibration
 from mpsim.measure.motion import TimeCorrelation
 from mpsim.measure.observables import (
     Overlap,
@@ -34,9 +33,11 @@ from mpsim.measure.order import (
 from mpsim.measure.predictability import Predictability, comparable_until, predictability, require_predictable
 from mpsim.measure.series import Series
 from mpsim.measure.statistics import (
+    Equilibration,
     Measure,
     block_average,
     block_errors,
+    equilibration,
     fit_order,
     independent_average,
     ratio_average,

@@ -18,8 +18,8 @@ from mpsim.core import checks
 from mpsim.core.state import Discs, State, count_of
 from mpsim.errors import InputError
 from mpsim.measure import moments
+from mpsim.measure.correlation import close_pairs, lengths_of, to_nearest_image
 from mpsim.measure.moments import SAME_BOX, Part, checked_positions, masses_of, one_of_each, placed, radii_of
-from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
 TOUCHING = 8

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.state import State, states_in
 from mpsim.errors import InputError, NotMeasurableError
+from mpsim.measure.correlation import Lengths, close_pairs, lengths_of, to_nearest_image
 from mpsim.measure.moments import checked_positions, demand_scene, placed
-from mpsim.measure.pairs import Lengths, close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]

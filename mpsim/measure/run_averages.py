@@ -17,16 +17,8 @@ from mpsim.errors import InputError, NotRecordedError
 from mpsim.features import FEATURES
 from mpsim.kernels import records
 from mpsim.measure import moments, observables
-from mpsim.measure.counted import COMPONENTS, Counts, Run
-from mpsim.measure.driving import (
-    adds_discs,
-    has_body_force,
-    has_losses,
-    is_heated,
-    is_inelastic,
-    memory_of_baths,
-)
-from mpsim.measure.registry import COUNTED, DRIFTS, NAMES, OBSERVABLES, SAMPLED
+from mpsim.measure.moments import adds_discs, has_body_force, has_losses, is_heated, is_inelastic, memory_of_baths
+from mpsim.measure.registry import COMPONENTS, COUNTED, DRIFTS, NAMES, OBSERVABLES, SAMPLED, Counts, Run
 from mpsim.measure.statistics import FEWEST_BLOCKS, Measure, SlowVariable, average_beside, energy_in_bath
 from mpsim.scene.scene import Scene
 

@@ -1,8 +1,10 @@
-"""Means with their standard errors, from correlated and from independent samples, and fitted orders of accuracy."""
+"""Means with their standard errors, the start of the stationary part of a series, and fitted orders."""
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -10,9 +12,134 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.digits import RELATIVE_ROUNDING, with_error
+from mpsim.core.text import RELATIVE_ROUNDING, with_error
 from mpsim.errors import InputError
-from mpsim.measure import spectrum
+
+# --- Error of the mean of a correlated series, from its spectrum at low frequencies
+#
+# The mean of n samples has the variance S(0) / n, where S is the spectral density, S(0) the sum of all
+# autocovariances. These may be positive (a slow quantity) or negative (impulses on a wall: a disc that has just hit
+# one returns only after it has crossed the box). S is even in the frequency, so that near 0 it deviates from S(0) only
+# quadratically; averages over blocks of length B have an error of order 1/B.
+
+LEAST = 16
+"""Smallest number of ordinates of the periodogram in a fit: S(0) is then known to 38 %, its root to 19 %."""
+
+MOST = 128
+"""Largest number: S(0) is then known to 13 %, its root to 7 %."""
+
+CURVATURE_DEVIANCE = 6.0
+"""Deviance by which a curve with one more parameter must fit better: by chance it does in one case of 70."""
+
+AGREED = 3.0
+"""Standard errors within which fits to fewer ordinates must agree with the chosen one."""
+
+
+_SLOPES: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.05, 5000.0, 27)])
+_COARSE: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.1, 5000.0, 15)])
+"""Slopes to try, for one curve and for quotients of two."""
+
+
+@dataclass(frozen=True)
+class AtZero:
+    """S(0), and the fit that it comes from.
+
+    Attributes:
+        density: S(0) [of the series, squared].
+        slope: r of the curve S(0) / (1 + r u^2), or -r of S(0) exp(r u^2), with u = k / ordinates.
+        ordinates: number of ordinates used.
+        slower: correlation time of a slow component below faster ones, as a fraction of the length of the series; 0
+            if there is none.
+    """
+
+    density: float
+    slope: float
+    ordinates: int
+    slower: float = 0.0
+
+    @property
+    def correlation_time(self) -> float:
+        """Longest correlation time found, as a fraction of the length of the series; 0 if S rises."""
+        return max(_correlation_time(self.slope, self.ordinates), self.slower)
+
+
+def _correlation_time(slope: float, ordinates: int) -> float:
+    """Correlation time whose spectrum falls with this slope, as a fraction of the length of the series."""
+    return math.sqrt(max(slope, 0.0)) / (2 * math.pi * ordinates)
+
+
+def at_zero(series: NDArray[np.float64]) -> AtZero:
+    """Spectral density of a series at frequency 0.
+
+    Ordinates I_k of the periodogram are independent and exponentially distributed with mean S(k / n). A curve is fitted
+    to the first K of them by maximum likelihood: S(0) / (1 + r k^2), for an exponential correlation, or S(0) exp(r k^2)
+    if S rises. K is the largest of 16, 32, 64, 128 at which the fit is good: a quotient (1 + r k^2) / (1 + s k^2) does
+    not fit better by more than CURVATURE_DEVIANCE, and fits to fewer ordinates, with standard errors of 1.5 / sqrt(K)
+    in log S(0), agree with it within AGREED. If a quotient fits better at any K, and falls (s > r), there is a slow
+    component besides faster ones, such as white noise: its correlation time counts as well.
+
+    Args:
+        series: shape (n,), n >= 3 [any]. Fewer than 2 LEAST + 1 samples have fewer than LEAST ordinates.
+
+    Source: Heidelberger & Welch, Commun. ACM 24, 233 (1981), who fit a polynomial by least squares to the logarithms;
+    the likelihood: Whittle, J. R. Stat. Soc. B 15, 125 (1953), as in CODA (Plummer et al., R News 6, 7, 2006).
+
+    >>> found = at_zero(np.random.default_rng(0).normal(0, 2, 500))
+    >>> round(found.density, 1), found.ordinates
+    (4.0, 128)
+    """
+    n = len(series)
+    periodogram = (np.abs(np.fft.rfft(series - series.mean())) ** 2 / n)[1 : (n - 1) // 2 + 1]
+    if not periodogram[:LEAST].any():
+        return AtZero(0.0, 0.0, min(LEAST, len(periodogram)))
+    found, bent, slower = _fit(periodogram[:LEAST])
+    fits, slowest = [found], slower if bent > CURVATURE_DEVIANCE else 0.0
+    while 2 * fits[-1].ordinates <= min(len(periodogram), MOST):
+        fit, bent, slower = _fit(periodogram[: 2 * fits[-1].ordinates])
+        fits.append(fit)
+        if bent > CURVATURE_DEVIANCE:
+            slowest = max(slowest, slower)
+        elif all(map(_agrees(fit), fits)):
+            found = fit
+    return replace(found, slower=slowest)
+
+
+def _agrees(fit: AtZero) -> Callable[[AtZero], bool]:
+    """A test whether another fit, to fewer ordinates, gives the same density within its error."""
+    return lambda other: abs(math.log(fit.density / other.density)) <= AGREED * 1.5 / math.sqrt(other.ordinates)
+
+
+def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, float, float]:
+    """The curve, the deviance by which a quotient fits better, and the correlation time of a falling quotient."""
+    slopes, one, two = _curves(len(ordinates))
+    densities, deviances = _likelihood(ordinates, one)
+    best = int(deviances.argmin())
+    found = AtZero(float(densities[best]), float(slopes[best]), len(ordinates))
+    bent = _likelihood(ordinates, two)[1]
+    rise, fall = (float(_COARSE[k]) for k in divmod(int(bent.argmin()), len(_COARSE)))
+    return found, float(deviances[best] - bent.min()), _correlation_time(fall if fall > rise else 0.0, len(ordinates))
+
+
+@functools.cache
+def _curves(ordinates: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Slopes, and log S / S(0) at each ordinate, shape (slopes, ordinates), of the curves and of the quotients."""
+    squares = (np.arange(1, ordinates + 1) / ordinates) ** 2
+    rises = _SLOPES[(_SLOPES > 0) & (_SLOPES < 30)]
+    slopes = np.concatenate([_SLOPES, -rises])
+    one = np.concatenate([-np.log1p(_SLOPES[:, None] * squares), rises[:, None] * squares])
+    half = np.log1p(_COARSE[:, None] * squares)
+    return slopes, one, (half[:, None] - half[None]).reshape(-1, ordinates)
+
+
+def _likelihood(
+    ordinates: NDArray[np.float64], logs: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """For each curve the density at 0 of maximum likelihood, and -2 log likelihood there."""
+    densities = (ordinates * np.exp(-logs)).mean(axis=1)
+    return densities, 2 * (len(ordinates) * (np.log(densities) + 1) + logs.sum(axis=1))
+
+
+# --- Means with their standard errors, from correlated and from independent samples, and fitted orders of accuracy
 
 FEWEST_BLOCKS = 16
 """Smallest number of samples or blocks for an error: with 16 it is itself known to 1/sqrt(30) = 18 %."""
@@ -107,7 +234,7 @@ def energy_in_bath(values: NDArray[np.float64], memory: float, count: int) -> Sl
         memory: time in which the bath exchanges the energy, as a fraction of the run, > 0 [1].
         count: number of discs.
     """
-    memory = max(memory, spectrum.at_zero(values).correlation_time)
+    memory = max(memory, at_zero(values).correlation_time)
     remembered = 2 * memory * (1 - memory * -math.expm1(-1 / memory))  # variance of the mean, over that of the variable
     error = abs(_mean(values)) * math.sqrt(max(remembered, 0.0) / max(count, 1))
     seen = block_average(values).error
@@ -157,8 +284,8 @@ def block_average(
         InputError: if the series is empty, not finite or not one-dimensional, `event` is not above 0, or `alternation`
             is below 0.
 
-    Source: `mpsim.measure.spectrum` (Heidelberger & Welch, Commun. ACM 24, 233, 1981); few events: Gehrels, Astrophys.
-    J. 303, 336 (1986), eq. 7 with S = 1, which is Garwood's limit (Biometrika 28, 437, 1936) within 1.5 %.
+    Source: the spectrum (Heidelberger & Welch, Commun. ACM 24, 233, 1981); few events: Gehrels, Astrophys. J. 303,
+    336 (1986), eq. 7 with S = 1, which is Garwood's limit (Biometrika 28, 437, 1936) within 1.5 %.
 
     >>> block_average(np.random.default_rng(1).normal(5, 1, 10_000))
     4.9891(93)
@@ -187,11 +314,11 @@ def block_average(
     blocks = samples - value
     while len(blocks) >= MOST_BLOCKS:
         blocks = _pairs(blocks)
-    found = spectrum.at_zero(blocks)
-    steep = found.ordinates == spectrum.LEAST and -found.slope > RISING
+    found = at_zero(blocks)
+    steep = found.ordinates == LEAST and -found.slope > RISING
     if not still and (steep or n < MEMORIES * alternation):
         return Measure(value, float(block_errors(samples)[-1]), n, settled=False, upper=True)
-    short = still or found.ordinates < spectrum.LEAST or found.correlation_time * MEMORIES > 1
+    short = still or found.ordinates < LEAST or found.correlation_time * MEMORIES > 1
     error = float(block_errors(samples).max()) if short else math.sqrt(found.density / len(blocks))
     return Measure(value, error, n, settled=not short)
 
@@ -233,7 +360,7 @@ def average_beside(
     averages = values - _mean(values)
     while len(blocks) >= MOST_BLOCKS:
         blocks, averages = _pairs(blocks), _pairs(averages)
-    ours, its = (np.fft.rfft(each)[1 : spectrum.LEAST + 1] for each in (blocks, averages))
+    ours, its = (np.fft.rfft(each)[1 : LEAST + 1] for each in (blocks, averages))
     power = float((np.abs(its) ** 2).sum())
     slope = float((ours * its.conj()).real.sum()) / power if power else 0.0
     doubt = float((np.abs(ours - slope * its) ** 2).sum()) / (2 * len(ours) - 1) / power if power else 0.0
@@ -383,3 +510,83 @@ def _mean(samples: NDArray[np.float64]) -> float:
 def _demand(name: str, count: int, fewest: int, what: str) -> None:
     if count < fewest:
         raise InputError(f"{name} must hold at least {fewest} {what}; got {count}. Record more of them.")
+
+
+# --- The start of the stationary part of a series, by the marginal standard error rule
+
+FEWEST_BATCHES = 10
+"""Batches from which on the rule says something."""
+
+
+@dataclass(frozen=True)
+class Equilibration:
+    """Where the stationary part of a series begins.
+
+    Attributes:
+        start: number of samples to leave out, which is the index of the first stationary one [1].
+        found: False if the series is too short, or never becomes stationary.
+        measure: mean of the stationary part, with its error [of the series]; not settled if no stationary part was
+            found.
+    """
+
+    start: int
+    found: bool
+    measure: Measure
+
+
+@checks.known_names()
+def equilibration(series: ArrayLike, *, batch: int = 5) -> Equilibration:
+    """Where to start averaging a series, so that its mean is not biased by the initial transient.
+
+    The series is averaged over batches of five samples, y_1 ... y_k, and the first d batches are left out. The d is
+    chosen that minimizes the sum of (y_i - mean)^2 over the other batches, divided by (k - d)^2. Leaving out more of
+    the transient reduces the scatter; leaving out more of the stationary part reduces only the number of batches. The
+    start is not found if the minimum is in the middle of the series, or if the rest is correlated over so long a time
+    that the error of its mean is not settled: the series may still be drifting.
+
+    The rule sees only the series. It cannot detect transients slower than the series, and it takes a metastable state
+    for a stationary one.
+
+    Args:
+        series: shape (n,), n >= 10 batches, samples at equal intervals in time, from the start [any].
+        batch: number of samples in a batch, >= 1; it matters little if a batch is short compared with the correlation
+            time.
+
+    Raises:
+        InputError: if the series is not finite, not one-dimensional or too short, or batch is out of range.
+
+    Source: White, Simulation 69, 323 (1997); with batches of five, MSER-5: White, Cobb & Spratt, Proc. Winter
+    Simulation Conference (2000), 755.
+
+    >>> noise = np.random.default_rng(1).normal(size=2000)
+    >>> found = equilibration(5 + noise + 20 * np.exp(-np.arange(2000) / 50))
+    >>> found.start, found.found, found.measure
+    (185, True, 5.004(24))
+    """
+    samples = checks.finite_array("series", series, (None,), "(n,)")
+    batch = checks.whole("batch", batch, 1, 10**9, "5 is usual.")
+    number = len(samples) // batch
+    if number < FEWEST_BATCHES:
+        raise InputError(
+            f"series must hold at least {FEWEST_BATCHES} batches of {batch} samples to find its stationary part; got "
+            f"{len(samples)} samples. Record more of them, or give a smaller batch."
+        )
+    scatter = marginal_errors(samples[: number * batch].reshape(number, batch).mean(axis=1))
+    first = int(scatter.argmin())
+    rest = samples[first * batch :]
+    measure = block_average(rest)
+    found = first < len(scatter) - 1 and (measure.settled or not np.ptp(rest))
+    return Equilibration(first * batch, found, measure if found else replace(measure, settled=False, upper=False))
+
+
+def marginal_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """For d = 0, 1, ..., k/2: sum of (y_i - mean)^2 over all but the first d values, over (k - d)^2 [of y, squared].
+
+    >>> marginal_errors(np.array([9.0, 1.0, 1.0, 1.0])).tolist()
+    [3.0, 0.0, 0.0]
+    """
+    number, half = len(values), len(values) // 2
+    shifted = values - values[half:].mean()  # so that a stationary part keeps its digits
+    left = number - np.arange(half + 1)
+    sums, squares = (np.cumsum(each[::-1])[::-1][: half + 1] for each in (shifted, shifted**2))
+    return np.maximum(squares - sums**2 / left, 0.0) / left**2

@@ -1,33 +1,313 @@
-"""Animations: discs at true radius, written frame by frame as GIF or MP4."""
+"""Animations: discs at true radius, drawn frame by frame and written as GIF or MP4."""
 
 from __future__ import annotations
 
 import base64
 import contextlib
 import dataclasses
+import io
 import math
 import os
-from collections.abc import Callable, Iterator
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PosixPath
+from typing import IO, Any, NamedTuple
 
 import matplotlib
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
-from mpsim.core import atomic, checks
+from mpsim.core import checks, files
+from mpsim.core.optional_packages import imported
 from mpsim.core.progress import checked_progress, is_watched, of_frames
-from mpsim.engine.frame_count import frames_until
+from mpsim.core.state import Box, State
+from mpsim.engine.report import frames_until
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, MpsimError, OutputError
-from mpsim.output import ffmpeg
-from mpsim.output.colour_scale import SCALES, ColourScale, ScaleName, percentile_scale, sampled
-from mpsim.output.drawing import STYLE, THEMES, ThemeName
-from mpsim.output.gif import GifWriter
-from mpsim.output.moving_picture import DPI, KINDS, PIXELS, Moment, Picture, kept, moment_of
-from mpsim.scene.recommended import frames_between_pictures, settings_for
+from mpsim.output.drawing import (
+    LIGHT,
+    SCALES,
+    SPEED,
+    STYLE,
+    THEMES,
+    ColourScale,
+    ScaleName,
+    Theme,
+    ThemeName,
+    closed_off,
+    colour_bar,
+    colour_discs,
+    draw_discs,
+    figure_around,
+    on_scale,
+    percentile_scale,
+    sampled,
+    speeds_of,
+    with_images,
+)
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import Settings, frames_between_pictures, settings_for
+
+# --- A picture of a simulation that is updated for each frame of an animation
+
+PIXELS = 480
+"""Length of the longer side of the box in a picture."""
+
+DPI = 100
+
+IN_MEMORY = 2**27
+"""Bytes of moments that are kept in memory; what is more lies in a file."""
+
+
+class Moment(NamedTuple):
+    """What a picture shows of a simulation.
+
+    Attributes:
+        time: [time].
+        walls: x_low, x_high, y_low, y_high [length].
+        position: shape (N, 2), float32 [length]; NaN of absorbed discs.
+        radius: shape (N,), float32 [length].
+        values: numbers to colour by, shape (N,), float32; of length 0 if there are none.
+    """
+
+    time: float
+    walls: Box
+    position: NDArray[np.float32]
+    radius: NDArray[np.float32]
+    values: NDArray[np.float32]
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Which discs have not been absorbed, shape (N,)."""
+        return np.isfinite(self.position[:, 0])
+
+
+def moment_of(sim: Simulation, colour: str | None) -> Moment:
+    """The present moment; colour: one of KINDS, or None."""
+    state = sim.state
+    assert state.box is not None  # the walls of a simulation are known
+    position = state.position.astype(np.float32)
+    position[~state.present] = np.nan
+    values = np.zeros(0) if colour is None else KINDS[colour].values(sim, state)
+    return Moment(sim.time, state.box, position, sim.radii.astype(np.float32), values.astype(np.float32))
+
+
+@contextlib.contextmanager
+def kept(moments: Iterable[Moment]) -> Iterator[Iterator[Moment]]:
+    """All moments, in order; large ones are kept in a temporary file."""
+    with tempfile.SpooledTemporaryFile(IN_MEMORY) as file:
+        number = 0
+        for moment in moments:
+            _write(file, moment)
+            number += 1
+        file.seek(0)
+        yield (_read(file) for _ in range(number))
+
+
+def _write(file: IO[bytes], moment: Moment) -> None:
+    for array in (np.array([moment.time, *moment.walls]), *moment[2:]):
+        np.lib.format.write_array(file, array, allow_pickle=False)
+
+
+def _read(file: IO[bytes]) -> Moment:
+    numbers, position, radius, values = (np.lib.format.read_array(file, allow_pickle=False) for _ in range(4))
+    time, *walls = numbers.tolist()
+    return Moment(time, tuple(walls), position, radius, values)  # pyright: ignore[reportArgumentType]
+
+
+class Picture:
+    """The figure of a simulation, updated before each frame of an animation.
+
+    Discs that have left through an absorbing edge are hidden.
+
+    Args:
+        sim: what is shown.
+        pixels: length of the longer side of the box.
+        colour: as in `animate`.
+        scale: of the speeds; None: that of the speeds now.
+        theme: colours of everything except discs.
+    """
+
+    def __init__(
+        self,
+        sim: Simulation,
+        pixels: int = PIXELS,
+        colour: str | None = "speed",
+        scale: ColourScale | None = None,
+        theme: Theme = LIGHT,
+    ):
+        if colour is not None:
+            checks.choice("colour", colour, KINDS)
+        scene = self._scene = sim.scene
+        self._sim, self._colour, self._theme = sim, colour, theme
+        inches = pixels / DPI / max(scene.width, scene.height)
+        size = scene.width * inches, scene.height * inches
+        with matplotlib.rc_context(theme.style, fname=STYLE):
+            self.figure: Figure = figure_around(scene, size, beside=(1.2, 0.5), below=(0.4, 1.4), theme=theme)
+            self.axes: Axes = self.figure.add_subplot()
+            self._kind = KINDS[colour](sim, self.axes, scale) if colour is not None else None
+            self._discs = self._draw(scene.position, scene.radii)
+            if self._kind is not None:
+                bar = colour_bar(self.axes, self._discs, scene, self._kind.label, self._kind.scale.outside)
+                if self._kind.ticks is not None:
+                    bar.set_ticks(list(self._kind.ticks), labels=list(self._kind.ticks.values()))
+            self._title = self.axes.set_title("time 0.00")
+        self._closed = closed_off(scene, scene.box, theme)
+        if self._closed is not None:
+            self.axes.add_patch(self._closed)
+        self.figure.draw_without_rendering()
+        # The layout is found once; solving it again for each picture would take most of the time.
+        self.figure.set_layout_engine("none")
+
+    def _draw(self, position: NDArray[np.floating], radii: NDArray[np.floating]) -> EllipseCollection:
+        """New discs: the sizes of a collection cannot change."""
+        discs = draw_discs(self.axes, position, self._scene, radii=radii, theme=self._theme)
+        if self._kind is not None:
+            colour_discs(discs, np.zeros(len(radii)), self._kind.scale)
+            if self._kind.colours is not None:
+                discs.set_cmap(self._kind.colours)
+        self._drawn = len(radii)
+        return discs
+
+    def update(self) -> None:
+        """Show the simulation as it is now."""
+        self.show(moment_of(self._sim, self._colour))
+
+    def show(self, moment: Moment) -> None:
+        """Show a moment of the simulation."""
+        if len(moment.radius) != self._drawn:
+            self._discs.remove()
+            self._discs = self._draw(moment.position, moment.radius)
+        self._discs.set_offsets(with_images(moment.position, self._scene))
+        if self._kind is not None:
+            self._discs.set_array(on_scale(moment.values, self._kind.scale))
+        closed = closed_off(self._scene, moment.walls)
+        if self._closed is not None and closed is not None:
+            self._closed.set_bounds(*closed.get_bbox().bounds)
+        number = int(np.count_nonzero(moment.present))
+        self._title.set_text(f"time {moment.time:.2f}, {number} disc{'s' * (number != 1)}")
+
+
+class _Speed:
+    """Colour by speed."""
+
+    label, ticks, colours = SPEED, None, None
+
+    def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
+        self.scale = percentile_scale(self.values(sim, sim.state)[~sim.absorbed]) if scale is None else scale
+
+    @staticmethod
+    def values(sim: Simulation, state: State) -> NDArray[np.floating]:
+        return speeds_of(state.velocity)
+
+
+class _Worker:
+    """Colour by the worker that owns a disc's column."""
+
+    label = "worker"
+
+    def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
+        sim.columns()  # which refuses methods without columns
+        workers = 1 + len(sim.pids)
+        self.scale = ColourScale(-0.5, workers - 0.5)
+        self.ticks = {number: str(number) for number in range(workers)} if workers <= len(CATEGORIES) else None
+        self.colours = ListedColormap([CATEGORIES[number % len(CATEGORIES)] for number in range(workers)])
+
+    @staticmethod
+    def values(sim: Simulation, state: State) -> NDArray[np.floating]:
+        return sim.columns().owner.astype(float)
+
+
+class _Parity:
+    """Colour by whether the column of a disc is even or odd, over the columns of the start."""
+
+    label, scale, ticks = "column of the disc", ColourScale(-0.5, 1.5), {0: "even", 1: "odd"}
+    colours = ListedColormap(["#56B4E9", "#D55E00"])
+
+    def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
+        number = sim.columns().number
+        for column in range(number):
+            edges = sim.scene.width / number * np.array([column, column + 1])
+            axes.axvspan(*edges, color=self.colours(column % 2), alpha=0.15, linewidth=0, zorder=0)
+
+    @staticmethod
+    def values(sim: Simulation, state: State) -> NDArray[np.floating]:
+        return (sim.columns().of_disc % 2).astype(float)
+
+
+KINDS: dict[str, Any] = {"speed": _Speed, "worker": _Worker, "parity": _Parity}
+"""What discs can be coloured by."""
+
+CATEGORIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#000000")
+"""Colours of Okabe & Ito, neighbours far apart."""
+
+
+# --- Writes GIFs with one palette for all frames, without bands or flicker
+
+SAMPLE = 8
+"""Pictures from which the palette is made."""
+
+
+class GifWriter(AbstractMovieWriter):
+    """Collects the pictures of an animation, and writes them when it ends."""
+
+    def setup(self, fig: Any, outfile: Any, dpi: float | None = None) -> None:
+        """Begin; see matplotlib."""
+        super().setup(fig, outfile, dpi)  # pyright: ignore[reportAbstractUsage] - the stubs forget its body
+        self._images: list[Image.Image] = []
+
+    def grab_frame(self, **savefig_kwargs: Any) -> None:
+        """Add the figure as it is now."""
+        file = io.BytesIO()
+        self.fig.savefig(file, dpi=self.dpi, format="rgba", **savefig_kwargs)
+        width, height = map(int, self.frame_size)
+        self._images.append(
+            Image.frombuffer("RGBA", (width, height), file.getvalue(), "raw", "RGBA", 0, 1).convert("RGB")
+        )
+
+    def finish(self) -> None:
+        """Write the file."""
+        palette = shared_palette(self._images)
+        first, *rest = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in self._images)
+        first.save(self.outfile, format="GIF", save_all=True, append_images=rest, duration=1000 // self.fps, loop=0)
+
+
+def shared_palette(images: list[Image.Image]) -> Image.Image:
+    """An image with the 256 colours that suit all pictures best, found from an even selection of them."""
+    chosen = [images[index] for index in np.unique(np.linspace(0, len(images) - 1, SAMPLE).round().astype(int))]
+    return Image.fromarray(np.concatenate([np.asarray(image) for image in chosen])).quantize(256)
+
+
+# --- Finds ffmpeg, which encodes MP4
+
+
+def executable(instead: str) -> str:
+    """The path of ffmpeg: the system's, or that of the package imageio-ffmpeg, which the extra `film` installs.
+
+    Args:
+        instead: what to do without ffmpeg, for the error.
+
+    Raises:
+        OutputError: if neither is found.
+    """
+    found = shutil.which("ffmpeg")
+    if found is not None:
+        return found
+    package = imported("imageio_ffmpeg", "an .mp4", "film", f"install ffmpeg, or {instead}")
+    try:
+        return package.get_ffmpeg_exe()
+    except RuntimeError as error:  # a build of the package without one
+        raise OutputError(f"an .mp4 needs ffmpeg, which was not found ({error}). Install it, or {instead}.") from None
+
+
+# --- Animations: discs at true radius, written frame by frame as GIF or MP4
 
 PICTURES, MOST_PICTURES = 200, 300
 """Default number of pictures of a scene without a duration, and the largest of one with a duration."""
@@ -126,7 +406,7 @@ def animate(
         writer = _writer_for(target, rate)
         with _moments(sim, frames, every, colour, scale) as (moments, found):
             picture = Picture(sim, pixels, colour, found, look)
-            with atomic.atomic_write(target) as file, writer.saving(picture.figure, file.name, DPI):
+            with files.atomic_write(target) as file, writer.saving(picture.figure, file.name, DPI):
                 for number, moment in enumerate(moments, start=1):
                     picture.show(moment)
                     writer.grab_frame()
@@ -272,9 +552,9 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
             f"an animation's path must end in .gif or .mp4; got {str(target)!r}. Use {target.stem}.gif.{still}"
         )
     if ending == ".mp4":
-        ffmpeg.executable(f"write {str(target.with_suffix('.gif'))!r}")
+        executable(f"write {str(target.with_suffix('.gif'))!r}")
     try:
-        atomic.check_target(target)
+        files.check_target(target)
     except OSError as error:
         raise OutputError(
             f"an animation must be a file in a folder that exists and can be written to; got {str(target)!r} "
@@ -295,6 +575,6 @@ def pictures_until(end: float, every: int, settings: Settings) -> int:
 def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
     if target.suffix.lower() == ".gif":
         return GifWriter(fps=rate)
-    matplotlib.rcParams["animation.ffmpeg_path"] = ffmpeg.executable(f"write {str(target.with_suffix('.gif'))!r}")
+    matplotlib.rcParams["animation.ffmpeg_path"] = executable(f"write {str(target.with_suffix('.gif'))!r}")
     # One thread: on a shared machine it would otherwise take every core.
     return FFMpegWriter(fps=rate, extra_args=["-threads", "1"])

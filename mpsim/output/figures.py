@@ -1,17 +1,195 @@
-"""Figures of the benchmark."""
+"""Figures of the benchmark, of a report and of a run."""
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from mpsim.output.drawing import COARSE, DISC_COLOUR, FINE, STYLE, draw_discs, new_figure, plain_ticks, save_figure
+from mpsim.engine.report import Report
+from mpsim.engine.solvers.methods import METHODS
+from mpsim.kernels.records import PHASES
+from mpsim.output.drawing import (
+    COARSE,
+    DISC_COLOUR,
+    FINE,
+    STYLE,
+    draw_discs,
+    marker_of,
+    new_figure,
+    plain_ticks,
+    save_figure,
+)
+from mpsim.output.frames import Frame
+from mpsim.output.still import draw
+from mpsim.scene.scene import Scene
 from mpsim.studies.benchmark import Fixed, Repeat, Timing
+
+# --- Figure of a report: time of each frame, and of its phases for each worker
+
+PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CCCCCC"), strict=True))
+"""Waiting is grey."""
+
+
+def times(report: Report) -> Figure:
+    """Above, the time of each frame; below, a bar for each worker, whose phases add up to a typical frame time."""
+    frames = np.arange(1, report.frames + 1)
+    means, compared = usual_phases(report), frames_of_the_workers(report)
+    workers = max(np.count_nonzero(sum(means.values())), 1)
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(8, 4.4 + 0.3 * workers)
+        above, below = figure.subplots(2, 1, height_ratios=[3, 1.4 + 0.3 * workers])
+        microseconds = report.frame_seconds * 1e6
+        # On a scale of ratios a frame that the system disturbed does not press all others to the floor.
+        above.plot(frames, microseconds, color="#0072B2", linewidth=0.7, marker=marker_of(report.frames))
+        if report.frames:
+            median = float(np.median(microseconds))
+            above.axhline(median, color="#D55E00", linewidth=1.2, label=f"median {median:.3g} µs")
+            above.legend(loc="upper right")
+            above.set(yscale="log", xlim=(0, report.frames + 1))
+            plain_ticks(above.yaxis, FINE if microseconds.max() < 10 * microseconds.min() else COARSE)
+        word = f"{report.method}, {report.workers} worker{'s' * (report.workers > 1)}"
+        above.set(xlabel="frame of the run", ylabel="time of a frame [µs]", title=f"{report.frames} frames by {word}")
+        left = np.zeros(workers)
+        for name, label in phases_of(report).items():
+            parts = means[name][:workers] * 1e6
+            below.barh(np.arange(workers), parts, left=left, color=PHASE_COLOURS[name], label=label, height=0.7)
+            left += parts
+        waiting = 100 * means["wait"].sum() * 1e6 / (left.sum() or 1.0)
+        which = "all frames" if compared.all() else f"the {np.count_nonzero(compared)} frames by {word}"
+        gap = " " if compared.all() else "\n"
+        below.set(
+            xlabel=f"phases, mean of the middle half of {which} [µs]:{gap}{left.max(initial=0.0):.3g} µs; "
+            f"{waiting:.0f} % is waiting for others",
+            ylabel="worker",
+            yticks=np.arange(workers),
+            ylim=(workers - 0.4, -0.6),
+        )
+        below.grid(False, axis="y")
+        if report.frames:
+            figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=len(PHASES), fontsize=9)
+    return figure
+
+
+def phases_of(report: Report) -> dict[str, str]:
+    """The phases that took any time, and their names for this method."""
+    words = METHODS[report.method].phases
+    return {name: words.get(name, name) for name in PHASES if report.phase_seconds[name].any()}
+
+
+def frames_of_the_workers(report: Report) -> NDArray[np.bool_]:
+    """The frames in which as many workers took part as the report names, shape (frames,); all if there are none.
+
+    While "auto" tries its candidates, there are frames of others.
+    """
+    working = sum(report.phase_seconds.values()) > np.zeros((report.frames, 1))
+    chosen = np.count_nonzero(working, axis=1) == report.workers
+    return chosen if chosen.any() else np.ones(report.frames, bool)
+
+
+def usual_phases(report: Report) -> dict[str, NDArray[np.float64]]:
+    """Time of each phase for each worker, shape (workers,): mean over the middle half of the frame times [s].
+
+    Frames with another number of workers than the report names are left out. For each worker the phases add up to the
+    mean time of these frames. Medians of phases would not, and means over all frames would be dominated by the few that
+    were disturbed.
+
+    >>> from mpsim import Scene, Simulation
+    >>> with Simulation(Scene.random(count=50, packing=0.2, radius=0.5)) as sim:
+    ...     report = sim.run(frames=20)
+    >>> low, high = np.quantile(report.frame_seconds, [0.25, 0.75])
+    >>> low <= sum(seconds[0] for seconds in usual_phases(report).values()) <= high
+    np.True_
+    """
+    seconds, chosen = report.frame_seconds, frames_of_the_workers(report)
+    if not len(seconds):
+        return {name: np.zeros(each.shape[1]) for name, each in report.phase_seconds.items()}
+    low, high = np.quantile(seconds[chosen], [0.25, 0.75], method="inverted_cdf")  # times of frames: one is between
+    usual = chosen & (seconds >= low) & (seconds <= high)
+    return {name: each[usual].mean(axis=0) for name, each in report.phase_seconds.items()}
+
+
+# --- Figures of a run: energy, overlap and collision rate against time, and the final state
+
+TALL, LOW = 1.25, 0.45
+"""Ratio of height to width from which a box is drawn beside the curves, and below which it is drawn under them."""
+
+
+def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, title: str) -> Figure:
+    """Four panels.
+
+    Args:
+        table: columns of measures.csv, see mpsim.output.recorder.
+        scene: box and obstacles.
+        last: the discs that are drawn.
+        title: of the whole.
+    """
+    with matplotlib.rc_context(fname=STYLE):
+        figure, energy, rate, overlap, place = _panels(scene.height / scene.width)
+        time = table["time"]
+        line: dict[str, Any] = {"marker": marker_of(len(time))}
+        energy.plot(time, table["kinetic_energy"], color="#0072B2", **line)
+        energy.set(ylabel="[mass length²/time²]", title="Kinetic energy")
+        _from_zero(energy, table["kinetic_energy"])
+        rate.plot(time, table["collision_rate"], color="#0072B2", **line)
+        rate.set(ylabel="[1/time]", title="Collisions per disc and time")
+        _from_zero(rate, table["collision_rate"])
+        overlap.plot(time, table["overlap_largest"], color="#D55E00", label="largest", **line)
+        overlap.plot(time, table["overlap_mean"], color="#0072B2", ls="--", label="mean of those that overlap", **line)
+        overlap.set(ylabel="[length]", title="Depth of overlaps at that moment")
+        _from_zero(overlap, table["overlap_largest"], room=1.45)
+        overlap.legend(loc="upper left", fontsize=9)
+        for axes in (energy, rate, overlap):
+            axes.set_xlabel("time")
+        draw(last, scene, ax=place)
+        figure.suptitle(title)
+    return figure
+
+
+def final_picture(scene: Scene, last: Frame, path: str | os.PathLike[str]) -> Path:
+    """The last frame of a run as a picture, in the format of the path's ending.
+
+    Raises:
+        InputError, OutputError: as `save_figure`.
+    """
+    return save_figure(draw(last, scene), path)
+
+
+def _panels(shape: float) -> tuple[Figure, Axes, Axes, Axes, Axes]:
+    """A figure for a box with this ratio of height to width, with axes for three curves and for the box."""
+    if shape > TALL:
+        height = 8.4
+        wide = max(height / shape, 1.6) + 1.6
+        figure = new_figure(5.4 + wide, height)
+        grid = figure.add_gridspec(3, 2, width_ratios=[5.4, wide])
+        curves, place = [grid[row, 0] for row in range(3)], grid[:, 1]
+    elif shape < LOW:
+        low = max(11 * shape, 0.8) + 1.4
+        figure = new_figure(11, 3 + low)
+        grid = figure.add_gridspec(2, 3, height_ratios=[3, low])
+        curves, place = [grid[0, column] for column in range(3)], grid[1, :]
+    else:
+        figure = new_figure(10, 6.4)
+        grid = figure.add_gridspec(2, 2)
+        curves, place = [grid[0, 0], grid[0, 1], grid[1, 0]], grid[1, 1]
+    energy, rate, overlap = (figure.add_subplot(each) for each in curves)
+    return figure, energy, rate, overlap, figure.add_subplot(place)
+
+
+def _from_zero(axes: Axes, values: NDArray[np.float64], room: float = 1.15) -> None:
+    """Start the axis at 0, so that the rounding errors of a constant do not look like a rough curve."""
+    top = float(np.nanmax(values, initial=0.0))
+    axes.set_ylim(0, room * top if top > 0 else 1.0)
+
+
+# --- Figures of the benchmark
 
 METHOD_COLOURS = {"naive": "#0072B2", "grid": "#D55E00", "parallel": "#009E73", "auto": "#CC79A7"}
 ODD_ONE_OUT = "#D55E00"

@@ -1,20 +1,118 @@
-"""One frame of a trajectory, and the common parts of all trajectory formats."""
+"""One frame of a trajectory, the common parts of all formats, and whose a file is."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim.core import checks
-from mpsim.core.chunks import ChunkedArray
-from mpsim.core.columns import Column, in_state
+from mpsim.core import archive, checks
+from mpsim.core.archive import JointFile
+from mpsim.core.binding import Binding
+from mpsim.core.columns import ChunkedArray, Column, in_state
 from mpsim.core.state import Box, State, in_chunks, in_frame, present_in
+from mpsim.core.team import Alone
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import InputError, TrajectoryError
+from mpsim.engine.solvers.mpi_ranks import communicator_of
+from mpsim.errors import InputError, OutputError, TrajectoryError
 from mpsim.features.edges import check_boundary, wraps_of
+
+# --- Observers that write files belong to one simulation, because mixed frames would be meaningless
+
+
+class Ownership:
+    """Binds an observer that writes to the first simulation that it observes.
+
+    Args:
+        what: what is written, for the error: "trajectory".
+        path: of the file.
+        advice: how the other simulation can have its own.
+        on_ranks: whether all ranks of a communicator observe together.
+    """
+
+    def __init__(self, what: str, path: Path, advice: str, on_ranks: bool = False):
+        self._on_ranks = on_ranks
+        self._name = f"{what} {str(path)!r}"
+        self._advice = advice
+        self._owner = Binding()
+        self._closed: str | None = None
+
+    def close(self, advice: str) -> None:
+        """Refuse every simulation from now on. advice: how to continue the file."""
+        self._closed = advice
+
+    def bind_or_check(self, sim: Simulation) -> None:
+        """Bind to this simulation the first time; after that, check that it is the same.
+
+        Raises:
+            OutputError: if it is another one, or after `close`; nothing was written.
+            InputError: if the simulation runs on ranks and the observer does not, or the other way round.
+        """
+        if self._closed is not None:
+            raise OutputError(
+                f"the {self._name} must be open to be written to, and was closed, as by the end of its `with` block; "
+                f"got {sim} to observe. Put all its runs into that block. {self._closed}"
+            )
+        if capabilities_of(sim.settings).on_ranks != self._on_ranks:
+            raise InputError(
+                f"the {self._name} must be given comm, the communicator of the simulation, with method='mpi' and only "
+                f"there; the method is {sim.settings.method!r}. Open it on all ranks, or without comm."
+            )
+        if not self._owner.is_to(sim):
+            raise OutputError(
+                f"the {self._name} belongs to one simulation, {self._owner}; got another, {sim}. {self._advice}"
+            )
+
+
+# --- Files of MPI ranks: the first rank reads and writes them, and sends the content to the others
+
+Result = TypeVar("Result")
+
+
+class FirstRank:
+    """Does for all ranks what only one process may do, such as writing a file. Without ranks, this process does it.
+
+    All ranks make the same calls, except `alone`.
+
+    Args:
+        comm: a communicator of mpi4py; None: there are no ranks.
+
+    Attributes:
+        comm: as it was given.
+    """
+
+    def __init__(self, comm: Any = None):
+        self.comm: Any = comm
+        self._ranks = None if comm is None else communicator_of(comm)
+
+    def opened(self, path: Path) -> JointFile:
+        """A file made by the first rank, opened by all that write to it."""
+        return archive.opened(Alone() if self._ranks is None else self._ranks, path)
+
+    def once(self, act: Callable[[], Result]) -> Result:
+        """The result of a call made by the first rank; an error that it raises is raised on all ranks."""
+        return act() if self._ranks is None else self._ranks.once(act)
+
+    def alone(self, act: Callable[[], None]) -> None:
+        """Let the first rank do something without the others: when a run fails, they may never make the call."""
+        if self._ranks is None or self._ranks.rank == 0:
+            act()
+
+    def any_of(self, said: bool) -> bool:
+        """Whether something is true on any rank."""
+        return said if self._ranks is None else self._ranks.agree(int(said), 0, 0).trouble > 0
+
+    def close(self) -> None:
+        """Release the communicator. May be called again."""
+        ranks, self._ranks = self._ranks, None
+        if ranks is not None:
+            ranks.close()
+
+
+# --- One frame of a trajectory, and the common parts of all trajectory formats
 
 
 @dataclass(frozen=True)

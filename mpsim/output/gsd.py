@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim.core import atomic, checks, untrusted
+from mpsim.core import checks, files
 from mpsim.core.columns import in_state
 from mpsim.core.optional_packages import imported
 from mpsim.errors import MpsimError, TrajectoryError, reason_of
@@ -61,7 +61,7 @@ class GsdWriter:
         if frames == len(self._file):
             return
         self.close()
-        with atomic.atomic_write(self._path) as file:
+        with files.atomic_write(self._path) as file:
             _copy(self._path, Path(file.name), frames)
         self._file = self._open("r+")
 
@@ -88,7 +88,7 @@ class GsdReader:
     def _opened(self) -> Any:
         hoomd = _library("gsd.hoomd")
         try:
-            untrusted.opened(self._path).close()  # the library would wait for the other end of a pipe
+            files.opened(self._path).close()  # the library would wait for the other end of a pipe
             return hoomd.open(str(self._path), "r")
         except (RuntimeError, OSError) as error:
             raise TrajectoryError(

@@ -9,13 +9,12 @@ import numpy as np
 from PIL import Image
 
 from mpsim.engine.report import Report
-from mpsim.output.colour_scale import speeds_of
-from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure
+from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure, speeds_of
+from mpsim.output.figures import phases_of
 from mpsim.output.tables import cost_text, error_text, measure_text, unresolved_text
-from mpsim.output.times import phases_of
 from mpsim.scene.scene import Scene
 from mpsim.studies.tradeoff import label
-from mpsim.studies.tuned import Tuned
+from mpsim.studies.tune import Tuned
 
 INCHES = 3.2
 """Longer side of a still."""

@@ -10,14 +10,13 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core import atomic, checks, untrusted
+from mpsim.core import checks, files
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.measure.moments import energy_of_rotation, energy_of_translation
 from mpsim.measure.observables import overlap
-from mpsim.output.first_rank import FirstRank
-from mpsim.output.ownership import Ownership
+from mpsim.output.frames import FirstRank, Ownership
 
 MOST_BYTES = 2**30
 """Bytes of a table at most: some ten million rows."""
@@ -67,7 +66,7 @@ class Recorder:
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([COLUMNS, *kept])
         try:
-            atomic.write_text(self._path, text.getvalue())
+            files.write_text(self._path, text.getvalue())
             self._file = self._path.open("a", newline="", encoding="utf-8")  # row by row: a kill costs the last one
         except OSError as error:
             raise OutputError(
@@ -140,7 +139,7 @@ def _rows(path: Path) -> list[list[str]]:
     if not path.exists():
         return []
     try:
-        whole = untrusted.content(path, MOST_BYTES).decode("utf-8", "replace").rpartition("\n")[0]
+        whole = files.content(path, MOST_BYTES).decode("utf-8", "replace").rpartition("\n")[0]
         head = whole.partition("\n")[0].rstrip("\r")
         rows = list(csv.reader(io.StringIO(whole))) if head == ",".join(COLUMNS) else [[head]] if whole else []
     except (OSError, csv.Error) as error:

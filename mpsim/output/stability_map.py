@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from mpsim.output.drawing import STYLE, new_figure, save_figure
-from mpsim.studies.extremes import AXES, PACKINGS, STEP_FRACTIONS
-from mpsim.studies.stability import FORBIDDEN, MAP, MAP_ROWS, TOLERANCE, Outcome
+from mpsim.studies.stability import AXES, FORBIDDEN, MAP, MAP_ROWS, PACKINGS, STEP_FRACTIONS, TOLERANCE, Outcome
 
 LEVELS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, math.inf)
 """Borders between colours: an error as a multiple of its tolerance. Up to 1 is correct."""

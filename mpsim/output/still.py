@@ -25,15 +25,19 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features.edges import boundary_of
 from mpsim.measure.moments import placed
-from mpsim.output.colour_scale import SCALES, SPEED, ScaleName, percentile_scale, speeds_of
 from mpsim.output.drawing import (
     MOST_DISCS,
+    SCALES,
+    SPEED,
     STYLE,
+    ScaleName,
     closed_off,
     colour_bar,
     colour_discs,
     draw_discs,
     figure_around,
+    percentile_scale,
+    speeds_of,
 )
 from mpsim.output.frames import Frame
 from mpsim.scene.scene import Scene

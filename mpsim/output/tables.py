@@ -13,12 +13,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from mpsim.core.digits import with_error
+from mpsim.core.text import with_error
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
-from mpsim.studies import windows
-from mpsim.studies.cost import Cost
+from mpsim.studies import deviations
 from mpsim.studies.deviations import FEW_RUNS, RESOLVED, Deviation
+from mpsim.studies.replicas import Cost
 
 if TYPE_CHECKING:
     from mpsim.studies.tradeoff import Row, Tradeoff
@@ -69,7 +69,7 @@ def error_text(name: str, error: Deviation) -> str:
 def unresolved_text(errors: Iterable[Deviation]) -> str:
     """What "not resolved" means for some errors, in words: the number of standard errors needed, more for few runs."""
     freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
-    few = f", or {windows.t_from_z(RESOLVED, freedom):.3g} with so few runs" if freedom + 1 < FEW_RUNS else ""
+    few = f", or {deviations.t_from_z(RESOLVED, freedom):.3g} with so few runs" if freedom + 1 < FEW_RUNS else ""
     return f"not resolved, below {RESOLVED:g} standard errors{few}"
 
 

@@ -1,30 +1,334 @@
-"""Trajectories: frames of a run in one file, written while it runs and read back one by one.
-
-`.xyz` and `.extxyz` are extended XYZ, which needs no other package; `.gsd` is GSD, which needs the package gsd. OVITO
-opens both. If the process is killed, at most the frame that was being written is lost. Text dumps of LAMMPS are read.
-"""
+"""Trajectories: frames of a run in one file, written while it runs, continued, and read back one by one."""
 
 from __future__ import annotations
 
 import contextlib
+import logging
+import math
 import os
 import time
-from collections.abc import Iterable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from mpsim.core import checks
-from mpsim.core.joint_file import JointFile
+from mpsim.core import checks, files
+from mpsim.core.archive import JointFile
+from mpsim.core.files import FileLock
 from mpsim.engine.simulation import Simulation, jointly
-from mpsim.errors import InputError, TrajectoryError, reason_of
+from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller, reason_of
 from mpsim.features.edges import BoundaryName
-from mpsim.output.first_rank import FirstRank
-from mpsim.output.frame_file import ENDINGS, READERS, FrameFile, ending_of, unwritable
-from mpsim.output.frames import Frame, Given, Reader, frame_of
-from mpsim.output.ownership import Ownership
-from mpsim.output.xyz import write_jointly
+from mpsim.measure.correlation import lengths_of, to_nearest_image
+from mpsim.output.frames import FirstRank, Frame, Given, Ownership, Reader, Writer, differs, frame_of, select
+from mpsim.output.gsd import GsdReader, GsdWriter
+from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter, write_jointly
+from mpsim.scene.scene import Scene
+
+# --- Checks that a trajectory file belongs to a simulation before it is continued
+
+NEEDED = {"time": "times", "velocity": "velocities", "radius": "radii", "mass": "masses", "ids": "numbers of discs"}
+"""What frames must hold to be continued, besides positions, in words: all frames of a file hold the same."""
+
+ROUNDING = 16
+"""Multiples of the precision by which computed places may differ: those of a moving wall, and of discs at the start."""
+
+
+def lacking(frame: Frame) -> list[str]:
+    """What mpsim writes but this frame, of another program or an earlier version, lacks, in words."""
+    return [words for name, words in NEEDED.items() if name not in frame.known]
+
+
+def discrepancy(sim: Simulation, now: Frame, first: Frame, last: Frame) -> str | None:
+    """Why frames of a file cannot be those of a simulation, in words that follow the file's name; None if they can.
+
+    Box, boundaries, precision and dt must agree, and so must radii and masses of the discs that both have. The discs
+    must be possible ones: added discs have new numbers, and absorbed ones do not return. If both hold the same moment,
+    the present or the start, positions and velocities must agree too.
+
+    Args:
+        sim: as it is now.
+        now: its present frame.
+        first: of the file; compared with the start of the scene if it is frame 0.
+        last: of the file up to now; the first one if all are later.
+    """
+    wrong = _setting(sim, now, last) or _discs(sim, now, last)
+    if wrong is None and last.frame == now.frame:
+        # The frame may have been written before discs were added at it; they are in the next one.
+        wrong = differs(last, select(now, last.ids))
+    if wrong is not None:
+        return f"at frame {last.frame} {wrong}"
+    if first.frame == 0 and not _begins_as(sim.scene, first):
+        return "its frame 0 shows another start of such a scene"
+    return None
+
+
+def _setting(sim: Simulation, now: Frame, last: Frame) -> str | None:
+    """What differs of box, boundaries, precision and dt."""
+    if last.periodic != now.periodic:
+        return f"its periodic axes (x, y) are {last.periodic} and not {now.periodic}"
+    if last.position.dtype != now.position.dtype:
+        return f"its precision is {last.position.dtype} and not {now.position.dtype}"
+    since, began = sim.origin
+    if last.frame < since or last.time < sim.scene.piston_began:  # dt or the piston's speed has been changed after it
+        return None
+    time = began + (last.frame - since) * sim.settings.dt
+    if not math.isclose(last.time, time, rel_tol=1e-9):
+        return f"its time is {last.time:g} and not {time:g}, as dt = {sim.settings.dt:g} makes it"
+    corners = np.array([*last.origin, *np.add(last.origin, last.box)])
+    expected = np.concatenate(sim.scene.walls_at(time))
+    if np.abs(corners - expected).max() > _slack(sim.scene, last):
+        return f"its box is {_walls(corners)} and not {_walls(expected)}"
+    return None
+
+
+def _discs(sim: Simulation, now: Frame, last: Frame) -> str | None:
+    """What differs of the discs: which are present, radii and masses."""
+    behind = last.frame <= now.frame
+    highest = int(last.ids.max(initial=-1))
+    if behind and highest >= sim.count:
+        return f"it has a disc {highest}, and the simulation has only {sim.count}"
+    known = last.ids < sim.count
+    ids = last.ids[known]
+    for name, theirs, ours in (("radius", last.radius, sim.radii), ("mass", last.mass, sim.masses)):
+        other = np.flatnonzero(theirs[known] != ours[ids])
+        if len(other):
+            disc = int(ids[other[0]])
+            return f"its {name} of disc {disc} is {theirs[known][other[0]]:g} and not {ours[disc]:g}"
+    if behind:
+        back = now.ids[~np.isin(now.ids, last.ids) & (now.ids < max(highest + 1, sim.scene.count))]
+        if len(back):
+            return f"it has no disc {back[0]}, and the simulation has had it from before"
+    return None
+
+
+def _begins_as(scene: Scene, first: Frame) -> bool:
+    """Whether the discs of the scene are in the first frame where they start, as fast as they start."""
+    ids = np.arange(scene.count)
+    start = select(first, ids)
+    if not checks.equal(start.ids, ids):
+        return False
+    offset = np.abs(to_nearest_image(start.position - scene.position, lengths_of(scene)))
+    change, fastest = np.abs(start.velocity - scene.velocity), float(np.abs(scene.velocity).max(initial=0.0))
+    rounding = ROUNDING * float(np.finfo(first.position.dtype).eps)
+    return bool((offset <= _slack(scene, first)).all() and (change <= rounding * fastest).all())
+
+
+def _slack(scene: Scene, frame: Frame) -> float:
+    """Rounding of a place in the box [length]."""
+    return ROUNDING * float(np.finfo(frame.position.dtype).eps) * max(scene.width, scene.height)
+
+
+def _walls(corners: NDArray[np.float64]) -> str:
+    """Corners (x, y) of a box, lower left and upper right, in words."""
+    x_low, y_low, x_high, y_high = corners
+    return f"[{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}]"
+
+
+# --- The file of a trajectory while it is written, frame by frame, by one process
+
+logger: logging.Logger = logging.getLogger("mpsim")
+
+
+class Format(NamedTuple):
+    """A format of trajectories that is written: its usual ending, without the dot, and what writes it.
+
+    is_joint: whether ranks write it together.
+    """
+
+    name: str
+    writer: Callable[[Path, str], Writer]
+    is_joint: bool = False
+
+
+XYZ, GSD = Format("xyz", XyzWriter, is_joint=True), Format("gsd", GsdWriter)
+
+ENDINGS: dict[str, Format] = {".xyz": XYZ, ".extxyz": XYZ, ".gsd": GSD}
+"""Formats that are written, by the endings of their files."""
+
+READERS: dict[str, Callable[[Path, Given], Reader]] = {
+    ".xyz": XyzReader,
+    ".extxyz": XyzReader,
+    ".gsd": GsdReader,
+    ".lammpstrj": DumpReader,
+    ".dump": DumpReader,
+    ".xyz.gz": XyzReader,
+    ".extxyz.gz": XyzReader,
+    ".lammpstrj.gz": DumpReader,
+    ".dump.gz": DumpReader,
+}
+"""What reads a file, by its ending."""
+
+FORMATS: tuple[str, ...] = tuple(dict.fromkeys(each.name for each in ENDINGS.values()))
+"""Names of all formats that are written."""
+
+
+def ending_of(path: str | os.PathLike[str]) -> str:
+    """The ending of a file, such as .xyz.gz.
+
+    >>> ending_of("run/a.1.XYZ.gz"), ending_of("a.dump"), ending_of("xyz")
+    ('.xyz.gz', '.dump', '')
+    """
+    suffixes = [suffix.lower() for suffix in Path(os.fsdecode(path)).suffixes]
+    return "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
+
+
+class FrameFile:
+    """A file to which frames are appended, locked against other writers.
+
+    Args:
+        path: with one of the ENDINGS.
+        mode: "x" for a new file only, "w" to replace an existing one, "a" to continue one.
+
+    Raises:
+        OutputError: if the file exists (mode "x"), has another writer, or cannot be written.
+
+    Attributes:
+        last: number of the frame that was written last; -1: none.
+    """
+
+    def __init__(self, path: Path, mode: str):
+        self._path = path
+        self.last: int = -1
+        if mode == "x" and path.exists():
+            raise OutputError(
+                f"the trajectory {str(path)!r} exists already, and is not overwritten. Choose another name, or "
+                "use mode='w' to replace it, mode='a' to continue it."
+            )
+        if path.exists() and not path.is_file():
+            raise OutputError(f"a trajectory must be a file; {str(path)!r} is not. Choose another name.")
+        if mode != "x":
+            FileLock(path).release()  # before the file is emptied, if nobody writes it
+        self._unchecked = mode == "a" and path.exists() and path.stat().st_size > 0
+        kind = ENDINGS[path.suffix.lower()].writer
+        try:
+            # A trajectory grows frame by frame, under its own name: a kill costs the frame in hand, not all of them.
+            if mode == "w":  # never through a link
+                files.check_target(path)
+                path.unlink(missing_ok=True)
+            self._writer: Writer = kind(path, "x" if mode == "w" else mode)
+        except OutputError:
+            raise
+        except OSError as error:
+            raise unwritable(path, error) from error
+        try:
+            self._lock = FileLock(path)
+        except OutputError:  # another writer was faster
+            self._writer.close()
+            raise
+
+    def append(self, sim: Simulation, now: Frame, every: int) -> bool:
+        """Write the present frame, unless the file has it. Returns whether it was written.
+
+        Args:
+            sim: whose frame it is.
+            now: the frame.
+            every: frames of the simulation between two of the file.
+        """
+        if not self._is_due(sim, now, every):
+            return False
+        try:
+            self._writer.write(now)
+        except OSError as error:
+            raise unwritable(self._path, error) from error
+        self.last = now.frame
+        return True
+
+    def begin_of(self, sim: Simulation, now: Frame, every: int) -> int | None:
+        """Where in the file ranks write the present frame together; None if it is there. Arguments as for `append`."""
+        assert isinstance(self._writer, XyzWriter)
+        return self._writer.end if self._is_due(sim, now, every) else None
+
+    def note(self, frame: int) -> None:
+        """Count a frame that was written jointly."""
+        self.last = frame
+
+    def cut(self, end: int) -> None:
+        """Cut off the remains of a failed frame."""
+        assert isinstance(self._writer, XyzWriter)
+        self._writer.cut(end)
+
+    def close(self) -> None:
+        """Close the file. May be called again."""
+        try:
+            try:
+                self._writer.close()
+            finally:
+                self._lock.release()  # which fails, too, where a network disk is gone
+        except OSError as error:
+            raise unwritable(self._path, error) from error
+
+    def _is_due(self, sim: Simulation, now: Frame, every: int) -> bool:
+        """Whether the file does not have the present frame yet; arguments as of `append`."""
+        if self._unchecked:
+            self._continue(sim, now.whole(), every)
+            self._unchecked = False
+        return now.frame > self.last
+
+    def _continue(self, sim: Simulation, now: Frame, every: int) -> None:
+        """Cut the file back to the frame of the simulation, after a check that it belongs to it."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            reader: Reader = READERS[self._path.suffix.lower()](self._path, Given())
+        for each in caught:
+            logger.warning("mpsim: %s It is cut off.", each.message)
+        try:
+            kept = len(reader)
+            while kept and reader.number(kept - 1) > sim.frame:
+                kept -= 1
+            if kept < len(reader):
+                logger.info("mpsim: %d frames of %s are written anew.", len(reader) - kept, self._path)
+            ends = [reader.read(index) for index in (0, max(kept - 1, 0))] if len(reader) else []
+        finally:
+            reader.close()
+        if ends:
+            self._demand_same_run(sim, now, *ends)
+        if kept:
+            last = ends[1]
+            if last.frame < sim.frame - every:
+                warnings.warn(
+                    f"the trajectory {str(self._path)!r} continues at frame {sim.frame}, and its last frame was "
+                    f"{last.frame}: those between are missing.",
+                    TrajectoryWarning,
+                    stacklevel=level_of_caller(),
+                )
+            self.last = last.frame
+        self._writer.truncate(kept)
+        self._lock.renew()
+
+    def _demand_same_run(self, sim: Simulation, now: Frame, first: Frame, last: Frame) -> None:
+        """Refuse to continue a file of another run, or one that lacks what mpsim writes now."""
+        name = f"the trajectory {str(self._path)!r}"
+        missing = lacking(last)
+        if missing:
+            raise OutputError(
+                f"{name} must hold {', '.join(missing)} to be continued, so that all its frames hold the same; it was "
+                "written by an earlier version of mpsim or another program. It can be read as it is: move it, or "
+                "choose another file."
+            )
+        wrong = discrepancy(sim, now, first, last)
+        if wrong:
+            raise OutputError(
+                f"{name} can be continued only by the run that wrote it; {wrong}. Nothing was written. Choose another "
+                "file, or replace this one with mode='w'."
+            )
+
+
+def unwritable(path: Path, error: OSError) -> OutputError:
+    """The error raised in place of a system error."""
+    return OutputError(
+        f"the trajectory {str(path)!r} must be in a folder that can be written to, with room on its disk; "
+        f"got {error.strerror or error}. What was written before is complete. Choose another place, or make room."
+    )
+
+
+# --- Trajectories: frames of a run in one file, written while it runs and read back one by one
+#
+# `.xyz` and `.extxyz` are extended XYZ, which needs no other package; `.gsd` is GSD, which needs the package gsd.
+# OVITO opens both. If the process is killed, at most the frame that was being written is lost. Text dumps of LAMMPS
+# are read.
 
 
 @checks.known_names_of_methods

@@ -17,8 +17,8 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import kinds_of
 from mpsim.features.packing_bounds import densest_packing
+from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
-from mpsim.kernels.events import state as stores
 from mpsim.kernels.events.boundary import Box
 from mpsim.kernels.events.cells import plan_cells
 from mpsim.kernels.events.features.hooks import BARE

@@ -8,11 +8,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.pieces import in_pieces
+from mpsim.core.machine import in_pieces
 from mpsim.errors import InputError
 from mpsim.features.capsules import with_images
-from mpsim.kernels.placement import by_cell, overlap_removal
-from mpsim.kernels.placement.placing import EMPTY, sweep
+from mpsim.kernels import placement
+from mpsim.kernels.placement import EMPTY, sweep
 
 LARGEST_PACKING = 0.8
 SPARSE_PACKING = 0.4
@@ -81,15 +81,15 @@ def overlaps(
         x, y = (np.ascontiguousarray(column, dtype=np.float64) for column in position.T)
         radius = np.broadcast_to(np.asarray(diameter, np.float64) / 2, count)
         discs = _by_size(x, y, radius, (width, height), periodic)
-        overlap_removal.link(discs)
-        pairs, depth = overlap_removal.count_overlaps(discs, rounding, worst)
+        placement.link(discs)
+        pairs, depth = placement.count_overlaps(discs, rounding, worst)
         return int(pairs), (int(worst[0]), int(worst[1])), float(depth)
     diameter = float(diameter) - rounding
     points = _sort_by_cell(count, (width, height), diameter, lambda: [position])
 
     def find(begin: int, end: int) -> tuple[int, float, int, int]:
         worst = np.zeros(2, np.int64)
-        pairs, least = by_cell.find_overlaps(points, diameter, worst, begin, end)
+        pairs, least = placement.find_overlaps(points, diameter, worst, begin, end)
         return int(pairs), float(least), int(worst[1]), int(worst[0])
 
     found = in_pieces(find, count)
@@ -99,7 +99,7 @@ def overlaps(
 
 def _sort_by_cell(
     count: int, size: tuple[float, float], diameter: float, parts: Callable[[], Iterable[NDArray[np.float64]]]
-) -> by_cell.ByCell:
+) -> placement.ByCell:
     """Points in the order of cells that are at least a diameter wide.
 
     Args:
@@ -114,13 +114,13 @@ def _sort_by_cell(
     per_x, per_y = (min(cells / length, 1 / side) for cells, length in zip((columns, rows), size, strict=True))
     start = np.zeros(columns * rows + 1, np.int32)
     x, y, number = np.empty(count), np.empty(count), np.empty(count, np.int32)
-    points = by_cell.ByCell(x, y, number, start, columns, rows, per_x, per_y)
+    points = placement.ByCell(x, y, number, start, columns, rows, per_x, per_y)
     for part in parts():
-        by_cell.count_points(part, points)
+        placement.count_points(part, points)
     start[1:] = np.cumsum(start[1:], dtype=np.int32) - start[1:]  # the first slot of each cell
     first = 0
     for part in parts():
-        in_pieces(partial(by_cell.place_points, part, first, points), columns, len(part))
+        in_pieces(partial(placement.place_points, part, first, points), columns, len(part))
         first += len(part)
     return points
 
@@ -132,7 +132,7 @@ def _by_size(
     size: tuple[float, float],
     periodic: tuple[bool, bool],
     capsules: NDArray[np.float64] | None = None,
-) -> overlap_removal.Crowd:
+) -> placement.Crowd:
     """Discs as `overlap_removal` takes them: radii within a factor of two share a level and its grid."""
     binary = np.frexp(radius)[1]
     present, level = np.unique(binary, return_inverse=True)
@@ -143,13 +143,13 @@ def _by_size(
     columns, rows = (np.clip(length / side, 1, np.maximum(counts, 1)).astype(np.int64) for length in size)
     cells, solid = columns * rows, np.zeros((0, 5)) if capsules is None else np.asarray(capsules, np.float64)
     images = with_images(solid, size, periodic, REACH * float(largest.max(initial=0.0)))
-    return overlap_removal.Crowd(
+    return placement.Crowd(
         x,
         y,
         np.ascontiguousarray(radius, dtype=np.float64),
         level.astype(np.int64),
-        np.full(int(cells.sum()), overlap_removal.EMPTY, np.int64),
-        np.full(len(x), overlap_removal.EMPTY, np.int64),
+        np.full(int(cells.sum()), placement.EMPTY, np.int64),
+        np.full(len(x), placement.EMPTY, np.int64),
         columns,
         rows,
         np.cumsum(cells) - cells,
@@ -200,7 +200,7 @@ def random_polydisperse(
             )
         longest = 2 * radius * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
         for _ in range(SWEEPS):
-            overlap_removal.shuffle(discs, rng.uniform(-1, 1, (count, 2)) * longest[:, None], 1 + GAP)
+            placement.shuffle(discs, rng.uniform(-1, 1, (count, 2)) * longest[:, None], 1 + GAP)
     return np.column_stack([discs.x, discs.y])
 
 
@@ -228,24 +228,24 @@ def displaced(
         return position
     x, y = (np.array(column, dtype=np.float64) for column in position.T)
     discs = _by_size(x, y, radius, size, periodic, capsules)
-    overlap_removal.link(discs)
+    placement.link(discs)
     for axis in (0, 1):
-        overlap_removal.shuffle(discs, moves * (np.arange(2) == axis), 1 + GAP)
+        placement.shuffle(discs, moves * (np.arange(2) == axis), 1 + GAP)
     return np.column_stack([discs.x, discs.y])
 
 
-def _add_all(discs: overlap_removal.Crowd, rng: np.random.Generator) -> bool:
+def _add_all(discs: placement.Crowd, rng: np.random.Generator) -> bool:
     """Random sequential addition, the largest first; False if not all discs could be placed."""
     order = np.argsort(-discs.radius, kind="stable")
     placed, attempts = 0, 0
     while placed < len(order) and attempts < 200 * len(order) + 1000:
         candidates = rng.random((2 * (len(order) - placed) + 16, 2))
-        placed = int(overlap_removal.add_sequentially(discs, order, placed, candidates, 1 + GAP))
+        placed = int(placement.add_sequentially(discs, order, placed, candidates, 1 + GAP))
         attempts += len(candidates)
     return placed == len(order)
 
 
-def _remove_overlaps(discs: overlap_removal.Crowd, packing: float, overshoot: float, rng: np.random.Generator) -> bool:
+def _remove_overlaps(discs: placement.Crowd, packing: float, overshoot: float, rng: np.random.Generator) -> bool:
     """Spread the discs evenly, then remove overlaps; False if some are left after REMOVAL_ROUNDS."""
     count = len(discs.x)
     columns = max(round(math.sqrt(count * discs.width / discs.height)), 1)
@@ -255,11 +255,11 @@ def _remove_overlaps(discs: overlap_removal.Crowd, packing: float, overshoot: fl
     candidates[:, 0] = (np.column_stack(np.divmod(sites, rows)) + 0.2 + 0.6 * candidates[:, 0]) / [columns, rows]
     # With slightly enlarged radii finitely many rounds are enough, and no discs touch in the end.
     scale = 1 + max(ENLARGEMENT * (math.sqrt(JAMMING / packing) - 1), 1e-4)
-    discs.head[:] = overlap_removal.EMPTY
-    overlap_removal.throw(discs, np.argsort(-discs.radius, kind="stable"), candidates, scale)
+    discs.head[:] = placement.EMPTY
+    placement.throw(discs, np.argsort(-discs.radius, kind="stable"), candidates, scale)
     for done in range(REMOVAL_ROUNDS):
-        overlap_removal.part(discs, scale, overshoot)
-        if done % 10 == 9 and not overlap_removal.crowded(discs, 1 + GAP):
+        placement.part(discs, scale, overshoot)
+        if done % 10 == 9 and not placement.crowded(discs, 1 + GAP):
             return True
     return False
 
@@ -295,7 +295,9 @@ def random_places(
     return np.column_stack([x, y])[rng.permutation(count)]
 
 
-def _sort_candidates(number: int, size: tuple[float, float], radius: float, rng: np.random.Generator) -> by_cell.ByCell:
+def _sort_candidates(
+    number: int, size: tuple[float, float], radius: float, rng: np.random.Generator
+) -> placement.ByCell:
     """So many random places at which a disc is inside the box, by cell."""
     span = np.array(size) - 2 * radius
     if number <= CHUNK:
@@ -320,20 +322,20 @@ def _add_sequentially(
     so that few of them have to be sorted again as discs are added.
     """
     diameter = 2 * radius
-    levels: list[by_cell.ByCell] = []
+    levels: list[placement.ByCell] = []
     placed, attempts = 0, 0
     while placed < len(x) and attempts < 200 * len(x) + 1000:
         number = 2 * (len(x) - placed) + 16
         candidates = _sort_candidates(number, size, radius, rng)
-        state = np.full(number, by_cell.UNDECIDED, np.int8)
+        state = np.full(number, placement.UNDECIDED, np.int8)
         for level in levels:
-            in_pieces(partial(by_cell.reject_overlapping, candidates, state, level, diameter), number)
+            in_pieces(partial(placement.reject_overlapping, candidates, state, level, diameter), number)
         while not all(in_pieces(partial(_take, candidates, state, diameter), number)):
             pass
         order = np.empty(number, np.int32)
-        taken = int(by_cell.number_taken(candidates, state, order, len(x) - placed))
-        by_cell.copy_taken(candidates, order, x[placed:], y[placed:])
-        added = _first(candidates, int(by_cell.keep_taken(candidates, order)))
+        taken = int(placement.number_taken(candidates, state, order, len(x) - placed))
+        placement.copy_taken(candidates, order, x[placed:], y[placed:])
+        added = _first(candidates, int(placement.keep_taken(candidates, order)))
         while levels and LEVEL * len(added.x) > len(levels[-1].x):
             both = [np.column_stack([level.x, level.y]) for level in (levels.pop(), added)]
             added = _sort_by_cell(sum(map(len, both)), size, diameter, lambda both=both: both)
@@ -343,11 +345,11 @@ def _add_sequentially(
     return placed == len(x)
 
 
-def _take(points: by_cell.ByCell, state: NDArray[np.int8], diameter: float, begin: int, end: int) -> bool:
-    return by_cell.take_sequentially(points, state, np.empty(WAITING, np.int32), diameter, begin, end)
+def _take(points: placement.ByCell, state: NDArray[np.int8], diameter: float, begin: int, end: int) -> bool:
+    return placement.take_sequentially(points, state, np.empty(WAITING, np.int32), diameter, begin, end)
 
 
-def _first(points: by_cell.ByCell, count: int) -> by_cell.ByCell:
+def _first(points: placement.ByCell, count: int) -> placement.ByCell:
     """The points in the first slots."""
     return points._replace(x=points.x[:count], y=points.y[:count], number=points.number[:count])
 

@@ -6,16 +6,16 @@ import copy
 import functools
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.read_only import ReadOnly
-from mpsim.core.state import Box, State
-from mpsim.core.views import view
+from mpsim.core.checks import ReadOnly
+from mpsim.core.state import Box, State, no_state, view
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.absorption import check_edges
@@ -28,17 +28,119 @@ from mpsim.features.friction import check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
 from mpsim.features.radii import check_radius
+from mpsim.features.restitution import Restitution
 from mpsim.features.thermal_walls import ThermalWalls, check_thermal_walls
 from mpsim.features.thermostat import Thermostat, check_thermostat
 from mpsim.scene import placement, starts, walls
-from mpsim.scene.brief import brief
 from mpsim.scene.compression import Compresses
-from mpsim.scene.continuing import change_to, move_to_state, vary
-from mpsim.scene.discs import HasDiscs, start_of
-from mpsim.scene.lattice import Lattice, demand_equal_discs, demand_sites, demand_whole_box
-from mpsim.scene.overlaps import overlaps_in_words
-from mpsim.scene.recommended import Recommends, check_recommended
-from mpsim.scene.settings import Settings
+from mpsim.scene.discs import HasDiscs, Lattice, demand_equal_discs, demand_sites, demand_whole_box, start_of
+from mpsim.scene.settings import Recommends, Settings, check_recommended
+from mpsim.scene.starts import overlaps_in_words
+from mpsim.scene.walls import placed
+
+# --- A scene in one line, for its repr
+
+
+def brief(scene: Any) -> str:
+    """Number of discs, their sizes, the box, and what else the scene has."""
+    discs = f"{scene.count} disc{'s' * (scene.count != 1)}"
+    if not np.ndim(scene.radius):
+        discs += f" of radius {scene.largest_radius:g}"
+    elif scene.count:
+        discs += f" of radii {scene.radii.min():g} to {scene.radii.max():g}"
+    extras = [each.brief(scene) for each in sorted(FEATURES, key=lambda each: each.several)]
+    extras += [f"{name} {getattr(scene, name):g}" for name in Restitution.numbers if getattr(scene, name) < 1]
+    axes = "".join(axis for axis, wraps in zip("xy", scene.periodic, strict=True) if wraps)
+    extras += [f"periodic {axes}"] if axes else []
+    low, high = scene.walls_at(0.0)
+    size = " x ".join(f"{side:g}" for side in high - low)
+    if (high - low).tolist() != [scene.width, scene.height]:
+        size += f" of {scene.width:g} x {scene.height:g}"
+    return f"<Scene: {discs} in {size}, packing {scene.packing:.3g}{''.join(', ' + text for text in extras if text)}>"
+
+
+# --- A scene that continues from a state of a run of it: with what the present discs have at that time
+
+
+def move_to_state(scene: Any, state: State) -> None:
+    """Change a scene, a copy that nothing else refers to, so that it starts from a state: see `Scene.starting_from`.
+
+    Raises:
+        InputError: if the number of discs differs, or a number is not finite.
+    """
+    if not isinstance(state, State):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
+        raise no_state("state must be a State", state)
+    count, shape, meaning = scene.count, (scene.count, 2), f"({scene.count}, 2)"
+    if len(state.position) != count:
+        raise InputError(
+            f"a state for starting_from must hold the scene's {count} discs; got {len(state.position)}. "
+            "Make a new Scene for another number of discs."
+        )
+    written, state = state.position[state.present], placed(state, scene)
+    position = checks.finite_array("position", state.position, shape, meaning)
+    velocity = checks.finite_array("velocity", state.velocity, shape, meaning)
+    for feature in [each for each in FEATURES if each.is_in(scene)]:
+        if state.box is not None:
+            vars(scene)[feature.argument] = feature.continued(scene, state.box)
+        for column in feature.columns:
+            if column.given and column.in_state and (values := getattr(state, column.name)) is not None:
+                shape = column.rows(count)
+                vars(scene)[column.name] = checks.finite_array(column.name, values, shape, f"{shape}")
+    vary(scene, lambda: f"state {state.digest()}")
+    _keep(scene, state.present)
+    low, high = scene.limits(scene.radius)
+    inside = np.clip(position[state.present], low, high)
+    rounding = 8 * checks.resolution(written) * np.abs(written).max(initial=max(scene.width, scene.height))
+    moved = np.abs(inside - position[state.present])
+    scene.start_anew(np.where(moved <= rounding, inside, position[state.present]), velocity[state.present])
+    for array in (scene.position, scene.velocity):
+        array.flags.writeable = False
+
+
+def vary(scene: Any, variation: Callable[[], str]) -> None:
+    """Give a scene, a copy that nothing else refers to, other random numbers for its run, derived from a text."""
+    for feature in FEATURES:
+        if feature.draws and feature.is_in(scene):
+            vars(scene)[feature.argument] = feature.redrawn(scene, variation())
+
+
+CHANGEABLE: dict[str, Callable[[Any, Any], Any]] = {
+    "gravity": lambda scene, value: check_gravity(value),
+    "restitution": lambda scene, value: checks.fraction("restitution", value),
+    "wall_restitution": lambda scene, value: checks.fraction("wall_restitution", value),
+    "friction": lambda scene, value: value,
+    "wall_friction": lambda scene, value: value,
+    "obstacles": lambda scene, value: check_obstacles(value, scene.width, scene.height),
+    "emitters": lambda scene, value: check_emitters(value),
+    "piston": lambda scene, value: check_piston(value, scene.boundary, scene.width, scene.height, scene.absorbing),
+    "piston_began": lambda scene, value: value,
+    "thermostat": lambda scene, value: value,
+    "thermal_walls": lambda scene, value: value,
+    "has_gaps": lambda scene, value: value,
+}
+"""The arguments that `change_to` can change, and the check of each; the caller has checked those that are kept."""
+
+
+def change_to(scene: Any, values: Mapping[str, Any]) -> None:
+    """Give a scene, a copy that nothing else refers to, other values of some arguments.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+    """
+    for name, value in values.items():
+        checks.choice("an argument of Scene.replace", name, CHANGEABLE)
+        vars(scene)[name] = CHANGEABLE[name](scene, value)
+
+
+def _keep(scene: Any, kept: NDArray[np.bool_]) -> None:
+    """Keep what the discs of a mask, shape (count,), have of their own, and drop the others."""
+    if kept.all():
+        return
+    for name, each in chain.from_iterable(feature.all_per_disc.items() for feature in FEATURES):
+        values = getattr(scene, name)
+        if isinstance(values, np.ndarray):
+            vars(scene)[name] = each.check(values[kept], int(kept.sum()))
+
 
 LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""

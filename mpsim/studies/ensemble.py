@@ -1,7 +1,9 @@
 """Runs of many candidates on one scene: accuracy runs through an executor, timings one by one, results in a file."""
 
 import dataclasses
+import json
 import math
+import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,28 +14,119 @@ from typing import Any
 
 import numpy as np
 
-from mpsim.core import checks
-from mpsim.core.cores import usable_cores
+from mpsim.core import checks, files
+from mpsim.core.machine import usable_cores
 from mpsim.core.state import State
 from mpsim.engine import notices
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.event_scene import contact_time_at_rest, longest_contact_time
+from mpsim.engine.solvers.event_block import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import FastWarning, InputError, NotMeasurableError
-from mpsim.measure.driving import adds_discs
+from mpsim.errors import FastWarning, InputError, NotMeasurableError, OutputError
+from mpsim.measure.moments import adds_discs
 from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
-from mpsim.scene.recommended import no_scene
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
-from mpsim.studies import cost
-from mpsim.studies.cost import Cost
-from mpsim.studies.deviations import Deviation, deviations, short_deviations, unmeasurable
+from mpsim.scene.settings import Settings, no_scene
+from mpsim.studies import replicas
+from mpsim.studies.deviations import Deviation, deviations, short_deviations, spans_of, unmeasurable
 from mpsim.studies.executors import Submissions, checked_executor
-from mpsim.studies.independent_starts import VARIATION, Starts, StartsGiven
-from mpsim.studies.preliminary import PreliminaryRun, preliminary_run
-from mpsim.studies.replicas import PIECES, Plan, Stopped, key_of, long_run, physics_of, quietly, short_runs
-from mpsim.studies.saved_results import SavedResults
-from mpsim.studies.windows import spans_of
+from mpsim.studies.preliminary import VARIATION, PreliminaryRun, Starts, StartsGiven, preliminary_run
+from mpsim.studies.replicas import PIECES, Cost, Plan, Stopped, key_of, long_run, physics_of, quietly, short_runs
+
+# --- Saved results of a trade-off study: by key, in memory and in a file
+
+FORMAT = 3
+"""Of the file: results of runs that were divided or counted differently must not be mixed."""
+
+SAVE_EVERY = 1.0
+"""Seconds between two writes of the file."""
+
+MOST_BYTES = 2**23
+"""Largest size of the file: thousands of runs with all their errors."""
+
+
+class SavedResults:
+    """Results by key, in memory and, if there is a path, in a JSON file that is always complete."""
+
+    def __init__(self, path: str | Path | None, scene: str):
+        self._path = None if path is None else checked_path(path)
+        self._results: dict[str, Any] = {}
+        self._title = {"format": FORMAT, "scene": scene}
+        self._plan: str | None = None
+        self.reference: str | None = None
+        self._open = False
+        self._saved = time.monotonic()
+        if self._path is not None and self._path.exists():
+            self._plan, self.reference, self._results = _loaded(self._path, self._title)
+
+    def open(self, plan: str, reference: str) -> None:
+        """Start to save results of a plan and a reference, which must be those of an existing file."""
+        if self._plan not in (None, plan):
+            raise _other(self._path)
+        self._plan, self.reference, self._open = plan, reference, True
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._results
+
+    def __getitem__(self, key: str) -> Any:
+        return self._results[key]
+
+    def put(self, key: str, value: Any) -> None:
+        """Add a result; it is written to the file within SAVE_EVERY seconds, or at the end."""
+        self._results[key] = value
+        if time.monotonic() - self._saved > SAVE_EVERY:
+            self.save()
+
+    def save(self) -> None:
+        """Write the file; if the process is killed, the old or the new one remains."""
+        self._saved = time.monotonic()
+        if self._path is not None and self._open:
+            results = {key: value for key, value in self._results.items() if "machine" not in value}
+            kept = {"title": self._title, "plan": self._plan, "reference": self.reference, "results": results}
+            try:
+                files.write_text(self._path, json.dumps(kept))
+            except OSError as error:
+                raise OutputError(
+                    f"path must be a file in a folder that can be written to, with room on its disk; got "
+                    f"{str(self._path)!r} ({error.strerror or error}). Make room, or give another path."
+                ) from error
+
+
+def checked_path(path: str | os.PathLike[str]) -> Path:
+    """A path that can be written, checked before the long work.
+
+    Raises:
+        InputError: if it cannot.
+    """
+    try:
+        files.check_target(Path(path))
+    except (OSError, TypeError, ValueError) as error:  # the last two: no path at all
+        raise InputError(
+            f"path must be a file in a folder that can be written to; got {path!r} "
+            f"({getattr(error, 'strerror', None) or error}). Make the folder, or give another path."
+        ) from None
+    return Path(path)
+
+
+def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:
+    try:
+        kept = files.json_value(path, MOST_BYTES)
+        found, plan, reference, results = kept["title"], kept["plan"], kept["reference"], dict(kept["results"])
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        raise InputError(
+            f"path must be a file of an earlier trade-off study, or none yet; {path} cannot be read as one "
+            f"({error!s:.200}). Remove it, or give another path."
+        ) from None
+    if found != title:
+        raise _other(path)
+    return plan, reference, results
+
+
+def _other(path: Path | None) -> InputError:
+    return InputError(
+        f"path must be a file of the same scene and the same lengths of runs; {path} is of others. "
+        "Remove it, or give another path."
+    )
+
 
 PAIRS = 300_000
 """Collisions in all replicas of a candidate together, if no length of the runs is given: they determine the pressure of
@@ -237,7 +330,7 @@ class Ensemble:
             key = f"cost {key_of(settings)}"
             if key not in self._saved:
                 whole = adds_discs(self._scene)
-                self._saved.put(key, cost.measure(self._scene, settings, self.plan.until, whole))
+                self._saved.put(key, replicas.measure(self._scene, settings, self.plan.until, whole))
         self._progress(len(candidates), len(candidates), "timing")
 
     def cost(self, settings: Settings) -> Cost:

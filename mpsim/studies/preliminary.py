@@ -1,26 +1,186 @@
-"""The preliminary run of a trade-off study: the reference, the speed of the discs, and their collision rate."""
+"""The preliminary run of a trade-off study, and its independent starts."""
 
+import dataclasses
+import functools
+import inspect
 import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from mpsim.core.cores import usable_cores
+from mpsim.core.machine import usable_cores
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.event_scene import contact_time_at_rest, longest_contact_time
+from mpsim.engine.solvers.event_block import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError
 from mpsim.features import FEATURES
-from mpsim.measure import driving
+from mpsim.features.emitters import Emitter
+from mpsim.measure import moments
+from mpsim.scene import placement
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.comparison import divergence, typical_speed
 from mpsim.studies.replicas import quietly
+
+# --- Independent starts of a scene, over which a trade-off study averages
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+
+VARIATION = 1e-3
+"""Displacement of a disc, in diameters of the smallest, and relative change of its velocity, between two variations of
+one start: too small to matter, large enough for collisions to decorrelate them soon."""
+
+KINDS = ("kind", "same")
+
+StartsGiven = str | Callable[[int], Scene] | Sequence[Scene] | None
+"""The argument `starts`: see `Starts`."""
+
+
+class Starts:
+    """Numbered starts of one scene. The same number always gives the same start.
+
+    For "kind" and "same", number 0 is the scene itself.
+
+    Args:
+        scene: the scene.
+        given: "kind": other starts of the same kind (`Scene.redrawn`); "same": this start with small variations
+            (VARIATION); a function from a number to a Scene, or a list of Scenes; None: "kind" if the scene knows how
+            it was made, else "same".
+
+    Attributes:
+        name: the starts in words.
+        key: a text that identifies the starts; functions are distinguished by the first two starts that they make.
+        same: whether they are variations of one start, so that their runs are initially correlated.
+        number: of starts; None if there is no limit.
+
+    Raises:
+        InputError: if the scene has no other starts, or `given` is not one of these.
+    """
+
+    def __init__(self, scene: Scene, given: StartsGiven = None):
+        kind = ("kind" if scene.can_redraw else "same") if given is None else given
+        if isinstance(kind, str) and kind not in KINDS:
+            raise InputError(f"starts must be 'kind', 'same', a function or a list of Scenes; got {given!r}.")
+        self.same: bool = isinstance(kind, str) and kind == "same"
+        self.number: int | None = None
+        self._made: dict[int, Scene] = {}
+        if callable(kind):
+            self._make: Callable[[int], Scene] = _of_one_number(kind)
+            self.name: str = "starts that were given by a function"
+        elif isinstance(kind, str) and kind == "kind":
+            self._made = {0: scene, 1: scene.redrawn(1)}  # which raises if there is no other
+            self._make = scene.redrawn
+            self.name = "other starts of the same kind"
+        elif isinstance(kind, str):
+            self._made, self._make = {0: scene}, functools.partial(varied, scene)
+            self.name = f"this start, each disc displaced by up to {VARIATION:g} of a diameter"
+        else:
+            chosen = _listed(kind)
+            self._made = dict(enumerate(chosen))
+            self._make = lambda number: _too_few(len(chosen), number)
+            self.number = len(chosen)
+            self.name = f"the {len(chosen)} starts that were given"
+        known = [] if isinstance(kind, str) else [self[number] for number in range(self.number or 2)]
+        self.key: str = " ".join([self.name, *(each.digest() for each in known)])
+
+    def __getitem__(self, number: int) -> Scene:
+        """The start of a number, >= 0.
+
+        Raises:
+            InputError: if what was given for it is not a Scene, or there are too few starts.
+        """
+        if number not in self._made:
+            made: Any = self._make(number)
+            if not isinstance(made, Scene):
+                raise InputError(f"starts must give Scenes; for {number} it gave {type(made).__name__}.")
+            self._made[number] = made
+        return self._made[number]
+
+
+def varied(scene: Scene, seed: int) -> Scene:
+    """The scene with positions and velocities varied by VARIATION, at the same kinetic energy.
+
+    Displacements that would lead to an overlap, or out of the box, are rejected. Emitters are varied likewise.
+    """
+    rng = np.random.default_rng(seed)
+    moves = rng.uniform(-1, 1, (scene.count, 2)) * (VARIATION * 2 * scene.smallest_radius)
+    solid = np.vstack([scene.capsules, *_wall_as_capsule(scene)])
+    position = placement.displaced(
+        scene.position, scene.radii, (scene.width, scene.height), scene.periodic, solid, moves
+    )
+    velocity = scene.velocity * (1 + VARIATION * rng.normal(size=scene.velocity.shape))
+    masses = 1.0 if scene.mass is None else scene.mass[:, None]
+    energy = float((masses * velocity**2).sum())
+    if energy > 0:
+        velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / energy)
+    common = scene.largest_radius
+    emitters = tuple(_varied_emitter(scene, emitter, common, rng) for emitter in scene.emitters)
+    return scene.starting_from(State(position, velocity)).replace(emitters=emitters)
+
+
+def _wall_as_capsule(scene: Scene) -> list[list[float]]:
+    """A capsule along the start of a moving wall, which discs must not overlap."""
+    wall = scene.moving_wall
+    if wall is None:
+        return []
+    (left, bottom), (right, top) = scene.walls_at(0.0)
+    ends = (
+        (left, bottom, left, top),
+        (right, bottom, right, top),
+        (left, bottom, right, bottom),
+        (left, top, right, top),
+    )
+    return [[*ends[wall.edge], 0.0]]
+
+
+def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.random.Generator) -> Emitter:
+    """The emitter with varied position and velocity; it stays where it is if the new disc would overlap a capsule."""
+    radius = common if emitter.radius is None else emitter.radius
+    before, speed = np.array(emitter.position), np.array(emitter.velocity)
+    place = np.clip(before + rng.uniform(-1, 1, 2) * VARIATION * 2 * radius, *scene.limits(radius))
+    if scene.deepest(place[None], np.array([radius])) is not None:
+        place = before
+    return dataclasses.replace(emitter, position=place, velocity=speed * (1 + VARIATION * rng.normal(size=2)))
+
+
+def _listed(given: Any) -> list[Scene]:
+    try:
+        chosen = list(given)
+    except TypeError:
+        chosen = []
+    if len(chosen) < 2 or not all(isinstance(each, Scene) for each in chosen):
+        raise InputError(f"starts must be 'kind', 'same', a function or a list of two Scenes or more; got {given!r}.")
+    return chosen
+
+
+def _of_one_number(given: Callable[[int], Scene]) -> Callable[[int], Scene]:
+    try:
+        inspect.signature(given).bind(0)
+    except TypeError as error:
+        raise InputError(
+            f"starts must be a function of one number, from 0 on, that returns a Scene; got {given!r} ({error})."
+        ) from None
+    except ValueError:  # one without a signature, as some of C have
+        pass
+    return given
+
+
+def _too_few(there: int, number: int) -> Scene:
+    raise InputError(
+        f"starts must hold a Scene for every run; {there} were given, and number {number} is needed. Give a function "
+        "that makes them, or fewer replicas."
+    )
+
+
+# --- The preliminary run of a trade-off study: the reference, the speed of the discs, and their collision rate
 
 STARTS = 8
 """Number of states along the run from which short runs start."""
@@ -253,7 +413,7 @@ def _name_of_exact(found: Observation, contact_time: float | None) -> str:
 
 def _may_come_to_rest(scene: Scene) -> bool:
     """Whether discs with losses may settle in a field, where they collide without end."""
-    return driving.has_body_force(scene) and driving.has_losses(scene)
+    return moments.has_body_force(scene) and moments.has_losses(scene)
 
 
 def _longer_contact_time(scene: Scene, until: float | None, seconds: float) -> float:
@@ -289,18 +449,18 @@ def _limit_seconds(seconds: float, contact_time: float | None) -> float:
 
 def _speed_of_fall(scene: Scene) -> float:
     """Speed of a fall through a radius [length/time]: a scale of motion when all discs have come to rest."""
-    return math.sqrt(2 * driving.strongest_field(scene) * scene.smallest_radius)
+    return math.sqrt(2 * moments.strongest_field(scene) * scene.smallest_radius)
 
 
 def _speed_to_come(scene: Scene) -> float:
     """Typical speed, including discs of emitters, a moving wall and a heat bath [length/time]."""
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
-    if driving.adds_discs(scene):
-        speeds.append(math.sqrt(2 * driving.gravity_strength(scene) * 2 * scene.largest_radius))
+    if moments.adds_discs(scene):
+        speeds.append(math.sqrt(2 * moments.gravity_strength(scene) * 2 * scene.largest_radius))
     if (wall := scene.moving_wall) is not None and scene.count:
         speeds.append(abs(wall.speed))
     if scene.count:
-        speeds.append(math.sqrt(2) * driving.thermal_speed(scene))
+        speeds.append(math.sqrt(2) * moments.thermal_speed(scene))
     return max(speeds)
 
 
@@ -336,7 +496,7 @@ def _affordable(limit: float) -> float:
 def _step_seconds(scene: Scene, dt: float, until: float | None, limit_seconds: float) -> float:
     """Approximate time of one step with one pass on one core [s]; with emitters its mean over the run."""
     with quietly(), Simulation(scene, Settings(dt=dt, workers=1)) as sim:
-        if until is None or not driving.adds_discs(scene):
+        if until is None or not moments.adds_discs(scene):
             return float(np.median(sim.run(frames=FRAMES).frame_seconds))
         begun = time.thread_time()
         with suppress(_NotUsable):
@@ -394,7 +554,7 @@ def _observe(
             if until is not None:
                 block = max(int(until * number / STARTS / settings.dt) - sim.frame, 1)
                 # Of a gas left to itself a short run is like a long one.
-                block = min(block, likely) if driving.conserves_energy(scene) else block
+                block = min(block, likely) if moments.conserves_energy(scene) else block
             started = time.thread_time()
             report = sim.run(frames=block, progress=progress)
             seconds += time.thread_time() - started

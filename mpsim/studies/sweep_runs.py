@@ -1,36 +1,489 @@
-"""One run of a sweep, wherever the executor runs it.
+"""One run of a sweep, the file of all runs, and the table made from them."""
 
-Whatever goes wrong in a run becomes part of its outcome. An outcome holds only plain values, so it can always be sent
-back, and a failed run does not end the others.
-"""
+from __future__ import annotations
 
+import csv
 import dataclasses
 import functools
+import io
+import json
 import math
 import numbers
+import os
 import platform
 import threading
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
 
 import numba
 import numpy as np
 
-from mpsim.core import checks
+from mpsim.core import checks, files
+from mpsim.core.files import CSV, JSON, FileLock, demand_parquet, write_parquet, written
+from mpsim.core.optional_packages import imported
+from mpsim.core.text import json_text
 from mpsim.core.version import __version__
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import InputError
+from mpsim.errors import InputError, OutputError, SweepWarning, level_of_caller, reason_of
 from mpsim.measure import run_averages
 from mpsim.measure.statistics import Measure
-from mpsim.scene.recommended import Recommends, settings_for
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import Recommends, Settings, settings_for
+from mpsim.studies.ensemble import checked_path
 from mpsim.studies.replicas import Stopped
-from mpsim.studies.sweep_table import OWN, Scalar
+from mpsim.studies.sweep_points import Point, text_of
+
+# --- The file of a sweep: a header, and one line of JSON for each finished run
+#
+# A line is written by one system call when its run is done. So Ctrl-C leaves complete lines, and a kill leaves at most
+# one incomplete line, which the next sweep removes with a warning. Only one sweep at a time may use the file.
+
+FORMAT = "mpsim sweep 1"
+
+MOST_BYTES = 2**32
+"""Largest size of a file: some ten million runs."""
+
+_BEGIN = '{"format": "mpsim sweep '
+"""With this every file begins: text that does not is no sweep, and is left alone."""
+
+Key = tuple[str, int]
+
+
+class SweepFile:
+    """The finished runs of a sweep, in memory and, if there is a path, in a file.
+
+    Args:
+        path: of the file, or None.
+        title: of what the runs are: "function", "parameters", "seeded" and further facts, plain values.
+        source: digest of the source of the function; if the file has another one, a warning is raised.
+
+    Raises:
+        InputError: if the file is one of another sweep, is damaged, cannot be written to, or is in use.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None, title: dict[str, Any], source: str | None):
+        self._results: dict[Key, dict[str, Any]] = {}
+        self._path: Path | None = None
+        self._descriptor = -1
+        if path is not None:
+            self._open(checked_path(path), title, source)
+
+    def __enter__(self) -> SweepFile:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def get(self, point: Point) -> dict[str, Any] | None:
+        """The outcome of a run, as `run_point` gives it; None if it is not there."""
+        return self._results.get(point.key)
+
+    def put(self, point: Point, outcome: dict[str, Any]) -> None:
+        """Add the outcome of a run, in the file as well.
+
+        Raises:
+            OutputError: if it cannot be written; the file is as it was before.
+        """
+        self._results[point.key] = outcome
+        if self._path is not None:
+            kept = {name: value for name, value in outcome.items() if name != "wrong"}
+            self._append({"point": point.plain, "run": point.run, "seed": point.seed, **kept})
+
+    def close(self) -> None:
+        """Hand the file to the disk, and to the next sweep."""
+        if self._descriptor >= 0:
+            descriptor, self._descriptor = self._descriptor, -1
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+                self._lock.release()
+
+    def _open(self, path: Path, title: dict[str, Any], source: str | None) -> None:
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+        try:
+            self._descriptor = os.open(path, flags, 0o666)
+            self._lock = FileLock(path)
+        except OutputError:
+            os.close(self._descriptor)
+            raise InputError(
+                f"path must be a file that no other sweep has; {path} is being written by another one, of this process "
+                "or another. Wait for its end, or give another path."
+            ) from None
+        except OSError as error:
+            raise InputError(
+                f"path must be a file that can be written to; got {str(path)!r} ({error.strerror}). Give another path."
+            ) from None
+        self._path = path
+        try:
+            whole = self._read(path, title, source)
+            os.ftruncate(self._descriptor, whole)
+            if not whole:
+                self._append({"format": FORMAT, **title, "source": source})
+        except BaseException:
+            self.close()
+            raise
+
+    def _read(self, path: Path, title: dict[str, Any], source: str | None) -> int:
+        """Take what is there; returns the length of its whole lines, in bytes."""
+        try:
+            content = files.content(path, MOST_BYTES)
+        except (OSError, ValueError) as error:
+            raise _unreadable(path, reason_of(error)) from None
+        if content and not (content.startswith(_BEGIN.encode()) or _BEGIN.encode().startswith(content)):
+            raise _unreadable(path, f"it does not begin with {_BEGIN}")
+        whole, _, torn = content.rpartition(b"\n")
+        if torn:
+            warnings.warn(
+                f"the last line of {path} was cut off, as by a kill, and is dropped: its run is repeated.",
+                SweepWarning,
+                stacklevel=level_of_caller(),
+            )
+        if not whole:
+            return 0
+        first, *lines = whole.split(b"\n")
+        head = _value(path, 1, first)
+        _demand_same(path, head, title)
+        if not lines:
+            return 0  # the head is written anew, for a function that was put right before any run was done
+        _warn_if_changed(path, head, title, source)
+        for number, line in enumerate(lines, start=2):
+            self._take(path, number, _value(path, number, line))
+        return len(whole) + 1
+
+    def _take(self, path: Path, number: int, row: dict[str, Any]) -> None:
+        try:
+            key = text_of(dict(row["point"])), int(row["run"])
+            seconds, versions = float(row["seconds"]), dict(row["versions"])
+            outcome: dict[str, Any] = {"seconds": seconds, "versions": versions}
+            if "failure" in row:
+                outcome |= {"failure": str(row["failure"]), "traceback": str(row["traceback"])}
+            else:
+                outcome["values"] = dict(row["values"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise _unreadable(path, f"line {number} is not a row: {type(error).__name__} {error}") from None
+        self._results[key] = outcome
+
+    def _append(self, line: dict[str, Any]) -> None:
+        content = (json.dumps(line) + "\n").encode()
+        before = os.fstat(self._descriptor).st_size
+        try:
+            written = 0
+            while written < len(content):
+                written += os.write(self._descriptor, content[written:])
+        except OSError as error:
+            os.ftruncate(self._descriptor, before)
+            raise OutputError(
+                f"the file of a sweep must have room on its disk; {self._path} cannot be written ({error.strerror}). "
+                "Make room and call again: the runs that it holds are not repeated."
+            ) from error
+
+
+def _value(path: Path, number: int, line: bytes) -> dict[str, Any]:
+    try:
+        value = json.loads(line)
+        if not isinstance(value, dict):
+            raise ValueError("it is not a JSON object")
+    except (ValueError, RecursionError) as error:
+        raise _unreadable(path, f"line {number}: {error}") from None
+    return value  # pyright: ignore[reportUnknownVariableType]
+
+
+def _demand_same(path: Path, head: dict[str, Any], title: dict[str, Any]) -> None:
+    """Refuse the file of another sweep, by the first fact in which it differs."""
+    for name, wanted in {"format": FORMAT, **title}.items():
+        found = head.get(name)
+        if found != json.loads(json.dumps(wanted)):
+            raise InputError(
+                f"path must be a file of the same sweep, or none yet; {path} has {_words(name, found)}, and this sweep "
+                f"{_words(name, wanted)}. Give another path, or remove the file."
+            )
+
+
+def _warn_if_changed(path: Path, head: dict[str, Any], title: dict[str, Any], source: str | None) -> None:
+    """Warn of rows that may be those of another function of the same name."""
+    if source is not None and head.get("source") not in (None, source):
+        warnings.warn(
+            f"the source of {title['function']} has changed since {path} was begun: its rows come from the earlier "
+            "version. Remove the file, or give another path, to run them again.",
+            SweepWarning,
+            stacklevel=level_of_caller(),
+        )
+
+
+def _words(name: str, value: Any) -> str:
+    return f"{name} {json.dumps(value, ensure_ascii=False):.200}"
+
+
+def _unreadable(path: Path, reason: str) -> InputError:
+    return InputError(
+        f"path must be a file of an earlier sweep, or none yet; {path} cannot be read as one ({reason:.200}). Give "
+        "another path, or remove the file."
+    )
+
+
+# --- The result of a sweep: a table with one row for each run
+
+TABLE = "the table of a sweep"
+
+VERSIONS = ("mpsim", "numpy", "numba", "python")
+"""What has versions in each row."""
+
+OWN: tuple[str, ...] = ("run", "seed", "wall_seconds", "failure", *(f"{name}_version" for name in VERSIONS))
+"""Columns that every sweep has, besides those of the grid and of the results."""
+
+Scalar = bool | int | float | str | None
+
+
+@dataclass(frozen=True)
+class SweepRow:
+    """One run of a sweep.
+
+    Attributes:
+        point: values of the parameters, as the grid gave them.
+        run: number of the run at this point, from 0 on.
+        seed: that the run was given; None without seeds.
+        values: its results by name; empty if it failed.
+        failure: why it failed, as "ValueError: ..."; None if it did not.
+        traceback: the last lines of the traceback of a failure; "" without any.
+        wall_seconds: time that it took [s]; NaN if that is unknown.
+        versions: of mpsim, numpy, numba and python, where it ran.
+    """
+
+    point: dict[str, Any]
+    run: int
+    seed: int | None
+    values: dict[str, Scalar]
+    failure: str | None = None
+    traceback: str = ""
+    wall_seconds: float = math.nan
+    versions: dict[str, str] = field(default_factory=dict[str, str])
+
+    def record(self) -> dict[str, Scalar]:
+        """The row as plain values by column name; what is not a number, text or truth value is given as its repr."""
+        found: dict[str, Scalar] = {name: plain(value) for name, value in self.point.items()}
+        found |= {"run": self.run, "seed": found.get("seed", self.seed), **self.values}
+        found["wall_seconds"] = self.wall_seconds
+        versions = {f"{name}_version": self.versions.get(name) for name in VERSIONS}
+        return {**found, "failure": self.failure, **versions}
+
+
+@checks.known_names_of_methods
+@dataclass(frozen=True, repr=False)
+class Sweep:
+    """The rows of a sweep, in the order of the grid: its last name changes fastest, and the runs of a point in it.
+
+    Attributes:
+        function: what was run, by name.
+        parameters: names of the grid.
+        rows: one for each run, failed ones included.
+        units: units by the name of a column, where known; "1" means dimensionless.
+
+    >>> import mpsim
+    >>> def area(width, height):
+    ...     return {"area": width * height}
+    >>> table = mpsim.sweep(area, {"width": [1.0, 2.0], "height": [3.0, 0.0]}, units={"area": "length^2"})
+    >>> table
+    <Sweep: 4 runs of area over width, height>
+    >>> [(row.point["width"], row.point["height"], row.values["area"]) for row in table.rows]
+    [(1.0, 3.0, 3.0), (1.0, 0.0, 0.0), (2.0, 3.0, 6.0), (2.0, 0.0, 0.0)]
+    >>> table.to_csv().splitlines()[0].split(",")[:5]
+    ['width', 'height', 'run', 'seed', 'area [length^2]']
+    """
+
+    function: str
+    parameters: tuple[str, ...]
+    rows: tuple[SweepRow, ...]
+    units: dict[str, str] = field(default_factory=dict[str, str])
+
+    @property
+    def results(self) -> tuple[str, ...]:
+        """Names of the results, in the order in which the rows have them."""
+        return tuple(dict.fromkeys(name for row in self.rows for name in row.values))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of the table: parameters, run, seed, results, wall_seconds, failure, versions."""
+        return tuple(dict.fromkeys((*self.parameters, *OWN[:2], *self.results, *OWN[2:])))
+
+    @property
+    def failed(self) -> tuple[SweepRow, ...]:
+        """The rows whose run failed."""
+        return tuple(row for row in self.rows if row.failure is not None)
+
+    @property
+    def versions(self) -> dict[str, tuple[str, ...]]:
+        """Versions of mpsim, numpy, numba and python that made the rows: one of each, unless a file mixes several."""
+        found = {name: {row.versions[name] for row in self.rows if name in row.versions} for name in VERSIONS}
+        return {name: tuple(sorted(each)) for name, each in found.items()}
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """The table as CSV, one line for each run; also written to `path`, if given.
+
+        The header of a column whose unit is known is "name [unit]". Missing results of failed runs are empty.
+
+        Raises:
+            InputError: if the path has the ending of another format.
+            OutputError: if the file cannot be written.
+        """
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        columns = self.columns
+        writer.writerow([f"{name} [{self.units[name]}]" if name in self.units else name for name in columns])
+        for row in self.rows:
+            record = row.record()
+            writer.writerow([record.get(name) for name in columns])
+        return written(text.getvalue(), path, TABLE, CSV)
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """The table as JSON: function, parameters, units, versions, and rows of plain values; also written to `path`.
+
+        Numbers that are not finite become null.
+
+        Raises:
+            InputError: if the path has the ending of another format.
+            OutputError: if the file cannot be written.
+        """
+        values = {"function": self.function, "parameters": self.parameters, "units": self.units}
+        values |= {"versions": self.versions, "rows": [row.record() for row in self.rows]}
+        return written(json_text(values) + "\n", path, TABLE, JSON)
+
+    def to_pandas(self) -> Any:
+        """The table as a pandas.DataFrame, one line for each run; its `attrs` hold units and versions.
+
+        Raises:
+            OutputError: if pandas is not installed.
+        """
+        pandas, columns = _library("pandas", "a DataFrame"), self.columns
+        records = [row.record() for row in self.rows]
+        frame = pandas.DataFrame({name: [record.get(name) for record in records] for name in columns})
+        versions = {name: list(each) for name, each in self.versions.items()}
+        frame.attrs = {"function": self.function, "units": dict(self.units), "versions": versions}
+        return frame
+
+    def to_parquet(self, path: str | Path) -> None:
+        """Write the table to `path` as a Parquet file through pandas, which keeps units and versions in its `attrs`.
+
+        A column that mixes texts with numbers is written as texts.
+
+        Raises:
+            InputError: if the path does not end in .parquet.
+            OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
+        """
+        demand_parquet()
+        frame = self.to_pandas()
+        records = [row.record() for row in self.rows]
+        for name in self.columns:
+            given = [record.get(name) for record in records]
+            kinds = {_kind(value) for value in given if value is not None}
+            if len(kinds) > 1 or "long" in kinds:
+                frame[name] = [None if value is None else str(value) for value in given]
+        write_parquet(frame, path, TABLE)
+
+    def to_xarray(self) -> Any:
+        """The results as an xarray.Dataset: a dimension for each parameter, and `run` for the runs of a point.
+
+        Each result is a variable with its unit as the attribute `units`; so are seed, wall_seconds and failure. Results
+        that a run lacks are NaN, or None if the result is not a number. If the values of a parameter are neither all
+        numbers nor all texts, they become texts.
+
+        Raises:
+            OutputError: if xarray is not installed.
+        """
+        xarray = _library("xarray", "a Dataset")
+        records = [row.record() for row in self.rows]
+        axes = {name: {_key(record[name]): record[name] for record in records} for name in (*self.parameters, "run")}
+        places = {name: {key: place for place, key in enumerate(axis)} for name, axis in axes.items()}
+        where = tuple(np.array([places[name][_key(record[name])] for record in records]) for name in axes)
+        shape = tuple(map(len, axes.values()))
+        variables: dict[str, Any] = {}
+        for name in (*self.results, "seed", "wall_seconds", "failure"):
+            if name in axes:
+                continue
+            values = [record.get(name) for record in records]
+            if name == "seed" and not any(value is not None for value in values):
+                continue
+            variables[name] = (tuple(axes), _array(values, where, shape), self._unit(name))
+        labels = {name: (name, _coordinate(list(axes[name].values())), self._unit(name)) for name in axes}
+        attributes = {"function": self.function}
+        attributes |= {f"{name}_version": ", ".join(each) for name, each in self.versions.items()}
+        return xarray.Dataset(variables, labels, attributes)
+
+    def _unit(self, name: str) -> dict[str, str]:
+        return {"units": self.units[name]} if name in self.units else {}
+
+    def __repr__(self) -> str:
+        failed = f", {len(self.failed)} failed" if self.failed else ""
+        return f"<Sweep: {len(self.rows)} runs of {self.function} over {', '.join(self.parameters)}{failed}>"
+
+
+def plain(value: Any) -> Scalar:
+    """A value of the grid as a table shows it."""
+    found: Any = cast("Any", value).item() if isinstance(value, np.generic) else value
+    return found if found is None or isinstance(found, bool | int | float | str) else repr(found)
+
+
+def _library(name: str, what: str) -> Any:
+    return imported(name, what, "sweep", "use to_csv or to_json, which need nothing")
+
+
+def _key(value: Scalar) -> tuple[str, Scalar]:
+    """A value that is equal only to one of its kind: True is not 1, and NaN is NaN."""
+    return (_kind(value), "nan") if isinstance(value, float) and math.isnan(value) else (_kind(value), value)
+
+
+def _kind(value: Scalar) -> str:
+    if isinstance(value, int) and not isinstance(value, bool) and not -(2**63) <= value < 2**63:
+        return "long"
+    if value is None:
+        return "none"
+    return "bool" if isinstance(value, bool) else "text" if isinstance(value, str) else "number"
+
+
+def _coordinate(values: list[Any]) -> Any:
+    kinds = {_kind(value) for value in values}
+    return np.array(values) if kinds in ({"number"}, {"text"}, {"bool"}) else np.array([str(each) for each in values])
+
+
+def _array(values: list[Any], where: tuple[Any, ...], shape: tuple[int, ...]) -> Any:
+    """The values at their places: whole numbers or truth values if each place has one, else float64, else objects."""
+    kinds = {_kind(value) for value in values}
+    whole = len(values) == math.prod(shape)
+    if kinds == {"number"} and whole:
+        array = np.empty(shape, np.array(values).dtype)
+    elif kinds == {"bool"} and whole:
+        array = np.empty(shape, bool)
+    elif kinds <= {"number", "none"} and "number" in kinds:
+        array, values = np.full(shape, np.nan), [math.nan if value is None else value for value in values]
+    else:
+        array = np.full(shape, None, object)
+    array[where] = values
+    return array
+
+
+def checked_units(units: Any, known: Mapping[str, str]) -> dict[str, str]:
+    """Units by the name of a column: the known ones, and those given by the caller."""
+    if units is None:
+        return dict(known)
+    given = cast("Mapping[Any, Any]", units)
+    if not isinstance(units, Mapping) or not all(isinstance(each, str) for pair in given.items() for each in pair):
+        raise InputError(
+            f"units must be a dictionary of texts by the name of a column; got {checks.brief(units)}. "
+            "Write {'pressure': 'mass/time^2'}."
+        )
+    return {**known, **given}
+
+
+# --- One run of a sweep, wherever the executor runs it
+#
+# Whatever goes wrong in a run becomes part of its outcome. An outcome holds only plain values, so it can always be
+# sent back, and a failed run does not end the others.
 
 MEASURES = ("pressure", "collision_rate", "kinetic_energy", "overlap")
 """What a run measures if nothing is asked for, as far as its scene can have it."""
@@ -236,7 +689,8 @@ def scalars(result: Any, taken: frozenset[str]) -> dict[str, Scalar]:
             f"{checks.brief(result)}, a {type(result).__name__}. Return {{'name': value}}.{scene}"
         )
     found: dict[str, Scalar] = {}
-    for name, value in result.items():
+    items: Mapping[Any, Any] = result  # pyright: ignore[reportUnknownVariableType]
+    for name, value in items.items():
         if isinstance(value, Measure):
             found |= {name: float(value.value), f"{name}_error": float(value.error)}
         else:

@@ -8,17 +8,17 @@ import io
 import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
+from mpsim.core.files import CSV, JSON, write_parquet, written
 from mpsim.core.optional_packages import imported
-from mpsim.core.plain import json_text
 from mpsim.core.progress import checked_progress, shown
-from mpsim.core.table_files import CSV, JSON, write_parquet, written
-from mpsim.core.views import view
+from mpsim.core.state import view
+from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError
@@ -26,12 +26,57 @@ from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies import ensemble
-from mpsim.studies.cost import Cost
-from mpsim.studies.default_candidates import default_candidates
 from mpsim.studies.deviations import Deviation
 from mpsim.studies.ensemble import Ensemble
-from mpsim.studies.independent_starts import StartsGiven
-from mpsim.studies.replicas import available, demand_available, quietly, starts_of
+from mpsim.studies.preliminary import StartsGiven
+from mpsim.studies.replicas import Cost, available, demand_available, quietly, starts_of
+
+# --- The settings that a trade-off study compares by default
+
+STEP_FRACTIONS = (0.2, 0.1, 0.05, 0.02, 0.01)
+"""Steps of the default candidates, in units of the time in which a disc at typical speed moves one diameter."""
+
+
+def step(scene: Scene, speed: float, h: float) -> float:
+    """dt for h = dt x speed / smallest diameter, rounded to two digits [time]."""
+    return float(f"{h * 2 * scene.smallest_radius / speed:.2g}")
+
+
+def families(dt: float = 0.01) -> list[Settings]:
+    """Families of stepped settings that are useful at any step: one of each contact, and a second pass."""
+    fine = Settings(dt=dt)
+    return [fine, replace(fine, passes=2), replace(fine, contact="push")]
+
+
+def default_candidates(scene: Scene, speed: float, contact_time: float | None = None) -> list[Settings]:
+    """The exact solver, each family over STEP_FRACTIONS, and rows for law, precision, substeps and method.
+
+    Args:
+        scene: to be run.
+        speed: root mean square of one velocity component [length/time].
+        contact_time: of the exact solver [time].
+    """
+    steps = [step(scene, speed, h) for h in STEP_FRACTIONS]
+    candidates = [Settings(method="event", contact_time=contact_time)]
+    candidates += [replace(family, dt=dt) for family in families() for dt in steps]
+    middle = Settings(dt=steps[2])
+    candidates += [
+        replace(middle, precision="float32"),
+        replace(middle, precision="float32", dt=steps[-1]),
+        replace(middle, law="reflect", contact="push"),
+        replace(middle, dt=2 * middle.dt, substeps=2),
+        replace(middle, method="naive"),
+        replace(middle, method="grid"),
+        replace(middle, method="parallel"),
+    ]
+    return [each for each in candidates if not (each.method == "naive" and scene.count > NAIVE_UP_TO)]
+
+
+NAIVE_UP_TO = 3000
+"""Number of discs above which testing all pairs is left out: it would take longer than all other rows together."""
+
+
+# --- The trade-off between speed and accuracy: cost and errors of many settings on a scene, as a table
 
 TABLE = "the table of a trade-off study"
 

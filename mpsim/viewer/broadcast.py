@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.state import State
-from mpsim.engine.solvers.in_place import InPlace, in_place
+from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.scene.scene import Scene
 from mpsim.viewer import wire
-from mpsim.viewer.colours import SpeedScale
+from mpsim.viewer.colouring import SpeedScale
 
 
 @dataclass(frozen=True)

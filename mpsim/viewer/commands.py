@@ -8,22 +8,20 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.in_place import in_place
+from mpsim.engine.solvers.base import in_place
 from mpsim.errors import ClosedError, InputError
-from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import Settings, frames_between_pictures, settings_for
 from mpsim.viewer import keep, link, wire
 from mpsim.viewer.broadcast import Audience
-from mpsim.viewer.collision_count import CollisionCount
+from mpsim.viewer.gauges import CollisionCount
 from mpsim.viewer.hands import Hands
 from mpsim.viewer.link import Link
 from mpsim.viewer.pace import Pace, first_speed
 from mpsim.viewer.pair import SNAPSHOT
 from mpsim.viewer.passes import PassView
 from mpsim.viewer.source import Source
-from mpsim.viewer.trading import Trade, demand_one_process
-from mpsim.viewer.tuning import Tuning
+from mpsim.viewer.trading import Trade, Tuning, demand_one_process
 from mpsim.viewer.undo import Moments
 
 Where = tuple[int, int, int]

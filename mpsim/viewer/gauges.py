@@ -1,9 +1,7 @@
-"""The gauges beside the picture: measures of the present state, and rates of the run.
-
-A number that is not known yet, or has no meaning for the scene, is NaN or None; the page shows a dash.
-"""
+"""The gauges beside the picture: measures of the present state, rates, pressure, overlap, collisions."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +10,208 @@ from numpy.typing import NDArray
 
 from mpsim import measure
 from mpsim.core.state import State
+from mpsim.engine.collision_observers import Collisions
 from mpsim.engine.report import Report
+from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
-from mpsim.kernels.layout import PHASES
-from mpsim.measure.driving import adds_discs, has_losses, is_heated, removes_discs
+from mpsim.kernels.records import PHASES
+from mpsim.measure import reference, temperature
+from mpsim.measure.moments import adds_discs, has_body_force, has_losses, is_heated, removes_discs
 from mpsim.measure.observables import has_periodic_field
+from mpsim.measure.run_averages import checked
+from mpsim.measure.statistics import ratio_average
 from mpsim.scene.scene import Scene
+
+# --- Counts pressure and largest overlap for the gauges
+#
+# Counting needs another kernel and makes frames slower, so it runs only on request.
+
+FEWEST_FRAMES = 16
+"""Least number of frames in a part of the run. The pressures of the parts are the samples of the mean."""
+
+MOST_PARTS = 512
+"""Largest number of parts; then each two of them are merged into one."""
+
+
+class Counting:
+    """Pressure and largest overlap since counting began, from the reports of many short runs.
+
+    Attributes:
+        wanted: whether they are to be counted.
+
+    >>> counting = Counting()
+    >>> counting.numbers()
+    {'counting': False, 'pressure': nan, 'pressure_error': nan, 'largest_overlap': nan, 'pressure_note': None}
+    """
+
+    def __init__(self) -> None:
+        self.wanted: bool = False
+        self.forget()
+
+    def forget(self) -> None:
+        """Start afresh, for another run."""
+        self._parts: list[tuple[float, int]] = []
+        self._fewest = FEWEST_FRAMES
+        self._overlap = math.nan
+        self._note: str | None = None
+
+    def measures(self, sim: Simulation) -> tuple[str, ...]:
+        """Names of the measures for the next run."""
+        names: list[str] = []
+        for name in ("pressure", "largest_overlap") if self.wanted else ():
+            try:
+                names += checked(name, sim.scene, sim.count)
+            except InputError as error:
+                self._note = str(error) if name == "pressure" else self._note
+        return tuple(names)
+
+    def note(self, report: Report) -> None:
+        """Add the report of a run."""
+        found, frames = report.measures, report.frames
+        if "pressure" in found and math.isfinite(found["pressure"].value):
+            self._add(found["pressure"].value * frames, frames)
+        if "largest_overlap" in found:
+            self._overlap = float(np.fmax(self._overlap, found["largest_overlap"].value))
+
+    def _add(self, total: float, frames: int) -> None:
+        """Add frames to the last part, or begin a new one. total: sum of the pressure over these frames."""
+        parts = self._parts
+        if parts and parts[-1][1] < self._fewest:
+            total, frames = total + parts[-1][0], frames + parts[-1][1]
+            parts.pop()
+        parts.append((total, frames))
+        if len(parts) >= MOST_PARTS:
+            self._parts = [(a + c, b + d) for (a, b), (c, d) in zip(parts[::2], parts[1::2], strict=True)]
+            self._fewest *= 2
+
+    def numbers(self) -> dict[str, Any]:
+        """The numbers so far, by name: pressure [mass/time^2] and its standard error, overlap [diameters].
+
+        The pressure is NaN until FEWEST_FRAMES frames and one collision are counted: zero would be no measurement.
+        """
+        value = error = math.nan
+        totals, frames = np.array(self._parts, float).reshape(-1, 2).T
+        if frames.sum() >= FEWEST_FRAMES and totals.any():
+            found = ratio_average(totals, frames)
+            value, error = found.value, found.error if found.settled else math.nan
+        return {
+            "counting": self.wanted,
+            "pressure": value,
+            "pressure_error": error,
+            "largest_overlap": self._overlap,
+            "pressure_note": self._note,
+        }
+
+
+def bulk_pressure(state: State, scene: Scene) -> float:
+    """The pressure from the equation of state, at the packing and temperature of a state [mass/time^2].
+
+    NaN where the equation does not hold: under gravity, for several sizes of discs, and above the packing of the fluid.
+
+    >>> scene = Scene.random(count=100, packing=0.3, radius=0.5, seed=1)
+    >>> ideal = 100 * temperature(State(scene.position, scene.velocity), scene) / (scene.width * scene.height)
+    >>> round(bulk_pressure(State(scene.position, scene.velocity), scene) / ideal, 3)
+    2.063
+    """
+    x_low, x_high, y_low, y_high = scene.box if state.box is None else state.box
+    area, count = (x_high - x_low) * (y_high - y_low), int(state.present.sum())
+    if has_body_force(scene) or scene.smallest_radius < scene.largest_radius:
+        return math.nan
+    try:
+        packing = count * math.pi * scene.largest_radius**2 / area
+        return count * temperature(state, scene) / area * reference.compressibility(packing)
+    except InputError:
+        return math.nan
+
+
+# --- The number of collisions since the start of a simulation, for the gauges
+
+MOST_LOGGED = 3
+"""Largest number of discs for which collisions with walls and obstacles are counted, too. They have to be logged, which
+makes frames of many discs slower."""
+
+
+class CollisionCount:
+    """Counts the collisions of a simulation since its start.
+
+    When the simulation goes back to an earlier moment, the count goes back with it.
+
+    Attributes:
+        total: number of collisions; NaN if it is not known.
+
+    >>> from mpsim import Scene, Settings
+    >>> count = CollisionCount()
+    >>> with Simulation(Scene.load("pi"), Settings(method="event", dt=1.0)) as sim:
+    ...     count.begin(sim, from_start=True)
+    ...     count.end_run(sim, [sim.run(frames=42, observe=count.observers(every=1))])
+    >>> count.total, count.with_walls
+    (314, True)
+    """
+
+    def __init__(self) -> None:
+        self.total: float = math.nan
+        self._at: dict[int, float] = {}  # moments, by their numbers
+        self._log: Collisions | None = None
+
+    def begin(self, sim: Simulation, from_start: bool) -> None:
+        """Begin to count for a simulation; from_start: whether all its frames are run here, so the total is known."""
+        self.total, self._at, self._log = 0 if from_start else math.nan, {}, None
+        if from_start and sim.count <= MOST_LOGGED:
+            self._log = Collisions(callback=self._logged)
+
+    @property
+    def with_walls(self) -> bool:
+        """Whether collisions with walls and obstacles are counted, too."""
+        return self._log is not None
+
+    def observers(self, every: int) -> list[Collisions]:
+        """Observers for the next run; every: frames between two observations."""
+        if self._log is None:
+            return []
+        self._log.every = every
+        return [self._log]
+
+    def _logged(self, sim: Simulation, table: NDArray[Any]) -> None:
+        self.total += len(table)
+
+    def so_far(self, sim: Simulation, collisions: int) -> float:
+        """The number of collisions so far, during a run; collisions: those between discs since the run began."""
+        if self._log is None:
+            return self.total + collisions
+        self._log.observe(sim, 0)
+        return self.total
+
+    def end_run(self, sim: Simulation, reports: Iterable[Report]) -> None:
+        """Add the collisions of a run that has ended, from its reports or from the log."""
+        if self._log is None:
+            self.total += sum(report.collisions for report in reports)
+        else:
+            self._log.observe(sim, 0)
+
+    def lose(self) -> None:
+        """Note that a run ended without a report: the number is unknown until the simulation goes back."""
+        self.total = math.nan
+
+    # --- moments
+
+    def mark(self, number: int) -> None:
+        """Remember the count of this moment under a number, which may replace an earlier moment."""
+        self._at[number] = self.total
+
+    def back(self, number: int) -> None:
+        """Go back to the moment of this number; the simulation is another object from now on."""
+        self.total = self._at[number]
+        if self._log is not None:
+            self._log = Collisions(callback=self._logged)
+
+    def forget_all_but(self, numbers: Iterable[int]) -> None:
+        """Forget all moments except those with these numbers."""
+        self._at = {number: self._at[number] for number in numbers if number in self._at}
+
+
+# --- The gauges beside the picture: measures of the present state, and rates of the run
+#
+# A number that is not known yet, or has no meaning for the scene, is NaN or None; the page shows a dash.
 
 BINS = 8, 40
 """Fewest and most bins of the histogram of speeds."""

@@ -18,7 +18,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, InputError, OutputError
 from mpsim.features.masses import has_masses
 from mpsim.features.radii import has_radii
-from mpsim.measure.pairs import lengths_of, to_nearest_image
+from mpsim.measure.correlation import lengths_of, to_nearest_image
 from mpsim.viewer.sliders import Sliders
 from mpsim.viewer.undo import Undo
 from mpsim.viewer.wire import Action

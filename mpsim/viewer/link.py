@@ -19,9 +19,8 @@ from mpsim.engine import parameters
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.scene import scenefile
-from mpsim.scene.recommended import settings_for
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import METHODS, Settings
+from mpsim.scene.settings import METHODS, Settings, settings_for
 from mpsim.viewer.pair import in_step
 from mpsim.viewer.sliders import TEMPERATURES, friction_of, longest_gravity, rate_of, temperature_of
 

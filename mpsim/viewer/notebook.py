@@ -14,11 +14,8 @@ from mpsim.core.optional_packages import imported
 from mpsim.errors import InputError
 from mpsim.scene.settings import Settings
 from mpsim.viewer import wire
-from mpsim.viewer.admission import Refusal
-from mpsim.viewer.client import Client
-from mpsim.viewer.opening import Viewed, demand_viewed, source_of
-from mpsim.viewer.page_files import widget_module
-from mpsim.viewer.pages import MOST_PAGES, Pages
+from mpsim.viewer.live import Viewed, demand_viewed, source_of
+from mpsim.viewer.server import MOST_PAGES, Client, Pages, Refusal, widget_module
 from mpsim.viewer.source import Source
 
 HEIGHT = 640

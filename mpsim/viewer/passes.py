@@ -3,8 +3,8 @@
 from typing import Any
 
 from mpsim.engine.simulation import Simulation, next_frame_in_passes
+from mpsim.engine.solvers.grid import Pass, has_passes_by_grid
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.engine.solvers.passes import Pass, has_passes_by_grid
 from mpsim.errors import InputError
 
 

@@ -1,22 +1,548 @@
-"""The server of a view: it sends the files of the page by HTTP, and has a WebSocket to each page.
-
-It runs in a thread of its own. A page that breaks a rule is disconnected; nothing else is affected.
-"""
+"""The server of a view: which requests it answers, files of the page, connected pages, downloads."""
 
 import asyncio
+import base64
+import contextlib
+import hmac
 import http
+import ipaddress
+import json
 import logging
+import re
+import secrets
 import socket
+import threading
 import time
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any, Protocol
 
 from mpsim.core.optional_packages import imported
 from mpsim.errors import InputError, MpsimError, ResourceError
-from mpsim.viewer import link, wire
-from mpsim.viewer.admission import Admission, Refusal
-from mpsim.viewer.client import Client
-from mpsim.viewer.page_files import page_files
-from mpsim.viewer.pages import MOST_PAGES, Pages
+from mpsim.viewer import keep, link, wire
+from mpsim.viewer.broadcast import Shown
+from mpsim.viewer.source import Source
+
+# --- Decides which requests a view answers: those with its token, addressed to this machine, from its own page
+#
+# A page of another site that is open in the same browser can also send requests to 127.0.0.1. Three checks stop it. It
+# does not know the token. The browser names its site in `Origin`. And if it makes a domain name of its own point to
+# 127.0.0.1 (DNS rebinding), that name stands in `Host`.
+
+TOKEN_BYTES = 24
+"""Random bytes of a token: 192 bits cannot be guessed."""
+
+
+_HOST = re.compile(r"(\[[0-9a-f]*:[0-9a-f:.]+\]|[^\[\]:%]+)(?::[0-9]{1,5})?")
+"""A host and perhaps a port, as browsers write them in `Host`."""
+
+
+class Refusal(Exception):  # noqa: N818 - the answer to a request
+    """A request is refused, with this HTTP status and this text."""
+
+    def __init__(self, status: int, text: str):
+        super().__init__(text)
+        self.status = status
+
+
+class Admission:
+    """Checks requests to one view.
+
+    Args:
+        host: name or address at which the view listens.
+        port: port at which it listens.
+
+    Attributes:
+        token: secret of this view, part of its address.
+    """
+
+    def __init__(self, host: str, port: int):
+        self.token: str = secrets.token_urlsafe(TOKEN_BYTES)
+        self._host = host.lower()
+        self._port = port
+        self._loopback = is_loopback(host)
+
+    @property
+    def address(self) -> str:
+        """The address at which a browser opens the page."""
+        host = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(self._host, self._host)
+        return f"http://{f'[{host}]' if ':' in host else host}:{self._port}/{self.token}/"
+
+    def name_of(self, path: str, headers: Any) -> str:
+        """The name of what a request asks for: the part of its path after the token.
+
+        Args:
+            path: path of the request. Its query, if any, is left to the page.
+            headers: headers of the request; must have `get_all`.
+
+        Raises:
+            Refusal: if the request names another host, or lacks the token.
+        """
+        self._demand_host(headers.get_all("Host"))
+        parts = path.partition("?")[0].split("/", 2)
+        token = parts[1] if len(parts) == 3 and not parts[0] else ""
+        if not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
+            raise Refusal(404, "Not found. Open the complete address that mpsim view has printed.")
+        return parts[2]
+
+    def demand_own_page(self, headers: Any) -> None:
+        """Refuse a connection that was not requested by a page of this view.
+
+        Raises:
+            Refusal: if the origin is another one, or is missing.
+        """
+        origins = headers.get_all("Origin")
+        if origins != [f"http://{headers.get_all('Host')[0]}"]:
+            raise Refusal(403, "Only the page of this view may connect to it. Open the address that it has printed.")
+
+    def _demand_host(self, hosts: Sequence[str]) -> None:
+        if len(hosts) != 1 or not self._is_here(hosts[0].lower()):
+            raise Refusal(
+                421,
+                f"A view is opened at localhost or at an IP address; got {', '.join(hosts)[:80]!r}. Other sites can "
+                "make other names lead here. Open the address that mpsim view has printed, with localhost in place of "
+                "its host; where a port is forwarded, with that port; from another machine, with the IP address of "
+                "this one.",
+            )
+
+    def _is_here(self, host: str) -> bool:
+        """Whether a request to this host, given as `name` or `name:port`, is meant for this view.
+
+        A numeric address always means itself. A domain name can be made to point to any machine, so only the names of
+        this machine are accepted. Any port is, because the port may be forwarded; a page at another port has another
+        origin.
+        """
+        found = _HOST.fullmatch(host)
+        if found is None:
+            return False
+        name = found[1].strip("[]")
+        try:
+            return not ipaddress.ip_address(name).is_unspecified
+        except ValueError:
+            return name in {"localhost", self._host} or (not self._loopback and name == socket.gethostname().lower())
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a name or an address is a loopback address, which other machines cannot reach.
+
+    >>> is_loopback("127.0.0.1"), is_loopback("localhost"), is_loopback("::1"), is_loopback("192.168.0.7")
+    (True, True, True, False)
+    """
+    if host.lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+# --- The files of the page. They are read once from the package; no name from a request becomes a path
+
+KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+"""Media types of the files, by extension."""
+
+WIDGET = "widget.js"
+"""The only file that is used in notebooks alone."""
+
+_FOLDER = resources.files("mpsim.viewer").joinpath("page")
+
+_IMPORT, _BARE = re.compile(r'\b(import|from) "\./([\w-]+\.js)"'), r'\1 "mpsim/\2"'
+"""How a module imports another module of the page, and how it does so with an import map."""
+
+_INDENT = re.compile(r"^ +", re.MULTILINE)
+"""Indentation, which is removed to make notebooks smaller."""
+
+
+@dataclass(frozen=True)
+class PageFile:
+    """One file: its content and its media type."""
+
+    content: bytes
+    kind: str
+
+
+@cache
+def page_files() -> dict[str, PageFile]:
+    """All files of the page, by the name that a browser requests; the page itself has the empty name.
+
+    >>> [name in page_files() for name in ("", "page.css", "page.js", "index.html", "widget.js")]
+    [True, True, True, False, False]
+    """
+    found = {}
+    for file in _FOLDER.iterdir():
+        ending = file.name.rpartition(".")[2]
+        if ending in KINDS and file.name != WIDGET:
+            name = "" if file.name == "index.html" else file.name
+            found[name] = PageFile(file.read_bytes(), f"{KINDS[ending]}; charset=utf-8")
+    return found
+
+
+@cache
+def page_in_one() -> str:
+    """The page as a single HTML text for a notebook. It contains the style sheet, and the modules in an import map.
+
+    >>> text = page_in_one()
+    >>> 'data-place="notebook"' in text, 'src="page.js"' in text, "mpsim/stage.js" in text
+    (True, False, True)
+    """
+    files = {name: _INDENT.sub("", file.content.decode()) for name, file in page_files().items()}
+    modules = {
+        f"mpsim/{name}": f"data:text/javascript;base64,{_base64(_IMPORT.sub(_BARE, text))}"
+        for name, text in files.items()
+        if name.endswith(".js")
+    }
+    imports = json.dumps({"imports": modules})
+    script = f'<script type="importmap">{imports}</script>\n<script type="module">import "mpsim/page.js";</script>'
+    text = files[""]
+    for found, instead in (
+        ('<html lang="en">', '<html lang="en" data-place="notebook">'),
+        ('<link rel="stylesheet" href="page.css">', f"<style>{files['page.css']}</style>"),
+        ('<script type="module" src="page.js"></script>', script),
+    ):
+        assert text.count(found) == 1, found  # the page has been changed
+        text = text.replace(found, instead)
+    return text
+
+
+def widget_module() -> str:
+    """The JavaScript module of the widget that shows the page in a notebook."""
+    return f"{_FOLDER.joinpath(WIDGET).read_text()}\nconst PAGE = {json.dumps(page_in_one())};\n"
+
+
+def _base64(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()
+
+
+# --- One connected page: what was sent to it, what may be sent next, and how many messages it may send
+
+MOST_A_SECOND, BURST = 200.0, 400.0
+"""Messages that a page may send: per second on average, and at most at once. A page sends one for each picture and one
+for each key press."""
+
+ORDER = ("scene", "status", "compiling", "timeline", "gauges", "hands", "link", "colours", "pair", "tune", "pass")
+"""Kinds of messages. Waiting messages are sent in this order."""
+
+
+class Connection(Protocol):
+    """A connection to one page."""
+
+    async def send(self, message: str | bytes | bytearray) -> None:
+        """Send a text, or bytes."""
+        ...
+
+
+class Client:
+    """Sends pictures and messages to one page.
+
+    The page gets the next picture only after it has acknowledged the last one. Of several pictures that wait, or
+    several messages of one kind, only the latest is sent.
+
+    Args:
+        connection: connection to the page.
+
+    Attributes:
+        visible: whether the page is visible, as it reports itself.
+        silent: whether it has not answered for so long that it may no longer exist. Nothing is sent to a silent page.
+    """
+
+    def __init__(self, connection: Connection):
+        self.visible: bool = False
+        self.silent: bool = False
+        self._connection = connection
+        self._texts: dict[str, str] = {}
+        self._picture: Shown | None = None
+        self._radii: list[bytes | None] = [None, None]  # of each stage
+        self._in_flight: int | None = None
+        self._sent_again = 0  # pictures up to this number may be acknowledged late, and more than once
+        self._last = 0
+        self._news = asyncio.Event()
+        self._allowance, self._asked = BURST, 0.0
+
+    def spend(self, now: float) -> None:
+        """Count a message from the page; now: time of a clock [s].
+
+        Raises:
+            InputError: if the page sends too many.
+        """
+        self._allowance = min(self._allowance + (now - self._asked) * MOST_A_SECOND, BURST)
+        self._asked = now
+        if self._allowance < 1:
+            raise InputError(f"at most {MOST_A_SECOND:g} messages a second are read; got more. Send fewer.")
+        self._allowance -= 1
+
+    def tell(self, kind: str, text: str) -> None:
+        """Send a message soon; it replaces a waiting one of its kind."""
+        self._texts[kind] = text
+        self._news.set()
+
+    def show(self, picture: Shown) -> None:
+        """Send a picture when the page is ready for it; it replaces a waiting one."""
+        self._picture = picture
+        self._news.set()
+
+    def note(self, *, visible: bool | None = None, silent: bool | None = None) -> None:
+        """Note whether the page is visible, and whether it is silent; None: as before."""
+        self.visible = self.visible if visible is None else visible
+        self.silent = self.silent if silent is None else silent
+        self._news.set()
+
+    @property
+    def watches(self) -> bool:
+        """Whether the page is visible and answers."""
+        return self.visible and not self.silent
+
+    def acknowledge(self, serial: int) -> None:
+        """Note that the page has drawn a picture.
+
+        Raises:
+            InputError: if no picture with this number was sent.
+        """
+        if serial != self._in_flight and 0 < serial <= self._sent_again:
+            return
+        if serial != self._in_flight:
+            raise InputError(f"serial of an ack must be that of the last picture; got {serial}. Send one for each.")
+        self._in_flight = None
+        self._news.set()
+
+    def send_again(self, texts: Mapping[str, str]) -> None:
+        """Send everything again, because a message was lost; texts: the last message of each kind."""
+        self._texts = {**texts}
+        self._radii = [None, None]
+        self._sent_again = max(self._sent_again, self._in_flight or 0)
+        self._last, self._in_flight = 0, None
+        self._news.set()
+
+    def needs_picture(self) -> bool:
+        """Whether the page is ready for a picture and no new one is there."""
+        return self.watches and self._in_flight is None and not self._can_show()
+
+    def _can_show(self) -> bool:
+        return self._picture is not None and self._picture.serial > self._last
+
+    async def send_all(self) -> None:
+        """Send pictures and messages as they come, until cancelled."""
+        while True:
+            await self._news.wait()
+            self._news.clear()
+            if self.silent:
+                continue
+            for kind in ORDER:
+                if (text := self._texts.pop(kind, None)) is not None:
+                    await self._connection.send(text)
+            picture = self._picture
+            if picture is not None and self.visible and self._in_flight is None and self._can_show():
+                self._in_flight = self._last = picture.serial  # before the first await
+                if picture.second is not None:
+                    await self._send(1, picture.second.radii, picture.second.packed)
+                await self._send(0, picture.radii, picture.packed)  # the page acknowledges this one, for both
+
+    async def _send(self, stage: int, radii: bytes, packed: bytes | bytearray) -> None:
+        """Send the picture of one stage, after its radii if these have changed."""
+        if radii is not self._radii[stage]:
+            self._radii[stage] = radii
+            await self._connection.send(radii)
+        await self._connection.send(packed)
+
+
+# --- Files that pages download. They are made in other threads, a few at a time
+
+FILMS = {"film.gif": (keep.gif, "image/gif"), "film.mp4": (keep.mp4, "video/mp4")}
+"""Films to download: the function that makes each, and its media type. The other files are in `keep.KEEPING`."""
+
+MOST, SECONDS = 2, 8.0
+"""Number of files that are made at a time, and the longest wait for one [s], less than the server's OPEN_SECONDS."""
+
+
+class Downloads:
+    """Makes the files that the pages of one view request."""
+
+    def __init__(self) -> None:
+        self._film = keep.Film()
+        self._drawing = ThreadPoolExecutor(MOST, "mpsim view: film")
+        self._making = 0
+
+    def close(self) -> None:
+        """Cancel the films that wait, and end the threads."""
+        self._drawing.shutdown(cancel_futures=True)
+
+    def show(self, picture: Shown) -> None:
+        """Keep a picture for films."""
+        self._film.add(picture, time.monotonic())
+
+    async def made(self, name: str, source: Source) -> keep.Kept:
+        """A file of what the source shows.
+
+        Raises:
+            Refusal: if no file has this name, or it cannot be made now.
+        """
+        if name not in FILMS and name not in keep.KEEPING:
+            raise Refusal(404, f"There is no {name[:40]!r} to keep.")
+        if self._making >= MOST:
+            raise Refusal(503, f"At most {MOST} files are made at a time. Try again.")
+        try:
+            making = self._begin(name, source)
+            self._making += 1
+            loop = asyncio.get_running_loop()
+            making.add_done_callback(lambda _: self._end_in(loop))
+            return await asyncio.wait_for(asyncio.wrap_future(making), SECONDS)
+        except TimeoutError:
+            raise Refusal(503, "The simulation is busy. Try again.") from None
+        except MpsimError as error:
+            raise Refusal(409, str(error)) from None
+
+    def _begin(self, name: str, source: Source) -> Future[keep.Kept]:
+        """Start to make a file in another thread, which may continue after the request has timed out."""
+        if name not in FILMS:
+            return source.keep(name)
+        make, kind = FILMS[name]
+        pictures = self._film.pictures()
+        return self._drawing.submit(lambda: keep.Kept(make(pictures), kind))
+
+    def _end_in(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Count a file as made, in the thread of the pages, unless that has ended."""
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(self._end)
+
+    def _end(self) -> None:
+        self._making -= 1
+
+
+# --- All pages of a view, connected by a server or a notebook
+#
+# An event loop in a thread of its own serves them. A page that breaks a rule is disconnected; nothing else is
+# affected.
+
+MOST_PAGES = 8
+"""Largest number of pages that are connected at a time."""
+
+
+class Pages(ABC):
+    """The pages of one view; the audience of its source.
+
+    Args:
+        name: name of the thread.
+    """
+
+    def __init__(self, name: str):
+        self._source: Source | None = None
+        self._clients: dict[Client, asyncio.Task[None]] = {}
+        self._texts: dict[str, str] = {}
+        self._picture: Shown | None = None
+        self._downloads = Downloads()
+        self._spent = 0.0  # processor time of the thread that was already charged [s]
+        self._loop: asyncio.AbstractEventLoop | None = None  # set by `start`
+        self._end = asyncio.Event()
+        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
+
+    @property
+    def source(self) -> Source:
+        """What the pages show; there is one after `start`."""
+        assert self._source is not None
+        return self._source
+
+    def start(self, source: Source) -> None:
+        """Start the thread, unless it was started before; the pages show this source."""
+        if self._loop is not None:
+            return
+        self._source = source
+        self._loop = asyncio.new_event_loop()
+        self._thread.start()
+
+    def close(self) -> None:
+        """Close all connections and end the thread. May be called again."""
+        if self._thread.ident is not None:
+            self.from_outside(self._end.set)
+            self._thread.join()
+        self._downloads.close()
+
+    # --- called by other threads
+
+    def show(self, picture: Shown) -> None:
+        """Pass a picture to the pages."""
+        self.from_outside(self._show, picture)
+
+    def tell(self, kind: str, text: str) -> None:
+        """Pass a message to the pages."""
+        self.from_outside(self._tell, kind, text)
+
+    def from_outside(self, act: Callable[..., None], *arguments: Any) -> None:
+        """Call a function in the thread of the pages; do nothing if that has ended."""
+        if self._loop is None:
+            return
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(act, *arguments)
+
+    # --- the thread
+
+    def _serve(self) -> None:
+        loop = self._loop
+        assert loop is not None  # since the start
+        with asyncio.Runner(loop_factory=lambda: loop) as runner:
+            runner.run(self._until_the_end())
+
+    @abstractmethod
+    async def _until_the_end(self) -> None:
+        """Serve pages until `_end` is set."""
+
+    def _show(self, picture: Shown) -> None:
+        self._picture = picture
+        self._downloads.show(picture)
+        for client in self._clients:
+            client.show(picture)
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._texts[kind] = text
+        for client in self._clients:
+            client.tell(kind, text)
+
+    def _join(self, connection: Connection) -> Client:
+        """Serve another page, and send it the last messages and picture."""
+        client = Client(connection)
+        for kind, text in self._texts.items():
+            client.tell(kind, text)
+        if self._picture is not None:
+            client.show(self._picture)
+        self._clients[client] = asyncio.ensure_future(client.send_all())
+        return client
+
+    async def _leave(self, client: Client) -> None:
+        """Stop serving a page, whatever has happened to its connection."""
+        sending = self._clients.pop(client)
+        sending.cancel()
+        self._count()
+        await asyncio.gather(sending, return_exceptions=True)
+
+    def _do(self, client: Client, action: wire.Action) -> None:
+        """Do the action that a page has sent.
+
+        Raises:
+            InputError: if the page breaks a rule.
+        """
+        spent, self._spent = self._spent, time.thread_time()
+        self.source.charge(self._spent - spent)
+        match action.name:
+            case "ack":
+                client.acknowledge(action.values["serial"])
+            case "visible":
+                client.note(visible=action.values["value"])
+                self._count()
+            case _:
+                self.source.submit(action, client)
+        if client.needs_picture():
+            self.source.ask()
+
+    def _count(self) -> None:
+        """Tell the source how many pages are watching."""
+        self.source.watched_by(sum(client.watches for client in self._clients))
+
+
+# --- The server of a view: it sends the files of the page by HTTP, and has a WebSocket to each page
+#
+# It runs in a thread of its own. A page that breaks a rule is disconnected; nothing else is affected.
 
 SOCKET = "socket"
 """Name that a page requests to open its WebSocket."""

@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation, read_in_place
-from mpsim.engine.solvers.in_place import InPlace
+from mpsim.engine.solvers.base import InPlace
 from mpsim.errors import BusyError, MpsimError
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Audience
-from mpsim.viewer.colouring import Colouring
-from mpsim.viewer.colours import scale_of
+from mpsim.viewer.colouring import Colouring, scale_of
 from mpsim.viewer.commands import Commanded, Where
-from mpsim.viewer.counting import Counting, bulk_pressure
-from mpsim.viewer.gauges import Gauges, Meter
+from mpsim.viewer.gauges import Counting, Gauges, Meter, bulk_pressure
 from mpsim.viewer.link import Link
 from mpsim.viewer.pace import LOOK, TURN, Allowance
 

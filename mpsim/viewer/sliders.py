@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.cores import usable_cores
+from mpsim.core.machine import usable_cores
 from mpsim.engine.parameters import OF_FRICTION
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
-from mpsim.kernels import layout
+from mpsim.kernels import records
 from mpsim.scene.scene import Scene
 
 MOST_PASSES, MOST_SUBSTEPS = 4, 16
@@ -109,7 +109,7 @@ class Sliders:
         settings = sim.settings
         yield _slider("dt", settings.dt, self._dt / DECADE, self._dt * DECADE, log=True)
         if capabilities_of(settings).has_steps:
-            yield {"name": "contact", "value": settings.contact, "choices": list(layout.CONTACTS)}
+            yield {"name": "contact", "value": settings.contact, "choices": list(records.CONTACTS)}
             yield _slider("passes", settings.passes, 1, MOST_PASSES, whole=True)
             yield _slider("substeps", settings.substeps, 1, MOST_SUBSTEPS, whole=True)
         if settings.method == "parallel":

@@ -1,14 +1,15 @@
-"""Shows speed against accuracy in a view: runs a second stage and compares it with the first."""
+"""Speed against accuracy in a view: a second stage is compared, or settings are searched for, in a thread."""
 
 import contextlib
 import dataclasses
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from mpsim.engine.observers import Observer
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.in_place import InPlace, in_place
+from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError
 from mpsim.measure.predictability import Predictability
@@ -16,9 +17,147 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.comparison import divergence
 from mpsim.studies.tradeoff import label
-from mpsim.viewer.background import Background, Check
-from mpsim.viewer.comparison import measures_of
-from mpsim.viewer.pair import SNAPSHOT, Pair, fitting
+from mpsim.studies.tune import tune
+from mpsim.viewer.pair import SNAPSHOT, Pair, fitting, measures_of
+
+# --- Runs long work in a thread of its own, and can cancel it
+
+CLOSING_SECONDS = 5.0
+"""Longest time that `stop` waits for cancelled work to end."""
+
+Check = Callable[[], None]
+"""The work calls this from time to time. It raises an exception once the work was cancelled."""
+
+
+class _GivenUpError(Exception):
+    """The work was cancelled."""
+
+
+class Background:
+    """Runs one piece of work at a time.
+
+    Args:
+        name: name of the thread.
+
+    >>> found, work = [], Background("an example")
+    >>> work.start(lambda check: found.append(1))
+    >>> work.wait()
+    >>> found
+    [1]
+    """
+
+    def __init__(self, name: str):
+        self._name = name
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+
+    def start(self, work: Callable[[Check], None]) -> None:
+        """Start the work, which is called with a `Check`. Work that is still running is cancelled."""
+        self.stop()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=_do, args=(work, self._stop), name=self._name, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Cancel the work; it ends at its next check."""
+        self._stop.set()
+        self.wait(CLOSING_SECONDS)
+        self._thread = None
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait until the work ends, for at most this time [s]; None: without a limit."""
+        if self._thread is not None:
+            self._thread.join(seconds)
+
+
+def _do(work: Callable[[Check], None], stop: threading.Event) -> None:
+    def check() -> None:
+        if stop.is_set():
+            raise _GivenUpError
+
+    try:
+        work(check)
+        check()
+    except _GivenUpError:
+        pass
+
+
+# --- Searches for settings in a thread, and reports its progress
+
+SECONDS = 60.0
+"""Approximate time limit of a search [s]."""
+
+
+class Tuning:
+    """Runs one search at a time.
+
+    Args:
+        news: called when there is new progress to report.
+        finished: called with the number of the search and the settings that it has found. The thread of the search
+            calls both.
+
+    Attributes:
+        number: number of the present search. A result with another number is out of date.
+
+    >>> tuning = Tuning(news=lambda: None, finished=print)
+    >>> tuning.told()["phase"]
+    'none'
+    """
+
+    def __init__(self, news: Callable[[], None], finished: Callable[[int, Settings], None]):
+        self._news, self._finished = news, finished
+        self.number: int = 0
+        self._work = Background("mpsim view: tune")
+        self._told: dict[str, Any] = {"phase": "none", "text": "", "done": 0, "of": 1}
+
+    @property
+    def running(self) -> bool:
+        """Whether a search is under way."""
+        return self._told["phase"] == "searching"
+
+    def told(self) -> dict[str, Any]:
+        """The message for pages, for `wire.text_of`.
+
+        phase: "none", "searching", "found" or "failed". text: the present step, the result, or why there is none.
+        """
+        return dict(self._told)
+
+    def start(self, scene: Scene, budgets: Mapping[str, float]) -> None:
+        """Start a search and cancel a running one; budgets: as in `mpsim.tune`."""
+        self.stop()
+        self._told = {"phase": "searching", "text": "preliminary run", "done": 0, "of": 1}
+        number = self.number
+        self._work.start(lambda check: self._search(scene, budgets, check, number))
+
+    def stop(self) -> None:
+        """Cancel the search; it ends when it next reports its progress."""
+        self.number += 1
+        self._work.stop()
+        self._told = {**self._told, "phase": "none"}
+
+    def _search(self, scene: Scene, budgets: Mapping[str, float], check: Check, number: int) -> None:
+        def progress(done: int, of: int, what: str) -> None:
+            check()
+            self._tell(phase="searching", text=what, done=done, of=of)
+
+        try:
+            found = tune(scene, budgets, seconds=SECONDS, progress=progress)
+        except Exception as error:  # any error: the stages must not wait any longer
+            check()
+            self._tell(phase="failed", text=str(error) or type(error).__name__)
+            if isinstance(error, MpsimError):
+                return
+            raise
+        check()
+        self._tell(phase="found", text=str(found))
+        self._finished(number, found.settings)
+
+    def _tell(self, **values: Any) -> None:
+        self._told = {**self._told, **values}
+        self._news()
+
+
+# --- Shows speed against accuracy in a view: runs a second stage and compares it with the first
 
 MOST_DIVERGING = 5000
 """Largest number of discs for which the Lyapunov time is computed, by two short exact runs."""

@@ -37,14 +37,13 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.state import Box
 from mpsim.engine import parameters
-from mpsim.engine.solvers.in_place import InPlace
+from mpsim.engine.solvers.base import InPlace
 from mpsim.errors import InputError
-from mpsim.kernels.painting import paint_places
+from mpsim.kernels.output import paint_places
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS
 from mpsim.viewer import link
-from mpsim.viewer.colouring import CHOICES
-from mpsim.viewer.colours import SpeedScale
+from mpsim.viewer.colouring import CHOICES, SpeedScale
 from mpsim.viewer.link import MOST_DIVISIONS, QUICKEST, SLOWEST
 
 MAGIC, VERSION = b"MPSV", 1
@@ -119,7 +118,7 @@ def pack(
         plain: pack in Python. It takes some microseconds a disc, but loading the first kernel takes over half a second.
 
     >>> from mpsim.core.state import State
-    >>> from mpsim.engine.solvers.in_place import in_place
+    >>> from mpsim.engine.solvers.base import in_place
     >>> state, box = State(np.array([[1.0, 2.0]]), np.array([[3.0, 4.0]])), (0.0, 4.0, 0.0, 4.0)
     >>> header = Header(7, 10, 0.5, box, (4.0, 4.0), SpeedScale(5.0, 10.0))
     >>> packed = pack(header, in_place(state, box, 10, 0.5, np.ones(1)))

@@ -6,7 +6,7 @@ from typing import Any
 
 from pages import fill_blocks
 
-from mpsim.core.digits import with_error
+from mpsim.core.text import with_error
 from peers import accuracy, pictures, tables
 from peers.accuracy import Point
 from peers.registry import PEERS

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from mpsim.core.digits import with_error
+from mpsim.core.text import with_error
 from peers import accuracy
 from peers.accuracy import Point, longest
 from peers.registry import PEERS

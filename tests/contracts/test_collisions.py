@@ -11,7 +11,7 @@ from support.scenes import simulate
 from support.tiles import always_tiled, on_tiles, windows_of
 
 import mpsim
-from mpsim.engine.solvers import collisions
+from mpsim.engine.solvers import base
 
 pytestmark = pytest.mark.plain
 
@@ -101,8 +101,8 @@ def room_for(monkeypatch):
     """Logs with room for so many rows of all workers together: else it takes a frame of very many collisions."""
 
     def set_room(rows):
-        monkeypatch.setattr(collisions, "ROOM", rows)
-        monkeypatch.setattr(collisions, "ROOM_OF_A_DISC", 0)
+        monkeypatch.setattr(base, "ROOM", rows)
+        monkeypatch.setattr(base, "ROOM_OF_A_DISC", 0)
 
     return set_room
 

@@ -22,7 +22,7 @@ from support.goldens import FRAMES, KINDS, SCENES, Pinned, few, methods, pins, r
 from support.processes import run_script
 
 import mpsim
-from mpsim.scene.recommended import NAMES
+from mpsim.scene.settings import NAMES
 
 WITHOUT_MEANING = {
     "event": {"passes", "sub-steps", "sub-steps where fast"},  # it has no steps, and every frame may be cut anywhere

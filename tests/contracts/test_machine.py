@@ -9,9 +9,8 @@ from numba import njit
 from support.arrays import control_of, team_of
 from support.threads import together
 
-from mpsim.kernels import layout, machine
-from mpsim.kernels.compile_turns import Turns
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels import machine, records
+from mpsim.kernels.compiling import Turns, compiled
 from mpsim.kernels.waiting import barrier
 
 pytestmark = pytest.mark.compiled
@@ -55,14 +54,14 @@ def test_nobody_passes_a_barrier_before_all_have_come(workers):
     places = np.zeros((workers, 8), np.int64)
     members = [lambda worker=worker: meet_often(control, team, worker, places, 200) for worker in range(workers)]
     assert together(*members) == [0] * workers
-    assert control.signals[layout.ARRIVED] == 400 * workers
+    assert control.signals[records.ARRIVED] == 400 * workers
 
 
 # --- compiling in turns
 
 
 def test_nobody_waits_for_ever_for_one_that_keeps_its_turn_and_a_folder_may_be_missing(tmp_path, monkeypatch):
-    monkeypatch.setattr("mpsim.kernels.compile_turns.LONGEST", 0.1)
+    monkeypatch.setattr("mpsim.kernels.compiling.LONGEST", 0.1)
     first, second = Turns(tmp_path, "kernel"), Turns(tmp_path, "kernel")
     first.load_or_take("float64", lambda: None)
     assert second.load_or_take("float64", lambda: "not asked for") is None

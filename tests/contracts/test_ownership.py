@@ -14,20 +14,19 @@ import pytest
 from support.scenes import ZOO, crowd, gas, simulate, zoo
 
 from mpsim.engine.workers.worker import kernel_arguments
-from mpsim.kernels import layout
+from mpsim.kernels import records
 from mpsim.kernels.features.hooks import prepare_first_step
-from mpsim.kernels.frame.contacts import resolve_columns
-from mpsim.kernels.frame.giants import resolve_giants
-from mpsim.kernels.frame.passes import resolve_inside
+from mpsim.kernels.frame.contacts import resolve_columns, resolve_giants
 from mpsim.kernels.frame.sharing import list_emigrants
 from mpsim.kernels.frame.sorting import begin_sort, move_and_bin
+from mpsim.kernels.frame.stepping import resolve_inside
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")]
 
 WORKERS = 3
 
-DISCS = tuple(f"{buffer}.{field}" for buffer in "ab" for field in layout.Discs._fields)
-WATCHED = (*DISCS, *layout.Changes._fields, "start", "exits")
+DISCS = tuple(f"{buffer}.{field}" for buffer in "ab" for field in records.Discs._fields)
+WATCHED = (*DISCS, *records.Changes._fields, "start", "exits")
 """Arrays in which nobody may write where another one writes or reads in the same phase; and the limits of the box."""
 
 EVERYTHING = "gravity acceleration giants masses lossy obstacles absorbing piston periodic-x"
@@ -69,7 +68,7 @@ class Watched:
         control = self._arrays["control"]
         front, back = (1, 0) if control.live else (0, 1)
         self._phase("move", self._move(front))
-        assert not control.signals[layout.BAD]
+        assert not control.signals[records.BAD]
         if "piston" in self._arrays and self.waits_for_walls:  # all wait until worker 0 has moved the wall
             self._phase("sort", self._sort(front, back))
             self._phase("own columns", self._own_columns(front, back))
@@ -142,7 +141,7 @@ class Watched:
     def _resolve(self, back, worker, first, last, step=2):
         buffers, its = self._views()
         rest = its.features, its.parameters, its.control, its.team[worker], its.tally, its.times, 0
-        resolve_columns(layout.EVEN, first, last, step, buffers[back], its.start, *rest)
+        resolve_columns(records.EVEN, first, last, step, buffers[back], its.start, *rest)
 
     def _watched(self):
         arrays = {key: self._arrays[key] for key in WATCHED if key in self._arrays}

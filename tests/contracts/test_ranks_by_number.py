@@ -97,7 +97,7 @@ system's, which takes them back, but count as those of the process."""
 MEMORY = """
 import json, psutil, sys, mpsim
 from mpi4py import MPI
-from mpsim.core import chunks
+from mpsim.core import columns
 
 comm, count, path = MPI.COMM_WORLD, int(sys.argv[1]), sys.argv[2]
 settings, peaks = mpsim.Settings(dt=0.02, method="mpi", precision="float32"), {}
@@ -134,14 +134,14 @@ def life(count, note=lambda what: None):
         sim.run(frames=1)
         assert sim.digest() == digest
         forget()
-        chunks.CHUNK = count
+        columns.CHUNK = count
         sim.digest()
         note("digest at once")
     return digest
 
-CHUNK = chunks.CHUNK
+CHUNK = columns.CHUNK
 life(3000)
-chunks.CHUNK = CHUNK
+columns.CHUNK = CHUNK
 before = psutil.Process().memory_info().rss
 forget()
 digest = life(count, note)

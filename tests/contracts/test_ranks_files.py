@@ -117,10 +117,10 @@ FRAMES = """
 import hashlib, json, sys, mpsim
 from pathlib import Path
 from mpi4py import MPI
-from mpsim.core import joint_file
+from mpsim.core import archive
 
 path, lattice, shared = sys.argv[1:]
-comm, lengths, write = MPI.COMM_WORLD, [], joint_file.JointFile.write
+comm, lengths, write = MPI.COMM_WORLD, [], archive.JointFile.write
 
 def noted(self, content, offset):
     lengths.append(len(content))
@@ -133,9 +133,9 @@ class Blind:
     def __getattr__(self, name):
         return missing if name == "open" else getattr(os, name)
 
-joint_file.JointFile.write, os = noted, joint_file.os
+archive.JointFile.write, os = noted, archive.os
 if shared == "not shared" and comm.rank == 1:
-    joint_file.os = Blind()
+    archive.os = Blind()
 scene, settings = mpsim.Scene.lattice(**json.loads(lattice)), mpsim.Settings(dt=0.02, method="mpi")
 with mpsim.Simulation(scene, settings) as sim:
     with mpsim.Trajectory.write(path, 2, comm=comm) as out:

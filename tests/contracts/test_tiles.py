@@ -20,7 +20,7 @@ from support.tiles import (
 )
 
 import mpsim
-from mpsim.core.cores import usable_cores
+from mpsim.core.machine import usable_cores
 
 pytestmark = [pytest.mark.compiled, pytest.mark.slow, pytest.mark.timeout(300)]
 

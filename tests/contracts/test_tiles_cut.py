@@ -11,7 +11,7 @@ from support.selection import long_but
 from support.tiles import always_tiled, everything, first_free_place, on_tiles, tallies, windows_of
 
 import mpsim
-from mpsim.engine.solvers import event_windows
+from mpsim.engine.solvers import event_tiles
 
 pytestmark = [pytest.mark.compiled, pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -103,7 +103,7 @@ def test_emitters_that_stop_inside_frames_have_the_same_bits(dt, tmp_path):
 @pytest.fixture
 def no_time(monkeypatch):
     """Every command of a simulation on tiles then plays one tile for each worker; else it takes a slow machine."""
-    monkeypatch.setattr(event_windows, "PATIENCE", 0)
+    monkeypatch.setattr(event_tiles, "PATIENCE", 0)
 
 
 def test_a_run_that_is_saved_inside_a_frame_goes_on_there(tmp_path, no_time):

@@ -9,7 +9,7 @@ from support.processes import assert_clean, run_script
 from support.scenes import ZOO, crowd, digest_after, gas, simulate, state_after, zoo
 
 import mpsim
-from mpsim.core.cores import usable_cores
+from mpsim.core.machine import usable_cores
 
 pytestmark = pytest.mark.compiled
 

@@ -7,7 +7,7 @@ import pytest
 from support.commands import library_digest, mpsim_command
 from support.ranks import on_ranks
 
-from mpsim.cli.runfolder import RunFolder
+from mpsim.cli.run import RunFolder
 from mpsim.output.recorder import COLUMNS, read_table
 
 pytestmark = pytest.mark.slow

@@ -112,11 +112,11 @@ def test_many_first_runs_at_once_on_one_cold_cache_agree(tmp_path, figures):
 
 COMPILING = """
 import sys, threading
-from mpsim.kernels import compile_turns
+from mpsim.kernels import compiling
 from mpsim.kernels.compiling import compiled
 from numba.core import event
 
-compile_turns.LONGEST = float(sys.argv[1])
+compiling.LONGEST = float(sys.argv[1])
 
 @compiled
 def sum_of(values):

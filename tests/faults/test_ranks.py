@@ -10,7 +10,7 @@ from support.scenes import gas
 from support.selection import long_but
 
 import mpsim
-from mpsim.cli.runfolder import RunFolder
+from mpsim.cli.run import RunFolder
 
 pytestmark = pytest.mark.slow
 

@@ -17,11 +17,11 @@ RESUMED = """
 import json, sys, mpsim
 from pathlib import Path
 from mpi4py import MPI
-from mpsim.core import untrusted
+from mpsim.core import files
 from mpsim.engine import checkpoint
 
 comm, path, folder = MPI.COMM_WORLD, Path(sys.argv[1]), Path(sys.argv[2])
-opened, digest_of, identity = untrusted.opened, checkpoint.digest_of, checkpoint._identity
+opened, digest_of, identity = files.opened, checkpoint.digest_of, checkpoint._identity
 others = {"shared": path, "copied": folder / "copied", "damaged": folder / "damaged", "other": folder / "other",
           "missing": folder / "missing", "control": folder / "damaged"}
 verified = []
@@ -42,7 +42,7 @@ checkpoint.digest_of, told = noted, {}
 for what, other in others.items():
     verified.clear()
     if comm.rank == 1:  # which has another file under that name
-        untrusted.opened = lambda asked: opened(other if Path(asked) == path else asked)
+        files.opened = lambda asked: opened(other if Path(asked) == path else asked)
     checkpoint._identity = (lambda file: ()) if what == "control" else identity
     told[what] = comm.allgather(outcome()), sum(comm.allgather(verified), [])
 if comm.rank == 0:

@@ -706,7 +706,7 @@ def test_a_signal_ends_a_search_of_long_runs_within_seconds_and_leaves_nothing(c
 @pytest.mark.long
 def test_a_killed_trade_leaves_a_file_to_go_on_from(tmp_path):
     path = tmp_path / "kept.json"
-    text = "from mpsim.studies import saved_results\nsaved_results.SAVE_EVERY = 0.0\n"  # else it is seconds
+    text = "from mpsim.studies import ensemble\nsaved_results.SAVE_EVERY = 0.0\n"  # else it is seconds
     text += SEARCH.format(call=TRADE.format(until=5, path=str(path)))
     # Warnings are no errors here: CPython's resource tracker inherits the flag, and with it gives up all blocks after
     # the first whose thread was killed between announcing and making it.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.scenes import lattice, simulate
 
-from mpsim.engine import recovery
+from mpsim.engine import coordinator
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork beside threads
 
@@ -39,8 +39,8 @@ def test_snapshots_of_a_hundred_thousand_discs_take_no_more_than_two_percent(fig
     with healing_on_two() as sim:
         part, number, each = snapshot_part(sim, 20)
     assert part < 0.02
-    monkeypatch.setattr(recovery, "SNAPSHOT_FRACTION", 1.0)
-    monkeypatch.setattr(recovery, "SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(coordinator, "SNAPSHOT_FRACTION", 1.0)
+    monkeypatch.setattr(coordinator, "SNAPSHOT_SECONDS", 0.0)
     with healing_on_two() as sim:
         control, _, _ = snapshot_part(sim, 5)
     assert control > 0.02

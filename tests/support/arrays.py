@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mpsim.kernels import layout, records
+from mpsim.kernels import records
 
 
 def parameters_of(real, width, height, radius=0.5, dt=0.01, columns=1, rows=1):
@@ -16,13 +16,13 @@ def parameters_of(real, width, height, radius=0.5, dt=0.01, columns=1, rows=1):
     return values
 
 
-def control_of(count, columns=1, rows=1, workers=1, law=layout.ELASTIC):
+def control_of(count, columns=1, rows=1, workers=1, law=records.ELASTIC):
     """The record `control` of so many discs in a grid."""
     control = np.zeros(1, records.CONTROL)[0]
     control.count, control.columns, control.rows = count, columns, rows
     control.cells = (columns + 1) * (rows + 2)
     control.workers = control.members = workers
-    control.law, control.contact = law, layout.PUSH
+    control.law, control.contact = law, records.PUSH
     control.substeps, control.passes, control.race_free = 1, 1, 1
     return control
 

@@ -12,7 +12,7 @@ import numpy as np
 
 import mpsim
 from mpsim.core import archive
-from mpsim.engine import checkpoint, checkpoint_validation
+from mpsim.engine import checkpoint
 from support.scenes import simulate, zoo
 
 Change = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
@@ -45,7 +45,7 @@ def rewrite_members(path: Path, change: Callable[[dict[str, bytes]], None], comp
 
 def frame_in(path: Path) -> int:
     """Frame of the checkpoint that a resume would take."""
-    return checkpoint.read(path, checkpoint_validation.check).run["frame"]
+    return checkpoint.read(path, checkpoint.check).run["frame"]
 
 
 WORDS = "absorbing emitters acceleration"

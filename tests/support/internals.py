@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.kernels import layout
+from mpsim.kernels import records
 from support.arrays import parameters_of
 
 
@@ -47,7 +47,7 @@ def scramble(sim: mpsim.Simulation, seed: int) -> None:
     """Permute the discs of the live buffer: another memory order of the same state."""
     order = np.random.default_rng(seed).permutation(sim.count)
     buffer = "ab"[int(_arrays(sim)["control"].live)]
-    for field in layout.Discs._fields:
+    for field in records.Discs._fields:
         if f"{buffer}.{field}" in _arrays(sim):  # there are radii only where discs differ
             view = _live(sim, field)
             view[:] = view[order]
@@ -57,7 +57,7 @@ def scramble(sim: mpsim.Simulation, seed: int) -> None:
 def peek(sim: mpsim.Simulation, worker: int) -> tuple[str, int]:
     """Phase and frame (frames finished since the start) that a worker is in at this moment."""
     mine, control = _arrays(sim)["team"][worker], _arrays(sim)["control"]
-    return layout.PHASES[int(mine.phase)], int(control.done + mine.frame)
+    return records.PHASES[int(mine.phase)], int(control.done + mine.frame)
 
 
 def parameters(restitution=1.0, dt=1.0):

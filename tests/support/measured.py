@@ -3,7 +3,7 @@
 import numpy as np
 
 import mpsim
-from mpsim.core.chunks import CHUNK
+from mpsim.core.columns import CHUNK
 from mpsim.measure.registry import NAMES
 from mpsim.measure.run_averages import refusal
 

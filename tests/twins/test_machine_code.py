@@ -13,7 +13,7 @@ from support.processes import assert_clean, run_script
 from support.scenes import zoo
 
 import mpsim
-from mpsim.scene.recommended import NAMES
+from mpsim.scene.settings import NAMES
 
 GENERIC = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
 LAZY = {"NUMBA_OPT": "1"}

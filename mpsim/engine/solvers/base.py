@@ -1,8 +1,4 @@
-"""The protocol of all solvers, which the rest of the engine uses.
-
-A new method is one file with a class that derives from `Solver`, a line in `methods.METHODS`, and its name in `METHODS`
-of `scene/settings.py`. Callers ask for `capabilities` (`methods.capabilities_of`), never for a class or a name.
-"""
+"""The protocol of all solvers, and what they hand over: slices, snapshots, collisions, discs in place."""
 
 import contextlib
 import math
@@ -15,19 +11,268 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.columns import EXITS, MASS, Column
-from mpsim.core.sizes import kept_sizes
-from mpsim.core.state import State, part_of
+from mpsim.core.columns import EXITS, MASS, Column, kept_sizes
+from mpsim.core.state import Box, State, part_of
 from mpsim.core.team import Alone, Team
-from mpsim.engine.solvers.collisions import no_collisions
-from mpsim.engine.solvers.in_place import InPlace, in_place
-from mpsim.engine.solvers.slices import Slice
-from mpsim.engine.solvers.snapshots import Shapes, Snapshot
-from mpsim.engine.solvers.speed_limit import SpeedLimit
-from mpsim.engine.solvers.speeds import Speeds
+from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
+from mpsim.engine.workers.shared import ArraySpec
 from mpsim.errors import InputError
+from mpsim.features import capsules
+from mpsim.kernels import collision_log as log
+from mpsim.kernels import records
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
+
+# --- Times and counts of one command of a solver
+
+MOST_COUNTED = 2.0**61
+"""The largest sum of momenta, in units of the counts: of impulses twice as large the sum fits into 63 bits."""
+
+
+@dataclass(frozen=True)
+class Slice:
+    """What one command of a solver took and counted.
+
+    Attributes:
+        times: int64 [ns], shape (workers, frames, phases), zero for workers at rest.
+        contacts: contacts resolved.
+        tally: COUNTS, shape (frames,), in the scene's units, or None if nothing was to be counted.
+    """
+
+    times: NDArray[np.int64]
+    contacts: int
+    tally: NDArray[Any] | None
+
+
+def totals(tally: NDArray[Any], scale: float, diameter: float) -> NDArray[Any]:
+    """What all workers counted in each frame, in the scene's units: COUNTS, shape (frames,).
+
+    Args:
+        tally: TALLY, shape (workers, frames), in units of the kernels.
+        scale: by which impulses were multiplied.
+        diameter: of the largest disc [length].
+    """
+    found = np.zeros(tally.shape[1], records.COUNTS)
+    for name in records.COUNTS.names or ():
+        found[name] = tally[name].sum(axis=0)
+    found["deepest"] = tally["deepest"].max(axis=0)
+    for name in records.IMPULSES:
+        found[name] /= scale
+    for name in records.DEPTHS:
+        found[name] *= diameter / records.DEPTH_SCALE
+    return found
+
+
+# --- Snapshots of solvers, and checks of those that come from a file
+#
+# The digest of a file tells that it is what was written. A file that was written by hand can have the right digest;
+# kernels index arrays without looking, so nothing that they follow may lead out of them.
+
+Snapshot = dict[str, Any]
+"""Everything that the next frame depends on, by name: what a checkpoint holds. Copies, or arrays of `core.chunks` that
+are read when they are written. In each there are `radii` and `masses`, float64 of shape (N,), in the order of the
+scene's discs, and `progress`, int64 of shape (2,): frames done since the start, and steps (of a solver without steps, a
+count of its own)."""
+
+Shapes = dict[str, tuple[np.dtype[Any], tuple[int, ...]]]
+"""dtype and shape of arrays, by name."""
+
+MOST_STEPS = 2**60
+
+INTEGER, REAL = np.dtype(np.int64), np.dtype(np.float64)
+
+
+def count_in(snapshot: Snapshot) -> int:
+    """Number of discs in a snapshot."""
+    return len(snapshot["radii"])
+
+
+def shapes_in_each(count: int) -> Shapes:
+    """dtype and shape of what every snapshot has."""
+    return {"radii": (REAL, (count,)), "masses": (REAL, (count,)), "progress": (INTEGER, (2,))}
+
+
+def demand(condition: Any, text: str) -> None:
+    """Raise ValueError with that text unless the condition is true."""
+    if not condition:
+        raise ValueError(text)
+
+
+def check_periods(scene: Scene, image: NDArray[np.int64]) -> None:
+    """Raise ValueError unless counts of periods, shape (N, 2), are 0 along axes with walls."""
+    demand((image[:, ~np.array(scene.periodic)] == 0).all(), "no disc can have moved through a wall")
+
+
+# --- The logs of collisions of a solver, and the table made from them
+
+TABLE = np.dtype(
+    [
+        ("frame", np.int64),  # the number that the simulation's `frame` has at the end of the frame in which it happens
+        ("time", np.float64),  # since the start [time]
+        ("kind", np.int64),  # DISC, WALL or OBSTACLE
+        ("i", np.int64),  # a disc; the lower number of two
+        ("j", np.int64),  # the other disc, the edge of the box (an index of EDGES), or the index of the obstacle
+        ("impulse", np.float64, (2,)),  # along the normal, on disc i [mass length/time]
+        ("tangential_impulse", np.float64, (2,)),  # across it, on disc i [mass length/time]
+        ("place", np.float64, (2,)),  # where they touch [length]
+    ]
+)
+"""A collision, as observers are given it."""
+
+ROOM, ROOM_OF_A_DISC = 4096, 2
+"""Rows of all logs together: so many, and so many more for each disc."""
+
+
+def specs_of(count: int, workers: int, least: int = 0) -> dict[str, ArraySpec]:
+    """The arrays of the logs in a block, with room for at least so many rows in each."""
+    room = max((ROOM + ROOM_OF_A_DISC * count) // workers, least, 1)
+    return {
+        log.ROWS: ArraySpec(log.COLLISION, (workers, room)),
+        log.STATE: ArraySpec(np.dtype(np.int64), (workers, log.STATE_SIZE)),
+    }
+
+
+def longest(arrays: Mapping[str, Any]) -> int:
+    """Rows of the longest log, those that did not fit included."""
+    return int(arrays[log.STATE][:, log.COUNT].max())
+
+
+def fit(arrays: Mapping[str, Any]) -> bool:
+    """Whether all rows have fitted the logs."""
+    return longest(arrays) <= arrays[log.ROWS].shape[1]
+
+
+def emptied(arrays: Mapping[str, Any]) -> NDArray[Any]:
+    """The rows of all logs that are not to be taken back, which they then hold no more. Called between two commands."""
+    found = []
+    for rows, state in zip(arrays[log.ROWS], arrays[log.STATE], strict=True):
+        agreed, count = int(state[log.AGREED]), min(int(state[log.COUNT]), len(rows))
+        found.append(rows[:agreed].copy())
+        rows[: count - agreed] = rows[agreed:count].copy()
+        state[log.COUNT] -= agreed
+        state[log.AGREED] = 0
+    return np.concatenate(found)
+
+
+def table_of(rows: NDArray[Any], frame: Any, time: Any, scene: Scene) -> NDArray[Any]:
+    """The table of some rows, in its one order: TABLE.
+
+    The order is that of frame, time, disc, and partner; where all of these are equal, whatever else tells two apart.
+
+    Args:
+        rows: of the logs, with numbers of discs as in the scene.
+        frame, time: of each.
+        scene: of the simulation.
+    """
+    table = np.zeros(len(rows), TABLE)
+    table["frame"], table["time"] = frame, time
+    for name in ("kind", "i", "j", "impulse", "tangential_impulse", "place"):
+        table[name] = rows[name]
+    _name_obstacles(table, scene)
+    _put_lower_disc_first(table)
+    for axis, length in enumerate((scene.width, scene.height)):
+        if scene.periodic[axis]:
+            place = np.mod(table["place"][:, axis], length)
+            table["place"][:, axis] = np.where(place == length, 0.0, place)
+    return in_order(table)
+
+
+def in_order(table: NDArray[Any]) -> NDArray[Any]:
+    """A table in the order of `table_of`; itself, if it is in order."""
+    before, after = table[:-1], table[1:]
+    late = (before["frame"] > after["frame"]) | ((before["frame"] == after["frame"]) & (before["time"] > after["time"]))
+    if late.any():
+        table = table[np.lexsort((table["time"], table["frame"]))]
+    same = (table["frame"][1:] == table["frame"][:-1]) & (table["time"][1:] == table["time"][:-1])
+    if same.any():
+        tied = np.append(same, False) | np.append(False, same)
+        table, ties = table.copy(), table[tied]
+        vectors = [ties[name][:, axis] for name in ("impulse", "place") for axis in (1, 0)]
+        table[tied] = ties[np.lexsort((*vectors, ties["kind"], ties["j"], ties["i"], ties["time"], ties["frame"]))]
+    return table
+
+
+def _name_obstacles(table: NDArray[Any], scene: Scene) -> None:
+    met = table["kind"] == log.OBSTACLE
+    if met.any():
+        table["j"][met] = _obstacle_of_row(scene)[table["j"][met]]
+
+
+def _obstacle_of_row(scene: Scene) -> NDArray[np.int64]:
+    """Index of the obstacle to which each capsule of the kernels belongs, images included."""
+    size = scene.width, scene.height
+    source = capsules.with_images(scene.capsules, size, scene.periodic, scene.largest_radius).source
+    return np.repeat(np.arange(len(scene.obstacles)), [len(each.capsules()) for each in scene.obstacles])[source]
+
+
+def _put_lower_disc_first(table: NDArray[Any]) -> None:
+    swapped = (table["kind"] == log.DISC) & (table["i"] > table["j"])
+    table["i"][swapped], table["j"][swapped] = table["j"][swapped], table["i"][swapped]
+    table["impulse"][swapped] *= -1
+    table["tangential_impulse"][swapped] *= -1
+
+
+def no_collisions() -> NDArray[Any]:
+    """An empty table."""
+    return np.zeros(0, TABLE)
+
+
+def joined(tables: list[NDArray[Any]]) -> NDArray[Any]:
+    """Several tables as one."""
+    return np.concatenate([no_collisions(), *tables])
+
+
+# --- Reads discs where a solver stores them, without copies in the order of their numbers
+
+
+class InPlace(NamedTuple):
+    """N discs where they lie, in any order. Views: they may be read until the solver does something else, not kept.
+
+    Attributes:
+        x, y: shape (N,) [length]; along a periodic axis up to a period beyond the border.
+        vx, vy: shape (N,) [length/time].
+        number: of each disc, int32, shape (N,).
+        absent: which discs have left, by number, shape (N,); None: none can.
+        box: where the walls are now [length].
+        frame, time: frames done, and time [time], since the start.
+        radii: radius of each disc, by number, shape (N,) [length].
+    """
+
+    x: NDArray[np.floating]
+    y: NDArray[np.floating]
+    vx: NDArray[np.floating]
+    vy: NDArray[np.floating]
+    number: NDArray[np.int32]
+    absent: NDArray[np.bool_] | None
+    box: Box
+    frame: int
+    time: float
+    radii: NDArray[np.float64]
+
+
+def in_place(state: State, box: Box, frame: int, time: float, radii: NDArray[np.float64]) -> InPlace:
+    """The discs of a state, where that has them.
+
+    Args:
+        state: of N discs.
+        box: where the walls are if the state does not say [length].
+        frame, time, radii: as above.
+
+    >>> state = State(np.array([[1.0, 2.0], [3.0, 4.0]]), np.zeros((2, 2)))
+    >>> found = in_place(state, (0.0, 5.0, 0.0, 5.0), 0, 0.0, np.full(2, 0.5))
+    >>> found.y.tolist(), found.number.tolist(), found.absent
+    ([2.0, 4.0], [0, 1], None)
+    """
+    (x, y), (vx, vy), absent = state.position.T, state.velocity.T, None if state.present.all() else ~state.present
+    number = np.arange(len(x), dtype=np.int32)
+    return InPlace(x, y, vx, vy, number, absent, box if state.box is None else state.box, frame, time, radii)
+
+
+# --- The protocol of all solvers, which the rest of the engine uses
+#
+# A new method is one file with a class that derives from `Solver`, a line in `methods.METHODS`, and its name in
+# `METHODS` of `scene/settings.py`. Callers ask for `capabilities` (`methods.capabilities_of`), never for a class or a
+# name.
 
 Result = TypeVar("Result")
 OnWorkerDeath = Literal["raise", "restart"]

@@ -3,21 +3,22 @@
 import math
 import os
 from abc import abstractmethod
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
+from mpsim.core.columns import kept_sizes
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
-from mpsim.engine.columns import given_in
-from mpsim.engine.feature_arrays import feature_specs, fill_features
-from mpsim.engine.solvers import stepped_snapshot
-from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Result
-from mpsim.engine.solvers.discs import (
+from mpsim.engine.feature_arrays import feature_specs, fill_features, given_in, typical_momentum, wall_limits
+from mpsim.engine.solvers import base, stepped
+from mpsim.engine.solvers.base import Choice, InPlace, NewDiscs, Origin, Result, Slice, Snapshot, count_in
+from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, disc_too_fast, fastest_in
+from mpsim.engine.solvers.stepped import (
+    SteppedSolver,
     absorbed_in,
     first_not_finite,
     live_discs,
@@ -25,23 +26,161 @@ from mpsim.engine.solvers.discs import (
     state_in,
     write_discs,
 )
-from mpsim.engine.solvers.in_place import InPlace
-from mpsim.engine.solvers.parameters import Present, configure
-from mpsim.engine.solvers.slices import Slice
-from mpsim.engine.solvers.snapshots import Snapshot, count_in
-from mpsim.engine.solvers.speed_limit import disc_too_fast, fastest_in
-from mpsim.engine.solvers.speeds import Speeds
-from mpsim.engine.solvers.step_log import Begun, StepLog
-from mpsim.engine.solvers.stepped import SteppedSolver
-from mpsim.engine.workers.arrays import block_arrays
-from mpsim.engine.workers.shared import SharedBlock
-from mpsim.engine.workers.system_limits import resident_bytes
+from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, Grid, SharedBlock, block_arrays, resident_bytes
 from mpsim.errors import DivergedError
+from mpsim.features import FEATURES
+from mpsim.features.edges import EDGES
 from mpsim.features.radii import has_radii
-from mpsim.kernels import layout
+from mpsim.kernels import collision_log, records
 from mpsim.kernels.collision_log import ROWS
+from mpsim.kernels.features.hooks import prepare_first_step
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+# --- The log of collisions of stepped solvers
+
+
+class Begun(NamedTuple):
+    """When a command began, and what then was in force.
+
+    Attributes:
+        scene: in force.
+        origin: since when it is.
+        frame: frames done.
+        dt: length of a frame [time].
+        substeps: steps of each.
+    """
+
+    scene: Scene
+    origin: Origin
+    frame: int
+    dt: float
+    substeps: int
+
+
+class StepLog:
+    """What is in the logs of a block, as tables, and how much room there is in them.
+
+    Attributes:
+        frames_that_fit: frames that a command may have, so that a log is about half full after it; at least one.
+    """
+
+    def __init__(self) -> None:
+        self._least = 1
+        self._tables: list[NDArray[Any]] = []
+        self.frames_that_fit: int = MOST_FRAMES
+
+    def specs(self, count: int, workers: int) -> dict[str, ArraySpec]:
+        """The arrays of the logs in a block for so many discs."""
+        return base.specs_of(count, workers, self._least)
+
+    def begin(self, arrays: Mapping[str, Any]) -> None:
+        """Empty the logs for a command."""
+        arrays[collision_log.STATE][:] = 0
+
+    def take(self, arrays: Mapping[str, Any], frames: int, begun: Begun) -> bool:
+        """Take over what a command of so many frames has left in the logs. False: not all of it has fitted.
+
+        Then a block that is made from now on has room for it.
+        """
+        longest, room = base.longest(arrays), arrays[collision_log.ROWS].shape[1]
+        if longest > room:
+            self._least = 2 * longest
+            return False
+        self.frames_that_fit = max(min(frames * room // (2 * longest or 1), 2 * self.frames_that_fit, MOST_FRAMES), 1)
+        arrays[collision_log.STATE][:, collision_log.AGREED] = arrays[collision_log.STATE][:, collision_log.COUNT]
+        self._tables.append(_table(base.emptied(arrays), begun))
+        return True
+
+    def taken(self) -> NDArray[Any]:
+        """The collisions since the last call."""
+        tables, self._tables = self._tables, []
+        return base.in_order(base.joined(tables))
+
+
+def _table(rows: NDArray[Any], begun: Begun) -> NDArray[Any]:
+    step, origin = rows["span"] - 1, begun.origin
+    frame, ended = begun.frame + step // begun.substeps, (step % begun.substeps + 1) / begun.substeps
+    time = origin.time + ((frame - origin.frame + ended) * begun.dt - rows["time"])
+    for edge in range(4):
+        hit = (rows["kind"] == collision_log.WALL) & (rows["j"] == edge)
+        rows["place"][hit, edge // 2] = _wall_at(begun.scene, edge, time[hit])
+    return base.table_of(rows, frame + 1, time, begun.scene)
+
+
+def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDArray[np.float64]:
+    """Where the wall of an edge is at times [length]."""
+    wall = scene.moving_wall
+    if wall is None or wall.edge != edge:
+        return scene.box[edge]
+    return np.array([wall.place(each) for each in time.tolist()])
+
+
+# --- The records `parameters` and `control` of stepped solvers, from scene, settings and number of discs
+
+
+class Present(NamedTuple):
+    """What changes while a scene is simulated.
+
+    Attributes:
+        radii: of all discs, shape (N,) [length].
+        grid: of the broad phase.
+        giant: radius above which discs are kept out of it [length]; None: there are no such discs.
+        substeps: steps of a frame.
+        speed_limit: when a disc is too fast.
+        origin: frame and time from which frames and steps are counted.
+        unguarded: whether neighbouring columns are resolved at the same time, a race.
+    """
+
+    radii: NDArray[np.float64]
+    grid: Grid
+    giant: float | None
+    substeps: int
+    speed_limit: SpeedLimit
+    origin: tuple[int, float]
+    unguarded: bool = False
+
+
+def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Present) -> None:
+    """Write both records into a block."""
+    grid, dt = now.grid, settings.dt / now.substeps
+    smallest = float(now.radii.min(initial=scene.largest_radius))
+    common = None if has_radii(scene) else scene.largest_radius
+    parameters = arrays["parameters"]
+    parameters.dt = dt
+    parameters.diameter = 2 * scene.largest_radius
+    parameters.limit[:] = wall_limits(scene)
+    parameters.cells_per_x = grid.columns / scene.width
+    parameters.cells_per_y = grid.rows / scene.height
+    parameters.half_one_plus_e = (1 + scene.restitution) / 2
+    parameters.wall_restitution = scene.wall_restitution
+    parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
+    parameters.tally_scale = _tally_scale(scene, settings)
+    parameters.fast = now.speed_limit.square(dt, common, smallest, settings.precision)
+    for feature in FEATURES:
+        feature.begin(scene, arrays, settings.dt, now.origin)
+    if "giants" in arrays:
+        arrays["giants"][0] = np.inf if now.giant is None else now.giant
+    control = arrays["control"]
+    control.count = len(now.radii)
+    control.columns = grid.columns
+    control.rows = grid.rows
+    control.cells = grid.table_size - 1
+    control.substeps = now.substeps
+    control.law = records.LAWS[settings.law].number
+    control.contact = records.CONTACTS[settings.contact]
+    control.passes = settings.passes
+    control.race_free = int(not now.unguarded)
+    control.absorbing[:] = [edge in scene.absorbing for edge in EDGES]
+    prepare_first_step(arrays)
+
+
+def _tally_scale(scene: Scene, settings: Settings) -> float:
+    """A power of two that makes a typical momentum some 2^32: fine steps, and 2^31 discs' worth of room above."""
+    typical = typical_momentum(scene, settings.dt)
+    # Where the exponent of the run's floats would end, sums are coarser or the room above is less.
+    most = np.finfo(settings.precision).maxexp - 28
+    return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -most, most))
 
 
 class BlockSolver(SteppedSolver):
@@ -87,7 +226,7 @@ class BlockSolver(SteppedSolver):
 
     def _failure(self, abort: int) -> Exception:
         """The exception for a command that has ended before its time."""
-        assert abort == layout.BAD_STATE
+        assert abort == records.BAD_STATE
         frame = self.frame + int(self._block.arrays["team"][0].frame)
         particle, position, velocity = first_not_finite(self._block)
         return DivergedError(particle, frame, position, velocity)
@@ -130,7 +269,7 @@ class BlockSolver(SteppedSolver):
         """Run frames."""
         self._write_command(frames, workers, stop)
         abort = self._run_command(workers)
-        if abort != layout.RUNNING:
+        if abort != records.RUNNING:
             raise self._failure(abort)
         arrays = self._block.arrays
         frames = int(arrays["control"].frames)
@@ -168,7 +307,7 @@ class BlockSolver(SteppedSolver):
         control = self._block.arrays.get("control")
         if self._moving or control is None:  # none after `close`
             return self._moving
-        left = control.signals[layout.ABORT] or control.signals[layout.BAD]
+        left = control.signals[records.ABORT] or control.signals[records.BAD]
         return bool(left and control.done == self._begun)
 
     @property
@@ -258,7 +397,7 @@ class BlockSolver(SteppedSolver):
 
     def snapshot(self) -> Snapshot:
         """Copies of everything that the next frame depends on, in the order of the scene's discs."""
-        return stepped_snapshot.taken(self._block, self._radii, self._masses)
+        return stepped.taken(self._block, self._radii, self._masses)
 
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
         """Go back (or on) to a snapshot, on new workers: those that were there may be dead."""

@@ -1,25 +1,435 @@
-"""The shared block of the exact solver: its arrays for a scene, and the arguments of its kernels."""
+"""The shared block of the exact solver: scenes it takes, their features, its arrays and snapshots."""
 
+import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.solvers import collisions, event_features, event_snapshot
-from mpsim.engine.solvers.base import Origin
-from mpsim.engine.solvers.event_scene import refuse_overlap
+from mpsim.core import checks
+from mpsim.core.columns import EXITS, Column, in_state
+from mpsim.core.state import State
+from mpsim.engine.feature_arrays import columns_of
+from mpsim.engine.solvers import base
+from mpsim.engine.solvers.base import MOST_STEPS, REAL, Origin, Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
-from mpsim.engine.workers.arrays import ArraySpec
-from mpsim.engine.workers.shared import SharedBlock
-from mpsim.errors import InputError
+from mpsim.engine.workers.shared import ArraySpec, SharedBlock
+from mpsim.errors import InputError, StalledError
 from mpsim.features import FEATURES
+from mpsim.features.capsules import lists_of_cells
+from mpsim.features.edges import kinds_of
+from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.radii import has_radii
+from mpsim.features.thermostat import probability_of
 from mpsim.kernels import collision_log
+from mpsim.kernels import records as shared
+from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
-from mpsim.kernels.events import state as stores
-from mpsim.kernels.events.boundary import Box
+from mpsim.kernels.events.boundary import COARSE, Box
+from mpsim.kernels.events.cells import plan_cells
+from mpsim.kernels.events.features.capsules import Capsules
 from mpsim.kernels.events.features.hooks import features_of
+from mpsim.kernels.events.features.piston import Wall
+from mpsim.kernels.events.solver import worst_overlap
+from mpsim.measure.moments import gravity_strength, is_inelastic, thermal_speed
 from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+# --- Scenes for the exact solver: which are unsupported, and the units and times derived from a scene
+
+GUARD = 1e-6
+"""The contact-time guard, as a fraction of the time in which a typical disc moves the smallest radius: an impact so
+soon after the last one loses no energy. Small against any time between collisions of a gas, large against rounding."""
+
+AT_REST = 0.02
+"""A contact time for scenes that come to rest, likewise: most then reach the end of a run, and a disc that hovers in
+such bounces rises by less than a ten-thousandth of its radius."""
+
+CRUSHING = 1e4
+"""So many times as fast as any disc at the start is one to which a wall that moves leaves no room: the gap in which it
+bounces is then a ten-thousandth of what it was."""
+
+LONGEST = 1e100
+"""Frame that is taken at most [time], and one over the slowest scene [length/time]."""
+
+MOST_CROSSINGS = 1e10
+"""Crossings of the box by a disc in one frame: some minutes of them, in the smallest scene."""
+
+
+ROUNDING = 1e-12
+"""Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
+
+
+def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
+    """Raise InputError for what the exact solver cannot do exactly, by name."""
+    refusals = {
+        **{law.not_exact: word == settings.law for word, law in shared.LAWS.items() if law.not_exact},
+        "precision='float32'": settings.precision != "float64",
+        **{kind.not_exact: True for kind in kinds_of(scene.boundary) if kind.not_exact},
+        **{feature.not_exact: feature.is_in(scene) for feature in FEATURES if feature.not_exact},
+        **{f"a {kind.__name__}": True for kind in {*map(type, scene.obstacles)} - {*OBSTACLES.exact}},
+    }
+    for what, present in refusals.items():
+        if present:
+            raise InputError(f"method='event' cannot do {what}. Leave it out, or use method='grid'.")
+    refuse_extremes(scene, scene.velocity, settings.dt)
+    _refuse_long_contacts(scene, settings.contact_time)
+
+
+def _refuse_long_contacts(scene: Scene, contact_time: float | None) -> None:
+    """Raise InputError for a contact time above `longest_contact_time` [time]."""
+    longest = longest_contact_time(scene)
+    if contact_time is not None and contact_time > longest:
+        raise InputError(
+            f"contact_time must be at most {longest:.3g} in this scene: with a longer one, discs that should rest "
+            f"under gravity of {gravity_strength(scene):.3g} bounce higher than their radius, "
+            f"{scene.smallest_radius:.3g}; got {contact_time:.3g}. Give a shorter one, such as "
+            f"{contact_time_at_rest(scene):.1g}."
+        )
+
+
+def refuse_extremes(scene: Scene, velocity: NDArray[np.floating], dt: float) -> None:
+    """Raise InputError for speeds whose squares vanish, and frames so long that no run would reach their end.
+
+    velocity: of all discs, shape (N, 2) [length/time].
+    """
+    if dt > LONGEST:
+        raise InputError(f"dt must be at most {LONGEST:g} for method='event'; got {dt:g}. Choose other units of time.")
+    fastest = float(np.abs(velocity).max(initial=0.0))
+    if 0 < fastest < 1 / LONGEST:
+        raise InputError(
+            f"velocity must be at least {1 / LONGEST:g} for method='event', or all zero, so that squares do not "
+            f"vanish; the fastest is {fastest:g}. Choose other units of time."
+        )
+    fall = math.sqrt(gravity_strength(scene) * scene.height)
+    push = 0.0 if scene.moving_wall is None else 2 * abs(scene.moving_wall.speed)
+    crossings = (fastest + fall + push) * dt / max(scene.width, scene.height)
+    if crossings > MOST_CROSSINGS and fastest < LONGEST:  # which is refused with its disc
+        raise InputError(
+            f"dt must be short enough for method='event' to end a frame: one of {dt:g} would take the fastest disc "
+            f"{crossings:.3g} times through the box; at most {MOST_CROSSINGS:g} are tried. Use a smaller dt."
+        )
+
+
+def units_of(scene: Scene, dt: float) -> tuple[float, float]:
+    """Units of sums of impulses [mass length/time] and of virials [mass length^2/time]: powers of two."""
+    diameter = 2 * scene.largest_radius or 1.0
+    mass = float(scene.masses.max(initial=0.0)) or 1.0
+    impulse = mass * (_typical_speed(scene) or diameter / dt)
+    coarse = math.ldexp(COARSE, math.frexp(impulse)[1])
+    return coarse, math.ldexp(coarse, math.frexp(diameter)[1])
+
+
+def contact_time_of(scene: Scene, dt: float) -> float:
+    """The contact time of the guard [time]."""
+    return GUARD * _time_of_a_radius(scene, dt)
+
+
+def contact_time_at_rest(scene: Scene, dt: float = 1.0) -> float:
+    """A contact time with which most scenes that come to rest reach the end of a run [time]."""
+    return AT_REST * _time_of_a_radius(scene, dt)
+
+
+def longest_contact_time(scene: Scene) -> float:
+    """A contact time in which a bounce under gravity is as high as the smallest radius; inf without gravity [time]."""
+    gravity, radius = gravity_strength(scene), scene.smallest_radius
+    return math.sqrt(8 * radius / gravity) if gravity and radius else math.inf
+
+
+def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float | None = None) -> float | None:
+    """Speed of a disc that a wall crushes [length/time]; None without a wall that moves.
+
+    velocity: of discs that are there or come in [length/time]. least: the speed so far.
+    """
+    if scene.moving_wall is None:
+        return None
+    fall = math.sqrt(2 * gravity_strength(scene) * (scene.width + scene.height))
+    fastest = max(_typical_speed(scene), float(np.abs(velocity).max(initial=0.0)), fall)
+    return max(CRUSHING * fastest, least or 0.0)
+
+
+def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> StalledError:
+    """The error for a disc that a wall has made so fast [length/time] by a time [time]."""
+    wall = scene.moving_wall
+    assert wall is not None
+    return StalledError(
+        f"disc {disc} is crushed in frame {frame}: the {wall.name}, now at {wall.place(time):.6g} and on its way to "
+        f"{wall.stop:g}, leaves it no room before an obstacle, a wall or other discs, and has driven it to a speed of "
+        f"{speed:.3g}, more than {CRUSHING:g} times any at the start. Let the {wall.name} stop earlier, or make room "
+        "for the discs before it."
+    )
+
+
+def stalled(scene: Scene, dt: float, disc: int, frame: int, contact_time: float) -> StalledError:
+    """The error for a disc that collides without end at one instant."""
+    what = f"disc {disc} collided without end at one instant of frame {frame}. Time must pass between collisions"
+    moving = "" if scene.moving_wall is None else f", let the {scene.moving_wall.name} stop earlier"
+    if not is_inelastic(scene) and scene.gravity is None:
+        return StalledError(
+            f"{what}, but the disc touches others or walls on all sides, as in a crystal without gaps, and no "
+            f"collision takes energy. Give the discs more room (a larger box or a smaller radius){moving}, or use "
+            "method='grid'."
+        )
+    longer = min(max(contact_time_at_rest(scene, dt), 10 * contact_time), longest_contact_time(scene))
+    sticky = ", a restitution above 0" if min(scene.restitution, scene.wall_restitution) == 0 else ""
+    return StalledError(
+        f"{what}; the contact time of the guard is {contact_time:.3g}. Give a longer one, such as "
+        f"contact_time={longer:.1g}{sticky} or the discs more room{moving}, or use method='grid'."
+    )
+
+
+def _time_of_a_radius(scene: Scene, dt: float) -> float:
+    """Time in which a typical disc moves the smallest radius; dt where nothing moves by itself [time]."""
+    speed = _typical_speed(scene)
+    return scene.smallest_radius / speed if speed > 0 else dt
+
+
+def _typical_speed(scene: Scene) -> float:
+    """Speed of a typical disc, or of one that has fallen its radius, is emitted, or is in a heat bath [length/time]."""
+    squares = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
+    smallest = scene.smallest_radius
+    speeds = [
+        math.sqrt(squares + gravity_strength(scene) * smallest),
+        *(math.hypot(*np.array(each.velocity)) for each in scene.emitters),
+        0.0 if scene.moving_wall is None else abs(scene.moving_wall.speed),
+        thermal_speed(scene),
+    ]
+    return max(speeds)
+
+
+def refuse_overlap(system: tuple[Any, Any, Any], diameter: float) -> None:
+    """Raise InputError for discs that overlap by more than rounding, naming the worst pair.
+
+    Args:
+        system: store, box and features of a scene just placed.
+        diameter: of the largest disc [length].
+    """
+    first, second, depth = worst_overlap(*system)
+    if depth > ROUNDING * diameter:
+        raise InputError(
+            "method='event' needs discs that do not overlap; discs "
+            f"{min(first, second)} and {max(first, second)} overlap by {depth:.3g}, the most of all. Move them "
+            "apart, or run a few frames with method='grid' and start from there."
+        )
+
+
+# --- Data of features for the kernels of the exact solver, apart from columns
+
+
+def given(scene: Scene, cells: tuple[int, int], dt: float, origin: Origin) -> dict[str, Any]:
+    """Arrays and records by their names in `hooks.Features`, for so many columns and rows of cells.
+
+    dt: length of a frame [time]. origin: from which frames and the clock count.
+    """
+    found: dict[str, Any] = {"capsules": _capsules(scene, cells)} if len(scene.capsules) else {}
+    if (bath := scene.thermostat) is not None:
+        found["thermostat"] = (probability_of(bath, dt), bath.temperature, bath.seed, origin.frame)
+    if (wall := scene.moving_wall) is not None:
+        edge, start, stop, speed, began = wall[1:]
+        found["moving_wall"] = Wall(edge, start, stop, speed, wall.arrival, began - origin.time)
+    return found
+
+
+def absorbed_in(found: dict[str, NDArray[Any]], count: int) -> NDArray[np.bool_]:
+    """Which discs have been absorbed, shape (count,), by their columns."""
+    return found[EXITS.name][:, 0] != 0 if EXITS.name in found else np.zeros(count, bool)
+
+
+def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: NDArray[np.float64]) -> State:
+    """The state at a time [time] of discs whose columns are given by name; it takes over these arrays.
+
+    A wall that moves is where it is then, and present discs on it, of these radii [length], are not a rounding beyond.
+    Absent discs stay where they left, and have nothing that does not rest.
+    """
+    absorbed = absorbed_in(found, len(radii))
+    found = {
+        name: found[name] for name in ("position", "velocity", *(each.name for each in in_state())) if name in found
+    }
+    for column in in_state():
+        if column.name in found and not column.rests:
+            found[column.name][absorbed] = 0
+    if (wall := scene.moving_wall) is not None:
+        least, most = (limit[..., wall.axis] for limit in scene.limits(radii, time))
+        along = found["position"][:, wall.axis]
+        np.clip(along, least, most, out=along, where=~absorbed)
+    return State(**found, present=~absorbed, box=scene.box_at(time))
+
+
+def _capsules(scene: Scene, cells: tuple[int, int]) -> Capsules:
+    """The scene's capsules, listed by cells."""
+    capsule = OBSTACLES.arrays(scene)["capsule"]
+    lists, shift = lists_of_cells(capsule, (scene.width, scene.height), scene.largest_radius, cells)
+    return Capsules(capsule, lists.near, lists.listed, int(lists.grid[1]), shift)
+
+
+# --- Snapshots of the exact solver: their content, and checks of it
+
+SLACK = 1e-6
+"""Fraction of a cell by which rounding may have put a centre beyond its limit."""
+
+PARTNER = (records.EVENT.names or ()).index("partner")
+
+CRUSHING_SPEED = "crushing_speed"
+"""That of a scene with a wall that moves [length/time], by name, shape (1,)."""
+
+_SAVED_AS = {"image": "winding"}
+"""Columns that have another name in a snapshot."""
+
+# --- columns
+
+
+def columns_in(scene: Scene) -> list[Column]:
+    """Columns of the exact solver's discs, which lie in its block in the order of its own numbers."""
+    return [Column("radius", "radius", kept=False, in_state=False)] * has_radii(scene) + columns_of(scene)
+
+
+def column_shapes(scene: Scene, count: int) -> Shapes:
+    """dtype and shape of the array of each in the block."""
+    return {each.name: (each.dtype(REAL), (count, *each.components)) for each in columns_in(scene)}
+
+
+def columns_of_discs(scene: Scene, count: int, values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Columns of so many discs, from what is known of them by name; the others are zero."""
+    found: dict[str, NDArray[Any]] = {}
+    for name, (dtype, shape) in column_shapes(scene, count).items():
+        given = values.get(name)
+        found[name] = np.zeros(shape, dtype) if given is None else given
+    return found
+
+
+def _saved_columns(scene: Scene) -> dict[str, str]:
+    """Those that a snapshot holds: name there -> name of the array."""
+    return {_SAVED_AS.get(each.name, each.name): each.name for each in columns_in(scene) if each.kept}
+
+
+def cells_for(scene: Scene, count: int) -> tuple[int, int]:
+    """Columns and rows of cells for so many discs, and for obstacles as for discs: short lists of both."""
+    return plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count + len(scene.capsules))
+
+
+# --- a snapshot
+
+
+def taken(scene: Scene, arrays: dict[str, Any]) -> Snapshot:
+    """What a snapshot holds of the arrays of a block, discs by number. No radii and masses, and no calendar."""
+    place = np.argsort(arrays["event"]["number"])  # of each disc
+    by_disc = ("disc", "event")
+    found = {name: records.numbers(arrays[name][place] if name in by_disc else arrays[name]) for name in stores.KEPT}
+    number = np.append(arrays["event"]["number"], -1)  # of what lies at each place, and of none
+    found["event"][:, PARTNER] = number[found["event"][:, PARTNER]]
+    found = {name: np.array(values) for name, values in found.items()}
+    return found | {saved: arrays[name][place] for saved, name in _saved_columns(scene).items()}
+
+
+def put_back(scene: Scene, arrays: dict[str, Any], snapshot: Snapshot) -> None:
+    """Write a snapshot into the arrays of a new block, the calendar aside."""
+    for name in stores.KEPT:
+        records.numbers(arrays[name])[...] = snapshot[name]
+    arrays["event"]["number"] = np.arange(len(arrays["order"]))
+    for saved, name in _saved_columns(scene).items():
+        if saved in snapshot:  # counts of periods are not in files of older versions
+            arrays[name][...] = snapshot[saved]
+    for name, values in (("radius", snapshot["radii"]), ("mass", snapshot["masses"])):
+        if name in arrays:
+            arrays[name][...] = values[arrays["order"]]
+
+
+def crushing_speed_in(scene: Scene, snapshot: Snapshot) -> float | None:
+    """The crushing speed of a snapshot [length/time]; None without a wall that moves.
+
+    Files of older versions do not hold it: there it follows from the discs as they are now.
+    """
+    if CRUSHING_SPEED in snapshot:
+        return float(snapshot[CRUSHING_SPEED][0])
+    return crushing_speed_of(scene, records.of_numbers(records.DISC, snapshot["disc"])["velocity"])
+
+
+def shapes(scene: Scene, count: int) -> Shapes:
+    """dtype and shape of every array of a snapshot."""
+    layout, columns = stores.layout(count, cells_for(scene, count)), column_shapes(scene, count)
+    blank = {name: records.numbers(np.empty(layout[name][1], layout[name][0])) for name in stores.KEPT}
+    found: Shapes = {name: (array.dtype, array.shape) for name, array in blank.items()}
+    found |= {saved: columns[name] for saved, name in _saved_columns(scene).items()}
+    totals = records.numbers(np.empty((), records.TOTALS))
+    if scene.moving_wall is not None:
+        found[CRUSHING_SPEED] = (REAL, (1,))
+    return found | shapes_in_each(count) | {"seen": (totals.dtype, totals.shape), "units": (REAL, (2,))}
+
+
+# --- one from a file
+
+
+def check(scene: Scene, arrays: Snapshot, dt: float) -> None:
+    """Raise ValueError unless discs, events and lists of a snapshot go together, frames being dt long [time]."""
+    disc, count = records.of_numbers(records.DISC, arrays["disc"]), len(arrays["order"])
+    demand(checks.equal(np.sort(arrays["order"]), np.arange(count)), "order must be a permutation")
+    flight = ("position", "velocity", "last_update")
+    demand(all(np.isfinite(disc[name]).all() for name in flight), "position, velocity and their time must be finite")
+    for saved in _saved_columns(scene):
+        demand(saved not in arrays or np.isfinite(arrays[saved]).all(), f"{saved} must be finite")
+    times = np.stack([disc["collision_time"], disc["crossing_time"], disc["last_contact"]])
+    demand(not np.isnan(times).any(), "times of events must not be NaN")
+    demand((times[:2] >= 0).all(), "no event may lie before the present lap")
+    units = arrays["units"]
+    demand(((units > 0) & (np.frexp(units)[0] == 0.5)).all(), "units of impulses must be powers of two")
+    demand(CRUSHING_SPEED not in arrays or arrays[CRUSHING_SPEED][0] > 0, "the crushing speed must be > 0")
+    progress = records.of_numbers(records.PROGRESS, arrays["progress"])
+    _check_clock(arrays, frame_end=(int(progress.frame) + 1) * dt)
+    _check_links(scene, arrays)
+    if "winding" in arrays:
+        check_periods(scene, arrays["winding"])
+
+
+def _check_clock(arrays: Snapshot, frame_end: float) -> None:
+    """frame_end: of the frame in hand [time]."""
+    clock = records.of_numbers(records.CLOCK, arrays["clock"])
+    counter = records.of_numbers(records.COUNTER, arrays["counter"])
+    steps = stores.layout(len(arrays["order"]), (1, 1))["step_head"][1][0]
+    finite = np.isfinite(arrays["clock"]).all()
+    demand(finite and clock.origin >= 0 and clock.step > 0, "its clock must be finite, its step > 0")
+    whole = np.frexp(clock.step)[0] == 0.5 and clock.lap == clock.step * steps
+    demand(whole, "its step must be a power of two, its lap all steps")
+    last_update = records.of_numbers(records.DISC, arrays["disc"])["last_update"]
+    demand((last_update <= clock.now).all(), "no disc may be ahead of its present")
+    in_frame = clock.origin + clock.now <= frame_end * (1 + 1e-9)
+    demand(clock.now <= clock.lap and in_frame, "its present must lie in its lap and frame")
+    counts = (counter[name] for name in ("pairs", "walls", "guarded", "events", "lap_events", "stall"))
+    demand(all(each >= 0 for each in counts) and (arrays["counter"] <= MOST_STEPS).all(), "counts must be >= 0")
+
+
+def _check_links(scene: Scene, arrays: Snapshot) -> None:
+    """Whatever one array says of the place of something in another must be a place in it."""
+    disc, event = records.of_numbers(records.DISC, arrays["disc"]), records.of_numbers(records.EVENT, arrays["event"])
+    count, cells = len(disc), cells_for(scene, len(disc))
+    partner, side, cell = event["partner"], event["side"], event["cell"]
+    demand(((partner >= -1) & (partner < count)).all(), "partners must be discs")
+    meets = disc["collision_time"] < disc["crossing_time"]
+    demand(((partner >= 0) & (partner != np.arange(count)))[meets].all(), "an impact must have a partner")
+    after_capsules = records.FIRST_CAPSULE + len(OBSTACLES.arrays(scene).get("capsule", ()))
+    known = (side >= 0) & (side < after_capsules) & ((side != records.MOVING_WALL) | (scene.moving_wall is not None))
+    demand(known.all(), "a disc leaves its cell by one of four sides, or meets what is there before")
+    for axis, length in enumerate((scene.width, scene.height)):
+        along, place = cell[:, axis], disc["position"][:, axis]
+        demand(((along >= 0) & (along < cells[axis])).all(), "a disc must be in a cell of the box")
+        beyond = np.abs(place * (cells[axis] / length) - (along + 0.5)) - 0.5
+        demand((beyond <= max(SLACK * cells[axis], 1e-3)).all(), "a disc must be in its cell")
+    if "exits" in arrays:
+        _check_exits(arrays["exits"], disc)
+
+
+def _check_exits(exits: NDArray[np.float64], disc: Any) -> None:
+    """Discs that have left lie at rest where they did, and nothing more happens to them."""
+    demand(((exits[:, 0] == 0) | (exits[:, 0] == 1)).all(), "a disc has left or it has not")
+    gone, where = exits[:, 0] == 1, exits[:, 1:]
+    to_come = np.stack([disc["collision_time"], disc["crossing_time"]])[:, gone]
+    demand(np.isinf(to_come).all(), "a disc that has left must have no event")
+    demand((disc["velocity"][gone] == 0).all(), "a disc that has left must be at rest")
+    demand((where[~gone] == 0).all(), "only a disc that has left has done so somewhere")
+    demand((where[gone] == disc["position"][gone]).all(), "a disc that has left must lie where it did")
+
+
+# --- The shared block of the exact solver: its arrays for a scene, and the arguments of its kernels
 
 
 class System(NamedTuple):
@@ -55,11 +465,11 @@ class Plan(NamedTuple):
 
     def room(self, count: int) -> SharedBlock:
         """A block for so many discs, which is still to be made."""
-        cells, tiling = event_snapshot.cells_for(self.scene, count), self._tiling(count)
-        shapes = stores.layout(count, cells) | event_snapshot.column_shapes(self.scene, count)
+        cells, tiling = cells_for(self.scene, count), self._tiling(count)
+        shapes = stores.layout(count, cells) | column_shapes(self.scene, count)
         specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
         if self.logging:
-            specs |= collisions.specs_of(count, self.workers if tiling != WHOLE else 1)
+            specs |= base.specs_of(count, self.workers if tiling != WHOLE else 1)
         if tiling != WHOLE:
             laws = packed(self._box(count), features_of(self.scene, self._given(count)))
             specs |= specs_of(count, tiling, self.workers, shapes, laws)
@@ -105,19 +515,17 @@ class Plan(NamedTuple):
         """The tiles for so many discs."""
         if not all(feature.on_tiles for feature in FEATURES if feature.is_in(self.scene)):
             return WHOLE
-        cells = event_snapshot.cells_for(self.scene, count)
+        cells = cells_for(self.scene, count)
         return tiling_of(count, cells, self.scene.periodic, self.workers)
 
     def _box(self, count: int) -> Box:
         """The box with the cells for so many discs."""
         scene, (impulse, virial) = self.scene, self.units
         common = 0.0 if has_radii(scene) else scene.largest_radius
-        return Box(
-            scene.width, scene.height, *scene.periodic, *event_snapshot.cells_for(scene, count), common, impulse, virial
-        )
+        return Box(scene.width, scene.height, *scene.periodic, *cells_for(scene, count), common, impulse, virial)
 
     def _given(self, count: int) -> dict[str, Any]:
         """What features are given besides arrays of the block."""
-        cells = event_snapshot.cells_for(self.scene, count)
-        of_scene = event_features.given(self.scene, cells, self.dt, self.origin)
+        cells = cells_for(self.scene, count)
+        of_scene = given(self.scene, cells, self.dt, self.origin)
         return {"contact_time": self.contact_time, "crushing_speed": self.crushing_speed, **of_scene}

@@ -11,16 +11,27 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.columns import MASS
+from mpsim.core.columns import MASS, kept_sizes
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
-from mpsim.engine.columns import columns_of, given_in
-from mpsim.engine.frame_count import frames_until
-from mpsim.engine.solvers import collisions, event_features, event_snapshot
-from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Solver
-from mpsim.engine.solvers.event_block import Plan, System
-from mpsim.engine.solvers.event_scene import (
+from mpsim.engine.feature_arrays import columns_of, given_in
+from mpsim.engine.report import frames_until
+from mpsim.engine.solvers import base, event_block
+from mpsim.engine.solvers.base import (
+    MOST_COUNTED,
+    Capabilities,
+    Choice,
+    NewDiscs,
+    Origin,
+    Shapes,
+    Slice,
+    Snapshot,
+    Solver,
+    count_in,
+)
+from mpsim.engine.solvers.event_block import (
+    Plan,
+    System,
     contact_time_of,
     crushed,
     crushing_speed_of,
@@ -29,16 +40,13 @@ from mpsim.engine.solvers.event_scene import (
     stalled,
     units_of,
 )
-from mpsim.engine.solvers.event_windows import Windows
-from mpsim.engine.solvers.slices import MOST_COUNTED, Slice
-from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
-from mpsim.engine.workers.shared import SharedBlock
-from mpsim.engine.workers.system_limits import resident_bytes
+from mpsim.engine.solvers.event_tiles import Windows
+from mpsim.engine.workers.shared import SharedBlock, resident_bytes
 from mpsim.errors import DivergedError, StalledError
 from mpsim.kernels import collision_log
-from mpsim.kernels import layout as shared
+from mpsim.kernels import records as shared
 from mpsim.kernels import records as stepped
-from mpsim.kernels.events import calendar, records, solver, state
+from mpsim.kernels.events import calendar, cells, records, solver
 from mpsim.kernels.events.cells import link_cells
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -85,7 +93,7 @@ class EventSolver(Solver):
     def start(self) -> None:
         """Make the block with the scene's discs in it, which must not overlap."""
         scene, known = self._scene, {"radius": self._radii, "mass": self._masses}
-        columns = event_snapshot.columns_of_discs(scene, self.count, given_in(scene) | known)
+        columns = event_block.columns_of_discs(scene, self.count, given_in(scene) | known)
         self._system = self._plan.placed(self._block, scene.position, scene.velocity, columns, 0.0)
         self._begin()
 
@@ -207,12 +215,12 @@ class EventSolver(Solver):
         arrays = self._block.arrays
         if self._windows is None:
             arrays[collision_log.STATE][:, collision_log.AGREED] = arrays[collision_log.STATE][:, collision_log.COUNT]
-        rows = collisions.emptied(arrays)
+        rows = base.emptied(arrays)
         rows["i"] = self._system.store.order[rows["i"]]
         among_discs = rows["kind"] == collision_log.DISC
         rows["j"][among_discs] = self._system.store.order[rows["j"][among_discs]]
         frame, time = self.origin.frame + rows["span"] + 1, self.origin.time + rows["time"]
-        return collisions.table_of(rows, frame, time, self._scene)
+        return base.table_of(rows, frame, time, self._scene)
 
     # --- state
 
@@ -249,20 +257,20 @@ class EventSolver(Solver):
 
     def state(self) -> State:
         """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
-        return event_features.state_of(self._scene, self._clock_time, self._found(), self._radii)
+        return event_block.state_of(self._scene, self._clock_time, self._found(), self._radii)
 
     def _found(self) -> dict[str, NDArray[Any]]:
         """Positions, velocities and all columns but radii and masses, by name."""
-        kept = [column.name for column in event_snapshot.columns_in(self._scene) if column.kept]
+        kept = [column.name for column in event_block.columns_in(self._scene) if column.kept]
         store, box, features = self._system
-        return state.read_out(store, box, features, self._present, kept)
+        return cells.read_out(store, box, features, self._present, kept)
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,)."""
         if not self._scene.loses_discs:
             return np.zeros(self.count, bool)
-        return event_features.absorbed_in(self._found(), self.count)
+        return event_block.absorbed_in(self._found(), self.count)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs at the present time; refused if they overlap.
@@ -280,7 +288,7 @@ class EventSolver(Solver):
     def discs(self) -> NewDiscs:
         """Copies of all discs at the present time."""
         found = self._found()
-        now = event_features.state_of(self._scene, self._clock_time, found, self._radii)
+        now = event_block.state_of(self._scene, self._clock_time, found, self._radii)
         columns = {**found, **vars(now)}
         kept = {each.name: columns[each.name] for each in columns_of(self._scene) if each.name in columns}
         return NewDiscs(now.position, now.velocity, self._radii, {**kept, MASS.name: self._masses})
@@ -325,7 +333,7 @@ class EventSolver(Solver):
         """
         refuse_extremes(self._scene, discs.velocity, self._settings.dt)
         count, known = len(discs.position), {"radius": discs.radius, "mass": discs.mass}
-        columns = event_snapshot.columns_of_discs(self._scene, count, {**discs.columns, **known})
+        columns = event_block.columns_of_discs(self._scene, count, {**discs.columns, **known})
         before, self.choice = self.choice, choice  # who is to play it says what is in a block
         crushing = self._crushing_speed
         self._crushing_speed = crushing_speed_of(self._scene, given, crushing)
@@ -426,10 +434,10 @@ class EventSolver(Solver):
         """Copies of everything that the next event depends on; the calendar follows from the discs' next events."""
         if self._windows is not None:
             self._windows.link()
-        found = event_snapshot.taken(self._scene, self._block.arrays)
+        found = event_block.taken(self._scene, self._block.arrays)
         found |= {"radii": self._radii, "masses": self._masses, "units": np.array(self._units)}
         if self._crushing_speed is not None:
-            found[event_snapshot.CRUSHING_SPEED] = np.array([self._crushing_speed])
+            found[event_block.CRUSHING_SPEED] = np.array([self._crushing_speed])
         return found | {name: records.numbers(each).copy() for name, each in self._kept.items()}
 
     @property
@@ -441,11 +449,11 @@ class EventSolver(Solver):
         """Go back, or on, to a snapshot. There is room for no more discs than there are."""
         impulse, virial = snapshot["units"].tolist()
         self.choice, self._units = choice, (impulse, virial)
-        self._crushing_speed = event_snapshot.crushing_speed_in(self._scene, snapshot)
+        self._crushing_speed = event_block.crushing_speed_in(self._scene, snapshot)
         block = self._plan.room(count_in(snapshot))
         with block.closed_on_error():
             block.create()
-            event_snapshot.put_back(self._scene, block.arrays, snapshot)
+            event_block.put_back(self._scene, block.arrays, snapshot)
             system = self._plan.system_in(block)
             link_cells(*system)
             # The order of events is total: where the calendar keeps one cannot matter.
@@ -461,12 +469,12 @@ class EventSolver(Solver):
     @staticmethod
     def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
         """dtype and shape of every array of a snapshot of so many discs."""
-        return event_snapshot.shapes(scene, count)
+        return event_block.shapes(scene, count)
 
     @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
         """Raise ValueError for a snapshot in which no solver can have been, saying why."""
-        event_snapshot.check(scene, snapshot, settings.dt)
+        event_block.check(scene, snapshot, settings.dt)
 
     # --- the block
 

@@ -3,14 +3,13 @@
 import logging
 from typing import NamedTuple
 
-from mpsim.core.cores import may_start_processes, usable_cores
+from mpsim.core.machine import may_start_processes, usable_cores
 from mpsim.engine.notices import Notices
 from mpsim.engine.solvers.base import Capabilities, Choice, Processes, Solver
 from mpsim.engine.solvers.events import EventSolver
-from mpsim.engine.solvers.grid import GridSolver
+from mpsim.engine.solvers.grid import GridSolver, NaiveSolver
 from mpsim.engine.solvers.mpi import MpiSolver
 from mpsim.engine.solvers.mpi_ranks import ranks_of
-from mpsim.engine.solvers.naive import NaiveSolver
 from mpsim.errors import InputError
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import Settings

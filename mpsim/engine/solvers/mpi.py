@@ -6,45 +6,167 @@ columns that meet there, before the pass that resolves them. Columns are dealt i
 these have wandered.
 """
 
+import contextlib
 import math
 import os
 import time
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from itertools import chain
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
+from mpsim.core.columns import kept_sizes
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
+from mpsim.core.team import Team
 from mpsim.core.version import __version__
-from mpsim.engine.columns import columns_of, given_in
-from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin
-from mpsim.engine.solvers.discs import disc_at
-from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
-from mpsim.engine.solvers.mpi_numbers import DiscsByNumber
-from mpsim.engine.solvers.mpi_part import Part, refuse_giants
-from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator
-from mpsim.engine.solvers.mpi_speeds import There, speeds_on_ranks
-from mpsim.engine.solvers.mpi_together import OnRanks
-from mpsim.engine.solvers.parameters import Present
-from mpsim.engine.solvers.slices import Slice
-from mpsim.engine.solvers.snapshots import Snapshot
-from mpsim.engine.solvers.speed_limit import Fastest, disc_too_fast, fastest_in
-from mpsim.engine.solvers.speeds import Speeds
-from mpsim.engine.workers.arrays import Grid
-from mpsim.engine.workers.system_limits import resident_bytes
-from mpsim.errors import DivergedError, InputError
+from mpsim.engine.feature_arrays import columns_of, given_in
+from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Slice, Snapshot
+from mpsim.engine.solvers.block import Present
+from mpsim.engine.solvers.mpi_part import (
+    Asked,
+    Border,
+    DiscsByNumber,
+    Part,
+    Range,
+    answers_to_one,
+    borders_of,
+    dealt,
+    in_turns,
+    refuse_giants,
+)
+from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator, raised_together
+from mpsim.engine.solvers.speeds import Fastest, Speeds, Walls, disc_too_fast, fastest_in, sides_at, speeds_together
+from mpsim.engine.solvers.speeds import Part as SpeedsOfPart
+from mpsim.engine.solvers.stepped import SteppedSolver, disc_at
+from mpsim.engine.workers.shared import Grid, resident_bytes
+from mpsim.errors import BusyError, DivergedError, InputError
 from mpsim.features.radii import has_radii
-from mpsim.kernels import layout
+from mpsim.kernels import records
 from mpsim.kernels.compiling import source_digest
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
+# --- Common errors of ranks: an error on one rank is raised on all
+
 Result = TypeVar("Result")
+
+
+class OnRanks(SteppedSolver):
+    """A solver that several processes share, each as one rank; `_ranks` are there between `start` and `close`."""
+
+    _ranks: Communicator | None = None
+    _numbered: DiscsByNumber | None = None
+    _acts_once: bool = False  # this is the first rank, and the others wait for what it asks
+    _each_asks: bool = False  # each rank asks for discs of its own
+
+    @abstractmethod
+    def _by_number(self) -> DiscsByNumber:
+        """The discs of all ranks by number; as long as none moves."""
+
+    def _shared(self) -> Communicator:
+        assert self._ranks is not None  # between `start` and `close`
+        return self._ranks
+
+    def _on_all(self, act: Callable[[], None]) -> None:
+        """Act on each rank alone; what one of them raises, all raise."""
+        error: Exception | None = None
+        try:
+            act()
+        except Exception as raised:
+            error = raised
+        self._shared().raise_any(self._shared().all_of(error))
+
+    def together(self) -> contextlib.AbstractContextManager[None]:
+        """A block in which what one rank raises, all raise."""
+        return raised_together(self.choice.processes.comm)
+
+    def any_of(self, said: bool) -> bool:
+        """Whether something is so on any rank."""
+        return self._shared().agree(int(said), 0, 0).trouble > 0
+
+    def demand_alike(self, what: str, given: object) -> None:
+        """Refuse what differs on some ranks."""
+        if self._acts_once:
+            raise BusyError("what `once` calls may only read a simulation; it was to be changed. Do it on all ranks.")
+        self._shared().demand_alike(what, given)
+
+    def once(self, act: Callable[[], Result]) -> Result:
+        """What an act gives that rank 0 alone does; what it raises, all raise. It may read discs of all ranks."""
+        if self._acts_once:
+            return act()
+        ranks = self._shared()
+        self._acts_once = ranks.rank == 0
+        try:
+            return ranks.once(act, self._by_number().own)
+        finally:
+            self._acts_once, self._numbered = False, None
+
+    def jointly(self, act: Callable[[Team], Result]) -> Result:
+        """What an act gives that all ranks do. Signals wait for its end: no rank may leave it before the others."""
+        self._each_asks = True
+        try:
+            with interrupts_held_back():
+                return act(self._shared())
+        finally:
+            self._each_asks, self._numbered = False, None
+
+    def _told_of(self, asked: Asked) -> list[Any]:
+        """What each rank has of a range."""
+        ranks, own = self._shared(), self._by_number().own
+        if self._acts_once:
+            return ranks.ask(asked, own)
+        if self._each_asks:
+            return ranks.each_to_each([own(of_one) for of_one in ranks.all_of(asked)])
+        return answers_to_one(ranks.all_of((asked, own(asked))))
+
+
+# --- Speeds of the discs of all ranks
+
+
+class There(NamedTuple):
+    """What all ranks know.
+
+    Attributes:
+        scene: in force.
+        time: as it counts it [time].
+        radii: of all discs, shape (N,) [length].
+        present: which of them are there, shape (N,); None: all.
+    """
+
+    scene: Scene
+    time: float
+    radii: NDArray[np.float64]
+    present: NDArray[np.bool_] | None
+
+
+def speeds_on_ranks(
+    there: There, own: tuple[NDArray[np.int64], State], new: NewDiscs | None, ranks: Communicator
+) -> Speeds:
+    """Speeds of the discs of all ranks, those that are about to be added included: of one rank.
+
+    Args:
+        there: what all know.
+        own: numbers of own discs, rising, and their state.
+        new: discs that are about to be added; None: none are.
+        ranks: which all call this.
+    """
+    scene, time, radii, present = there
+    sides, count, (numbers, state) = sides_at(scene, time), len(radii), own
+    velocity = state.velocity
+    if new is not None:
+        radii = kept_sizes(radii, new.radius)
+        present = None if present is None else np.append(present, np.ones(len(new.position), bool))
+        if ranks.rank == 0:
+            numbers = np.append(numbers, range(count, len(radii)))
+            velocity = np.append(velocity, new.velocity, 0)
+    part = SpeedsOfPart.of(numbers, velocity, radii[numbers], Walls(sides, scene.periodic, scene.largest_radius))
+    return speeds_together(part, ranks.all_of, radii if present is None else radii[present], sides)
+
 
 Rows = Callable[[int, int], tuple[NDArray[Any], NDArray[Any]]]
 """Places and velocities of a range of discs, shape (last - first, 2), called with (first, last)."""
@@ -243,9 +365,9 @@ class MpiSolver(OnRanks):
         """Run the command that stands in `control`."""
         started, frame = time.monotonic(), 0
         part.arrays["team"]["frame"] = 0
-        part.run(layout.MOVE)
+        part.run(records.MOVE)
         while frame < self._control.frames:
-            if ranks.rank == 0 and time.monotonic() - started > layout.SLICE * 1e-9:
+            if ranks.rank == 0 and time.monotonic() - started > records.SLICE * 1e-9:
                 self._control.frames = frame + 1
             for step in range(self.substeps):
                 self._step(part, ranks, frame, step)
@@ -276,14 +398,14 @@ class MpiSolver(OnRanks):
         part.take_in(self._migrated(part, ranks, frame))
         ahead = frame if step + 1 < self.substeps else frame + 1
         if ahead == self._control.frames:
-            ahead = layout.NO_FRAME
-        part.run(layout.SORT)
+            ahead = records.NO_FRAME
+        part.run(records.SORT)
         for turn in range(self._settings.passes):
             if turn:
-                part.run(layout.EVEN)
+                part.run(records.EVEN)
             for borders in self._together:
                 self._resolve_borders(borders, part, ranks, frame)
-            part.run(layout.ODD, layout.NO_FRAME if turn + 1 < self._settings.passes else ahead)
+            part.run(records.ODD, records.NO_FRAME if turn + 1 < self._settings.passes else ahead)
 
     def _migrated(self, part: Part, ranks: Communicator, frame: int) -> NDArray[Any]:
         """Give away the discs that have left own columns; returns those that have come."""
@@ -302,7 +424,7 @@ class MpiSolver(OnRanks):
         self._is_uneven = agreed.discs > self._tolerated
         self._control.frames = min(agreed.frames, frame + 1) if self._is_uneven else agreed.frames
         arrived = ranks.deal(leaving, target, agreed.farthest) if agreed.farthest else leaving[:0]
-        part.arrays["times"][0, frame, layout.WAIT] += time.perf_counter_ns() - began
+        part.arrays["times"][0, frame, records.WAIT] += time.perf_counter_ns() - began
         return arrived
 
     def _resolve_borders(self, borders: list[Border], part: Part, ranks: Communicator, frame: int) -> None:
@@ -310,9 +432,9 @@ class MpiSolver(OnRanks):
         began = time.perf_counter_ns()
         given = [(border.other, int(border.is_periodic), part.column_at(border)) for border in borders]
         taken = ranks.exchange(given)
-        part.arrays["times"][0, frame, layout.WAIT] += time.perf_counter_ns() - began
+        part.arrays["times"][0, frame, records.WAIT] += time.perf_counter_ns() - began
         for border, (_, _, own), beyond in zip(borders, given, taken, strict=True):
-            part.resolve_at(layout.ODD if border.is_odd else layout.EVEN, border, len(own), beyond)
+            part.resolve_at(records.ODD if border.is_odd else records.EVEN, border, len(own), beyond)
 
     def _diverged(self, part: Part, ranks: Communicator) -> DivergedError:
         """The exception for a disc that is not finite, the one of the least number."""

@@ -1,28 +1,108 @@
-"""The part of a scene on one rank: the discs of its columns, and the calls that make up a step."""
+"""The part of a scene on one rank, the columns of each, and discs of all ranks by number."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
+from mpsim.core.columns import Array, ChunkedArray, ranges
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.engine.columns import columns_of
-from mpsim.engine.feature_arrays import feature_specs, fill_features, giant_radius
+from mpsim.core.state import Box, State, digest_of, in_chunks
+from mpsim.engine.feature_arrays import columns_of, feature_specs, fill_features, giant_radius
 from mpsim.engine.solvers.base import NewDiscs, StartMethod
+from mpsim.engine.solvers.block import Present, configure
 from mpsim.engine.solvers.grid import shares_of
-from mpsim.engine.solvers.mpi_columns import Border, Range, columns_of_places
-from mpsim.engine.solvers.parameters import Present, configure
-from mpsim.engine.workers.arrays import Grid, block_arrays
+from mpsim.engine.solvers.stepped import state_of
 from mpsim.engine.workers.pool import WorkerPool
-from mpsim.engine.workers.shared import SharedBlock, remove_stale_blocks
+from mpsim.engine.workers.shared import Grid, SharedBlock, block_arrays, remove_stale_blocks
 from mpsim.engine.workers.worker import GridArguments, kernel_arguments, load_kernels
 from mpsim.errors import InputError
 from mpsim.features.radii import has_radii
-from mpsim.kernels import layout, records
+from mpsim.kernels import records
 from mpsim.kernels.frame import rank as kernels
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+# --- Distribution of the columns of the grid to ranks, and the borders between ranks
+
+
+class Range(NamedTuple):
+    """The columns of a rank: from `first` to before `last`."""
+
+    first: int
+    last: int
+
+    @property
+    def before(self) -> int:
+        """Columns that are not in the rank's own grid: an even number, so that a column keeps its parity."""
+        return self.first - self.first % 2
+
+
+class Border(NamedTuple):
+    """Where the columns of a rank meet those of another.
+
+    Attributes:
+        other: the rank beyond.
+        column: the own column there, in the rank's own grid.
+        is_left: whether that is the left one of the two, as the last column is of the first one beyond a periodic
+            border.
+        is_periodic: whether they meet there.
+    """
+
+    other: int
+    column: int
+    is_left: bool
+    is_periodic: bool = False
+
+    @property
+    def is_odd(self) -> bool:
+        """Whether the odd pass has the bracket of the two, which is that of the left one."""
+        return (self.column - (not self.is_left)) % 2 == 1
+
+
+def columns_of_places(x: NDArray[Any], grid: Grid, width: float, precision: str) -> NDArray[np.int64]:
+    """Column of each disc."""
+    real = np.dtype(precision).type
+    return np.clip((x.astype(real) * real(grid.columns / width)).astype(np.int64), 0, grid.columns - 1)
+
+
+def dealt(counts: NDArray[np.int64], ranks: int) -> NDArray[np.int64]:
+    """First column of each rank, and the end: whole columns, at least one each, in nearly equal numbers of discs.
+
+    counts: discs in each column.
+    """
+    discs_before = np.concatenate([[0], np.cumsum(counts)])
+    middles = (discs_before[:-1] + discs_before[1:]) / 2  # so that the border of columns is taken that is nearest
+    firsts = np.searchsorted(middles, np.arange(ranks + 1) * (discs_before[-1] / ranks))
+    firsts[0], firsts[-1] = 0, len(counts)
+    most = len(counts) - ranks + np.arange(ranks + 1)
+    return np.minimum(np.maximum.accumulate(firsts - np.arange(ranks + 1)) + np.arange(ranks + 1), most)
+
+
+def borders_of(own: Range, rank: int, ranks: int, periodic: bool) -> list[Border]:
+    """Where the columns of a rank meet those of others; periodic: whether the last meet the first."""
+    first, last = own.first - own.before, own.last - own.before
+    meets = periodic and ranks > 1
+    left = [Border((rank - 1) % ranks, first, is_left=False, is_periodic=rank == 0)] if rank > 0 or meets else []
+    at_end = rank == ranks - 1
+    right = [Border((rank + 1) % ranks, last - 1, is_left=True, is_periodic=at_end)] if not at_end or meets else []
+    return left + right
+
+
+def in_turns(borders: list[Border], own: Range) -> list[list[Border]]:
+    """The borders at which columns go at a time, in the order of the passes.
+
+    All at once, as no bracket of a pass is at two of them: of two own columns at borders, one that the odd pass needs
+    meets no other border's before. Only a single own column is at both: the even pass comes first.
+    """
+    if own.last - own.first > 1:
+        return [borders] if borders else []
+    return [turn for odd in (False, True) if (turn := [border for border in borders if border.is_odd == odd])]
+
+
+# --- The part of a scene on one rank: the discs of its columns, and the calls that make up a step
 
 SPARE, FEWEST = 1.25, 256
 """Discs for which there is room: so many times those of the start, and at least so many more."""
@@ -91,7 +171,7 @@ class Part:
         return int(self.team[-1].high)
 
     @property
-    def live(self) -> layout.Discs:
+    def live(self) -> records.Discs:
         """Own discs, `count` of them, and what lies behind them."""
         return self.arguments().a
 
@@ -284,12 +364,12 @@ class Part:
             if old is not None:
                 old.close()
 
-    def _room_for_pair(self, count: int) -> layout.Discs:
+    def _room_for_pair(self, count: int) -> records.Discs:
         """A buffer for the discs of two columns."""
-        real, length = np.dtype(self._settings.precision), count + layout.PADDING
+        real, length = np.dtype(self._settings.precision), count + records.PADDING
         radius = np.zeros(length, real) if has_radii(self._scene) else None
         x, y, vx, vy = (np.zeros(length, real) for _ in range(4))
-        return layout.Discs(x, y, vx, vy, np.zeros(length, np.int32), np.zeros(length, np.int32), radius)
+        return records.Discs(x, y, vx, vy, np.zeros(length, np.int32), np.zeros(length, np.int32), radius)
 
     # --- a step
 
@@ -300,7 +380,7 @@ class Part:
             self._arguments = {0: given, 1: given._replace(a=given.b, b=given.a)}
         return self._arguments[int(self.arrays["control"].live)]
 
-    def run(self, part: int, ahead: int = layout.NO_FRAME) -> None:
+    def run(self, part: int, ahead: int = records.NO_FRAME) -> None:
         """A part of a step, MOVE, SORT, EVEN or ODD, on all workers: all of it that lies away from borders.
 
         SORT has the first even pass in it.
@@ -321,14 +401,14 @@ class Part:
         finally:
             if pool is not None:
                 pool.settle()
-        if outcome != layout.RUNNING:
+        if outcome != records.RUNNING:
             assert pool is not None  # only its watcher, or a barrier, ends a part
             self.failure = pool.failure()
 
     @property
     def is_finite(self) -> bool:
         """Whether all discs have been finite so far."""
-        return not self.arrays["control"].signals[layout.BAD]
+        return not self.arrays["control"].signals[records.BAD]
 
     def emigrants(self) -> NDArray[Any]:
         """The discs that have left the columns of this rank, cells as in the grid of the scene."""
@@ -383,7 +463,7 @@ class Part:
         """
         if self.failure is not None:
             return
-        if own + len(beyond) > len(self._pair.x) - layout.PADDING:
+        if own + len(beyond) > len(self._pair.x) - records.PADDING:
             self._pair = self._room_for_pair(2 * (own + len(beyond)))
         now, own_place = self.arguments(), int(not border.is_left)
         member = 0 if border.is_left else self._workers
@@ -411,7 +491,7 @@ def refuse_giants(scene: Scene, radii: NDArray[np.float64]) -> None:
 
 def _is_of_discs(name: str) -> bool:
     """Whether an array holds discs in the order of the grid, or what that order is."""
-    return name in ("start", *layout.Changes._fields) or name.startswith(("a.", "b."))
+    return name in ("start", *records.Changes._fields) or name.startswith(("a.", "b."))
 
 
 def _copy(old: Any, new: Any) -> None:
@@ -422,3 +502,141 @@ def _copy(old: Any, new: Any) -> None:
         return
     part = tuple(slice(min(a, b)) for a, b in zip(old.shape, new.shape, strict=True))
     new[part] = old[part]
+
+
+# --- Ranges of the discs of all ranks in the order of their numbers, so that no rank has to hold all discs
+
+
+class Asked(NamedTuple):
+    """What is asked of discs: those of a range of numbers, from `first` to before `last`; one of their rows, or all."""
+
+    first: int
+    last: int
+    name: str | None = None
+
+
+Rows = dict[str, NDArray[Any]]
+"""A row for each disc, by name of what it is."""
+
+
+class Sorted(NamedTuple):
+    """Own discs by number.
+
+    Attributes:
+        numbers: in order.
+        places: where each of them is among those of `Part.numbers`.
+    """
+
+    numbers: NDArray[np.int64]
+    places: NDArray[np.int64]
+
+
+class DiscsByNumber:
+    """What a rank tells of its discs, and what all ranks together know of a range.
+
+    Args:
+        part: of this rank.
+        scene: of the simulation.
+        box: as it is now.
+        count: number of all discs.
+        ask: what each rank answers, by `own`.
+    """
+
+    def __init__(self, part: Part, scene: Scene, box: Box, count: int, ask: Callable[[Asked], list[tuple[Any, Rows]]]):
+        self._part = part
+        self._scene = scene
+        self._box = box
+        self._count = count
+        self._ask = ask
+        self._sorted: Sorted | None = None
+
+    def own(self, asked: Asked) -> tuple[NDArray[np.int64], Rows]:
+        """The numbers that this rank has of a range, and a row for each, by name."""
+        if (asked.first, asked.last) == (0, self._count):  # of all, none has to be looked for
+            return self._part.rows_of(np.arange(len(self._part.numbers())), asked.name)
+        if self._sorted is None:  # kept, as who asks for one range asks for the next
+            numbers = self._part.numbers()
+            order = np.argsort(numbers)
+            self._sorted = Sorted(numbers[order], order)
+        first, last = np.searchsorted(self._sorted.numbers, asked[:2])
+        return self._part.rows_of(self._sorted.places[first:last], asked.name)
+
+    def rows(self, first: int, last: int, name: str | None = None) -> Rows:
+        """What steps have changed of the discs of a range, in their order; of a name, or all."""
+        found: Rows = {}
+        for numbers, own in self._ask(Asked(first, last, name)):
+            for each, values in own.items():
+                if each not in found:
+                    found[each] = np.empty((last - first, *values.shape[1:]), values.dtype)
+                found[each][numbers - first] = values
+        return found
+
+    def state(self, first: int, last: int) -> State:
+        """The discs of a range, in their order."""
+        return self._state_of(self.rows(first, last), last - first)
+
+    def own_state(self) -> tuple[NDArray[np.int64], State]:
+        """Numbers, rising, of the discs that this rank moves, and their state."""
+        live = self._part.numbers()[: self._part.count]
+        numbers, found = self._part.rows_of(np.argsort(live))
+        return numbers, self._state_of(found, len(live))
+
+    def absorbed(self) -> NDArray[np.bool_]:
+        """Which of all discs have left through an absorbing edge, shape (N,), read in chunks."""
+        found = np.zeros(self._count, bool)
+        for first, last in ranges(self._count):
+            found[first:last] = absorbed_in(self.rows(first, last), last - first)
+        return found
+
+    def digest(self) -> str:
+        """Digest of the state of all discs, read in chunks."""
+        values = in_chunks(self.state, self._count)
+        if not self._scene.loses_discs:
+            del values["present"]  # which all of them are
+        return digest_of(values)
+
+    def _state_of(self, found: Rows, count: int) -> State:
+        """The state of so many discs of which this is found."""
+        absorbed = absorbed_in(found, count)
+        found.pop(columns.EXITS.name, None)
+        position, velocity = found.pop("position"), found.pop("velocity")
+        return state_of(self._box, self._part.arrays, position, velocity, found, absorbed)
+
+    def discs(self, radii: NDArray[np.float64], masses: NDArray[np.float64]) -> NewDiscs:
+        """All discs, of these radii and masses, shape (N,) [length], [mass]."""
+        found = self.rows(0, self._count)
+        position, velocity = found.pop("position"), found.pop("velocity")
+        for column in columns_of(self._scene):
+            if column.name not in found:  # what stays as it is, which all ranks know
+                found[column.name] = self._part.arrays[column.name][..., : self._count].T.copy()
+        return NewDiscs(position, velocity, radii, {**found, columns.MASS.name: masses})
+
+    def snapshot(self) -> dict[str, Array]:
+        """What steps have changed, as a snapshot holds it, to be read in chunks."""
+        return {
+            name: ChunkedArray(none.dtype, (self._count, *none.shape[1:]), self._reader(name))
+            for name, none in self.rows(0, 0).items()
+        }
+
+    def _reader(self, name: str) -> Callable[[int, int], NDArray[Any]]:
+        return lambda first, last: self.rows(first, last, name)[name]
+
+
+def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:
+    """Which of the discs of a range have left through an absorbing edge, shape (count,)."""
+    exits = rows.get(columns.EXITS.name)
+    return np.zeros(count, bool) if exits is None else exits[:, 0] != 0
+
+
+def answers_to_one(told: list[tuple[Asked, Any]]) -> list[Any]:
+    """What ranks have told, with what each was asked.
+
+    Raises:
+        InputError: if they were not asked the same.
+    """
+    if len({asked for asked, _ in told}) > 1:
+        ranges = ", ".join(str(tuple(asked[:2])) for asked, _ in told)
+        raise InputError(
+            f"the range of discs must be the same on all ranks; got {ranges}. Ask for one range, or use local_state."
+        )
+    return [answer for _, answer in told]

@@ -1,4 +1,4 @@
-"""Common code of stepped solvers: time, division of frames into steps, the grid, snapshots."""
+"""Common code of stepped solvers: time, steps of a frame, the grid, discs, snapshots."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -6,18 +6,192 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.sizes import kept_sizes
-from mpsim.core.state import Box
-from mpsim.engine.frame_count import frames_until
-from mpsim.engine.solvers import slices, stepped_snapshot
-from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
-from mpsim.engine.solvers.snapshots import Shapes, Snapshot
-from mpsim.engine.solvers.speed_limit import SpeedLimit
-from mpsim.engine.solvers.speeds import Speeds, speeds_of
-from mpsim.engine.workers.arrays import Grid, grid_for
+from mpsim.core import columns
+from mpsim.core.columns import kept_sizes
+from mpsim.core.state import Box, State
+from mpsim.engine.feature_arrays import columns_of
+from mpsim.engine.report import frames_until
+from mpsim.engine.solvers import base
+from mpsim.engine.solvers.base import (
+    Capabilities,
+    Choice,
+    NewDiscs,
+    Shapes,
+    Snapshot,
+    Solver,
+    check_periods,
+    demand,
+    shapes_in_each,
+)
+from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, speeds_of
+from mpsim.engine.workers.shared import Grid, SharedBlock, grid_for
+from mpsim.engine.workers.worker import buffers_of
 from mpsim.features.radii import has_radii
+from mpsim.kernels import records
+from mpsim.kernels.features.boundary import wrap_places
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+# --- Writes discs into the block of a stepped solver, and reads them in the order of their numbers
+
+
+def live_discs(block: SharedBlock) -> records.Discs:
+    """The buffer that holds the state."""
+    return buffers_of(block)[int(block.arrays["control"].live)]
+
+
+def write_discs(block: SharedBlock, new: NewDiscs, first: int) -> None:
+    """Write discs `first`, `first + 1`, ... behind those that are there."""
+    arrays, discs = block.arrays, live_discs(block)
+    last = first + len(new.position)
+    discs.x[first:last], discs.y[first:last] = new.position.T
+    discs.vx[first:last], discs.vy[first:last] = new.velocity.T
+    discs.id[first:last] = np.arange(first, last)
+    arrays["control"].in_order = 0
+    if discs.radius is not None:
+        discs.radius[first:last] = new.radius
+    for column in columns.COLUMNS:
+        if column.name in arrays:
+            arrays[column.name][..., first:last] = new.of(column).T
+
+
+def places_and_speeds(block: SharedBlock, count: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Positions and velocities as they lie in the block, in the order of the scene's discs."""
+    discs = live_discs(block)
+    order = discs.id[:count]
+    return _pairs_by_id(discs.x[:count], discs.y[:count], order), _pairs_by_id(
+        discs.vx[:count], discs.vy[:count], order
+    )
+
+
+def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.int32]) -> NDArray[np.floating]:
+    """Components as rows (x, y), that of disc ids[k] from place k.
+
+    Each row is one write: of many discs, most lie where no cache has them.
+    """
+    row = np.dtype(f"c{2 * x.itemsize}")
+    rows = np.empty((len(x), 2), x.dtype)
+    rows[:, 0], rows[:, 1] = x, y
+    found = np.empty_like(rows)
+    found.view(row).reshape(-1)[ids] = rows.view(row).reshape(-1)
+    return found
+
+
+def absorbed_in(block: SharedBlock, count: int) -> NDArray[np.bool_]:
+    """Which discs have left through an absorbing edge, shape (count,)."""
+    exits = block.arrays.get("exits")
+    return np.zeros(count, bool) if exits is None else exits[0, :count] != 0
+
+
+def state_in(block: SharedBlock, box: Box, count: int) -> State:
+    """Copies in the order of the scene's discs."""
+    (position, velocity), arrays = places_and_speeds(block, count), block.arrays
+    found = {each.name: arrays[each.name][..., :count].T.copy() for each in columns.in_state() if each.name in arrays}
+    return state_of(box, arrays, position, velocity, found, absorbed_in(block, count))
+
+
+def state_of(
+    box: Box,
+    arrays: dict[str, Any],
+    position: NDArray[np.floating],
+    velocity: NDArray[np.floating],
+    found: dict[str, Any],
+    absorbed: NDArray[np.bool_],
+) -> State:
+    """The state of discs whose values are in the order of the scene's; it takes over these arrays.
+
+    Args:
+        box: as it is now.
+        arrays: of the block: what does not change with the number of discs.
+        position, velocity: shape (N, 2).
+        found: further columns of a state, a row for each disc.
+        absorbed: which discs have left, shape (N,).
+    """
+    for axis, wrap in enumerate((arrays.get("wrap_x"), arrays.get("wrap_y"))):
+        if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
+            images = found.get(columns.IMAGE.name)
+            wrap_places(position[:, axis], None if images is None else images.T, axis, wrap)
+    for column in columns.in_state():
+        if column.name in found and not column.rests:
+            found[column.name][absorbed] = 0
+    return State(position, velocity, present=~absorbed, box=box, **found)
+
+
+def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tuple[float, float]]:
+    """The disc that a worker has found not finite, of the least id, with its position and velocity.
+
+    After an odd number of steps the state lies in the other buffer, so both are looked at.
+    """
+    slots = block.arrays["team"]["bad_slot"]
+    candidates = [disc_at(discs, slot) for discs in buffers_of(block) for slot in slots[slots >= 0]]
+    disc, values = min(each for each in candidates if not np.isfinite(each[1]).all())
+    return disc, values[:2], values[2:]
+
+
+def disc_at(discs: records.Discs, slot: int) -> tuple[int, tuple[float, float, float, float]]:
+    """Number of a disc, and its place and velocity (x, y, vx, vy)."""
+    values = float(discs.x[slot]), float(discs.y[slot]), float(discs.vx[slot]), float(discs.vy[slot])
+    return int(discs.id[slot]), values
+
+
+# --- Snapshots of stepped solvers: how they are taken, and checks of their content
+
+SLACK = 1e-6
+"""Fraction of the box by which rounding may have put a centre beyond its limit."""
+
+
+def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.float64]) -> Snapshot:
+    """A snapshot of the discs of a block, in the order of the scene's.
+
+    Args:
+        block: with as many discs in it.
+        radii, masses: of the discs, shape (N,), read-only [length], [mass].
+    """
+    arrays, count = block.arrays, len(radii)
+    position, velocity = places_and_speeds(block, count)
+    found: Snapshot = {"position": position, "velocity": velocity, "radii": radii, "masses": masses}
+    for column in columns.COLUMNS:
+        if column.kept and column.name in arrays:
+            found[column.name] = column.take(arrays[column.name], count)
+    control = arrays["control"]
+    found["progress"] = np.array([control.done, control.steps])
+    return found
+
+
+def shapes(scene: Scene, real: np.dtype[Any], count: int) -> Shapes:
+    """dtype and shape of every array of a snapshot in that precision."""
+    found: Shapes = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
+    for column in columns_of(scene):
+        if column.kept:
+            found[column.name] = column.dtype(real), column.rows(count)
+    return found | shapes_in_each(count)
+
+
+def check(scene: Scene, arrays: Snapshot) -> None:
+    """Raise ValueError unless the discs of a snapshot can be in the scene."""
+    demand(np.isfinite(arrays["velocity"]).all(), "velocity must be finite")
+    _check_places(scene, arrays["position"])
+    for column in columns.COLUMNS:
+        if column.name in arrays and (column.in_state or column.given):
+            demand(np.isfinite(arrays[column.name]).all(), f"{column.name} must be finite")
+    if "exits" in arrays:
+        gone, *places = arrays["exits"].T
+        demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")
+        _check_places(scene, np.stack(places, axis=1))
+    if "image" in arrays:
+        check_periods(scene, arrays["image"])
+
+
+def _check_places(scene: Scene, position: NDArray[np.floating]) -> None:
+    """Centres between walls are in the box; through a periodic border a contact may have moved them."""
+    for axis, length in enumerate((scene.width, scene.height)):
+        places = position[:, axis]
+        demand(np.isfinite(places).all(), "position must be finite")
+        inside = (places >= -SLACK * length) & (places <= (1 + SLACK) * length)
+        demand(scene.periodic[axis] or inside.all(), "position must be in the box")
+
+
+# --- Common code of stepped solvers: time, division of frames into steps, the grid, snapshots
 
 
 class SteppedSolver(Solver):
@@ -48,7 +222,7 @@ class SteppedSolver(Solver):
     @property
     def most_momentum(self) -> float:
         """Momenta whose sum is larger make impulses that a frame's counts cannot hold [mass length/time]."""
-        return slices.MOST_COUNTED / float(self._parameters.tally_scale)
+        return base.MOST_COUNTED / float(self._parameters.tally_scale)
 
     # --- counts
 
@@ -60,7 +234,7 @@ class SteppedSolver(Solver):
 
     def _totals(self, tally: NDArray[Any]) -> NDArray[Any]:
         """What all workers counted, in the scene's units: COUNTS, shape (frames,). tally: as of `slices.totals`."""
-        return slices.totals(tally, float(self._parameters.tally_scale), 2 * self._scene.largest_radius)
+        return base.totals(tally, float(self._parameters.tally_scale), 2 * self._scene.largest_radius)
 
     # --- time
 
@@ -139,9 +313,9 @@ class SteppedSolver(Solver):
     @staticmethod
     def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
         """dtype and shape of every array of a snapshot of so many discs."""
-        return stepped_snapshot.shapes(scene, np.dtype(settings.precision), count)
+        return shapes(scene, np.dtype(settings.precision), count)
 
     @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
         """Raise ValueError for a snapshot in which no solver can have been, saying why."""
-        stepped_snapshot.check(scene, snapshot)
+        check(scene, snapshot)

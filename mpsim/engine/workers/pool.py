@@ -2,6 +2,7 @@
 
 import multiprocessing
 import multiprocessing.process
+import multiprocessing.util
 import os
 import signal
 import sys
@@ -11,17 +12,32 @@ import types
 from contextlib import contextmanager, suppress
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
+from multiprocessing.process import current_process
 from typing import Any
 
 import psutil
 
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.engine.workers.shared import SharedBlock
-from mpsim.engine.workers.system_limits import demand_descriptors, refusal_of_process
+from mpsim.engine.workers.shared import SharedBlock, demand_descriptors, refusal_of_process
 from mpsim.engine.workers.worker import NAME, worker_main
 from mpsim.errors import ResourceError, WorkerDiedError, WorkerStalledError, is_of_the_system
-from mpsim.kernels import layout
+from mpsim.kernels import records
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
+
+# --- Makes Python's fork server import what workers need, without effect on other processes
+#
+# The server is started while Ctrl-C is blocked, so that workers come up with it blocked: a start prints no traceback.
+# Processes of the program that the server starts later must not inherit that.
+
+
+def _unblock(_: object) -> None:
+    """In a process that the server has started: Ctrl-C comes through unless it is a worker."""
+    if not current_process().name.startswith(NAME):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+multiprocessing.util.register_after_fork(_unblock, _unblock)
+
 
 PATIENCE = 2.0
 """Seconds in which a worker that was told to stop may do so before it is ended by signal."""
@@ -73,7 +89,7 @@ class WorkerPool:
             ResourceError: if the system allows no more processes or descriptors.
         """
         if self._context.get_start_method() == "forkserver":
-            self._context.set_forkserver_preload(["mpsim.engine.workers.forkserver"])
+            self._context.set_forkserver_preload(["mpsim.engine.workers.pool"])
         for worker in range(1, workers):
             self._start(worker)
         for worker in range(1, workers):
@@ -92,20 +108,20 @@ class WorkerPool:
 
     def wake(self) -> None:
         """Announce a command, and wake the workers that sleep. The kernel gives the command itself."""
-        store_word(self._control.signals, layout.ANNOUNCED, load_word(self._control.signals, layout.COMMAND) + 1)
+        store_word(self._control.signals, records.ANNOUNCED, load_word(self._control.signals, records.COMMAND) + 1)
         for connection, mine in zip(self._connections, self._team[1:], strict=False):  # on ranks it has one more
-            if load_word(mine.signals, layout.PARKED):
+            if load_word(mine.signals, records.PARKED):
                 self._send(connection, ("wake", None, None))
 
     def settle(self) -> None:
         """Take the announcement back if no command followed, so that the workers may sleep again."""
-        store_word(self._control.signals, layout.ANNOUNCED, load_word(self._control.signals, layout.COMMAND))
+        store_word(self._control.signals, records.ANNOUNCED, load_word(self._control.signals, records.COMMAND))
 
     def move_to(self, block: SharedBlock) -> None:
         """Let every worker attach to another block. The old one must stay open until this returns."""
         for connection in self._connections:
             self._send(connection, ("attach", block.name, block.specs))
-        add_to_word(self._control.signals, layout.MAIL, 1)
+        add_to_word(self._control.signals, records.MAIL, 1)
         self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
         for worker in range(1, len(self._processes) + 1):
             self._await_ready(worker)
@@ -115,7 +131,7 @@ class WorkerPool:
         if self._lost is None:
             late = int(self._team["arrivals"][: len(self._processes) + 1].argmin())
             return WorkerStalledError(
-                f"worker {late} has not reached a barrier within {layout.PATIENCE / 1e9:g} s. A worker must keep "
+                f"worker {late} has not reached a barrier within {records.PATIENCE / 1e9:g} s. A worker must keep "
                 "running. It may be stopped (SIGSTOP, a debugger) or starved; start again, with fewer workers."
             )
         return self._death(self._lost)
@@ -131,7 +147,7 @@ class WorkerPool:
         for connection in self._connections:
             self._send(connection, ("stop", None, None))
         if self._connections:
-            add_to_word(self._control.signals, layout.MAIL, 1)
+            add_to_word(self._control.signals, records.MAIL, 1)
         for process in self._processes:
             _join(process)
             for end in (process.terminate, process.kill):
@@ -224,7 +240,7 @@ class WorkerPool:
             cause += f" after an error:\n{text}"
         # A worker that dies right after a command has no time to reset its count; the coordinator's is then 0.
         frame = int(self._control.done + min(mine.frame, self._team[0].frame))
-        return WorkerDiedError(worker, process.pid, code, cause, frame, phase or layout.PHASES[mine.phase])
+        return WorkerDiedError(worker, process.pid, code, cause, frame, phase or records.PHASES[mine.phase])
 
     def _watch(self) -> None:
         """Thread: when a worker dies, have all others leave the frame loop. Ends when `stop` asks for it.
@@ -243,10 +259,10 @@ class WorkerPool:
             lost = [worker for worker in orphans if not _lives(self._processes[worker - 1].pid)]
         # After a bad state, or when told to stop, workers end as they should.
         signals = self._control.signals
-        ended = load_word(signals, layout.ABORT) != layout.RUNNING or load_word(signals, layout.BAD)
+        ended = load_word(signals, records.ABORT) != records.RUNNING or load_word(signals, records.BAD)
         if not ended:
             self._lost = min(lost)
-            store_word(signals, layout.ABORT, layout.WORKER_LOST)
+            store_word(signals, records.ABORT, records.WORKER_LOST)
 
     @staticmethod
     def _send(connection: Connection, message: tuple[Any, ...]) -> None:

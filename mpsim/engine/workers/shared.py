@@ -1,18 +1,14 @@
-"""The one shared block of a simulation. Nothing else in mpsim uses multiprocessing.shared_memory.
-
-Ownership: the coordinator creates the block before any worker starts, and it alone unlinks it. Workers attach without
-registering for clean-up, because a registered worker that exits would take the block away from all processes.
-If the coordinator is killed, its resource tracker unlinks the block as soon as the last worker has gone. If that is
-killed as well, the block stays; `remove_stale_blocks` finds it.
-"""
+"""The one shared block of a simulation, its arrays, and what the system allows."""
 
 import _posixshmem  # type: ignore[import-not-found]
 import ctypes
 import errno
 import fcntl
+import math
 import mmap
 import os
 import re
+import resource
 import secrets
 import sys
 from collections.abc import Iterator
@@ -28,9 +24,249 @@ import psutil
 from numpy.typing import NDArray
 
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.engine.workers.arrays import ArraySpec
-from mpsim.engine.workers.system_limits import refusal_of_block, refusal_of_process
-from mpsim.errors import is_of_the_system
+from mpsim.errors import ResourceError, SharedMemoryError, is_of_the_system
+from mpsim.features.edges import WALLED, wraps_of
+from mpsim.kernels import records
+from mpsim.kernels.frame.incremental_sort import BUCKET
+from mpsim.kernels.frame.sharing import FEW
+
+# --- The arrays of the shared block: their names, dtypes and shapes; and the grid, which sets the shape of one
+
+MOST_FRAMES = 4096
+"""Frames of one command at most: the length of the array of times in the shared block."""
+
+WORDS = records.LINE_PAIR // 8
+"""int64 words that one worker's row of an array is a multiple of."""
+
+CELLS_PER_DISC = 2
+"""In a dilute scene cells grow beyond one diameter, so that there are about this many per disc."""
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """dtype and shape of one array of the shared block; of shape () it is a record."""
+
+    dtype: np.dtype
+    shape: tuple[int, ...]
+
+    @property
+    def nbytes(self) -> int:
+        """Size in bytes."""
+        return self.dtype.itemsize * math.prod(self.shape)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of the broad phase. A function of box, diameter, precision and number of discs only: never of history."""
+
+    columns: int
+    rows: int
+    outside: bool = False
+
+    @property
+    def table_size(self) -> int:
+        """Length of the table of cell starts, with a ghost cell below and above each column and a ghost column.
+
+        outside: and a column for discs that are not in the grid, giants and those that have left.
+        """
+        return (self.columns + 1 + self.outside) * (self.rows + 2) + 1
+
+
+def grid_for(
+    count: int,
+    width: float,
+    height: float,
+    diameter: float,
+    precision: str,
+    boundary: tuple[str, str] = WALLED,
+    outside: bool = False,
+) -> Grid:
+    """The grid of a scene: cells of one diameter, larger where there are fewer discs than cells / CELLS_PER_DISC.
+
+    A cell is wider than a diameter by the rounding of a coordinate times the number of cells, so that discs two cells
+    apart can never overlap. Along an axis that wraps there are two or more, and along x an even number: the last column
+    is odd, and meets the first in the odd pass, in which no other column touches either.
+    """
+    rounding = 8 * float(np.finfo(precision).eps) * max(width, height)
+    side = max(diameter + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
+    wraps_x, wraps_y = wraps_of(boundary)
+    fewest_columns, fewest_rows = 1 + wraps_x, 1 + wraps_y
+    columns, rows = max(int(width / side), fewest_columns), max(int(height / side), fewest_rows)
+    # In a box so thin that it has one row (or column), as many cells along it as elsewhere: their number must not grow
+    # with the aspect of the box.
+    most = CELLS_PER_DISC * max(count, 1)
+    columns, rows = min(columns, max(most // rows, fewest_columns)), min(rows, max(most // columns, fewest_rows))
+    return Grid(columns - columns % 2 if wraps_x else columns, rows, outside)
+
+
+def block_arrays(
+    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, ArraySpec]
+) -> dict[str, ArraySpec]:
+    """Every array and record of the shared block, by name. `features` holds what only some scenes need."""
+    real, length = np.dtype(precision), capacity + records.PADDING
+    arrays: dict[str, ArraySpec] = {}
+    for buffer in ("a", "b"):
+        for column in records.Discs._fields:
+            if column not in records.OPTIONAL:  # those are features
+                dtype = np.dtype(np.int32) if column in records.WHOLE else real
+                arrays[f"{buffer}.{column}"] = ArraySpec(dtype, (length,))
+    arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
+    for name in records.Changes._fields:
+        arrays[name] = ArraySpec(np.dtype(np.int32), (capacity // FEW + 1,))
+    arrays["first_arrival"] = ArraySpec(np.dtype(np.int32), (grid.table_size // BUCKET + workers + 1,))
+    arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
+    arrays["parameters"] = ArraySpec(records.parameters_in(precision), ())
+    arrays["control"] = ArraySpec(records.CONTROL, ())
+    arrays["team"] = ArraySpec(records.MEMBER, (workers,))
+    word = np.dtype(np.int64)
+    arrays["sent"] = ArraySpec(word, (workers, -(-workers // WORDS) * WORDS))
+    arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(records.PHASES)))
+    arrays["tally"] = ArraySpec(records.TALLY, (workers, MOST_FRAMES))
+    return arrays | features
+
+
+# --- What the system allows this process, for errors that say in numbers what it has refused
+
+
+@contextmanager
+def refusals_named() -> Iterator[None]:
+    """Turn a refusal of the system during the start of a simulation into a ResourceError.
+
+    Raises:
+        ResourceError: in place of an OSError that is none of mpsim's.
+    """
+    try:
+        yield
+    except ResourceError:
+        raise
+    except OSError as error:
+        if not is_of_the_system(error):
+            raise
+        if error.errno in (errno.EMFILE, errno.ENFILE):
+            raise ResourceError(f"a simulation needs file descriptors, {_descriptors(error)}") from error
+        raise ResourceError(
+            f"the system refuses what a simulation needs: {error}. It must be allowed shared memory, descriptors and "
+            "processes. See what limits this process (ulimit -a), and what is free (free, df /dev/shm)."
+        ) from error
+
+
+def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
+    """The error for a shared block that cannot be had.
+
+    Args:
+        size: of the block [bytes].
+        error: of the system.
+    """
+    need = f"the shared block needs {size:,} bytes"
+    if error.errno in (errno.EMFILE, errno.ENFILE):
+        return SharedMemoryError(f"{need} and a file descriptor, {_descriptors(error)}")
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if error.errno == errno.ENOMEM and limit != resource.RLIM_INFINITY:
+        return SharedMemoryError(
+            f"{need} of address space; this process may have {limit:,} bytes, and uses "
+            f"{psutil.Process().memory_info().vms:,}. Use fewer discs or precision='float32', or raise the limit "
+            "(ulimit -v)."
+        )
+    if error.errno == errno.EFBIG:
+        return SharedMemoryError(
+            f"{need} in one file; this process may make files of {resource.getrlimit(resource.RLIMIT_FSIZE)[0]:,}. Use "
+            "fewer discs or precision='float32', or raise the limit (ulimit -f)."
+        )
+    if error.errno in (errno.ENOSPC, errno.ENOMEM):
+        return SharedMemoryError(
+            f"{need}, and {_free()}. Shared memory must hold the whole block. Use fewer discs or precision='float32', "
+            f"or enlarge it (docker run --shm-size={-(-size // 2**20) + 1}m; "
+            "on Linux: mount -o remount,size=... /dev/shm)."
+        )
+    return SharedMemoryError(
+        f"{need}, and cannot be made in /dev/shm ({error.strerror or error}; {_free()}). Shared memory must be there "
+        "and writable for this user (on Linux: mount -o remount,rw /dev/shm; chmod 1777 /dev/shm)."
+    )
+
+
+NO_WORKERS = "Use fewer workers, or method='grid', which starts no workers."
+
+
+def refusal_of_process(what: str, error: OSError | RuntimeError | EOFError, remedy: str = NO_WORKERS) -> ResourceError:
+    """The error for a process or thread that cannot be started: a worker, say.
+
+    Args:
+        what: begins the sentence, without a verb.
+        error: of the system, or of Python for a thread; EOFError: the fork server has ended.
+        remedy: a sentence.
+    """
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return ResourceError(f"{what} needs file descriptors, {_descriptors(error)}")
+    why = str(error)
+    if isinstance(error, EOFError | ConnectionError):
+        why = "Python's fork server, which starts workers, ended. It may have been killed, or allowed no process"
+    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+        rule = "There must be memory for one (free, ulimit -v)."
+    elif isinstance(error, OSError) and error.errno != errno.EAGAIN and not isinstance(error, ConnectionError):
+        rule = (
+            "The current folder, a folder for temporary files (TMPDIR, of fewer than 80 characters) and "
+            f"{sys.executable!r} must be there, and may be used."
+        )
+    else:
+        processes = resource.getrlimit(resource.RLIMIT_NPROC)[0]
+        most = "any number" if processes == resource.RLIM_INFINITY else f"{processes:,}"
+        rule = (
+            f"Starting one must be allowed; this user may have {most} of processes and threads (ulimit -u), and a "
+            "container may have fewer."
+        )
+    return ResourceError(f"{what} could not be started: {why}. {rule} {remedy}")
+
+
+def resident_bytes(pid: int) -> int:
+    """Resident memory of a process [bytes]; 0 if it has ended, or the system does not say, as without descriptors."""
+    try:
+        return psutil.Process(pid).memory_info().rss
+    except (psutil.Error, OSError):
+        return 0
+
+
+def demand_descriptors(number: int) -> None:
+    """Check that so many descriptors are available: multiprocessing leaks some when it runs out.
+
+    Raises:
+        OSError: if not.
+    """
+    opened: list[int] = []
+    try:
+        for _ in range(number):
+            opened.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+    finally:
+        for descriptor in opened:
+            os.close(descriptor)
+
+
+def _descriptors(error: OSError) -> str:
+    """The rest of a sentence about descriptors."""
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    in_use = "an unknown number are"
+    with suppress(psutil.Error, OSError):  # which itself needs one to count them
+        in_use = f"{psutil.Process().num_fds():,} are"
+    if error.errno == errno.EMFILE:
+        of = f"of which this process may have {limit:,} and {in_use} open"
+    else:
+        of = "of which the whole machine has no more"
+    return f"{of} ({error.strerror}). Close files and simulations that are not needed, or raise the limit (ulimit -n)."
+
+
+def _free() -> str:
+    try:
+        space = os.statvfs("/dev/shm")
+    except OSError:
+        return "how much is free is unknown"
+    return f"{space.f_bavail * space.f_frsize:,} bytes are free in /dev/shm"
+
+
+# --- The one shared block of a simulation. Nothing else in mpsim uses multiprocessing.shared_memory
+#
+# Ownership: the coordinator creates the block before any worker starts, and it alone unlinks it. Workers attach
+# without registering for clean-up, because a registered worker that exits would take the block away from all
+# processes. If the coordinator is killed, its resource tracker unlinks the block as soon as the last worker has gone.
+# If that is killed as well, the block stays; `remove_stale_blocks` finds it.
 
 PAGE = 4096
 STAGGER = 384

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpsim.kernels.collision_log import log_of
-from mpsim.kernels.events import records, state
+from mpsim.kernels.events import cells, records
 from mpsim.kernels.events.features.hooks import BARE, COLUMNS
 from mpsim.kernels.events.windows import Own, Shared, run_windows
 
@@ -34,7 +34,7 @@ def arguments_of(arrays: dict[str, Any], features: Any, box: Any, worker: int = 
         worker: whose log of collisions it is, if there are any.
     """
     features = features._replace(log=log_of(arrays, worker))
-    store = state.store_of(arrays)
+    store = cells.store_of(arrays)
     waiting = features._replace(**{name: arrays[WAITING + name] for name in COLUMNS if name in arrays})
     names = ("tiles", "plan", "plan_times", "counted", "counts", "latest", "busy", "control", "team")
     shared = Shared(arrays[f"{WAITING}disc"], arrays[f"{WAITING}event"], waiting, *(arrays[name] for name in names))
@@ -50,7 +50,7 @@ def _own_of(store: Any, features: Any) -> Any:
     }
     columns = {name: np.empty_like(value) for name in COLUMNS if (value := getattr(features, name)) is not None}
     bits = fields["disc"].view(np.int64).reshape(len(fields["disc"]), -1)
-    store = state.Store(**fields, region=np.zeros((), records.REGION)[()])
+    store = cells.Store(**fields, region=np.zeros((), records.REGION)[()])
     return Own(store, features._replace(**columns), bits, np.zeros(len(store.disc), np.int32))
 
 

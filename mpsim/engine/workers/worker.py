@@ -16,12 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.engine.workers.arrays import ArraySpec
-from mpsim.engine.workers.shared import SharedBlock
-from mpsim.engine.workers.system_limits import refusal_of_process
+from mpsim.engine.workers.shared import ArraySpec, SharedBlock, refusal_of_process
 from mpsim.engine.workers.tiles import arguments_in_block, idle_call, load_windows, wait_for_windows
 from mpsim.errors import ResourceError
-from mpsim.kernels import compile_notice, layout
+from mpsim.kernels import compile_notice, records
 from mpsim.kernels.features.hooks import features_of
 from mpsim.kernels.frame.rank import run_part
 from mpsim.kernels.frame.stepping import run_grid
@@ -47,10 +45,10 @@ REFUSED = 4
 class GridArguments(NamedTuple):
     """Arguments of `run_grid`, or `run_part`, in its order; see there. All but the last two are views of the block."""
 
-    a: layout.Discs
-    b: layout.Discs
+    a: records.Discs
+    b: records.Discs
     start: Any
-    changes: layout.Changes
+    changes: records.Changes
     features: Any
     parameters: Any
     control: Any
@@ -70,7 +68,7 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
         a=a,
         b=b,
         start=arrays["start"],
-        changes=layout.Changes(*(arrays[field] for field in layout.Changes._fields)),
+        changes=records.Changes(*(arrays[field] for field in records.Changes._fields)),
         features=features_of(arrays, worker),
         parameters=arrays["parameters"],
         control=arrays["control"],
@@ -83,9 +81,9 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
     )
 
 
-def buffers_of(block: SharedBlock) -> tuple[layout.Discs, layout.Discs]:
+def buffers_of(block: SharedBlock) -> tuple[records.Discs, records.Discs]:
     """Both buffers of discs; `control.live` tells which of them holds the state."""
-    a, b = (layout.Discs(*(block.arrays.get(f"{name}.{field}") for field in layout.Discs._fields)) for name in "ab")
+    a, b = (records.Discs(*(block.arrays.get(f"{name}.{field}") for field in records.Discs._fields)) for name in "ab")
     return a, b
 
 
@@ -106,10 +104,10 @@ def load_kernels(block: SharedBlock) -> None:
         arguments, kernel = kernel_arguments(block, 0), kernel_of(block)
         control = arguments.control.copy()
         control.frames, control.workers = 0, 1
-        control.part, control.ahead = layout.ODD, layout.NO_FRAME  # of no columns
+        control.part, control.ahead = records.ODD, records.NO_FRAME  # of no columns
         kernel(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
-    store_word(control.signals, layout.MAIL, 1)
-    add_to_word(control.signals, layout.ANNOUNCED, load_word(control.signals, layout.MAIL))
+    store_word(control.signals, records.MAIL, 1)
+    add_to_word(control.signals, records.ANNOUNCED, load_word(control.signals, records.MAIL))
 
 
 def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec], coordinator: int) -> None:
@@ -160,12 +158,12 @@ def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
     kernel, arguments = kernel_of(block), _join(worker, connection, block)
     while True:
         outcome = kernel(*arguments)
-        if outcome == layout.IDLE:
+        if outcome == records.IDLE:
             _park(connection, block.arrays["control"], block.arrays["team"][worker])
-        elif outcome != layout.MAILED:
+        elif outcome != records.MAILED:
             os._exit(0)  # the frame loop was aborted, and the coordinator knows why
         # Counted as read before the pipe is looked at: a message that comes in between is announced once more.
-        block.arrays["team"][worker].mails = load_word(block.arrays["control"].signals, layout.MAIL)
+        block.arrays["team"][worker].mails = load_word(block.arrays["control"].signals, records.MAIL)
         while connection.poll():
             kind, name, specs = connection.recv()
             if kind == "stop":
@@ -181,8 +179,8 @@ def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
 def _join(worker: int, connection: Connection, block: SharedBlock) -> tuple[Any, ...]:
     """Say that this worker is ready for the next command in the block; returns the arguments of its kernel."""
     control, mine = block.arrays["control"], block.arrays["team"][worker]
-    mine.commands = load_word(control.signals, layout.COMMAND)
-    mine.mails = load_word(control.signals, layout.MAIL)
+    mine.commands = load_word(control.signals, records.COMMAND)
+    mine.mails = load_word(control.signals, records.MAIL)
     connection.send(("ready", None))
     if "tiles" in block.arrays:
         return idle_call(arguments_in_block(block.arrays, worker), worker, LINGER)
@@ -195,9 +193,9 @@ def _park(connection: Connection, control: Any, mine: Any) -> None:
     Parked is said first and the announcement looked at second; the coordinator announces first and looks at parked
     second. Whatever the timing, one of the two sees the other, and no command is slept through.
     """
-    store_word(mine.signals, layout.PARKED, 1)
-    if load_word(control.signals, layout.ANNOUNCED) <= mine.commands:
+    store_word(mine.signals, records.PARKED, 1)
+    if load_word(control.signals, records.ANNOUNCED) <= mine.commands:
         wait([connection])
     else:
         time.sleep(NAP)  # the coordinator lost its core between announcing the command and giving it
-    store_word(mine.signals, layout.PARKED, 0)
+    store_word(mine.signals, records.PARKED, 0)

@@ -1,17 +1,36 @@
-"""The cells of the exact solver: how many there are, the lists of their discs, and the search for overlaps."""
+"""The store of the exact solver: its arrays, its cells, and the order of discs in memory."""
 
 import math
+from collections import namedtuple
 
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked
-from mpsim.kernels.events.boundary import cell_beyond, neighbour
-from mpsim.kernels.events.calendar import reschedule
-from mpsim.kernels.events.features.hooks import is_absent, radius_of
+from mpsim.kernels.events.boundary import are_inside, brought_back, cell_beyond, neighbour
+from mpsim.kernels.events.calendar import reschedule, steps_for
+from mpsim.kernels.events.features.hooks import is_absent, radius_of, swap_columns
 from mpsim.kernels.events.flight import INFINITY
-from mpsim.kernels.events.records import BOTTOM, MOST_NEAR
-from mpsim.kernels.events.region import counts, here_along, number_of_cell, place_along
+from mpsim.kernels.events.records import (
+    BOTTOM,
+    CLOCK,
+    COUNTER,
+    DISC,
+    ENTRY,
+    EVENT,
+    MOST_NEAR,
+    NOT_FINITE,
+    OUTSIDE,
+    REACHED,
+    TALLY,
+    TURN,
+    counts,
+    here_along,
+    number_of_cell,
+    place_along,
+)
 from mpsim.kernels.machine import nonnegative
+
+# --- The cells of the exact solver: how many there are, the lists of their discs, and the search for overlaps
 
 
 def plan_cells(width, height, largest_diameter, count):
@@ -185,3 +204,206 @@ def deepest_overlap(store, box, features):
         if tests > 1_000_000 + 200 * disc.shape[0] and worst > 0.0:
             break
     return min(pair), max(pair), worst
+
+
+# --- The order of discs in memory: that of their cells, so that neighbours share cache lines and pages
+#
+# No result depends on it: equal times are ordered by the number of the disc, which it keeps. The order degrades slowly
+# as discs move; if all of them fit in the cache, it does not matter.
+
+FEWEST = 16_384
+"""Discs up to which a scene stays as it is: they fit the cache in any order."""
+
+DISORDER = 0.2
+"""Discs that lie before one of a cell to the left or below, in parts of all, from which on they are ordered anew."""
+
+
+@inlined
+def is_disordered(store, box):
+    """Whether many discs lie far from their neighbours."""
+    count = store.disc.shape[0]
+    if count <= FEWEST:
+        return False
+    descents, last = 0, -1
+    for i in range(count):
+        cell = cell_of(i, store, box)
+        descents += cell < last
+        last = cell
+    return descents > DISORDER * count
+
+
+@inlined
+def list_targets(store):
+    """Write into the empty heap the place of each disc in the order of the cells, absent discs last."""
+    store.heap[:] = -1
+    place = 0
+    for cell in range(store.cell_head.size):
+        i = store.cell_head[cell]
+        while i >= 0:
+            store.heap[i] = place
+            place += 1
+            i = store.cell_next[i]
+    for i in range(store.heap.size):
+        if store.heap[i] < 0:
+            store.heap[i] = place
+            place += 1
+
+
+@inlined
+def swap_discs(one, other):
+    """Swap two records of DISC."""
+    for axis in range(2):
+        one.position[axis], other.position[axis] = other.position[axis], one.position[axis]
+        one.velocity[axis], other.velocity[axis] = other.velocity[axis], one.velocity[axis]
+    one.last_update, other.last_update = other.last_update, one.last_update
+    one.collision_time, other.collision_time = other.collision_time, one.collision_time
+    one.crossing_time, other.crossing_time = other.crossing_time, one.crossing_time
+    one.last_contact, other.last_contact = other.last_contact, one.last_contact
+
+
+@inlined
+def swap_events(one, other):
+    """Swap two records of EVENT."""
+    one.partner, other.partner = other.partner, one.partner
+    one.partner_collision_count, other.partner_collision_count = (
+        other.partner_collision_count,
+        one.partner_collision_count,
+    )
+    one.collision_count, other.collision_count = other.collision_count, one.collision_count
+    one.side, other.side = other.side, one.side
+    one.number, other.number = other.number, one.number
+    for axis in range(2):
+        one.cell[axis], other.cell[axis] = other.cell[axis], one.cell[axis]
+
+
+@inlined
+def put_at_targets(store, features):
+    """Put each disc at its place, which the heap holds. Cell lists and calendar must then be rebuilt."""
+    target = store.heap
+    for i in range(target.size):
+        while target[i] != i:
+            j = target[i]
+            swap_discs(store.disc[i], store.disc[j])
+            swap_events(store.event[i], store.event[j])
+            swap_columns(features, i, j)
+            target[i], target[j] = target[j], j
+
+
+@linked
+def order_in_space(store, box, features):
+    """Put the discs in the order of their cells. The calendar must then be refilled."""
+    list_targets(store)
+    event = store.event
+    for i in range(store.heap.size):
+        if event[i].partner >= 0:
+            event[i].partner = store.heap[event[i].partner]
+    put_at_targets(store, features)
+    link_cells(store, box, features)
+
+
+# --- The arrays of the exact solver: their sizes, and how particles are put in and read out
+#
+# Plain numpy: nothing in this file is compiled. The caller owns every array (`disc` should start on a multiple of 64
+# bytes, so that one disc is one cache line). Together they hold the whole state of a run: a copy is a checkpoint.
+# Discs are numbered inside by where they start in the box; `order` maps that number, `event.number`, to the particle
+# of the scene. In memory they start in that order, and are reordered as they move (ordering.py).
+
+Store = namedtuple(
+    "Store", "disc event entry cell_head cell_next step_head heap near approach order clock counter tally region turn"
+)
+"""The arrays and records of `layout`; and the `region`, of a tile, None where the whole box is here."""
+
+MADE_ANEW = ("entry", "cell_head", "cell_next", "step_head", "heap", "near", "approach", "turn")
+"""Those that follow from the others, and from the box."""
+
+KEPT = tuple(name for name in Store._fields if name not in (*MADE_ANEW, "region"))
+"""Those that a copy of the state needs."""
+
+
+def layout(count, cells):
+    """The arrays for a run of so many discs: name -> (dtype, shape); shape () is a record. cells: (columns, rows)."""
+    return {
+        "disc": (DISC, (count,)),
+        "event": (EVENT, (count,)),
+        "entry": (ENTRY, (count,)),
+        "cell_head": (np.int32, (cells[0] * cells[1],)),
+        "cell_next": (np.int32, (count,)),
+        "step_head": (np.int32, (steps_for(count),)),
+        "heap": (np.int32, (count,)),
+        "near": (np.int32, (MOST_NEAR + 1,)),
+        "approach": (np.float64, (MOST_NEAR + 1, 3)),
+        "order": (np.int32, (count,)),
+        "clock": (CLOCK, ()),
+        "counter": (COUNTER, ()),
+        "tally": (TALLY, ()),
+        "turn": (TURN, ()),
+    }
+
+
+def store_of(arrays):
+    """The store of the whole box, from arrays and records by name."""
+    return Store(**{name: arrays.get(name) for name in Store._fields})
+
+
+def first_misplaced(position, velocity, radius, box):
+    """The first particle that is not finite, faster than 1e100, or outside the box: (status, particle)."""
+    good = np.isfinite(position).all(axis=1) & (np.abs(velocity) < 1e100).all(axis=1)
+    if not good.all():
+        return NOT_FINITE, int(np.argmin(good))
+    for axis in range(2):
+        inside = are_inside(position[:, axis], radius, axis, box)
+        if not inside.all():
+            return OUTSIDE, int(np.argmin(inside))
+    return REACHED, -1
+
+
+def place(position, velocity, columns, time, store, box, features):
+    """Put particles into the store at `time`: (status, particle), REACHED or the error and its particle.
+
+    position [length], velocity [length/time]: (N, 2). columns: of the arrays of `features`, by name, in the order of
+    the particles. `solver.schedule` must follow.
+    """
+    radius = box.radius if features.radius is None else columns["radius"]
+    status, particle = first_misplaced(position, velocity, radius, box)
+    if status != REACHED:
+        return status, particle
+    column = np.clip((position[:, 0] * (box.columns / box.width)).astype(np.int64), 0, box.columns - 1)
+    row = np.clip((position[:, 1] * (box.rows / box.height)).astype(np.int64), 0, box.rows - 1)
+    order = np.argsort(row * box.columns + column, kind="stable")
+    for name in layout(0, (1, 1)):
+        np.asarray(getattr(store, name))[...] = 0
+    store.order[:] = order
+    store.disc["position"] = position[order]
+    store.disc["velocity"] = velocity[order]
+    store.disc["last_contact"] = -math.inf
+    store.event["number"] = np.arange(len(order))
+    store.event["cell"] = np.stack([column[order], row[order]], axis=1)
+    for name, values in columns.items():
+        getattr(features, name)[:] = values[order]
+    store.clock.origin = time
+    return REACHED, -1
+
+
+def read_out(store, box, features, until, columns=()):
+    """Position, velocity and these columns at time `until`, by name, in the order of the particles.
+
+    `until` is the time that `solver.advance` has reached. The state is not touched.
+    """
+    disc = store.disc
+    flight = (until - store.clock.origin) - disc["last_update"]
+    if features.exits is not None:
+        flight[features.exits[:, 0] != 0] = 0.0
+    radius = box.radius if features.radius is None else features.radius
+    found = {name: getattr(features, name).copy() for name in columns}
+    found |= {"position": np.empty((len(disc), 2)), "velocity": np.empty((len(disc), 2))}
+    for axis in range(2):
+        speed = disc["velocity"][:, axis]
+        gain = 0.0 if features.gravity is None else features.gravity[axis] * flight
+        flown = disc["position"][:, axis] + flight * (speed + 0.5 * gain)
+        found["position"][:, axis], periods = brought_back(flown, radius, axis, box)
+        found["velocity"][:, axis] = speed + gain
+        if "image" in found:
+            found["image"][:, axis] += periods
+    place = np.empty_like(store.order)
+    place[store.order[store.event["number"]]] = np.arange(len(disc))
+    return {name: values[place] for name, values in found.items()}

@@ -1,8 +1,10 @@
-"""Free flight: where a disc is at a time, and when it reaches a place."""
+"""Free flight in the exact solver: where a disc is at a time, and when it reaches a place."""
 
 import math
 
-from mpsim.kernels.compiling import inlined
+from mpsim.kernels.compiling import inlined, linked
+
+# --- Free flight: where a disc is at a time, and when it reaches a place
 
 INFINITY = math.inf
 
@@ -98,3 +100,129 @@ def time_to_impact(rx, ry, ux, uy, contact):
     """Time until two discs touch [time], infinity if they never do: as `approach_of`."""
     b, gap, discriminant = approach_of(rx, ry, ux, uy, contact)
     return time_of(b, gap, discriminant) if will_touch(b, discriminant) else INFINITY
+
+
+# --- When a point on a parabola reaches a line or a circle: for a disc under gravity and a wall that is not level
+#
+# A line leads to a quadratic equation, a circle to a quartic. Closed forms of a quartic lose their digits where roots
+# lie close together, that is, at a grazing contact. So time is divided at the extrema of the distance, the roots of a
+# cubic, which is divided at the extrema of its own; each interval has one root at most, and bisection cannot miss it.
+
+MOST_HALVINGS = 200
+"""Steps of a search at most: Newton's are some five, bisection's alone some 60, and more for a root next to zero."""
+
+
+@inlined
+def time_to_come_down(height, speed, acceleration):
+    """Time until a height above a line falls to 0 [time]; speed and acceleration upward. From below, it rises first.
+
+    The root of height + speed t + acceleration t^2/2 = 0 at which it falls, of which there is one at most after now.
+    """
+    discriminant = speed * speed - 2.0 * acceleration * height
+    if discriminant < 0.0:
+        return INFINITY
+    if speed < 0.0:
+        return 2.0 * height / (math.sqrt(discriminant) - speed) if height >= 0.0 else INFINITY
+    return (speed + math.sqrt(discriminant)) / -acceleration if acceleration < 0.0 else INFINITY
+
+
+# --- a circle round the origin ------------------------------------------------------------------------------------
+
+
+@inlined
+def excess(t, rx, ry, vx, vy, gx, gy, contact):
+    """Half of |.|^2 - contact^2 of the point r + v t + g t^2/2, and its first and second derivative."""
+    px, py = rx + t * (vx + 0.5 * t * gx), ry + t * (vy + 0.5 * t * gy)
+    ux, uy = vx + t * gx, vy + t * gy
+    distance = math.sqrt(px * px + py * py)
+    return (
+        0.5 * (distance - contact) * (distance + contact),
+        px * ux + py * uy,
+        ux * ux + uy * uy + px * gx + py * gy,
+    )
+
+
+@linked
+def sign_change(derivative, low, high, rx, ry, vx, vy, gx, gy, contact):
+    """Where `excess` (derivative = 0), or its first derivative (1), changes sign between two times of opposite sign.
+
+    Newton's steps; a bisection replaces each one that would leave the bracket or has not halved it.
+    """
+    start, approach, _ = excess(low, rx, ry, vx, vy, gx, gy, contact)
+    falls = (start if derivative == 0 else approach) > 0.0
+    t = 0.5 * (low + high)
+    for _ in range(MOST_HALVINGS):
+        width = high - low
+        value, first, second = excess(t, rx, ry, vx, vy, gx, gy, contact)
+        slope = first
+        if derivative == 1:
+            value, slope = first, second
+        if value == 0.0:
+            return t
+        if (value > 0.0) == falls:
+            low = t
+        else:
+            high = t
+        step = value / slope if slope != 0.0 else INFINITY
+        following = t - step
+        if not (low < following < high) or high - low > 0.5 * width + abs(step):
+            following = 0.5 * (low + high)
+        if not (low < following < high) or following == t:
+            break
+        t = following
+    return t
+
+
+@inlined
+def bends(rx, ry, vx, vy, gx, gy):
+    """Times at which the first derivative of `excess` is extremal: (earlier, later); infinity if there are none."""
+    gravity = gx * gx + gy * gy
+    along = vx * gx + vy * gy
+    discriminant = along * along - gravity * (vx * vx + vy * vy + rx * gx + ry * gy) * 2.0 / 3.0
+    if gravity == 0.0 or discriminant < 0.0:
+        return INFINITY, INFINITY
+    root = math.sqrt(discriminant)
+    return (-along - root) / gravity, (-along + root) / gravity
+
+
+@linked
+def time_to_circle(rx, ry, vx, vy, gx, gy, contact, ax, ay, within):
+    """Time until a point on a parabola enters a circle round the origin, `within` at most, else infinity [time].
+
+    r, v, g: place, velocity, acceleration. contact: radius of the circle [length]. a: only the part of the
+    circle counts that does not lie ahead in this direction; (0, 0): all. A point that is inside by rounding enters when
+    it begins to approach.
+    """
+    slack = 1e-9 * contact * math.sqrt(ax * ax + ay * ay)
+    first_bend, second_bend = bends(rx, ry, vx, vy, gx, gy)
+    low = 0.0
+    for _ in range(3):
+        high = within
+        if low < first_bend < within:
+            high = first_bend
+        elif low < second_bend < within:
+            high = second_bend
+        # Between two bends, the point changes at most once from receding to approaching, or back.
+        _, before, _ = excess(low, rx, ry, vx, vy, gx, gy, contact)
+        _, after, _ = excess(high, rx, ry, vx, vy, gx, gy, contact)
+        start, end = low, low
+        if before > 0.0 and after < 0.0:
+            start, end = sign_change(1, low, high, rx, ry, vx, vy, gx, gy, contact), high
+        elif before < 0.0 and after > 0.0:
+            end = sign_change(1, low, high, rx, ry, vx, vy, gx, gy, contact)
+        elif before + after < 0.0:
+            end = high
+        if end > start:
+            at_start, _, _ = excess(start, rx, ry, vx, vy, gx, gy, contact)
+            at_end, _, _ = excess(end, rx, ry, vx, vy, gx, gy, contact)
+            if at_end < 0.0:
+                t = start
+                if at_start > 0.0:
+                    t = sign_change(0, start, end, rx, ry, vx, vy, gx, gy, contact)
+                px, py = rx + t * (vx + 0.5 * t * gx), ry + t * (vy + 0.5 * t * gy)
+                if px * ax + py * ay <= slack:
+                    return t
+        if high == within:
+            break
+        low = high
+    return INFINITY

@@ -21,10 +21,8 @@ from mpsim.kernels.events.features.hooks import (
     thermal_speed_off_wall,
 )
 from mpsim.kernels.events.flight import advance_to
-from mpsim.kernels.events.records import VIRIAL, VIRIAL_XX, VIRIAL_XY
-from mpsim.kernels.events.region import counts
-from mpsim.kernels.events.sums import add
-from mpsim.kernels.nearest_image import nearest_image
+from mpsim.kernels.events.records import VIRIAL, VIRIAL_XX, VIRIAL_XY, add, counts
+from mpsim.kernels.geometry import nearest_image
 
 PARTING = 2.0**-48
 """Speed at which discs part, or leave a surface, where rounding alone would leave them approaching, as a fraction of

@@ -11,15 +11,8 @@ from mpsim.kernels.events.calendar import reschedule
 from mpsim.kernels.events.cells import block_to_search, cell_of, gather, is_inside
 from mpsim.kernels.events.features import expansion
 from mpsim.kernels.events.features.hooks import before_border, is_absent, radius_at, radius_of
-from mpsim.kernels.events.flight import (
-    INFINITY,
-    approach_of,
-    state_at,
-    time_of,
-    will_touch,
-)
-from mpsim.kernels.events.records import BOTTOM, LEFT, MOST_NEAR
-from mpsim.kernels.events.region import here_along, number_of_cell, place_along
+from mpsim.kernels.events.flight import INFINITY, approach_of, state_at, time_of, will_touch
+from mpsim.kernels.events.records import BOTTOM, LEFT, MOST_NEAR, here_along, number_of_cell, place_along
 from mpsim.kernels.machine import nonnegative
 
 

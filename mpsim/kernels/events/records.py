@@ -1,11 +1,133 @@
-"""The records of the exact solver, field by field, and the outcomes of a call."""
+"""The records of the exact solver, regions of cells, sums, and hashes of them."""
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from mpsim.kernels.compiling import inlined
 from mpsim.kernels.records import Record
+
+# --- The region of a store: the cells that are in it, those that are the tile's own, and the bands along its borders
+#
+# Cells are numbered column by column, from the first column and row of the region on. The region of a store that holds
+# the whole box is None, and the compiler drops the code that uses it.
+
+BAND = 3
+"""Cells on either side of a border between two tiles in which both must find the same. A disc looks at the cells
+around its own, so what is left of the band never looks at what is right of it."""
+
+OUTER_LOW, INNER_LOW, MIDDLE, INNER_HIGH, OUTER_HIGH, ELSEWHERE = 0, 1, 2, 3, 4, -1
+
+
+@inlined
+def place_along(axis, cell, region, box):
+    """Column or row of a cell, counted from the first one here; -1 if it is not here."""
+    if region is None:
+        return cell
+    place = cell - region.first[axis]
+    if place < 0:
+        place += box.columns if axis == 0 else box.rows
+    return place if place < region.here[axis] else -1
+
+
+@inlined
+def number_of_cell(column_place, row, region, box):
+    """Number of the cell of a row in the column at such a place; -1 if it is not here."""
+    if region is None:
+        return column_place * box.rows + row
+    row_place = place_along(1, row, region, box)
+    return column_place * region.here[1] + row_place if column_place >= 0 and row_place >= 0 else -1
+
+
+@inlined
+def here_along(axis, region, box):
+    """Columns or rows of cells that are here."""
+    if region is None:
+        return box.columns if axis == 0 else box.rows
+    return region.here[axis]
+
+
+@inlined
+def counts(region):
+    """1 if the current event counts here; 0 if it belongs to another tile."""
+    if region is None:
+        return 1
+    return region.counts
+
+
+@inlined
+def begin_event(cell, region, box):
+    """Before an event in a cell: it counts if the cell is the tile's own."""
+    if region is not None:
+        region.counts = is_own(cell, region, box)
+
+
+@inlined
+def band_along(axis, cell, region, box):
+    """Where a cell lies along an axis: in the tile, in a band along a border of it, or ELSEWHERE. Only for tiles."""
+    if region.differs[axis] == 0:
+        return MIDDLE
+    place = place_along(axis, cell, region, box)
+    if place < 0:
+        return ELSEWHERE
+    place -= region.own_first[axis]
+    own = region.own[axis]
+    if place < -BAND or place >= own + BAND:
+        return ELSEWHERE
+    # OUTER_LOW, INNER_LOW, ... In plain Python the sum of NumPy's truths is their `or`.
+    return int(place >= 0) + int(place >= BAND) + int(place >= own - BAND) + int(place >= own)
+
+
+@inlined
+def is_own(cell, region, box):
+    """Whether a cell is the tile's own. Only for tiles."""
+    for axis in range(2):
+        place = place_along(axis, cell[axis], region, box) - region.own_first[axis]
+        if place < 0 or place >= region.own[axis]:
+            return False
+    return True
+
+
+# --- A hash of a sequence of numbers, with which two tiles compare their results
+
+FACTOR = np.int64(0x2545F4914F6CDD1D)
+MANTISSA = 2.0**53
+
+
+@inlined
+def mixed(digest, value):
+    """A hash with one more whole number added."""
+    digest = (digest ^ value) * FACTOR
+    return digest ^ (digest >> 29)
+
+
+@inlined
+def mixed_real(digest, value):
+    """The same, with a real number."""
+    fraction, exponent = math.frexp(value)
+    return mixed(mixed(digest, np.int64(fraction * MANTISSA)), np.int64(exponent))
+
+
+# --- Predicted partners: by place in memory if they are in the store, else by number
+
+
+@inlined
+def elsewhere(number):
+    """The code for the number of a partner that is not in the store; also its inverse."""
+    return -2 - number
+
+
+@inlined
+def number_of_partner(partner, event):
+    """The number of a predicted partner, here or elsewhere; -1 if there is none."""
+    if partner >= 0:
+        return np.int64(event[partner].number)
+    return np.int64(partner) if partner == -1 else elsewhere(np.int64(partner))
+
+
+# --- The records of the exact solver, field by field, and the outcomes of a call
 
 # Outcomes.
 REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, OUTSIDE, STOPPED, ABORTED, FULL = range(9)
@@ -177,3 +299,42 @@ def numbers(values: Any) -> NDArray[Any]:
 def of_numbers(kind: np.dtype[Any], values: NDArray[Any]) -> Any:
     """Records of a kind from plain numbers, as `numbers` gives them."""
     return np.ascontiguousarray(values).view(kind)[..., 0][()]
+
+
+# --- Sums of real numbers in fixed point, which do not depend on the order of the terms
+#
+# A number is split into whole multiples of a unit and of 2^-33 of it. The sum is `coarse` units and 0 <= `fine` <
+# 2^33, so equal sums have equal numbers.
+
+CARRY = np.int64(1) << FINE
+MASK = CARRY - 1
+
+
+@inlined
+def add(tally, entry, value, unit):
+    """Add a number to an entry of a tally; unit: a power of two, in the unit of the number."""
+    scaled = value / unit
+    whole = math.floor(scaled)
+    add_parts(tally, entry, np.int64(whole), np.int64((scaled - whole) * CARRY))
+
+
+@inlined
+def add_parts(tally, entry, coarse, fine):
+    """Add so many coarse and fine units to an entry of a tally."""
+    fine += tally.fine[entry]
+    tally.coarse[entry] += coarse + (fine >> FINE)
+    tally.fine[entry] = fine & MASK
+
+
+@inlined
+def add_tally(tally, other):
+    """Add all entries of another tally."""
+    for entry in range(ENTRIES):
+        add_parts(tally, entry, other.coarse[entry], other.fine[entry])
+
+
+@inlined
+def clear_tally(tally):
+    """Set all entries to zero."""
+    for entry in range(ENTRIES):
+        tally.coarse[entry] = tally.fine[entry] = 0

@@ -17,6 +17,7 @@ some scenes need is in `features/hooks.py`.
 """
 
 import math
+from collections import namedtuple
 
 import numpy as np
 
@@ -24,16 +25,27 @@ from mpsim.kernels.collision_log import begin_span, is_full
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.boundary import is_wall
 from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times
-from mpsim.kernels.events.cells import cell_of, cross, deepest_overlap, leave_store, link_cells, particle_of
+from mpsim.kernels.events.cells import (
+    cell_of,
+    cross,
+    deepest_overlap,
+    is_disordered,
+    leave_store,
+    link_cells,
+    order_in_space,
+    particle_of,
+)
 from mpsim.kernels.events.features.gravity import component
-from mpsim.kernels.events.features.hooks import end_frame, is_changed, is_crushed
+from mpsim.kernels.events.features.hooks import end_frame, is_changed, is_crushed, with_columns
 from mpsim.kernels.events.flight import advance_to, is_finite
 from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall
-from mpsim.kernels.events.ordering import is_disordered, order_in_space
 from mpsim.kernels.events.prediction import predict
 from mpsim.kernels.events.records import (
     BACKWARDS,
+    BANDS,
+    ELSEWHERE,
     ENTRIES,
+    MIDDLE,
     NOT_FINITE,
     PAUSED,
     PROGRESS,
@@ -41,10 +53,48 @@ from mpsim.kernels.events.records import (
     STALLED,
     STOPPED,
     TOTALS,
+    band_along,
+    begin_event,
+    counts,
+    mixed,
+    number_of_partner,
 )
-from mpsim.kernels.events.region import begin_event, counts
-from mpsim.kernels.events.watch import watch_disc
 from mpsim.kernels.machine import now
+
+# --- Hash sums of the events in bands along the borders of a tile, with which neighbouring tiles are compared
+#
+# Each event in a band adds a hash of the disc after it: state, counts and predictions. A sum does not depend on the
+# order of events; equal sums mean equal histories, except in one case in 2^64.
+
+Watch = namedtuple("Watch", "bits seen")
+"""bits: the records of the discs as whole numbers, shape (N, 8); seen: sums by band, shape (25,)."""
+
+
+@inlined
+def digest_of(i, bits, store, features):
+    """A hash of everything that can change in disc i, wherever it lies in memory."""
+    event = store.event[i]
+    digest = np.int64(event.number)
+    for k in range(bits.shape[1]):
+        digest = mixed(digest, bits[i, k])
+    digest = mixed(digest, number_of_partner(event.partner, store.event))
+    digest = mixed(digest, np.int64(event.partner_collision_count))
+    digest = mixed(digest, np.int64(event.collision_count))
+    digest = mixed(digest, np.int64(event.side))
+    digest = mixed(digest, np.int64(event.cell[0]))
+    digest = mixed(digest, np.int64(event.cell[1]))
+    return with_columns(digest, features, i)
+
+
+@inlined
+def watch_disc(watch, i, store, box, features):
+    """Add disc i, as an event has just left it, to the sums of its bands."""
+    if watch is not None:
+        cell = store.event[i].cell
+        column, row = band_along(0, cell[0], store.region, box), band_along(1, cell[1], store.region, box)
+        if column != ELSEWHERE and row != ELSEWHERE and (column != MIDDLE or row != MIDDLE):
+            watch.seen[column * BANDS + row] += digest_of(i, watch.bits, store, features)
+
 
 STOP_ROUNDING = 1e-12
 """Fraction of a time by which rounding may put a stop beyond the end of the frame that reaches it."""

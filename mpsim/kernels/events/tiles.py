@@ -15,11 +15,21 @@ from mpsim.kernels.events.calendar import begin_turn_until, due, earliest
 from mpsim.kernels.events.cells import enter_absent, link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
-from mpsim.kernels.events.partners import elsewhere, number_of_partner
-from mpsim.kernels.events.records import BANDS, FULL, NOT_FINITE, REACHED, STALLED
-from mpsim.kernels.events.region import INNER_HIGH, INNER_LOW, place_along
+from mpsim.kernels.events.records import (
+    BANDS,
+    FULL,
+    INNER_HIGH,
+    INNER_LOW,
+    NOT_FINITE,
+    REACHED,
+    STALLED,
+    add_tally,
+    clear_tally,
+    elsewhere,
+    number_of_partner,
+    place_along,
+)
 from mpsim.kernels.events.solver import process_event, stalled
-from mpsim.kernels.events.sums import add_tally, clear_tally
 
 MOST_AT_ONCE = 10_000
 """Events without time passing, beside some for each disc, after which a tile is given up. One worker for all goes on

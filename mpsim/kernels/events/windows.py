@@ -21,14 +21,11 @@ import numpy as np
 from mpsim.kernels.collision_log import agree, take_back
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.calendar import begin_turn, fit_lap, shift_times, steps_for
-from mpsim.kernels.events.cells import enter_absent, link_cells
+from mpsim.kernels.events.cells import Store, enter_absent, link_cells, put_at_targets
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
-from mpsim.kernels.events.ordering import put_at_targets
-from mpsim.kernels.events.records import ABORTED, FULL, PAUSED, REACHED, STOPPED
-from mpsim.kernels.events.solver import STOP_ROUNDING, play_frames, write_totals
-from mpsim.kernels.events.state import Store
-from mpsim.kernels.events.sums import add_tally, clear_tally
+from mpsim.kernels.events.records import ABORTED, FULL, PAUSED, REACHED, STOPPED, add_tally, clear_tally
+from mpsim.kernels.events.solver import STOP_ROUNDING, Watch, play_frames, write_totals
 from mpsim.kernels.events.tiles import (
     bands_agree,
     begin_tile,
@@ -39,9 +36,8 @@ from mpsim.kernels.events.tiles import (
     put_down,
     tile_beyond,
 )
-from mpsim.kernels.events.watch import Watch
-from mpsim.kernels.layout import ABORT, RUNNING
 from mpsim.kernels.machine import atomic_add, now
+from mpsim.kernels.records import ABORT, RUNNING
 from mpsim.kernels.waiting import barrier, next_command
 
 MOST_FRAMES = 256

@@ -1,9 +1,8 @@
 """Edges that absorb discs. An absorbed disc keeps its number, stays at rest where it left, and meets no disc."""
 
-from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.acceleration import accelerations_of
-from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
-from mpsim.kernels.optional import value_or
+from mpsim.kernels.records import BOTTOM, IMPACT, LEFT, RIGHT, TOP
 
 FIELDS = {"exits": "exits"}
 """exits: shape (3, capacity), by id: 1 for discs that an edge has absorbed, and where [length]."""

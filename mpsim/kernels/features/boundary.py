@@ -11,12 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.kernels.bouncing import bounce_back
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import compiled, inlined, value_or
 from mpsim.kernels.features.absorption import is_absent
-from mpsim.kernels.layout import ALONG_X, ALONG_Y
-from mpsim.kernels.optional import value_or
-from mpsim.kernels.records import real
+from mpsim.kernels.geometry import bounce_back
+from mpsim.kernels.records import ALONG_X, ALONG_Y, real
 
 FIELDS = {"wrap_x": "wrap_x", "wrap_y": "wrap_y", "image": "image"}
 """wrap_x, wrap_y: length of a periodic axis, shape (1,) [length].

@@ -9,12 +9,11 @@ import math
 import numpy as np
 
 from mpsim.kernels.collision_log import DISC, OBSTACLE, WALL, write
-from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.absorption import is_absent
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import seen_from
-from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
-from mpsim.kernels.optional import value_or
+from mpsim.kernels.records import BOTTOM, IMPACT, LEFT, RIGHT, TOP
 
 FIELDS = {"log": None}
 """log: of `collision_log`, that of the worker whose call it is."""

@@ -9,13 +9,11 @@ one). Uniform discs have the moment of inertia m a^2 / 2, so an impulse J change
 with m_eff = m m' / (m + m') of two discs, m of a disc and a wall. Angular momentum about the point of contact is kept.
 """
 
-from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import put_inside, wrap_disc
 from mpsim.kernels.features.masses import mass_fraction
-from mpsim.kernels.layout import IMPACT
-from mpsim.kernels.optional import value_or
-from mpsim.kernels.records import real
+from mpsim.kernels.records import IMPACT, real
 
 FIELDS = {"friction": "friction", "wall_friction": "wall_friction", "spin": "spin"}
 """friction, wall_friction: shape (SIZE,), of two discs, and of a disc with walls and capsules; elements as follows.

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.collision_log import log_of
-from mpsim.kernels.compiling import inlined
+from mpsim.kernels.compiling import any_present, inlined
 from mpsim.kernels.features import (
     absorption,
     acceleration,
@@ -25,7 +25,6 @@ from mpsim.kernels.features import (
     thermal_walls,
     thermostat,
 )
-from mpsim.kernels.optional import any_present
 
 FEATURES = (
     acceleration,

@@ -1,6 +1,6 @@
 """A wall of the box that moves at constant speed until it stops."""
 
-from mpsim.kernels import moving_wall as motion
+from mpsim.kernels import geometry as motion
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.records import real
 

@@ -10,13 +10,11 @@ import math
 
 import numpy as np
 
-from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import WallContact, put_inside, wrap_disc
-from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
-from mpsim.kernels.optional import value_or
 from mpsim.kernels.random_numbers import wall_velocity
-from mpsim.kernels.records import real
+from mpsim.kernels.records import BOTTOM, IMPACT, LEFT, RIGHT, TOP, real
 
 FIELDS = {"thermal_walls": "thermal_walls"}
 """thermal_walls: the record THERMAL_WALLS."""

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 
-from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.absorption import is_absent
-from mpsim.kernels.optional import value_or
 from mpsim.kernels.random_numbers import normal_pair, pair
 
 FIELDS = {"thermostat": "thermostat"}

@@ -6,13 +6,12 @@ border; otherwise None, which costs nothing.
 
 import numpy as np
 
-from mpsim.kernels.compiling import inlined, linked
-from mpsim.kernels.features.boundary import images, is_near_border, seen_from
+from mpsim.kernels.compiling import inlined, linked, value_or
+from mpsim.kernels.features.boundary import images, is_near_border, period_of, seen_from
 from mpsim.kernels.features.hooks import is_absent
 from mpsim.kernels.frame.laws import resolve_contact
-from mpsim.kernels.frame.phases import add_time, set_phase
+from mpsim.kernels.frame.sharing import add_time, set_phase
 from mpsim.kernels.machine import LANES, lowest_bit, nonnegative, overlap_lanes
-from mpsim.kernels.optional import value_or
 
 
 @inlined
@@ -229,4 +228,58 @@ def resolve_all_pairs(discs, features, parameters, control, tally, frame):
                 features.wrap_y, discs, i, count, None, features, parameters, control, tally, frame
             )
             contacts += resolve_images_x(features.wrap_x, discs, i, count, features, parameters, control, tally, frame)
+    return contacts
+
+
+# --- Giants: the few discs far larger than all others. They are not in the grid, whose cells fit the others
+#
+# Worker 0 alone, after the odd columns, tests each giant against the discs in all cells under it. Otherwise one disc
+# of 20 radii among 10,000 would make each cell 400 times as large, with hundreds of neighbours for each disc.
+
+
+@inlined
+def cells_under(centre, reach, per_length, cells):
+    """First and one past the last cell along an axis that discs of the grid may touch from `centre`."""
+    first = int(max((centre - reach) * per_length, -1.0))
+    last = int(max((centre + reach) * per_length, -1.0))
+    return max(first, 0), min(last, cells - 1) + 1
+
+
+@linked
+def resolve_giants(discs, start, features, parameters, control, tally, frame):
+    """Contacts of each giant with the discs of the grid under it, then with the giants after it. Returns how many."""
+    columns, rows = control.columns, control.rows
+    stride = rows + 2
+    zero = discs.x.dtype.type(0)
+    width, height = period_of(features.wrap_x, zero), period_of(features.wrap_y, zero)
+    first_x, first_y = -1 if width > 0 else 0, -1 if height > 0 else 0  # images: -1, 0 and 1 periods away, or 0 alone
+    giants_end = start[(columns + 1) * stride + 1]
+    contacts = 0
+    for slot in range(start[(columns + 1) * stride], giants_end):
+        i = nonnegative(slot)
+        for shift_x in range(first_x, 1 - first_x):
+            for shift_y in range(first_y, 1 - first_y):
+                sx, sy = discs.x.dtype.type(shift_x * width), discs.x.dtype.type(shift_y * height)
+                reach = discs.radius[i] + features.giants[0]
+                left, right = cells_under(discs.x[i] - sx, reach, parameters.cells_per_x, columns)
+                low, high = cells_under(discs.y[i] - sy, reach, parameters.cells_per_y, rows)
+                for column in range(left, right):
+                    if low < high:
+                        cell = column * stride + 1
+                        contacts += resolve_far(
+                            discs,
+                            i,
+                            start[cell + low],
+                            start[cell + high],
+                            sx,
+                            sy,
+                            features,
+                            parameters,
+                            control,
+                            tally,
+                            frame,
+                        )
+                contacts += resolve_far(
+                    discs, i, i + 1, giants_end, sx, sy, features, parameters, control, tally, frame
+                )
     return contacts

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked
-from mpsim.kernels.frame.copying import copy_disc, copy_run
-from mpsim.kernels.frame.sharing import cells_of, section_of
+from mpsim.kernels.frame.sharing import cells_of, copy_disc, copy_run, section_of
 from mpsim.kernels.machine import RUN, add_to_lanes, nonnegative
 
 BUCKET = 64

@@ -1,18 +1,188 @@
-"""Motion of a slice of discs over one step: acceleration, drift, walls, and the check that the state is finite."""
+"""Motion of a slice of discs over one step: acceleration, flight, walls, and the check of speeds."""
 
 import math
 
-from mpsim.kernels.compiling import inlined, linked
-from mpsim.kernels.features.acceleration import accelerate
+import numpy as np
+
+from mpsim.kernels.compiling import any_present, inlined, linked, slice_of, value_or
+from mpsim.kernels.features.acceleration import accelerate, accelerations_of
+from mpsim.kernels.features.boundary import count_flight, no_contact, reach_boundary, wrapped
 from mpsim.kernels.features.collisions import on_walls
 from mpsim.kernels.features.hooks import after_flight, after_move, before_move, begin_step, special_borders
-from mpsim.kernels.frame.flight import BLOCK, flight_of, fly
-from mpsim.kernels.frame.speed_limit import end_where_fast
-from mpsim.kernels.frame.walls import count_impulses
-from mpsim.kernels.layout import BAD, BOTTOM, IMPACT, LEFT, RIGHT, TOP
+from mpsim.kernels.frame.walls import commit_wall_contact, count_impulses, walls_of_step
 from mpsim.kernels.machine import atomic_store
-from mpsim.kernels.optional import any_present
-from mpsim.kernels.records import real
+from mpsim.kernels.records import ALONG_X, ALONG_Y, BAD, BOTTOM, FASTEST_SCALE, IMPACT, LEFT, RIGHT, TOP, real
+
+# --- Flight over one step, straight or along exact parabolas: by blocks that meet no boundary, else disc by disc
+#
+# An accelerated disc ends a step with v + a dt, and its mean velocity in it is that minus a dt / 2.
+
+BLOCK = 64
+"""Discs that are looked at together."""
+
+
+@inlined
+def kicked(accelerated, v, kick):
+    """A velocity after the acceleration of a step has changed it by `kick`; accelerated: None if no disc is."""
+    if accelerated is None:
+        return v
+    return v + kick
+
+
+@inlined
+def mean_velocity(accelerated, v, half_kick):
+    """The mean velocity of a step that ends with v."""
+    if accelerated is None:
+        return v
+    return v - half_kick
+
+
+@inlined
+def displacement(accelerated, v, acceleration, parameters):
+    """The displacement in a step that ends with v [length]."""
+    dt = parameters.dt
+    return mean_velocity(accelerated, v, acceleration * dt / real(parameters, 2)) * dt
+
+
+@inlined
+def try_fly_freely(discs, low, high, accelerated, gravity, parameters):
+    """Advance a block of discs, unless one starts or ends beyond a limit: vector code. Returns whether it did.
+
+    A value that is not finite counts as beyond, so it is found when the discs are moved one by one.
+    """
+    zero, two, dt = real(parameters, 0), real(parameters, 2), parameters.dt
+    x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
+    radius = slice_of(discs.radius, low, high)
+    x_low, x_high = parameters.limit[LEFT], parameters.limit[RIGHT]
+    y_low, y_high = parameters.limit[BOTTOM], parameters.limit[TOP]
+    kick_x, kick_y = value_or(gravity, 0, zero) * dt, value_or(gravity, 1, zero) * dt
+    half_x, half_y = kick_x / two, kick_y / two
+    free = True
+    for i in range(high - low):
+        margin = value_or(radius, i, zero)
+        px = x[i] + mean_velocity(accelerated, kicked(accelerated, vx[i], kick_x), half_x) * dt
+        py = y[i] + mean_velocity(accelerated, kicked(accelerated, vy[i], kick_y), half_y) * dt
+        inside_x = (px >= x_low + margin) & (px < x_high - margin) & (x[i] >= x_low) & (x[i] < x_high)
+        inside_y = (py >= y_low + margin) & (py < y_high - margin) & (y[i] >= y_low) & (y[i] < y_high)
+        free &= inside_x & inside_y
+    if free:
+        for i in range(high - low):
+            vx[i] = kicked(accelerated, vx[i], kick_x)
+            vy[i] = kicked(accelerated, vy[i], kick_y)
+            x[i] += mean_velocity(accelerated, vx[i], half_x) * dt
+            y[i] += mean_velocity(accelerated, vy[i], half_y) * dt
+    return free
+
+
+@inlined
+def try_fly_block(discs, low, high, accelerated, acceleration, gravity, parameters):
+    """`try_fly_freely`, unless discs have individual accelerations. Returns whether it did."""
+    if accelerated is not None:  # noqa: SIM102 - see optional.py
+        if acceleration is not None:
+            return False
+    return try_fly_freely(discs, low, high, accelerated, gravity, parameters)
+
+
+@inlined
+def fly_along(p, v, acceleration, accelerated, edges, margin, wrap, features, parameters):
+    """One step along the axis with these edges; returns a `WallContact`."""
+    zero = real(parameters, 0)
+    v = kicked(accelerated, v, acceleration * parameters.dt)
+    p = wrapped(wrapped(p, wrap) + displacement(accelerated, v, acceleration, parameters), wrap)
+    if p - p != zero:  # not finite: detected by the caller
+        return no_contact(p, v, zero)
+    walls = walls_of_step(edges, margin, features, parameters)
+    return reach_boundary(p, v, acceleration, accelerated, walls, wrap, parameters)
+
+
+@inlined
+def flight_of(discs, i, ax, ay, accelerated, features, parameters):
+    """Where one step leads disc i, along x and along y: two of `WallContact`. Changes nothing."""
+    margin = value_or(discs.radius, i, real(parameters, 0))
+    x = fly_along(discs.x[i], discs.vx[i], ax, accelerated, ALONG_X, margin, features.wrap_x, features, parameters)
+    y = fly_along(discs.y[i], discs.vy[i], ay, accelerated, ALONG_Y, margin, features.wrap_y, features, parameters)
+    return x, y
+
+
+@inlined
+def fly_one(discs, i, accelerated, features, parameters, control, tally, frame):
+    """Advance disc i. Returns True if it is not finite."""
+    zero = real(parameters, 0)
+    ax, ay = accelerations_of(discs, i, features)
+    along_x, along_y = flight_of(discs, i, ax, ay, accelerated, features, parameters)
+    x, y, vx, vy = along_x.position, along_y.position, along_x.velocity, along_y.velocity
+    flight_x = displacement(accelerated, vx, ax, parameters)
+    flight_y = displacement(accelerated, vy, ay, parameters)
+    count_flight(discs, i, x, y, flight_x, flight_y, features)
+    commit_wall_contact(discs, i, along_x, along_y, True, features, parameters, control, tally, frame)
+    return not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))
+
+
+@linked
+def fly(discs, low, high, accelerated, features, parameters, control, tally, frame):
+    """Advance a slice, whatever its boundaries and radii are. Returns True if a position or velocity is not finite.
+
+    accelerated: True for parabolas; None: discs fly straight, as under contact `push`.
+    """
+    bad = False
+    for first in range(low, high, BLOCK):
+        last = min(first + BLOCK, high)
+        if not try_fly_block(discs, first, last, accelerated, features.acceleration, features.gravity, parameters):
+            for i in range(first, last):
+                bad |= fly_one(discs, i, accelerated, features, parameters, control, tally, frame)
+    return bad
+
+
+# --- Which discs are too fast for the next step: detected as they move; the fastest one is reported
+#
+# The test whether any disc of a slice is beyond the limit has no branch and no order, so that it becomes vector code.
+# Only if one is are the discs examined one by one.
+
+MOST = 2.0**40
+"""Largest speed that is reported, in units of the limit: more does not fit the word."""
+
+
+@linked
+def any_fast(discs, low, high, parameters):
+    """Whether a disc of a slice is beyond the limit. A value that is not finite is not."""
+    vx, vy, radius = discs.vx[low:high], discs.vy[low:high], slice_of(discs.radius, low, high)
+    limit, one = parameters.fast, real(parameters, 1)
+    fast = False
+    for i in range(high - low):
+        own = value_or(radius, i, one)
+        fast |= vx[i] * vx[i] + vy[i] * vy[i] > limit * (own * own)
+    return fast
+
+
+@linked
+def note_fastest(discs, low, high, parameters, mine):
+    """Record the disc of a slice that is farthest beyond the limit; among equals, the one with the lowest number."""
+    limit = np.float64(parameters.fast)
+    for i in range(low, high):
+        vx, vy, own = np.float64(discs.vx[i]), np.float64(discs.vy[i]), np.float64(value_or(discs.radius, i, 1.0))
+        square = vx * vx + vy * vy
+        if square > limit * own * own:
+            ratio = MOST
+            if square < MOST * MOST * limit * own * own:
+                ratio = math.sqrt(square / (limit * own * own))
+            scaled = np.int64(ratio * FASTEST_SCALE)
+            if scaled > mine.fastest or (scaled == mine.fastest and discs.id[i] < mine.fastest_disc):
+                mine.fastest, mine.fastest_disc = scaled, discs.id[i]
+
+
+@inlined
+def end_where_fast(discs, low, high, parameters, control, mine):
+    """Make this frame the last of the command if a disc of the slice is too fast for the next step.
+
+    Called by all workers before they move their slices. They all write the same number, and no worker compares with it
+    before the barriers of this frame, or it sees that this frame is still to be run.
+    """
+    if parameters.fast < math.inf and any_fast(discs, low, high, parameters):
+        note_fastest(discs, low, high, parameters, mine)
+        control.frames = mine.frame + 1
+
+
+# --- Motion of a slice of discs over one step: acceleration, drift, walls, and the check that the state is finite
 
 
 @inlined

@@ -36,26 +36,54 @@ on the state in particle order: neither on the workers, nor on the memory order 
 from mpsim.kernels.collision_log import next_span
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.features.hooks import prepare_next_step
-from mpsim.kernels.frame.contacts import resolve_all_pairs, resolve_columns
-from mpsim.kernels.frame.giants import resolve_giants
+from mpsim.kernels.frame.contacts import resolve_all_pairs, resolve_columns, resolve_giants
+from mpsim.kernels.frame.incremental_sort import first_cursor, merge_up_to
 from mpsim.kernels.frame.motion import move
-from mpsim.kernels.frame.passes import resolve_inside
-from mpsim.kernels.frame.phases import add_time, set_phase, wait_for_all
-from mpsim.kernels.frame.sharing import list_emigrants
+from mpsim.kernels.frame.sharing import add_time, list_emigrants, set_phase, wait_for_all
 from mpsim.kernels.frame.sorting import begin_sort, move_and_bin
-from mpsim.kernels.layout import (
-    ABORT,
-    BAD,
-    BAD_STATE,
-    EVEN,
-    MOVE,
-    ODD,
-    RUNNING,
-    SLICE,
-    SORT,
-)
 from mpsim.kernels.machine import now
+from mpsim.kernels.records import ABORT, BAD, BAD_STATE, EVEN, MOVE, ODD, RUNNING, SLICE, SORT
 from mpsim.kernels.waiting import barrier, next_command
+
+# --- The even and the odd pass over the columns of a worker
+#
+# An odd column c only requires that columns c - 1 and c + 1 have had the even pass; it need not wait for all others.
+# So a worker takes a few of its columns at a time through the end of the sort and both passes, while their discs are
+# in the cache. Only the columns next to those of a neighbour remain: an even last one, and the odd ones beside a
+# column that a neighbour's even pass changes. They have their passes after barriers (`stepping.py`).
+
+AT_ONCE = 4096
+"""Discs of the columns that are taken through sort and passes together: some 200 kB of both buffers in float32."""
+
+
+@linked
+def resolve_inside(
+    front, back, start, changes, slot, end, merging, features, parameters, control, team, tally, times, worker, moment
+):
+    """The part of both passes within own columns, and before it the merge, if the sort has left one to do.
+
+    slot, end: the slice of the worker in `back`. Returns the columns where the passes continue, and the time.
+    """
+    mine = team[worker]
+    first, last = mine.first_column, mine.last_column
+    even = first + first % 2
+    odd = even + 1
+    cursor = first_cursor(team, worker, control, slot)
+    width = max(2, AT_ONCE * (last - first) // max(end - slot, 1))
+    rest = features, parameters, control, mine, tally, times
+    # At least once, for a last worker without columns, which has the discs outside the grid.
+    for column in range(first + width, max(last, first + 1) + width, width):
+        stop = min(column, last)
+        if merging:
+            set_phase(mine, SORT)
+            cursor = merge_up_to(stop, cursor, front, back, start, changes, team, worker, control, end)
+            moment = add_time(times, mine, SORT, moment)
+        if control.race_free == 1:
+            moment = resolve_columns(EVEN, even, stop - 1, 2, back, start, *rest, moment)
+            even += 2 * max(0, (stop - even) // 2)  # the first that is left
+            moment = resolve_columns(ODD, odd, even - 1, 2, back, start, *rest, moment)
+            odd += 2 * max(0, (even - odd) // 2)
+    return even, odd, moment
 
 
 @inlined

@@ -2,14 +2,12 @@
 
 import numpy as np
 
-from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.compiling import any_present, inlined, linked, value_or
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import Walls, is_between, no_contact, reach_boundary
 from mpsim.kernels.features.contact_hooks import leave_walls, on_walls
 from mpsim.kernels.features.hooks import is_absent, lets_out, wall_place, wall_speed
-from mpsim.kernels.layout import ALONG_X, ALONG_Y, BOTTOM, LEFT, RIGHT, TOP
-from mpsim.kernels.optional import any_present, value_or
-from mpsim.kernels.records import real
+from mpsim.kernels.records import ALONG_X, ALONG_Y, BOTTOM, LEFT, RIGHT, TOP, real
 
 
 @inlined

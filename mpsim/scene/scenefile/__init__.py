@@ -7,7 +7,6 @@ in its own folder or below, which are logged and listed in `SceneFile.read`.
 Import this module only where it is used: its validator takes a moment to load.
 """
 
-from mpsim.scene.scenefile.reading import SceneFile, load, names, titles
-from mpsim.scene.scenefile.writing import save
+from mpsim.scene.scenefile.reading import SceneFile, load, names, save, titles
 
 __all__ = ["SceneFile", "load", "names", "save", "titles"]

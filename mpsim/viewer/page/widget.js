@@ -1,5 +1,5 @@
 // A view in a notebook: the page in an iframe of its own, so that its keys and style do not affect the notebook.
-// Its messages use the notebook's connection to Python. PAGE is the page as one text; viewer/page_files.py adds it.
+// Its messages use the notebook's connection to Python. PAGE is the page as one text; viewer/server.py adds it.
 
 const QUIET = 30000; // ms without a message after which one was lost: a ping comes every 10 s
 

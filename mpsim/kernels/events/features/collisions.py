@@ -5,8 +5,7 @@ import math
 from mpsim.kernels.collision_log import DISC, OBSTACLE, WALL, write
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.properties import mass_of, radius_of
-from mpsim.kernels.events.records import FIRST_CAPSULE
-from mpsim.kernels.events.region import counts
+from mpsim.kernels.events.records import FIRST_CAPSULE, counts
 
 FIELDS = {"log": None}
 """log: of `collision_log`. Its numbers of discs are those of `event.number`."""

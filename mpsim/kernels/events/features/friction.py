@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.properties import mass_of, radius_of
-from mpsim.kernels.events.hashing import mixed_real
+from mpsim.kernels.events.records import mixed_real
 
 
 class Friction(NamedTuple):

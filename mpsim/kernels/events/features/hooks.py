@@ -12,7 +12,7 @@ from collections import namedtuple
 from collections.abc import Mapping
 from typing import Any
 
-from mpsim.kernels.compiling import inlined
+from mpsim.kernels.compiling import copy_entry, copy_row, inlined, swap_entries, swap_rows
 from mpsim.kernels.events.features import (
     absorption,
     capsules,
@@ -28,7 +28,6 @@ from mpsim.kernels.events.features import (
     thermostat,
 )
 from mpsim.kernels.events.records import MOVING_WALL
-from mpsim.kernels.optional import copy_entry, copy_row, swap_entries, swap_rows
 
 FEATURES = (
     gravity,

@@ -1,7 +1,7 @@
 """Counts of periods: how often each disc has left through a periodic border, so that its path can be unwrapped."""
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.hashing import mixed
+from mpsim.kernels.events.records import mixed
 
 FIELDS = {"image": None}
 """image: shape (N, 2), periods along x and y, int64; where an axis is periodic."""

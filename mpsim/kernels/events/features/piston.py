@@ -6,7 +6,7 @@ Its place follows from the time since it began. All other times here are counted
 
 from typing import NamedTuple
 
-from mpsim.kernels import moving_wall as motion
+from mpsim.kernels import geometry as motion
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.gravity import component
 from mpsim.kernels.events.features.properties import radius_of

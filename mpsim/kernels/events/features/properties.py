@@ -1,7 +1,6 @@
 """Radii and masses: one for each disc, or one for all."""
 
-from mpsim.kernels.compiling import inlined
-from mpsim.kernels.optional import value_or
+from mpsim.kernels.compiling import inlined, value_or
 
 FIELDS = {"radius": None, "mass": None}
 """radius [length], mass [mass]: shape (N,)."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.gravity import component
-from mpsim.kernels.events.region import counts
+from mpsim.kernels.events.records import counts
 
 
 def restitution_of(scene: Any) -> float | None:

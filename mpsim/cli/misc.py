@@ -1,0 +1,484 @@
+"""Small commands: scenes, show, plot, animate, bench, warmup, completion, stability, clean."""
+
+import dataclasses
+import textwrap
+import time
+from pathlib import Path
+from typing import Any, Literal
+
+import click
+import numpy as np
+
+from mpsim.cli import terminal
+from mpsim.cli.run import MEASURES, RunFolder
+from mpsim.cli.terminal import complete_scene
+from mpsim.core import files
+from mpsim.core.machine import usable_cores
+from mpsim.core.text import json_text
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.workers import shared
+from mpsim.errors import InputError
+from mpsim.features import FEATURES, NUMBERS
+from mpsim.kernels.compiling import compiled_kernels
+from mpsim.scene import scenefile
+from mpsim.scene.scenefile import SceneFile
+from mpsim.scene.settings import LAWS, PRECISIONS, Law, Precision, Settings
+from mpsim.studies import benchmark
+
+# --- `mpsim bench`, `mpsim warmup` and `mpsim completion`: benchmarks and setup on this machine
+
+BENCH_EXAMPLES = """\b
+Examples:
+  mpsim bench                          a few seconds
+  mpsim bench --count 3000 --workers 4 --json
+All of it, with pictures: python scripts/run_bench.py in a checkout.
+"""
+
+
+@click.command(epilog=BENCH_EXAMPLES, short_help="Measure how fast mpsim is here.")
+@click.option(
+    "--count",
+    type=terminal.Whole(1, 3000),
+    default=100,
+    show_default=True,
+    help="Number of discs; limited, as one method tests all pairs.",
+)
+@click.option("--frames", type=terminal.Whole(1, 100_000), default=500, show_default=True)
+@click.option(
+    "--workers",
+    type=terminal.Whole(1, terminal.MOST_WORKERS),
+    help="Workers of the method parallel; default: one per core.",
+)
+@click.option("--law", type=terminal.Choice(LAWS), default="elastic", show_default=True)
+@click.option(
+    "--precision",
+    type=terminal.Choice(PRECISIONS),
+    default="float32",
+    show_default=True,
+    help="The report used float32.",
+)
+@terminal.json_option
+@terminal.quiet_option
+def bench(
+    count: int, frames: int, workers: int | None, law: Law, precision: Precision, as_json: bool, quiet: bool
+) -> None:
+    """Repeat the first experiment of the term-project report: time each method on the same gas.
+
+    The results are checked in the same run. Times do not include compilation.
+    """
+    settings = Settings(dt=benchmark.DT, law=law, contact="push", precision=precision, workers=workers)
+    with terminal.progress(quiet) as progress:
+        done = iter(range(1, len(benchmark.METHODS) + 1))
+        tick = _silent if progress is None else lambda word: progress(next(done), len(benchmark.METHODS), word)
+        timings = benchmark.fixed(settings, frames, tick, count).timings
+    rows = [_row(timing, count) for timing in timings.values()]
+    if as_json:
+        click.echo(json_text({"discs": count, "frames": frames, "cores": usable_cores(), "methods": rows}))
+        return
+    click.echo(f"{count} discs, {frames} frames, packing {benchmark.PACKING}, {precision}, on {usable_cores()} cores:")
+    for row in rows:
+        ours = f"median {row['median_seconds'] * 1e6:8.1f} us a frame, mean {row['mean_seconds'] * 1e6:8.1f} us"
+        report = f" (in the report: {row['report_seconds'] * 1e6:.0f} us)" if row["report_seconds"] else ""
+        click.echo(f"  {row['method']:8} {row['workers']:2} worker{'s' * (row['workers'] > 1):1} {ours}{report}")
+    click.echo(f"grid and parallel gave the same bits: {timings['grid'].digest}")
+
+
+def _silent(word: str) -> None:
+    pass
+
+
+def _row(timing: benchmark.Timing, count: int) -> dict[str, Any]:
+    report = benchmark.REPORT_FIXED_MS[timing.method] * 1e-3 if count == 100 else None
+    return {
+        "method": timing.method,
+        "workers": timing.workers,
+        "median_seconds": timing.median,
+        "mean_seconds": timing.mean,
+        "report_seconds": report,
+        "digest": timing.digest,
+    }
+
+
+WARMUP_EXAMPLES = """\b
+Examples:
+  mpsim warmup                         for all scenes that come with mpsim: minutes, once
+  mpsim warmup gas hopper
+  mpsim warmup my_scene.toml --precision float32
+"""
+
+
+@click.command(epilog=WARMUP_EXAMPLES, short_help="Compile ahead of the first run.")
+@click.argument("scenes", nargs=-1, shell_complete=terminal.complete_scene)
+@terminal.settings_options
+@terminal.json_option
+@terminal.quiet_option
+def warmup(scenes: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) -> None:
+    """Compile the loops that SCENES need, so that their first run starts at once. The result is kept.
+
+    A kernel is compiled for each combination of features, so scenes with the same ones share theirs.
+    """
+    files = [scenefile.load(scene) for scene in scenes or scenefile.names()]
+    found: list[dict[str, Any]] = []
+    with terminal.progress(quiet) as progress:
+        for number, file in enumerate(files):
+            if progress is not None:
+                progress(number, len(files), file.name)
+            before, started = compiled_kernels(), time.perf_counter()
+            with Simulation(file.scene, terminal.settings_of(file, options)) as sim:
+                sim.run(frames=0)
+            seconds, kernels = time.perf_counter() - started, compiled_kernels() - before
+            found.append({"scene": file.name, "seconds": seconds, "kernels": kernels})
+    if as_json:
+        click.echo(json_text(found))
+        return
+    for row in found:
+        click.echo(f"{row['scene']:12} {row['seconds']:6.1f} s, {row['kernels']} kernels compiled or loaded")
+
+
+COMPLETION_EXAMPLES = """\b
+Examples:
+  mpsim completion bash >> ~/.bashrc
+  mpsim completion zsh >> ~/.zshrc
+  mpsim completion fish > ~/.config/fish/completions/mpsim.fish
+"""
+
+
+@click.command(epilog=COMPLETION_EXAMPLES, short_help="Print the completion script of a shell.")
+@click.argument("shell", type=terminal.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print a script with which SHELL completes commands, options and scenes of mpsim."""
+    from click.shell_completion import get_completion_class  # noqa: PLC0415 - only here
+
+    kind = get_completion_class(shell)
+    assert kind is not None  # click knows these three
+    root = click.get_current_context().find_root().command
+    click.echo(kind(root, {}, "mpsim", "_MPSIM_COMPLETE").source())
+
+
+# --- `mpsim clean`: removes shared memory left by killed programs
+
+
+@click.command(
+    short_help="Remove shared memory of programs that were killed.",
+    epilog="\b\nExamples:\n  mpsim clean --dry-run\n  mpsim clean",
+)
+@click.option("--dry-run", is_flag=True, help="Only list what would be removed.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON: name, size and process of each.")
+def clean(dry_run: bool, as_json: bool) -> None:
+    """Remove shared memory of mpsim whose owner is dead, and nothing else.
+
+    It is left behind only if a simulation and its helper processes are all killed at the same moment.
+    """
+    blocks = shared.stale_blocks() if dry_run else shared.remove_stale_blocks()
+    if as_json:
+        click.echo(json_text([dataclasses.asdict(block) for block in blocks]))
+        return
+    for block in blocks:
+        click.echo(f"{block.name}  {block.nbytes:,} bytes, of process {block.pid}")
+    total = sum(block.nbytes for block in blocks)
+    verb = "would be removed" if dry_run else "removed"
+    click.echo(f"{len(blocks)} blocks {verb}, {total:,} bytes")
+
+
+# --- `mpsim scenes` and `mpsim show`: lists and describes scenes
+
+
+@click.command(epilog="\b\nExamples:\n  mpsim scenes\n  mpsim scenes --json")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON: name and title of each.")
+def scenes(as_json: bool) -> None:
+    """List the scenes that come with mpsim."""
+    titles = scenefile.titles()
+    if as_json:
+        click.echo(json_text(titles))
+        return
+    width = max(map(len, titles), default=0)
+    for name, title in titles.items():
+        click.echo(f"{name:{width}}  {title}")
+
+
+@click.command(
+    short_help="Describe a scene.", epilog="\b\nExamples:\n  mpsim show hopper\n  mpsim show my_scene.toml --json"
+)
+@click.argument("scene", shell_complete=complete_scene)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def show(scene: str, as_json: bool) -> None:
+    """Describe SCENE: box, discs, features, recommended settings, what to look for.
+
+    The whole file is checked; all its problems are reported at once.
+    """
+    file = scenefile.load(scene)
+    if as_json:
+        click.echo(json_text(record(file)))
+        return
+    click.echo(f"{file.name}: {file.title}" if file.title else file.name)
+    for text in (file.text, file.look_for and f"Look for: {file.look_for}"):
+        if text:
+            click.echo("\n" + textwrap.fill(" ".join(text.split()), 100))
+    click.echo()
+    for name, value in description(file).items():
+        click.echo(f"{name:12} {value}")
+
+
+def description(file: SceneFile) -> dict[str, str]:
+    """A scene in words, by subject."""
+    scene = file.scene
+    x, y = scene.boundary
+    boundary = x if x == y else f"{x} along x, {y} along y"
+    words = {"box": f"{scene.width:g} x {scene.height:g}, {boundary}"}
+    words["discs"] = f"{scene.count}, radius {_range(scene.radii)}, mass {_range(scene.masses)}, "
+    words["discs"] += f"packing {scene.packing:.3g}"
+    if file.compressed is not None:
+        words["start"] = f"compressed to packing {file.compressed['packing']:g} at rate {file.compressed['rate']:g}"
+    if scene.count:
+        mean = float(np.sqrt((scene.velocity**2).sum(axis=1).mean()))
+        words["speed"] = f"{mean:.3g} (root mean square)"
+    present = {each.argument: each.description(scene) for each in FEATURES if each.is_in(scene)}
+    words |= {name: text for name, text in present.items() if text}
+    words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
+    if scene.picture_interval is not None:
+        words["pictures"] = f"every {scene.picture_interval:g}"
+    if scene.measures:
+        words["measures"] = ", ".join(scene.measures)
+    words["settings"] = settings_text(file.settings)
+    words["read from"] = ", ".join(map(str, file.read))
+    return words
+
+
+def settings_text(settings: Settings | None) -> str:
+    """Settings that differ from the defaults, as written in Python."""
+    if settings is None:
+        return "none recommended"
+    chosen, defaults = vars(settings), vars(Settings())
+    changed = [f"{name}={value!r}" for name, value in chosen.items() if name == "dt" or value != defaults[name]]
+    return f"Settings({', '.join(changed)})"
+
+
+def record(file: SceneFile) -> dict[str, Any]:
+    """The same as plain values."""
+    scene = file.scene
+    return {
+        "name": file.name,
+        "title": file.title,
+        "text": file.text,
+        "look_for": file.look_for,
+        "width": scene.width,
+        "height": scene.height,
+        "boundary": scene.boundary,
+        "count": scene.count,
+        "packing": scene.packing,
+        "compressed": file.compressed,
+        **{feature.argument: feature.record(scene) for feature in FEATURES},
+        **{name: getattr(scene, name) for name in NUMBERS},
+        "duration": scene.duration,
+        "picture_interval": scene.picture_interval,
+        "measures": scene.measures,
+        "settings": None if file.settings is None else dataclasses.asdict(file.settings),
+        "read": [str(path) for path in file.read],
+        "digest": scene.digest(),
+    }
+
+
+def _range(values: Any) -> str:
+    if not len(values):
+        return "-"
+    low, high = float(np.min(values)), float(np.max(values))
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
+# --- `mpsim stability`: runs the trials of the stability map on this machine
+
+EXAMPLES = """\b
+Examples:
+  mpsim stability --only step --only places
+  mpsim stability --out stability/            (also heat maps; some minutes)
+"""
+
+
+@click.command(epilog=EXAMPLES, short_help="Test every method on extreme scenes.")
+@click.option(
+    "--only", "axes", multiple=True, metavar="AXIS", help="What to vary, such as step or box; default: everything."
+)
+@click.option("--full", is_flag=True, help="Include the long trials: millions of discs, a million frames.")
+@click.option("--json", "as_json", is_flag=True, help="Print every outcome as JSON.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for JSON and heat maps.")
+@terminal.quiet_option
+def stability(axes: tuple[str, ...], full: bool, as_json: bool, out: Path | None, quiet: bool) -> None:
+    """Try every method, contact, law and precision on extreme scenes, and report the outcomes.
+
+    Each trial is correct, degraded (an error is large, with a warning) or refused. Any other outcome is a bug,
+    and the exit code is 1.
+    """
+    from mpsim.studies import stability as trials  # noqa: PLC0415 - not needed by any other command
+
+    chosen = trials.trials(axes or None, full)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    with terminal.progress(quiet) as progress:
+        outcomes = trials.run_trials(chosen, progress=progress)
+    if out is not None:
+        from mpsim.output import stability_map  # noqa: PLC0415 - matplotlib
+
+        files.write_text(out / "stability.json", trials.to_json(outcomes))
+        stability_map.save(outcomes, out)
+    click.echo(trials.to_json(outcomes) if as_json else trials.counts_table(outcomes))
+    found = trials.counts(outcomes)
+    if any(found[kind] for kind in trials.FORBIDDEN):
+        raise click.exceptions.Exit(1)
+
+
+# --- `mpsim plot` and `mpsim animate`: pictures and animations of scenes and runs
+
+PLOT_EXAMPLES = """\b
+Examples:
+  mpsim plot run                    writes run/plot.png
+  mpsim plot run -o story.pdf --force
+"""
+
+
+@click.command(epilog=PLOT_EXAMPLES, short_help="Draw the results of a run.")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    "-o",
+    type=click.Path(path_type=Path),
+    help="Picture to write: .png, .pdf, .svg or another format.  [default: plot.png in the folder, replaced]",
+)
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@terminal.json_option
+def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
+    """Draw the results of the run in FOLDER: energy, overlap, collision rate, and the last frame.
+
+    The run may still be in progress.
+    """
+    from mpsim.output.drawing import checked_picture, save_figure  # noqa: PLC0415 - with matplotlib, see run.py
+    from mpsim.output.figures import history  # noqa: PLC0415
+    from mpsim.output.recorder import read_table  # noqa: PLC0415
+
+    found = RunFolder.open(folder)
+    if out is not None:
+        terminal.existing_refused(checked_picture(out), force)
+    table, frames = read_table(found[MEASURES]), found.frames
+    if not len(frames) or not len(table["time"]):
+        raise InputError(
+            f"{str(folder)!r} holds no frame yet; got an empty trajectory. Let the run continue for a while."
+        )
+    title = f"{found.record['scene']}, frame {table['frame'][-1]:.0f}, {found.record['status']}"
+    figure = history(table, found.scene, frames[-1], title)
+    path = save_figure(figure, out or folder / "plot.png")
+    click.echo(json_text({"picture": str(path)}) if as_json else f"written: {path}")
+
+
+ANIMATE_EXAMPLES = """\b
+Examples:
+  mpsim animate gas gas.gif
+  mpsim animate galton galton.gif --until 20 --fps 12
+  mpsim animate cooling cooling.gif --seconds 8 --scale log --theme dark
+  mpsim animate hopper -o hopper.mp4 --frames 300 --every 4      (needs ffmpeg or mpsim[film])
+  mpsim animate dense passes.gif --colour parity --method parallel --workers 2
+"""
+
+
+@click.command(epilog=ANIMATE_EXAMPLES, short_help="Write an animation.")
+@click.argument("scene", shell_complete=terminal.complete_scene)
+@click.argument("out", required=False, type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--out", "-o", "out_option", type=click.Path(path_type=Path, dir_okay=False), help="Another way to give OUT."
+)
+@click.option(
+    "--frames", type=terminal.Whole(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
+)
+@click.option("--until", type=terminal.Positive("time"), help="Time of the last picture, in place of --frames.")
+@click.option(
+    "--seconds",
+    type=terminal.Positive("seconds"),
+    help="How long the animation lasts, in place of --frames; its pictures are spread over the time to --until or "
+    "the scene's duration.",
+)
+@click.option("--every", type=terminal.Whole(1), help="Frames of the simulation per picture; default: the scene's own.")
+@click.option("--fps", type=terminal.Whole(1, 50), default=25, show_default=True, help="Pictures per second.")
+@click.option(
+    "--pixels",
+    type=terminal.Whole(100, 4000),
+    default=480,
+    show_default=True,
+    help="Pixels along the longer side of the box.",
+)
+@click.option(
+    "--colour",
+    "--color",
+    type=terminal.Choice(["speed", "worker", "parity", "none"]),
+    default="speed",
+    show_default=True,
+    help="worker: by the worker that owns the disc's column; parity: by even and odd columns.",
+)
+@click.option(
+    "--scale",
+    type=terminal.Choice(["linear", "log"]),
+    default="linear",
+    show_default=True,
+    help="How speeds become colours; log tells slow discs apart where speeds span decades.",
+)
+@click.option("--theme", type=terminal.Choice(["light", "dark"]), default="light", show_default=True)
+@terminal.settings_options
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@terminal.json_option
+@terminal.quiet_option
+def animate(
+    scene: str,
+    out: Path | None,
+    out_option: Path | None,
+    frames: int | None,
+    until: float | None,
+    seconds: float | None,
+    every: int | None,
+    fps: int,
+    pixels: int,
+    colour: str,
+    scale: Literal["linear", "log"],
+    theme: Literal["light", "dark"],
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Simulate SCENE and write an animation to OUT: a .gif, or an .mp4 if ffmpeg is installed."""
+    from mpsim.output import animation  # noqa: PLC0415 - with matplotlib, see run.py
+
+    out = _target(out, out_option)
+    terminal.existing_refused(out, force)
+    animation.checked_target(out)  # before the scene is made, which may take a while
+    file = scenefile.load(scene)
+    settings = terminal.settings_of(file, options)
+    frames, every = animation.pictures_of(file.scene, settings, frames, every, until, seconds, fps)
+    try:
+        with terminal.progress(quiet) as progress:
+            animation.animate(
+                file.scene,
+                settings,
+                out,
+                frames,
+                every=every,
+                pictures_per_second=fps,
+                pixels=pixels,
+                colour=None if colour == "none" else colour,
+                scale=scale,
+                theme=theme,
+                progress=False if progress is None else lambda done, of: progress(done, of, "pictures"),
+            )
+    except KeyboardInterrupt:
+        raise terminal.Interrupted(f"Interrupted; {str(out)!r} was not written.") from None
+    size = out.stat().st_size
+    if as_json:
+        click.echo(
+            json_text({"animation": str(out), "pictures": frames, "seconds": round(frames / fps, 3), "bytes": size})
+        )
+    else:
+        click.echo(f"written: {out}, {frames} pictures, {frames / fps:.3g} s, {size / 1000:.0f} kB")
+
+
+def _target(out: Path | None, out_option: Path | None) -> Path:
+    """The one of the two that was given."""
+    target = out_option or out
+    if target is None or (out and out_option):
+        raise click.UsageError("Give the file to write once, as OUT or by --out, such as gas.gif.")
+    return target

@@ -1,0 +1,145 @@
+"""What this process may use of the machine: cores, threads of long loops, garbage collection."""
+
+import contextlib
+import gc
+import math
+import multiprocessing
+import os
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path, PurePath
+from typing import TypeVar
+
+import psutil
+
+# --- Number of cores that this process may use: the smaller of CPU affinity and container quota
+
+
+def usable_cores() -> int:
+    """Cores that this process may use, at least 1.
+
+    The least of: the machine's cores, the CPU affinity, the cgroup's CPU quota (rounded up), and PYTHON_CPU_COUNT.
+    """
+    limits = [psutil.cpu_count() or 1]
+    if hasattr(os, "sched_getaffinity"):  # which needs no file descriptor, as that of psutil does
+        limits.append(len(os.sched_getaffinity(0)))
+    limits.extend(math.ceil(quota) for quota in _cgroup_quotas())
+    wanted = os.environ.get("PYTHON_CPU_COUNT", "")
+    if wanted.isdecimal() and len(wanted) < 10:
+        limits.append(int(wanted))
+    return max(min(limits), 1)
+
+
+def may_start_processes() -> bool:
+    """False inside a daemonic process (a worker of a pool), which Python forbids to have children."""
+    return not multiprocessing.current_process().daemon
+
+
+def _cgroup_quotas() -> list[float]:
+    """CPU quotas, in cores, of this process's cgroups of both versions and of all groups above them.
+
+    A container may see its own group mounted at the top, under the path that the host has for it.
+    """
+    quotas = []
+    try:
+        groups = [line.split(":", 2) for line in _lines("/proc/self/cgroup")]
+        mounts = [line.split(" - ", 1) for line in _lines("/proc/self/mountinfo")]
+    except OSError:
+        return []
+    for place, system in mounts:
+        (root, mount), (kind, *_, options) = place.split()[3:5], system.split()  # some have no source
+        for _, controllers, path in groups:
+            if kind == "cgroup2" and not controllers:
+                files = ["cpu.max"]
+            elif kind == "cgroup" and "cpu" in controllers.split(",") and "cpu" in options.split(","):
+                files = ["cpu.cfs_quota_us", "cpu.cfs_period_us"]
+            else:
+                continue
+            top, own = Path(mount), PurePath(path)
+            folder = top / (own.relative_to(root) if own.is_relative_to(root) else "")
+            for group in (folder, *folder.parents):
+                quotas += _quota(*(group / file for file in files))
+                if group == top:
+                    break
+    return quotas
+
+
+def _lines(file: str) -> list[str]:
+    """Lines of a file of the system, in which paths may have any bytes."""
+    return Path(file).read_text(errors="surrogateescape").split("\n")[:-1]
+
+
+def _quota(*files: Path) -> list[float]:
+    """Quota over period, read from one file with both or from two files; nothing where there is no limit."""
+    try:
+        quota, period = " ".join(file.read_text() for file in files).split()[:2]
+        return [float(quota) / float(period)] if quota not in ("max", "-1") else []
+    except (OSError, ValueError):
+        return []
+
+
+# --- Divides long loops among threads, one per core, for kernels that run without the interpreter's lock
+
+WORTH_A_THREAD = 100_000
+"""Elements from which on a loop is shared out: below, threads take as long as they save."""
+
+
+Result = TypeVar("Result")
+
+
+def in_pieces(function: Callable[[int, int], Result], count: int, elements: int | None = None) -> list[Result]:
+    """What function(first, last) returns for consecutive pieces of range(count), in their order, each done once.
+
+    Args:
+        function: may do one piece in the same time as another; function(0, 0) does nothing.
+        count: length of the range; there is a piece of it for each core that may be used.
+        elements: that the loop goes through, by which it is seen whether threads are worth while; None: `count`.
+
+    >>> in_pieces(lambda first, last: (first, last), 5)
+    [(0, 5)]
+    """
+    elements = count if elements is None else elements
+    cores = min(usable_cores(), count) if elements >= WORTH_A_THREAD else 1
+    if cores <= 1:
+        return [function(0, count)]
+    function(0, 0)  # so that a kernel is compiled by this thread, which can be interrupted
+    waiting = list(enumerate(pairwise(count * core // cores for core in range(cores + 1))))
+    done: dict[int, Result] = {}
+
+    def work() -> None:
+        while True:
+            try:
+                index, (first, last) = waiting.pop()
+            except IndexError:
+                return
+            done[index] = function(first, last)
+
+    helpers: list[Future[None]] = []
+    with ThreadPoolExecutor(cores - 1) as pool:
+        with suppress(RuntimeError):  # the system allows no more threads: then there are fewer of them
+            for _ in range(cores - 1):
+                helpers.append(pool.submit(work))
+        work()
+    for helper in helpers:
+        helper.result()
+    return [done[index] for index in range(cores)]
+
+
+# --- Pauses garbage collection while very many objects are created
+
+
+@contextlib.contextmanager
+def garbage_collection_paused() -> Generator[None]:
+    """Pause garbage collection, of which many objects that all stay make too much.
+
+    For a million tuples it would take four fifths of the time, in a compilation a sixth.
+    """
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

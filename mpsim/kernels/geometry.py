@@ -1,0 +1,72 @@
+"""Walls that move, nearest images at periodic borders, and bounces along parabolas."""
+
+import numpy as np
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.records import real
+
+# --- Place and velocity of a wall that moves, as functions of the time since it began: for both solvers and for
+#     Python
+#
+# A wall has the fields start, stop [length], speed [length/time] and arrival, the time at which it comes to rest
+# [time], all in float64.
+
+
+@inlined
+def place(wall, time):
+    """Coordinate of a wall [length]."""
+    if time >= wall.arrival:
+        return wall.stop
+    moved = wall.start + wall.speed * time
+    return max(moved, wall.stop) if wall.speed < 0.0 else min(moved, wall.stop)
+
+
+@inlined
+def velocity(wall, time):
+    """Velocity of a wall along its axis [length/time]."""
+    return wall.speed if time < wall.arrival else 0.0
+
+
+# --- Nearest images of a disc at a periodic border, for exact impacts and for placement
+
+
+@inlined
+def nearest_image(difference, length, periodic):
+    """One component of the relative position of the nearest image."""
+    if periodic and difference > 0.5 * length:
+        return difference - length
+    if periodic and difference < -0.5 * length:
+        return difference + length
+    return difference
+
+
+# --- The bounce of an accelerated disc off a wall at rest under contact `impact`: along its parabola, exact
+#
+# The report's v += a dt, p += v dt, with a bounce where the frame ended, loses or gains energy at each bounce. Here a
+# disc that ends a step beyond a wall is taken back along its parabola to the instant of contact, reflected there, and
+# then continues. With depth d beyond the wall, speed s outward now and acceleration A outward:
+#
+#     speed at the wall   c = sqrt(s^2 - 2 A d)             energy
+#     time since then     t = 2 d / (s + c)                 mean speed (s + c) / 2 over the distance d
+#     now                 e c t - A t^2 / 2 inside, moving inward at e c - A t
+
+
+@inlined
+def bounce_back(depth, speed, acceleration, parameters):
+    """(distance inside, speed inward, time since contact) of a disc `depth` beyond a wall; speed, acceleration outward.
+
+    A disc that moves inward, and was not carried out by its flight, is projected onto the wall, losing the
+    corresponding kinetic energy. For a disc that comes to rest on the wall, which acts on it from then on, the time is
+    the mean over the impulses of the wall.
+    """
+    zero, two = real(parameters, 0), real(parameters, 2)
+    at_wall = np.sqrt(max(speed * speed - two * acceleration * depth, zero))
+    if speed + at_wall <= zero:
+        return zero, at_wall, zero
+    time = min(two * depth / (speed + at_wall), parameters.dt + (depth - depth))  # in the type of depth, uncompiled too
+    inward = parameters.wall_restitution * at_wall
+    inside = (inward - acceleration * time / two) * time
+    inward -= acceleration * time
+    if inside < zero:  # it no longer leaves the wall: it rests there
+        return zero, max(inward, zero), depth / speed
+    return inside, inward, time

@@ -1,1 +1,0 @@
-"""Places of discs before the first frame."""
