@@ -48,7 +48,7 @@ INCHES = 6.0
 MOST_LABELS = 2_000
 """Discs with labels at most: more could not be read."""
 
-LUMINANCE, DARK = np.array([0.299, 0.587, 0.114]), 0.5
+LUMINANCE, DARK_BELOW = np.array([0.299, 0.587, 0.114]), 0.5
 """Weights of red, green and blue in the luminance of a colour, and the luminance below which its label is white."""
 
 FONT_SIZES = (4.0, 11.0)
@@ -286,5 +286,5 @@ def _write(axes: Axes, shown: Shown, discs: EllipseCollection, texts: list[str])
     points = 72 / figure.dpi * axes.bbox.width / shown.scene.width * 2 * float(np.median(shown.radius, axis=0))
     size = float(np.clip(1.4 * points / max(2, 2, *map(len, texts)), *FONT_SIZES))
     for (x, y), text, light in zip((shown.position + shown.corner).tolist(), texts, luminance, strict=True):
-        ink = "white" if light < DARK else "black"
+        ink = "white" if light < DARK_BELOW else "black"
         axes.text(x, y, text, color=ink, fontsize=size, ha="center", va="center", clip_on=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
+from rich.text import Text as Words
 
 from mpsim.core.text import with_error
 from mpsim.measure.registry import ERRORS, OBSERVABLES
@@ -176,7 +176,7 @@ def _grid(columns: list[list[str]], widths: list[int]) -> Table:
     grid = Table()
     for (head, *_), width in zip(columns, widths, strict=True):
         left = head in ("settings", "ran")
-        grid.add_column(Text("\n".join(textwrap.wrap(head, width))), justify="left" if left else "right", no_wrap=True)
+        grid.add_column(Words("\n".join(textwrap.wrap(head, width))), justify="left" if left else "right", no_wrap=True)
     for line in zip(*(column[1:] for column in columns), strict=True):
-        grid.add_row(*map(Text, line))
+        grid.add_row(*map(Words, line))
     return grid

@@ -7,7 +7,7 @@ import numpy as np
 from mpsim.kernels.compiling import any_present, inlined, linked, slice_of, value_or
 from mpsim.kernels.features.acceleration import accelerate, accelerations_of
 from mpsim.kernels.features.boundary import count_flight, no_contact, reach_boundary, wrapped
-from mpsim.kernels.features.collisions import on_walls
+from mpsim.kernels.features.collisions import on_walls as record_walls
 from mpsim.kernels.features.hooks import after_flight, after_move, before_move, begin_step, special_borders
 from mpsim.kernels.frame.walls import commit_wall_contact, count_impulses, walls_of_step
 from mpsim.kernels.machine import atomic_store
@@ -268,7 +268,7 @@ def log_walls(log, discs, low, high, features, parameters, control):
         zero = real(parameters, 0)
         for i in range(low, high):
             x, y = flight_of(discs, i, zero, zero, None, features, parameters)
-            on_walls(log, discs, i, x, y, (zero, zero), features, parameters, control)
+            record_walls(log, discs, i, x, y, (zero, zero), features, parameters, control)
 
 
 @inlined
