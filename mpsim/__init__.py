@@ -43,7 +43,7 @@ from mpsim.studies.tune import Tuned, tune
 
 if TYPE_CHECKING:
     from mpsim.output.animation import animate
-    from mpsim.output.still import draw
+    from mpsim.output.drawing import draw
     from mpsim.output.trajectory import Trajectory
     from mpsim.viewer.live import View, view
     from mpsim.viewer.notebook import live
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 _LATE = {
     "animate": "mpsim.output.animation",
-    "draw": "mpsim.output.still",
+    "draw": "mpsim.output.drawing",
     "live": "mpsim.viewer.notebook",
     "Trajectory": "mpsim.output.trajectory",
     "View": "mpsim.viewer.live",
@@ -65,8 +65,8 @@ _VIEWS = {
     "scene_png": ("mpsim.output.notebook", "scene_png"),
     "report_html": ("mpsim.output.notebook", "report_html"),
     "report_times": ("mpsim.output.figures", "times"),
-    "trade_text": ("mpsim.output.tables", "terminal_table"),
-    "trade_html": ("mpsim.output.tables", "html_table"),
+    "trade_text": ("mpsim.output.frontier", "terminal_table"),
+    "trade_html": ("mpsim.output.frontier", "html_table"),
     "tuned_html": ("mpsim.output.notebook", "tuned_html"),
     "measure_names": ("mpsim.measure.registry", "names"),
 }

@@ -18,7 +18,7 @@ from mpsim.engine.workers.tiles import TileArguments, arguments_of
 from mpsim.kernels.compiling import compiled
 from mpsim.kernels.events import records, windows
 from mpsim.kernels.events.records import number_of_partner
-from mpsim.kernels.events.tiles import copy_disc, copy_event
+from mpsim.kernels.events.windows import copy_disc, copy_event
 
 NEVER = np.iinfo(np.int64).max
 """A deadline [ns] that does not come."""

@@ -30,7 +30,7 @@ from tradeoff_answers import Effort, SavedAnswers, answers
 
 import mpsim
 from mpsim.core.machine import usable_cores
-from mpsim.output import frontier, tables
+from mpsim.output import frontier
 
 COUNT = 200
 SEED = 1
@@ -166,7 +166,7 @@ def write(table: mpsim.Tradeoff, words: str, made: str, folder: Path) -> None:
     """The table in three forms."""
     table.to_csv(folder / "table.csv")
     table.to_json(folder / "table.json")
-    text = [tables.markdown_table(table), words, made]
+    text = [frontier.markdown_table(table), words, made]
     (folder / "table.md").write_text("\n\n".join(part for part in text if part) + "\n")
 
 

@@ -13,8 +13,7 @@ import numpy as np
 import mpsim
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure import kinetic_energy
-from mpsim.output.frontier import short_label
-from mpsim.output.tables import UNITS, error_text
+from mpsim.output.frontier import UNITS, error_text, short_label
 from mpsim.studies import replicas
 from mpsim.studies.deviations import Deviation
 from mpsim.studies.tradeoff import Row, label

@@ -16,7 +16,7 @@ from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted, in_options
 from mpsim.core.interpreter import ready_for_interrupts
 from mpsim.core.progress import above
 from mpsim.errors import InputError, MpsimError, SceneFileError
-from mpsim.kernels.compile_notice import announced_by
+from mpsim.kernels.compiling import announced_by
 
 ELSEWHERE = {
     "compare": "`mpsim tradeoff SCENE` compares settings, and `mpsim view SCENE --beside event` two of them live.",

@@ -13,9 +13,8 @@ from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.errors import InputError
 from mpsim.features import FEATURES, feature
-from mpsim.features.masses import has_masses
 from mpsim.features.obstacles import Polyline
-from mpsim.features.radii import has_radii
+from mpsim.features.properties import has_masses, has_radii
 from mpsim.scene.scene import Scene
 
 # --- Discs that are added to a simulation: checked against the scene before anything is changed

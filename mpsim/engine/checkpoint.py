@@ -57,8 +57,7 @@ from mpsim.errors import (
     level_of_caller,
 )
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
-from mpsim.features.masses import has_masses
-from mpsim.features.radii import has_radii
+from mpsim.features.properties import has_masses, has_radii
 from mpsim.kernels.events.boundary import COARSE
 from mpsim.kernels.events.records import ENTRIES, FINE
 from mpsim.scene.scene import LARGEST_COUNT, Scene

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from mpsim.core.deferred_signals import Noted, interrupts_held_back
 from mpsim.core.state import Discs, StateInChunks
-from mpsim.engine.access import Access, Closing
+from mpsim.engine.access import Access, Closing, Notices, Once, warn
 from mpsim.engine.changes import REMOVE, Change, edited, with_wall
 from mpsim.engine.checkpoint import Checkpointer
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.journal import Changed, parameters_after
-from mpsim.engine.notices import Notices, Once, warn
 from mpsim.engine.observers import Observed, Observers
 from mpsim.engine.parameters import in_force
 from mpsim.engine.report import Report, phase_seconds
@@ -34,9 +33,9 @@ from mpsim.errors import (
     WorkerDiedError,
     WorkerStalledError,
 )
-from mpsim.kernels.compile_notice import compile_seconds
+from mpsim.kernels.compiling import compile_seconds
 from mpsim.kernels.records import PHASES
-from mpsim.measure.run_averages import Run, RunAverages
+from mpsim.measure.registry import Run, RunAverages
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

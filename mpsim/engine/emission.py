@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from mpsim.core.columns import IMAGE
 from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.engine.access import Notices, Once
 from mpsim.engine.changes import checked, hindrance
-from mpsim.engine.notices import Notices, Once
 from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.errors import EmitterWarning, InputError
 from mpsim.features.emitters import Emitter
-from mpsim.features.masses import has_masses
-from mpsim.features.radii import has_radii
+from mpsim.features.properties import has_masses, has_radii
 from mpsim.measure.correlation import lengths_of, to_nearest_image
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings

@@ -11,7 +11,7 @@ from mpsim.core.columns import IMAGE, Column
 from mpsim.engine.workers.shared import ArraySpec
 from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
-from mpsim.features.radii import has_radii
+from mpsim.features.properties import has_radii
 from mpsim.measure.moments import acceleration_bound, thermal_speed
 from mpsim.scene.scene import Scene
 

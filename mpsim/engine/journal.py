@@ -95,13 +95,13 @@ class Journal:
         target = _toml(path)
         start = target.with_name(f"{target.stem}.scene.toml")
         self.scene.save(start)
-        from mpsim.scene.scenefile import rules  # noqa: PLC0415 - its validator takes a moment to load
+        from mpsim.scene.scenefile import parts  # noqa: PLC0415 - its validator takes a moment to load
 
         head = {"format": FORMAT, "frame": self.frame, "digest": self.digest, "scene": start.name}
-        lines = [*rules.pairs(head), "", "[settings]", *rules.pairs(dataclasses.asdict(self.settings)), ""]
+        lines = [*parts.pairs(head), "", "[settings]", *parts.pairs(dataclasses.asdict(self.settings)), ""]
         for each in self.changes:
             entry = {"frame": each.frame, "time": each.time, "what": each.what, **each.values}
-            lines += ["[[change]]", *rules.pairs(entry), ""]
+            lines += ["[[change]]", *parts.pairs(entry), ""]
         text = "\n".join(lines).encode()
         if len(text) > MOST_BYTES:
             raise OutputError(

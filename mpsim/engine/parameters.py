@@ -17,10 +17,9 @@ from mpsim.core import checks
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
+from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.emitters import Emitter
-from mpsim.features.friction import friction_coefficient
-from mpsim.features.thermal_walls import ThermalWalls
-from mpsim.features.thermostat import Thermostat
+from mpsim.features.laws import friction_coefficient
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

@@ -19,7 +19,7 @@ from mpsim.core.optional_packages import imported
 from mpsim.core.state import view
 from mpsim.errors import InputError
 from mpsim.kernels.records import PHASES
-from mpsim.measure.run_averages import Measures
+from mpsim.measure.registry import Measures
 
 # --- Number of frames until a given time, and in a run
 

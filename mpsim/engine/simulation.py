@@ -34,7 +34,7 @@ from mpsim.engine.solvers.methods import capabilities_of, check_processes, on_ra
 from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together
 from mpsim.errors import CheckpointError, InputError
 from mpsim.features import FEATURES
-from mpsim.measure.run_averages import checked
+from mpsim.measure.registry import checked
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings, settings_for
 

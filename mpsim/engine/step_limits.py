@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.columns import given
 from mpsim.core.state import State
-from mpsim.engine.notices import Notices, Once
+from mpsim.engine.access import Notices, Once
 from mpsim.engine.solvers.base import NewDiscs, Origin, Solver
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, estimated_collision_rate, sides_at, speeds_at_start

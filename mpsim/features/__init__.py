@@ -1,17 +1,13 @@
 """Optional features of a scene: a module for each, and the list of them."""
 
 from mpsim.features.absorption import Absorption
+from mpsim.features.baths import ThermalWalls, ThermalWallsFeature, Thermostat, ThermostatFeature
 from mpsim.features.emitters import Emitter, Emitters
 from mpsim.features.feature import Feature, PerDisc
-from mpsim.features.fields import Acceleration, Gravity
-from mpsim.features.friction import Friction
-from mpsim.features.masses import Masses
+from mpsim.features.laws import Friction, Restitution
 from mpsim.features.obstacles import OBSTACLES, FixedDisc, Polyline
 from mpsim.features.piston import PISTON, Piston
-from mpsim.features.radii import Radii
-from mpsim.features.restitution import Restitution
-from mpsim.features.thermal_walls import ThermalWalls, ThermalWallsFeature
-from mpsim.features.thermostat import Thermostat, ThermostatFeature
+from mpsim.features.properties import Acceleration, Gravity, Masses, Radii
 
 __all__ = [
     "FEATURES",

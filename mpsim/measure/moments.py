@@ -14,8 +14,8 @@ from mpsim.core.columns import equal_sizes
 from mpsim.core.state import Discs, State, count_of, parts_of, present_in
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
-from mpsim.features.thermostat import mean_mass
-from mpsim.scene import walls
+from mpsim.features.baths import mean_mass
+from mpsim.scene import placement
 from mpsim.scene.scene import Scene
 
 # --- Features of a scene that change its number of discs or its energy
@@ -195,7 +195,7 @@ def placed(discs: Any, scene: Scene) -> Any:
     demand_scene(scene, discs)
     if not isinstance(discs, State):
         return discs
-    found = walls.placed(discs, scene)
+    found = placement.placed(discs, scene)
     beyond = np.abs(found.position / (scene.width, scene.height) - 0.5).max(axis=1) > 0.5 + SAME_BOX
     if (beyond & found.present).any():
         disc = int(np.flatnonzero(beyond & found.present)[0])

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks, files
 from mpsim.core.archive import DAMAGE, ArrayFile
 from mpsim.errors import InputError, NotRecordedError, OutputError, reason_of
-from mpsim.features.thermostat import mean_mass
+from mpsim.features.baths import mean_mass
 from mpsim.measure.moments import adds_discs, conserves_energy, is_heated, memory_of_baths, removes_discs
 from mpsim.measure.motion import (
     MOST_PARTS,

@@ -21,6 +21,7 @@ from mpsim.output.drawing import (
     DISC_COLOUR,
     FINE,
     STYLE,
+    draw,
     draw_discs,
     marker_of,
     new_figure,
@@ -28,7 +29,6 @@ from mpsim.output.drawing import (
     save_figure,
 )
 from mpsim.output.frames import Frame
-from mpsim.output.still import draw
 from mpsim.scene.scene import Scene
 from mpsim.studies.benchmark import Fixed, Repeat, Timing
 

@@ -11,7 +11,7 @@ from PIL import Image
 from mpsim.engine.report import Report
 from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure, speeds_of
 from mpsim.output.figures import phases_of
-from mpsim.output.tables import cost_text, error_text, measure_text, unresolved_text
+from mpsim.output.frontier import cost_text, error_text, measure_text, unresolved_text
 from mpsim.scene.scene import Scene
 from mpsim.studies.tradeoff import label
 from mpsim.studies.tune import Tuned

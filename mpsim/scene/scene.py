@@ -19,24 +19,21 @@ from mpsim.core.state import Box, State, no_state, view
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.absorption import check_edges
+from mpsim.features.baths import ThermalWalls, Thermostat, check_thermal_walls, check_thermostat
 from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, kinds_of, wraps_of
 from mpsim.features.emitters import Emitter, check_emitters
 from mpsim.features.feature import Deepest
-from mpsim.features.fields import check_acceleration, check_gravity
-from mpsim.features.friction import check_friction
+from mpsim.features.laws import Restitution, check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
-from mpsim.features.radii import check_radius
-from mpsim.features.restitution import Restitution
-from mpsim.features.thermal_walls import ThermalWalls, check_thermal_walls
-from mpsim.features.thermostat import Thermostat, check_thermostat
-from mpsim.scene import placement, starts, walls
+from mpsim.features.properties import check_acceleration, check_gravity, check_radius
+from mpsim.scene import placement, starts
 from mpsim.scene.compression import Compresses
 from mpsim.scene.discs import HasDiscs, Lattice, demand_equal_discs, demand_sites, demand_whole_box, start_of
+from mpsim.scene.placement import placed
 from mpsim.scene.settings import Recommends, Settings, check_recommended
 from mpsim.scene.starts import overlaps_in_words
-from mpsim.scene.walls import placed
 
 # --- A scene in one line, for its repr
 
@@ -293,7 +290,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
     @property
     def moving_wall(self) -> MovingWall | None:
         """The wall that a feature of the scene moves; None if all are at rest."""
-        return walls.the_moving_wall(self)
+        return placement.the_moving_wall(self)
 
     def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower left and upper right corner (x, y) of the box at a time: a wall may have moved [length].
@@ -311,7 +308,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         self, radius: float | NDArray[np.float64], time: float = 0.0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Smallest and largest centre coordinates of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
-        return walls.limits_at(self, radius, time)
+        return placement.limits_at(self, radius, time)
 
     def check_inside(
         self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64], time: float = 0.0
@@ -327,7 +324,7 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         Raises:
             InputError: naming the first centre that is less than one radius from a wall.
         """
-        walls.check_inside(self, name, position, radius, time)
+        placement.check_inside(self, name, position, radius, time)
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> Scene:

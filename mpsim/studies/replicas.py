@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mpsim.core.state import State
-from mpsim.engine import notices
+from mpsim.engine import access
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers import methods
@@ -31,7 +31,7 @@ from mpsim.errors import (
     WorkerDiedError,
     WorkerStalledError,
 )
-from mpsim.measure import moments, run_averages
+from mpsim.measure import moments, registry
 from mpsim.measure.registry import ERRORS, LONG, NAMES, OBSERVABLES, SHORT
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -67,7 +67,7 @@ def refusal(name: str, scene: Scene) -> str | None:
             f"{name!r} compares runs from states along a run, and needs all discs in each; emitters and absorbing "
             "edges change them. Ask for 'overlap', or for an average such as 'pressure'."
         )
-    return run_averages.refusal(name, scene)
+    return registry.refusal(name, scene)
 
 
 def starts_of(names: Collection[str], starts: str) -> str:
@@ -164,7 +164,7 @@ def failure(error: Exception) -> dict[str, Any]:
 @contextmanager
 def quietly() -> Iterator[None]:
     """Suppress warnings about the scene in this thread, which hundreds of runs would repeat."""
-    with notices.caught(EmitterWarning, OverlapWarning, GuardWarning, FastWarning, ResolutionWarning):
+    with access.caught(EmitterWarning, OverlapWarning, GuardWarning, FastWarning, ResolutionWarning):
         yield
 
 

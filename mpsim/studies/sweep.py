@@ -24,23 +24,25 @@ from mpsim.core.machine import usable_cores
 from mpsim.core.progress import Show, checked_progress, shown
 from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
 from mpsim.errors import InputError, MpsimError, SweepWarning, level_of_caller
-from mpsim.measure import run_averages
+from mpsim.measure import registry
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Recommends, Settings, settings_for
 from mpsim.studies import sweep_runs
-from mpsim.studies.executors import Submissions, checked_executor
-from mpsim.studies.sweep_points import Point, canonical, points_of
+from mpsim.studies.ensemble import Submissions, checked_executor
 from mpsim.studies.sweep_runs import (
     OWN,
     RUN_FIELDS,
     RUN_OPTIONS,
+    Point,
     SceneRun,
     Sweep,
     SweepFile,
     SweepRow,
+    canonical,
     checked_units,
     described,
     failed_elsewhere,
+    points_of,
     run_point,
 )
 
@@ -183,7 +185,7 @@ def _scene_run(
         settings = None
     until = None if options.until is None else checks.non_negative("until", options.until, "[time]")
     frames = None if options.frames is None else _frames(options.frames)
-    measures = None if options.measures is None else run_averages.checked(options.measures, scene)
+    measures = None if options.measures is None else registry.checked(options.measures, scene)
     run = SceneRun(make, settings, until, frames, measures, frozenset(own))
     run.settings_of({})
     for name in own:

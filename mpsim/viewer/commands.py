@@ -1,14 +1,17 @@
-"""Actions with which pages control a simulation: play, change, go back, restart, show a frame pass by pass."""
+"""Actions with which pages control a simulation, how many frames a picture takes, and frames pass by pass."""
 
 import contextlib
 import dataclasses
+import math
 import time
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
-from mpsim.engine.simulation import Simulation
+from mpsim.engine.simulation import Simulation, next_frame_in_passes
 from mpsim.engine.solvers.base import in_place
+from mpsim.engine.solvers.grid import Pass, has_passes_by_grid
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import ClosedError, InputError
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings, frames_between_pictures, settings_for
@@ -17,12 +20,240 @@ from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.gauges import CollisionCount
 from mpsim.viewer.hands import Hands
 from mpsim.viewer.link import Link
-from mpsim.viewer.pace import Pace, first_speed
 from mpsim.viewer.pair import SNAPSHOT
-from mpsim.viewer.passes import PassView
 from mpsim.viewer.source import Source
 from mpsim.viewer.trading import Trade, Tuning, demand_one_process
 from mpsim.viewer.undo import Moments
+
+# --- Decides how many frames to run before the next picture, for a given speed and quick responses
+
+UNIT = 60.0
+"""Frames a second at speed 1: one for each picture of a usual screen."""
+
+LOOK = 1 / 60
+"""Shortest time between two observations of a run [s]. Each interrupts the run, which costs 0.3 ms."""
+
+TURN = 3 * LOOK
+"""Longest time for which frames are run at once [s]; an action waits at most so long. To start and end a run takes
+0.3 ms."""
+
+MOST_BEHIND = 0.1
+"""Largest delay that a simulation catches up [s]. After a longer stop, the missed frames are dropped."""
+
+MOST_FRAMES = 10_000
+"""Largest number of frames to run at once, however short they are."""
+
+SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
+"""Speeds that the page offers, as in its link.js."""
+
+PICTURES = 25
+"""Recommended pictures of a scene that are shown per second."""
+
+
+def first_speed(every: int | None) -> float:
+    """The speed at which a scene is first shown: one that the page offers, in units of UNIT frames a second.
+
+    Args:
+        every: frames between two recommended pictures of the scene; None: it recommends none.
+
+    >>> first_speed(None), first_speed(10)
+    (1.0, 2.0)
+    """
+    wanted = 1.0 if every is None else every * PICTURES / UNIT
+    return float(max((speed for speed in SPEEDS if speed <= wanted), default=SPEEDS[0]))
+
+
+class Pace:
+    """Decides which frames are due. All times are from one clock [s].
+
+    Attributes:
+        speed: in units of UNIT frames a second; None: as fast as possible.
+        look: time between two observations of a run, from LOOK to TURN [s].
+
+    >>> pace = Pace(speed=1.0)
+    >>> pace.start(now=10.0)
+    >>> pace.due(now=10.0), pace.due(now=10.001), round(pace.wait(now=10.001), 4)
+    (1, 0, 0.0157)
+    """
+
+    def __init__(self, speed: float | None = 1.0):
+        self.speed: float | None = speed
+        self.look: float = LOOK
+        self._next = 0.0
+        self._seconds_per_frame: float | None = None
+
+    def start(self, now: float) -> None:
+        """Start at this moment; the first frame is due at once."""
+        self._next = now
+
+    def due(self, now: float) -> int:
+        """Number of frames to run now, at most as many as fit into TURN. They then no longer count as due."""
+        if self.speed is None:
+            looks = self.frames_between_looks
+            return max(self._fitting(TURN) // looks, 1) * looks
+        rate = self.speed * UNIT
+        self._next = max(self._next, now - MOST_BEHIND)
+        if now < self._next:
+            return 0
+        frames = min(int((now - self._next) * rate) + 1, self._fitting(TURN))
+        self._next += frames / rate
+        return frames
+
+    def wait(self, now: float) -> float:
+        """Time until the next frame is due [s]."""
+        return 0.0 if self.speed is None else max(self._next - now, 0.0)
+
+    @property
+    def frames_between_looks(self) -> int:
+        """Number of frames that fit into `look`, at least one.
+
+        It is a power of two, so that it stays the same although the time of a frame varies a little.
+        """
+        return 1 << (self._fitting(self.look).bit_length() - 1)
+
+    def note(self, frames: int, seconds: float) -> None:
+        """Note how long some frames took [s]."""
+        self._seconds_per_frame = max(seconds / frames, 1e-9)
+
+    def _fitting(self, seconds: float) -> int:
+        """Number of frames that take so long; one if the time of a frame is not known yet."""
+        if self._seconds_per_frame is None:
+            return 1
+        return min(max(int(seconds / self._seconds_per_frame), 1), MOST_FRAMES)
+
+
+class Allowance:
+    """Limits the fraction of a core that repeated work takes, by a pause after each use. Times are from one clock [s].
+
+    Args:
+        at_least: shortest time between two uses [s].
+
+    >>> allowance = Allowance(at_least=0.01)
+    >>> allowance.use(now=10.0, cost=0.001)
+    >>> allowance.charge(0.002)
+    >>> [round(allowance.wait(10.0, share, at_most=0.5), 3) for share in (0.001, 0.02, 0.5)]
+    [0.5, 0.15, 0.01]
+    """
+
+    def __init__(self, at_least: float):
+        self._at_least = at_least
+        self._last = -math.inf
+        self._cost = 0.0
+
+    def use(self, now: float, cost: float) -> None:
+        """Note a use at this moment; cost: processor time that it took [s]."""
+        self._last, self._cost = now, cost
+
+    def charge(self, cost: float) -> None:
+        """Add processor time to the cost of the last use [s]."""
+        self._cost += cost
+
+    def wait(self, now: float, share: float, at_most: float) -> float:
+        """Time until the next use [s], so that the uses take at most this fraction of a core; 0: now.
+
+        at_most: longest time between two uses [s], whatever they cost.
+        """
+        pause = min(max(self._cost / share, self._at_least), at_most)
+        return max(self._last + pause - now, 0.0)
+
+
+# --- Shows one frame pass by pass, with the worker that resolves each contact
+
+
+class PassView:
+    """Shows the passes of the next frame one after the other. The simulation itself does not change meanwhile.
+
+    >>> from mpsim import Scene, Settings
+    >>> view = PassView()
+    >>> with Simulation(Scene.random(count=50, packing=0.4, radius=0.5, seed=1), Settings(method="grid")) as sim:
+    ...     names = [view.next(sim).name, view.next(sim).name]
+    ...     view.is_last
+    True
+    >>> names
+    ['even', 'odd']
+    """
+
+    def __init__(self) -> None:
+        self._passes: list[Pass] = []
+        self._shown = -1
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a pass is shown."""
+        return self._shown >= 0
+
+    @property
+    def is_last(self) -> bool:
+        """Whether the last pass of the frame is shown. Its discs are where the frame leaves them."""
+        return self.is_open and self._shown == len(self._passes) - 1
+
+    def next(self, sim: Simulation) -> Pass:
+        """The next pass. After the last pass of a frame comes the first pass of the following frame.
+
+        Raises:
+            InputError: if the method or the scene has no passes.
+        """
+        if not self.is_open or self.is_last:
+            self._passes, self._shown = next_frame_in_passes(sim), -1
+        self._shown += 1
+        return self._passes[self._shown]
+
+    def demand_end(self, digest: str) -> None:
+        """Check that the frame has ended as its last pass did; digest: that of the simulation after the frame.
+
+        Raises:
+            InputError: if not, for example because the frame was divided into more steps than the one before.
+        """
+        if self._passes[self._shown].state.digest() != digest:
+            raise InputError(
+                "the passes that were shown must end where the frame does; this frame was divided into other steps "
+                "than the one before. Show the next one."
+            )
+
+    def offer(self, sim: Simulation) -> dict[str, Any] | None:
+        """The message for pages if frames have no passes but would have them with the method grid; None otherwise.
+
+        >>> from mpsim import Scene, Settings
+        >>> with Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1), Settings(method="naive")) as sim:
+        ...     PassView().offer(sim)["offer"]
+        'The method naive tests all pairs of discs at once, so a frame has no passes. The method grid has passes.'
+        """
+        if _has_columns(sim) or not has_passes_by_grid(sim.scene, sim.settings, sim.radii):
+            return None
+        what = "method naive tests all pairs of discs at once"
+        if not capabilities_of(sim.settings).has_steps:
+            what = "exact solver resolves one collision after another"
+        return {"name": None, "offer": f"The {what}, so a frame has no passes. The method grid has passes."}
+
+    def close(self) -> None:
+        """Stop showing passes."""
+        self._passes, self._shown = [], -1
+
+    def told(self) -> dict[str, Any]:
+        """The message for pages, for `wire.text_of`. Its `name` is that of the pass; None: no pass is shown."""
+        if not self.is_open:
+            return {"name": None}
+        shown = self._passes[self._shown]
+        return {
+            "name": shown.name,
+            "number": shown.number + 1,
+            "of": len(self._passes),
+            "contacts": shown.contacts,
+            "columns": shown.columns,
+            "brackets": shown.brackets.tolist(),
+            "owners": shown.owners.tolist(),
+        }
+
+
+def _has_columns(sim: Simulation) -> bool:
+    try:
+        sim.columns()
+    except InputError:
+        return False
+    return True
+
+
+# --- Actions with which pages control a simulation: play, change, go back, restart, show a frame pass by pass
 
 Where = tuple[int, int, int]
 """The moment that a picture or a reading shows: a number that grows with each change by hand, the frame, and the number

@@ -18,7 +18,7 @@ from mpsim.kernels.records import PHASES
 from mpsim.measure import reference, temperature
 from mpsim.measure.moments import adds_discs, has_body_force, has_losses, is_heated, removes_discs
 from mpsim.measure.observables import has_periodic_field
-from mpsim.measure.run_averages import checked
+from mpsim.measure.registry import checked
 from mpsim.measure.statistics import ratio_average
 from mpsim.scene.scene import Scene
 

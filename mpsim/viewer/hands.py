@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, InputError, OutputError
-from mpsim.features.masses import has_masses
-from mpsim.features.radii import has_radii
+from mpsim.features.properties import has_masses, has_radii
 from mpsim.measure.correlation import lengths_of, to_nearest_image
 from mpsim.viewer.sliders import Sliders
 from mpsim.viewer.undo import Undo

@@ -16,7 +16,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import ClosedError, InputError, MpsimError
 from mpsim.measure.observables import trajectory_error
-from mpsim.measure.run_averages import refusal
+from mpsim.measure.registry import refusal
 from mpsim.measure.statistics import Measure, block_average
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

@@ -21,8 +21,8 @@ from mpsim.scene.scene import Scene
 from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colouring import scale_of
+from mpsim.viewer.commands import Pace
 from mpsim.viewer.gauges import Gauges, Meter
-from mpsim.viewer.pace import Pace
 from mpsim.viewer.session import GAUGE_SECONDS, PICTURE_SECONDS
 from mpsim.viewer.source import Source
 

@@ -18,10 +18,9 @@ from mpsim.scene.settings import Settings
 from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colouring import Colouring, scale_of
-from mpsim.viewer.commands import Commanded, Where
+from mpsim.viewer.commands import LOOK, TURN, Allowance, Commanded, Where
 from mpsim.viewer.gauges import Counting, Gauges, Meter, bulk_pressure
 from mpsim.viewer.link import Link
-from mpsim.viewer.pace import LOOK, TURN, Allowance
 
 PICTURE_SECONDS = 0.8 * LOOK
 """Shortest time between two pictures [s]. It is a little less than LOOK; otherwise every other observation of the run

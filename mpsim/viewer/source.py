@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 
 from mpsim.errors import InputError, MpsimError
-from mpsim.kernels.compile_notice import Announcer, announced_by
+from mpsim.kernels.compiling import Announcer, announced_by
 from mpsim.scene.scene import Scene
 from mpsim.viewer import keep, wire
 from mpsim.viewer.broadcast import Audience, Broadcast

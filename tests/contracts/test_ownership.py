@@ -17,8 +17,7 @@ from mpsim.engine.workers.worker import kernel_arguments
 from mpsim.kernels import records
 from mpsim.kernels.features.hooks import prepare_first_step
 from mpsim.kernels.frame.contacts import resolve_columns, resolve_giants
-from mpsim.kernels.frame.sharing import list_emigrants
-from mpsim.kernels.frame.sorting import begin_sort, move_and_bin
+from mpsim.kernels.frame.sorting import begin_sort, list_emigrants, move_and_bin
 from mpsim.kernels.frame.stepping import resolve_inside
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")]

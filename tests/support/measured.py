@@ -4,8 +4,7 @@ import numpy as np
 
 import mpsim
 from mpsim.core.columns import CHUNK
-from mpsim.measure.registry import NAMES
-from mpsim.measure.run_averages import refusal
+from mpsim.measure.registry import NAMES, refusal
 
 
 def bare() -> mpsim.Scene:

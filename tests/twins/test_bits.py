@@ -15,7 +15,7 @@ from support.scenes import simulate
 from support.twins import Twin
 
 import mpsim
-from mpsim.measure import run_averages
+from mpsim.measure import registry
 
 FRAMES = 12
 
@@ -62,7 +62,7 @@ def in_pieces(scene, settings, pieces, reference, note):
 
 def allowed(scene, count):
     """The measures that the scene allows, with the discs that have entered."""
-    return [name for name in run_averages.NAMES if run_averages.refusal(name, scene, count) is None]
+    return [name for name in registry.NAMES if registry.refusal(name, scene, count) is None]
 
 
 def drawn_pieces(rng):

@@ -15,7 +15,7 @@ from support.scenes import simulate
 import mpsim
 from mpsim import measure
 from mpsim.engine.feature_arrays import typical_momentum
-from mpsim.measure import run_averages
+from mpsim.measure import registry
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::UserWarning")]
 
@@ -145,7 +145,7 @@ def drawn_run(seed):
 def check_run(seed):
     """Every measure that a gas allows, from the changes of velocity between short frames. Returns which were seen."""
     (scene, settings), frames = drawn_run(seed), 250
-    names = [name for name in run_averages.NAMES if run_averages.refusal(name, scene) is None]
+    names = [name for name in registry.NAMES if registry.refusal(name, scene) is None]
     states = [mpsim.State(scene.position, scene.velocity)]
     with simulate(scene, **settings) as sim:
         for _ in range(frames):
@@ -211,7 +211,7 @@ def depths_met(scene, states, settings):
 def states_say(scene, states, time):
     """Measures that follow from states: means over every second one, or every one where pressures are asked for."""
     m, g = scene.masses, np.zeros(2) if scene.gravity is None else scene.gravity
-    every = 2 - any(run_averages.refusal(name, scene) is None for name in ("pressure_xx", "pressure_yy"))
+    every = 2 - any(registry.refusal(name, scene) is None for name in ("pressure_xx", "pressure_yy"))
     squares = np.array([(state.velocity**2).sum(axis=1) for state in states])
     kinetic = (m * squares).sum(axis=1) / 2
     total = [kinetic[k] - (m * (states[k].position @ g)).sum() for k in (0, -1)]

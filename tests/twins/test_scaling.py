@@ -15,7 +15,7 @@ from support.scenes import simulate
 from support.transforms import Units, features_of, is_weighed
 
 import mpsim
-from mpsim.measure import run_averages
+from mpsim.measure import registry
 
 FRAMES = 10
 
@@ -37,7 +37,7 @@ def without_vanishing(scene):
 
 def outcome(scene, frames, **settings):
     """State, contacts and measures of a run."""
-    names = [name for name in run_averages.NAMES if run_averages.refusal(name, scene) is None]
+    names = [name for name in registry.NAMES if registry.refusal(name, scene) is None]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         with simulate(scene, **settings) as sim:

@@ -18,8 +18,8 @@ from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
 from mpsim.engine.workers.shared import ArraySpec
 from mpsim.errors import InputError
 from mpsim.features import capsules
-from mpsim.kernels import collision_log as log
 from mpsim.kernels import records
+from mpsim.kernels.features import collisions as log
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
 

@@ -30,9 +30,10 @@ from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, Grid, SharedBloc
 from mpsim.errors import DivergedError
 from mpsim.features import FEATURES
 from mpsim.features.edges import EDGES
-from mpsim.features.radii import has_radii
-from mpsim.kernels import collision_log, records
-from mpsim.kernels.collision_log import ROWS
+from mpsim.features.properties import has_radii
+from mpsim.kernels import records
+from mpsim.kernels.features import collisions
+from mpsim.kernels.features.collisions import ROWS
 from mpsim.kernels.features.hooks import prepare_first_step
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -76,19 +77,19 @@ class StepLog:
 
     def begin(self, arrays: Mapping[str, Any]) -> None:
         """Empty the logs for a command."""
-        arrays[collision_log.STATE][:] = 0
+        arrays[collisions.STATE][:] = 0
 
     def take(self, arrays: Mapping[str, Any], frames: int, begun: Begun) -> bool:
         """Take over what a command of so many frames has left in the logs. False: not all of it has fitted.
 
         Then a block that is made from now on has room for it.
         """
-        longest, room = base.longest(arrays), arrays[collision_log.ROWS].shape[1]
+        longest, room = base.longest(arrays), arrays[collisions.ROWS].shape[1]
         if longest > room:
             self._least = 2 * longest
             return False
         self.frames_that_fit = max(min(frames * room // (2 * longest or 1), 2 * self.frames_that_fit, MOST_FRAMES), 1)
-        arrays[collision_log.STATE][:, collision_log.AGREED] = arrays[collision_log.STATE][:, collision_log.COUNT]
+        arrays[collisions.STATE][:, collisions.AGREED] = arrays[collisions.STATE][:, collisions.COUNT]
         self._tables.append(_table(base.emptied(arrays), begun))
         return True
 
@@ -103,7 +104,7 @@ def _table(rows: NDArray[Any], begun: Begun) -> NDArray[Any]:
     frame, ended = begun.frame + step // begun.substeps, (step % begun.substeps + 1) / begun.substeps
     time = origin.time + ((frame - origin.frame + ended) * begun.dt - rows["time"])
     for edge in range(4):
-        hit = (rows["kind"] == collision_log.WALL) & (rows["j"] == edge)
+        hit = (rows["kind"] == collisions.WALL) & (rows["j"] == edge)
         rows["place"][hit, edge // 2] = _wall_at(begun.scene, edge, time[hit])
     return base.table_of(rows, frame + 1, time, begun.scene)
 

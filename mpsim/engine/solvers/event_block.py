@@ -17,21 +17,21 @@ from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, spe
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock
 from mpsim.errors import InputError, StalledError
 from mpsim.features import FEATURES
+from mpsim.features.baths import probability_of
 from mpsim.features.capsules import lists_of_cells
 from mpsim.features.edges import kinds_of
 from mpsim.features.obstacles import OBSTACLES
-from mpsim.features.radii import has_radii
-from mpsim.features.thermostat import probability_of
-from mpsim.kernels import collision_log
+from mpsim.features.properties import has_radii
 from mpsim.kernels import records as shared
 from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
 from mpsim.kernels.events.boundary import COARSE, Box
 from mpsim.kernels.events.cells import plan_cells
 from mpsim.kernels.events.features.capsules import Capsules
+from mpsim.kernels.events.features.edges import Wall
 from mpsim.kernels.events.features.hooks import features_of
-from mpsim.kernels.events.features.piston import Wall
 from mpsim.kernels.events.solver import worst_overlap
+from mpsim.kernels.features import collisions
 from mpsim.measure.moments import gravity_strength, is_inelastic, thermal_speed
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -506,7 +506,7 @@ class Plan(NamedTuple):
         store = stores.store_of(arrays)
         count = len(store.order)
         box, features = self._box(count), features_of(scene, arrays | self._given(count))
-        features = features._replace(log=collision_log.log_of(arrays, 0))
+        features = features._replace(log=collisions.log_of(arrays, 0))
         if "tiles" in arrays:
             lay_out(arrays, self._tiling(count), box, self.dt, self.workers, packed(box, features))
         return System(store, box, features)

@@ -43,11 +43,11 @@ from mpsim.engine.solvers.event_block import (
 from mpsim.engine.solvers.event_tiles import Windows
 from mpsim.engine.workers.shared import SharedBlock, resident_bytes
 from mpsim.errors import DivergedError, StalledError
-from mpsim.kernels import collision_log
 from mpsim.kernels import records as shared
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, cells, records, solver
 from mpsim.kernels.events.cells import link_cells
+from mpsim.kernels.features import collisions
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -214,10 +214,10 @@ class EventSolver(Solver):
         """The collisions since the last call."""
         arrays = self._block.arrays
         if self._windows is None:
-            arrays[collision_log.STATE][:, collision_log.AGREED] = arrays[collision_log.STATE][:, collision_log.COUNT]
+            arrays[collisions.STATE][:, collisions.AGREED] = arrays[collisions.STATE][:, collisions.COUNT]
         rows = base.emptied(arrays)
         rows["i"] = self._system.store.order[rows["i"]]
-        among_discs = rows["kind"] == collision_log.DISC
+        among_discs = rows["kind"] == collisions.DISC
         rows["j"][among_discs] = self._system.store.order[rows["j"][among_discs]]
         frame, time = self.origin.frame + rows["span"] + 1, self.origin.time + rows["time"]
         return base.table_of(rows, frame, time, self._scene)

@@ -15,7 +15,7 @@ from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import Grid, SharedBlock
 from mpsim.engine.workers.worker import kernel_arguments, load_kernels
 from mpsim.errors import InputError
-from mpsim.features.radii import has_radii
+from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.frame.rank import run_part
 from mpsim.kernels.frame.stepping import run_grid, run_naive

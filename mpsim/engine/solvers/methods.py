@@ -4,7 +4,7 @@ import logging
 from typing import NamedTuple
 
 from mpsim.core.machine import may_start_processes, usable_cores
-from mpsim.engine.notices import Notices
+from mpsim.engine.access import Notices
 from mpsim.engine.solvers.base import Capabilities, Choice, Processes, Solver
 from mpsim.engine.solvers.events import EventSolver
 from mpsim.engine.solvers.grid import GridSolver, NaiveSolver

@@ -45,7 +45,7 @@ from mpsim.engine.solvers.speeds import Part as SpeedsOfPart
 from mpsim.engine.solvers.stepped import SteppedSolver, disc_at
 from mpsim.engine.workers.shared import Grid, resident_bytes
 from mpsim.errors import BusyError, DivergedError, InputError
-from mpsim.features.radii import has_radii
+from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.compiling import source_digest
 from mpsim.scene.scene import Scene

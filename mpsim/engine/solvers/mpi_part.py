@@ -19,7 +19,7 @@ from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import Grid, SharedBlock, block_arrays, remove_stale_blocks
 from mpsim.engine.workers.worker import GridArguments, kernel_arguments, load_kernels
 from mpsim.errors import InputError
-from mpsim.features.radii import has_radii
+from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.frame import rank as kernels
 from mpsim.scene.scene import Scene

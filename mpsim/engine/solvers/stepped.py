@@ -26,9 +26,9 @@ from mpsim.engine.solvers.base import (
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, speeds_of
 from mpsim.engine.workers.shared import Grid, SharedBlock, grid_for
 from mpsim.engine.workers.worker import buffers_of
-from mpsim.features.radii import has_radii
+from mpsim.features.properties import has_radii
 from mpsim.kernels import records
-from mpsim.kernels.features.boundary import wrap_places
+from mpsim.kernels.features.edges import wrap_places
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

@@ -27,8 +27,7 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.errors import ResourceError, SharedMemoryError, is_of_the_system
 from mpsim.features.edges import WALLED, wraps_of
 from mpsim.kernels import records
-from mpsim.kernels.frame.incremental_sort import BUCKET
-from mpsim.kernels.frame.sharing import FEW
+from mpsim.kernels.frame.sorting import BUCKET, FEW
 
 # --- The arrays of the shared block: their names, dtypes and shapes; and the grid, which sets the shape of one
 

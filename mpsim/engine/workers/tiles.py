@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.kernels.collision_log import log_of
 from mpsim.kernels.events import cells, records
 from mpsim.kernels.events.features.hooks import BARE, COLUMNS
 from mpsim.kernels.events.windows import Own, Shared, run_windows
+from mpsim.kernels.features.collisions import log_of
 
 WAITING = "waiting."
 """Before the names of the arrays in which discs wait until all tiles agree."""

@@ -19,7 +19,7 @@ import numpy as np
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock, refusal_of_process
 from mpsim.engine.workers.tiles import arguments_in_block, idle_call, load_windows, wait_for_windows
 from mpsim.errors import ResourceError
-from mpsim.kernels import compile_notice, records
+from mpsim.kernels import compiling, records
 from mpsim.kernels.features.hooks import features_of
 from mpsim.kernels.frame.rank import run_part
 from mpsim.kernels.frame.stepping import run_grid
@@ -114,7 +114,7 @@ def worker_main(worker: int, connection: Connection, name: str, specs: dict[str,
     """Entry point of worker `worker` (1 or above); ends with its coordinator (a process number), whatever happens."""
     for number in (signal.SIGINT, signal.SIGTERM):  # they may reach the whole group; the coordinator alone decides
         signal.signal(number, signal.SIG_IGN)
-    compile_notice.announce_by(None)  # the coordinator has told of the same kernels
+    compiling.announce_by(None)  # the coordinator has told of the same kernels
     try:
         _watch(coordinator)
         _serve(worker, connection, SharedBlock.attach(name, specs))

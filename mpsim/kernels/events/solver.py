@@ -9,7 +9,7 @@ from event to event in the order of time. The only approximation is the rounding
 - Lazy positions: a disc is stored where and when its own last event left it; only its own events move it.
 - Only an approaching pair collides, and an overlapping pair that approaches collides at once, so rounding can neither
   lose an impact nor cause endless ones (Bannerman, Strobl, Formella and Poeschel, Comput. Part. Mech. 1, 191, 2014).
-- A guard ends inelastic collapse (`features/restitution.py`).
+- A guard ends inelastic collapse (`features/laws.py`).
 
 The caller owns the arrays (`state.layout`); in order: `state.place`, `worst_overlap`, `schedule`, then `advance_frames`
 and `state.read_out` as often as needed. All of them are one kernel, `run_events`, compiled once for a scene. What only
@@ -21,7 +21,6 @@ from collections import namedtuple
 
 import numpy as np
 
-from mpsim.kernels.collision_log import begin_span, is_full
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.boundary import is_wall
 from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times
@@ -35,11 +34,10 @@ from mpsim.kernels.events.cells import (
     order_in_space,
     particle_of,
 )
-from mpsim.kernels.events.features.gravity import component
 from mpsim.kernels.events.features.hooks import end_frame, is_changed, is_crushed, with_columns
+from mpsim.kernels.events.features.properties import component
 from mpsim.kernels.events.flight import advance_to, is_finite
-from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall
-from mpsim.kernels.events.prediction import predict
+from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall, predict
 from mpsim.kernels.events.records import (
     BACKWARDS,
     BANDS,
@@ -59,6 +57,7 @@ from mpsim.kernels.events.records import (
     mixed,
     number_of_partner,
 )
+from mpsim.kernels.features.collisions import begin_span, is_full
 from mpsim.kernels.machine import now
 
 # --- Hash sums of the events in bands along the borders of a tile, with which neighbouring tiles are compared

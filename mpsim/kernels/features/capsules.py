@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked, value_or
-from mpsim.kernels.features.absorption import is_absent
-from mpsim.kernels.features.acceleration import accelerations_of
-from mpsim.kernels.features.boundary import put_inside, wrap_disc
 from mpsim.kernels.features.contact_hooks import on_capsule
+from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
+from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.geometry import bounce_back
 from mpsim.kernels.records import IMPACT
 

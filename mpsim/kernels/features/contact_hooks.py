@@ -4,7 +4,7 @@ Separate from `hooks.py`, which imports the capsules: their contacts are such po
 """
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import collisions, friction, thermal_walls
+from mpsim.kernels.features import baths, collisions, friction
 
 
 @inlined
@@ -23,7 +23,7 @@ def leave_walls(discs, i, x, y, in_flight, features, parameters, control):
 
     Arguments as of `on_walls`. The disc is already where they say.
     """
-    return thermal_walls.on_walls(features.thermal_walls, discs, i, x, y, in_flight, features, parameters, control)
+    return baths.on_walls(features.thermal_walls, discs, i, x, y, in_flight, features, parameters, control)
 
 
 @inlined

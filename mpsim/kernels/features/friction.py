@@ -10,9 +10,8 @@ with m_eff = m m' / (m + m') of two discs, m of a disc and a wall. Angular momen
 """
 
 from mpsim.kernels.compiling import inlined, linked, value_or
-from mpsim.kernels.features.acceleration import accelerations_of
-from mpsim.kernels.features.boundary import put_inside, wrap_disc
-from mpsim.kernels.features.masses import mass_fraction
+from mpsim.kernels.features.edges import put_inside, wrap_disc
+from mpsim.kernels.features.properties import accelerations_of, mass_fraction
 from mpsim.kernels.records import IMPACT, real
 
 FIELDS = {"friction": "friction", "wall_friction": "wall_friction", "spin": "spin"}

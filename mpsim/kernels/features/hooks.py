@@ -10,35 +10,11 @@ from collections import namedtuple
 from collections.abc import Mapping
 from typing import Any
 
-from mpsim.kernels.collision_log import log_of
 from mpsim.kernels.compiling import any_present, inlined
-from mpsim.kernels.features import (
-    absorption,
-    acceleration,
-    boundary,
-    capsules,
-    collisions,
-    friction,
-    masses,
-    piston,
-    radii,
-    thermal_walls,
-    thermostat,
-)
+from mpsim.kernels.features import baths, capsules, collisions, edges, friction, piston, properties
+from mpsim.kernels.features.collisions import log_of
 
-FEATURES = (
-    acceleration,
-    masses,
-    boundary,
-    absorption,
-    piston,
-    radii,
-    capsules,
-    friction,
-    thermostat,
-    thermal_walls,
-    collisions,
-)
+FEATURES = (properties, edges, piston, capsules, friction, baths, collisions)
 """Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several,
 or None: of the log of collisions, each worker has its own."""
 
@@ -82,13 +58,13 @@ def wall_place(edge, features, parameters):
 @inlined
 def is_absent(disc, features):
     """Whether a disc has left, by its id."""
-    return absorption.is_absent(features.exits, disc)
+    return edges.is_absent(features.exits, disc)
 
 
 @inlined
 def lets_out(edge, features, control):
     """Whether an edge (LEFT, ...) absorbs discs."""
-    return absorption.lets_out(features.exits, control, edge)
+    return edges.lets_out(features.exits, control, edge)
 
 
 @inlined
@@ -104,19 +80,19 @@ def special_borders(features):
 @inlined
 def begin_step(discs, low, high, features, control):
     """At the start of a step, before anything else reads the discs of a slice: features that change velocities."""
-    thermostat.begin_step(features.thermostat, discs, low, high, features, control)
+    baths.begin_step(features.thermostat, discs, low, high, features, control)
 
 
 @inlined
 def before_move(discs, low, high, features, parameters, control):
     """Before the discs of a slice are moved."""
-    absorption.before_move(features.exits, discs, low, high, features, parameters, control)
+    edges.before_move(features.exits, discs, low, high, features, parameters, control)
 
 
 @inlined
 def after_flight(discs, low, high, features):
     """After their flight and its bounces off walls, before they are checked to be finite."""
-    absorption.after_flight(features.exits, discs, low, high)
+    edges.after_flight(features.exits, discs, low, high)
 
 
 @inlined
@@ -128,21 +104,21 @@ def after_move(discs, low, high, features, parameters, control):
 @inlined
 def after_binning(discs, low, high, features, control):
     """When the discs of the slice have cells, which can still be changed: a later line overrides an earlier one."""
-    radii.after_binning(features.giants, discs, low, high, control)
-    absorption.after_binning(features.exits, discs, low, high, control)
+    properties.after_binning(features.giants, discs, low, high, control)
+    edges.after_binning(features.exits, discs, low, high, control)
 
 
 @inlined
 def pack(features, disc, message, k):
     """When a disc moves to another rank: what features store by its number, into entry k of a message."""
-    boundary.pack(features.image, disc, message, k)
+    edges.pack(features.image, disc, message, k)
     friction.pack(features.spin, disc, message, k)
 
 
 @inlined
 def unpack(message, k, features, disc):
     """When a disc has come from another rank."""
-    boundary.unpack(message, k, features.image, disc)
+    edges.unpack(message, k, features.image, disc)
     friction.unpack(message, k, features.spin, disc)
 
 

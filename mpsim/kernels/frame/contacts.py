@@ -7,10 +7,10 @@ border; otherwise None, which costs nothing.
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked, value_or
-from mpsim.kernels.features.boundary import images, is_near_border, period_of, seen_from
+from mpsim.kernels.features.edges import images, is_near_border, period_of, seen_from
 from mpsim.kernels.features.hooks import is_absent
 from mpsim.kernels.frame.laws import resolve_contact
-from mpsim.kernels.frame.sharing import add_time, set_phase
+from mpsim.kernels.frame.sorting import add_time, set_phase
 from mpsim.kernels.machine import LANES, lowest_bit, nonnegative, overlap_lanes
 
 

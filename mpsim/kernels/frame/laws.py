@@ -8,13 +8,11 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import any_present, inlined, linked, value_or
-from mpsim.kernels.features.acceleration import accelerations_of
-from mpsim.kernels.features.boundary import put_inside, seen_from
 from mpsim.kernels.features.collisions import touching_point
 from mpsim.kernels.features.contact_hooks import between_discs, note_contact
-from mpsim.kernels.features.masses import mass_fraction
-from mpsim.kernels.features.radii import touching_distance
-from mpsim.kernels.frame.walls import keep_inside
+from mpsim.kernels.features.edges import put_inside, seen_from
+from mpsim.kernels.features.properties import accelerations_of, mass_fraction, touching_distance
+from mpsim.kernels.frame.motion import keep_inside
 from mpsim.kernels.records import DEPTH_SCALE, ELASTIC, IMPACT
 
 

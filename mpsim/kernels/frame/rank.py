@@ -11,8 +11,16 @@ the same bits, so nothing has to be sent back. The rank of its left column count
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.features.hooks import is_absent, pack, prepare_next_step, unpack
 from mpsim.kernels.frame.contacts import resolve_columns
-from mpsim.kernels.frame.sharing import add_time, cells_of, copy_radius, list_emigrants, set_phase, wait_for_all
-from mpsim.kernels.frame.sorting import begin_sort, move_and_bin
+from mpsim.kernels.frame.sorting import (
+    add_time,
+    begin_sort,
+    cells_of,
+    copy_radius,
+    list_emigrants,
+    move_and_bin,
+    set_phase,
+    wait_for_all,
+)
 from mpsim.kernels.frame.stepping import resolve_inside, wait_for_walls
 from mpsim.kernels.machine import now
 from mpsim.kernels.records import ABORT, EVEN, MOVE, NO_FRAME, ODD, RUNNING, SORT

@@ -33,14 +33,21 @@ Inside a column, the order is that of the sorted discs, a function of positions 
 on the state in particle order: neither on the workers, nor on the memory order left by earlier frames.
 """
 
-from mpsim.kernels.collision_log import next_span
 from mpsim.kernels.compiling import compiled, inlined, linked
+from mpsim.kernels.features.collisions import next_span
 from mpsim.kernels.features.hooks import prepare_next_step
 from mpsim.kernels.frame.contacts import resolve_all_pairs, resolve_columns, resolve_giants
-from mpsim.kernels.frame.incremental_sort import first_cursor, merge_up_to
 from mpsim.kernels.frame.motion import move
-from mpsim.kernels.frame.sharing import add_time, list_emigrants, set_phase, wait_for_all
-from mpsim.kernels.frame.sorting import begin_sort, move_and_bin
+from mpsim.kernels.frame.sorting import (
+    add_time,
+    begin_sort,
+    first_cursor,
+    list_emigrants,
+    merge_up_to,
+    move_and_bin,
+    set_phase,
+    wait_for_all,
+)
 from mpsim.kernels.machine import now
 from mpsim.kernels.records import ABORT, BAD, BAD_STATE, EVEN, MOVE, ODD, RUNNING, SLICE, SORT
 from mpsim.kernels.waiting import barrier, next_command

@@ -20,12 +20,12 @@ from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.edges import WALLED
 from mpsim.scene.scene import Scene
 from mpsim.scene.scenefile import schema
-from mpsim.scene.scenefile.parts import PARTS
-from mpsim.scene.scenefile.rules import (
+from mpsim.scene.scenefile.parts import (
     MOST_BYTES,
     MOST_PARTS,
     MOST_PROBLEMS,
     MOST_TABLES,
+    PARTS,
     Files,
     Source,
     array_lines,

@@ -20,8 +20,19 @@ from mpsim.features.edges import check_boundary, wraps_of
 from mpsim.features.feature import PerDisc
 from mpsim.scene.compression import FASTEST, SLOWEST
 from mpsim.scene.scene import LARGEST_COUNT, Scene
-from mpsim.scene.scenefile.parts import PARTS, Problem
-from mpsim.scene.scenefile.rules import MOST_PROBLEMS, Numbers, Positive, Region, Spacing, Table, array_of, as_in, plain
+from mpsim.scene.scenefile.parts import (
+    MOST_PROBLEMS,
+    PARTS,
+    Numbers,
+    Positive,
+    Problem,
+    Region,
+    Spacing,
+    Table,
+    array_of,
+    as_in,
+    plain,
+)
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import LATTICES, Taken, demand_area, lattice_sites, random_places, side_for, thermal_velocities
 

@@ -9,8 +9,7 @@ import math
 from typing import Any, NamedTuple
 
 from mpsim.kernels.compiling import inlined, linked
-from mpsim.kernels.events.features.gravity import component
-from mpsim.kernels.events.features.properties import radius_of
+from mpsim.kernels.events.features.properties import component, radius_of
 from mpsim.kernels.events.flight import INFINITY, time_to_circle, time_to_come_down, time_to_impact
 from mpsim.kernels.events.records import FIRST_CAPSULE
 

@@ -2,10 +2,10 @@
 
 import math
 
-from mpsim.kernels.collision_log import DISC, OBSTACLE, WALL, write
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.properties import mass_of, radius_of
 from mpsim.kernels.events.records import FIRST_CAPSULE, counts
+from mpsim.kernels.features.collisions import DISC, OBSTACLE, WALL, write
 
 FIELDS = {"log": None}
 """log: of `collision_log`. Its numbers of discs are those of `event.number`."""

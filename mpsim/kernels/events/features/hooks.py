@@ -13,36 +13,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import copy_entry, copy_row, inlined, swap_entries, swap_rows
-from mpsim.kernels.events.features import (
-    absorption,
-    capsules,
-    collisions,
-    expansion,
-    friction,
-    gravity,
-    images,
-    piston,
-    properties,
-    restitution,
-    thermal_walls,
-    thermostat,
-)
+from mpsim.kernels.events.features import baths, capsules, collisions, edges, expansion, laws, properties
 from mpsim.kernels.events.records import MOVING_WALL
 
-FEATURES = (
-    gravity,
-    properties,
-    restitution,
-    friction,
-    images,
-    absorption,
-    piston,
-    capsules,
-    thermostat,
-    thermal_walls,
-    collisions,
-    expansion,
-)
+FEATURES = (properties, laws, edges, capsules, baths, collisions, expansion)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -74,26 +48,26 @@ def radius_at(i, now, store, box, features):
 @inlined
 def is_absent(i, features):
     """Whether disc i has left: it is in no list and has no event."""
-    return absorption.is_absent(features.exits, i)
+    return edges.is_absent(features.exits, i)
 
 
 @inlined
 def lets_out(side, features):
     """Whether the wall at `side` (LEFT, ...) lets discs out."""
-    return absorption.lets_out(features.absorbing, side)
+    return edges.lets_out(features.absorbing, side)
 
 
 @inlined
 def restitution_between(last_contact, now, features, store):
     """Restitution of two discs at an impact; last_contact: time of the later of their last contacts [time]."""
-    return restitution.effective_restitution(features.restitution, last_contact, now, features.contact_time, store)
+    return laws.effective_restitution(features.restitution, last_contact, now, features.contact_time, store)
 
 
 @inlined
 def speed_off_wall(i, speed, axis, inward, last_contact, now, store, box, features):
     """Speed inward of disc i, which has hit a wall at right angles to an axis at such a speed outward."""
-    e = restitution.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
-    leaving = restitution.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, store)
+    e = laws.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
+    leaving = laws.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, store)
     return expansion.speed_off_wall(features.expansion, speed, leaving, radius_of(i, box, features))
 
 
@@ -110,7 +84,7 @@ def thermal_speed_off_wall(i, side, leaving, store, features):
 
     At a thermal wall its velocity is drawn anew.
     """
-    return thermal_walls.speed_off_wall(features.thermal_walls, i, side, leaving, store, features)
+    return baths.speed_off_wall(features.thermal_walls, i, side, leaving, store, features)
 
 
 @inlined
@@ -126,7 +100,7 @@ def swap_columns(features, i, j):
 @inlined
 def with_columns(digest, features, i):
     """A hash that includes all that events change in the columns of disc i."""
-    return images.with_periods(friction.with_spin(digest, features.spin, i), features.image, i)
+    return properties.with_periods(laws.with_spin(digest, features.spin, i), features.image, i)
 
 
 @inlined
@@ -142,7 +116,7 @@ def copy_columns(source, i, target, j):
 @inlined
 def speed_off_surface(speed, nx, ny, last_contact, now, features, store):
     """Speed at which a disc leaves a surface that it has hit at such a speed, along the unit vector n from there."""
-    return restitution.speed_off(speed, nx, ny, last_contact, now, features, store)
+    return laws.speed_off(speed, nx, ny, last_contact, now, features, store)
 
 
 @inlined
@@ -153,14 +127,14 @@ def surface(i, side, now, store, box, features):
     touch (a rounding); the speed of the surface along it; which edge of the box it is (LEFT, ...), or -1.
     """
     if side == MOVING_WALL:
-        return piston.surface(features.moving_wall, i, now, store, box, features)
+        return edges.surface(features.moving_wall, i, now, store, box, features)
     return capsules.surface(features.capsules, i, side, store, box, features)
 
 
 @inlined
 def is_crushed(i, side, store, features):
     """Whether disc i, which has just hit `side` of its event, is crushed there: no solver can follow it."""
-    return side == MOVING_WALL and piston.is_crushed(features.moving_wall, features.crushing_speed, store.disc[i])
+    return side == MOVING_WALL and edges.is_crushed(features.moving_wall, features.crushing_speed, store.disc[i])
 
 
 # --- the points of an event at which they act ---------------------------------------------------------------------
@@ -169,14 +143,14 @@ def is_crushed(i, side, store, features):
 @inlined
 def before_border(i, store, box, features):
     """When it is known when disc i, whose stored state is current, leaves its cell: what it meets before that."""
-    piston.before_border(features.moving_wall, i, store, box, features)
+    edges.before_border(features.moving_wall, i, store, box, features)
     capsules.before_border(features.capsules, i, store, box, features)
 
 
 @inlined
 def between_discs(i, j, rx, ry, normal_impulse, store, box, features):
     """After the normal impulse of discs i and j, r = r_i - r_j apart [mass length/time]."""
-    across = friction.between_discs(features.friction, i, j, rx, ry, normal_impulse, store, box, features)
+    across = laws.between_discs(features.friction, i, j, rx, ry, normal_impulse, store, box, features)
     collisions.between_discs(features.log, i, j, rx, ry, normal_impulse, across, store, box, features)
 
 
@@ -186,36 +160,36 @@ def on_wall(i, axis, inward, normal_change, sliding, store, box, features):
 
     sliding: change along the wall so far.
     """
-    sliding += friction.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
+    sliding += laws.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
     collisions.on_wall(features.log, i, axis, inward, normal_change, sliding, store, box, features)
 
 
 @inlined
 def on_surface(i, nx, ny, normal_change, store, box, features):
     """After disc i has hit a surface that has changed its velocity by so much along n, the unit vector from there."""
-    sliding = friction.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
+    sliding = laws.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
     collisions.on_surface(features.log, i, nx, ny, normal_change, sliding, features.moving_wall, store, box, features)
 
 
 @inlined
 def leave(i, store, features):
     """After disc i, whose stored state is current, has touched a wall that lets it out."""
-    absorption.leave(features.exits, store.disc[i], i)
+    edges.leave(features.exits, store.disc[i], i)
 
 
 @inlined
 def end_frame(i, particle, now, frame, store, features):
     """At the end of so many frames, at the time `now`: changes of disc i, a particle of the scene."""
-    thermostat.heat(features.thermostat, i, particle, now, frame, store, features)
+    baths.heat(features.thermostat, i, particle, now, frame, store, features)
 
 
 @inlined
 def is_changed(i, particle, frame, features):
     """Whether `end_frame` has changed disc i, so that its events must be predicted anew."""
-    return thermostat.is_heated(features.thermostat, i, particle, frame, features)
+    return baths.is_heated(features.thermostat, i, particle, frame, features)
 
 
 @inlined
 def through_border(i, axis, direction, features):
     """After disc i has left through a periodic border, upward (direction = 1) or downward (-1) along the axis."""
-    images.through_border(features.image, i, axis, direction)
+    properties.through_border(features.image, i, axis, direction)

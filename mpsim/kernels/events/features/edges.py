@@ -1,17 +1,51 @@
-"""A wall of the box that moves at constant speed until it stops. `side` of an impact on it is MOVING_WALL.
+"""Walls that move, and edges that absorb discs."""
 
-Its place follows from the time since it began. All other times here are counted from the start of the lap;
-`since_it_began` converts them.
-"""
-
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mpsim.kernels import geometry as motion
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.features.gravity import component
-from mpsim.kernels.events.features.properties import radius_of
+from mpsim.kernels.events.features.properties import component, radius_of
 from mpsim.kernels.events.flight import time_to_limit
 from mpsim.kernels.events.records import MOVING_WALL
+
+# --- Edges that absorb discs: a disc that touches one stays there, at rest, in no cell, and has no further event
+
+EDGES = ("left", "right", "bottom", "top")
+
+
+def absorbing_of(scene: Any) -> tuple[bool, ...] | None:
+    """For each edge (LEFT, ...), whether it absorbs; None for a scene without such edges."""
+    return tuple(edge in scene.absorbing for edge in EDGES) if scene.absorbing else None
+
+
+@inlined
+def is_absent(exits, i):
+    """Whether disc i has been absorbed."""
+    if exits is None:
+        return False
+    return exits[i, 0] != 0.0
+
+
+@inlined
+def lets_out(absorbing, side):
+    """Whether the wall at `side` absorbs discs."""
+    if absorbing is None:
+        return False
+    return absorbing[side]
+
+
+@inlined
+def leave(exits, disc, i):
+    """Disc i, whose stored state is current, is absorbed where it is."""
+    if exits is not None:
+        exits[i, 0], exits[i, 1], exits[i, 2] = 1.0, disc.position[0], disc.position[1]
+        disc.velocity[0], disc.velocity[1] = 0.0, 0.0
+
+
+# --- A wall of the box that moves at constant speed until it stops. `side` of an impact on it is MOVING_WALL
+#
+# Its place follows from the time since it began. All other times here are counted from the start of the lap;
+# `since_it_began` converts them.
 
 
 class Wall(NamedTuple):
@@ -23,11 +57,6 @@ class Wall(NamedTuple):
     speed: float
     arrival: float
     began: float = 0.0
-
-
-FIELDS = {"moving_wall": None, "crushing_speed": None}
-"""crushing_speed: above it [length/time] a disc that leaves the wall has no room left, or None if nobody asks: between
-the wall and what stands against it a disc meets both ever faster, without end."""
 
 
 @inlined
@@ -85,3 +114,6 @@ def surface(wall, i, now, store, box, features):
     speed = inward * motion.velocity(wall, present)
     depth = radius_of(i, box, features) - inward * (store.disc[i].position[axis] - motion.place(wall, present))
     return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, wall.edge
+
+
+FIELDS = {"absorbing": absorbing_of, "exits": None, "moving_wall": None, "crushing_speed": None}

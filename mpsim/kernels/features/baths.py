@@ -1,23 +1,49 @@
-"""Thermal walls: a disc leaves one with a velocity drawn from the distribution of those that cross it in equilibrium.
-
-For discs at temperature T that cross a line, the speed normal to it has the density v exp(-m v^2 / 2T), as fast ones
-cross more often; the tangential velocity is Gaussian. The wall has already reflected the disc in this step; here the
-velocity at that instant is drawn anew, and the rest of the step follows from it. The random numbers follow from the
-seed, the disc, its place and the velocity at which it arrived, so a disc may meet walls more than once in a step.
-"""
+"""Baths: a thermostat, and walls at a temperature."""
 
 import math
 
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked, value_or
-from mpsim.kernels.features.acceleration import accelerations_of
-from mpsim.kernels.features.boundary import WallContact, put_inside, wrap_disc
-from mpsim.kernels.random_numbers import wall_velocity
+from mpsim.kernels.features.edges import WallContact, is_absent, put_inside, wrap_disc
+from mpsim.kernels.features.properties import accelerations_of
+from mpsim.kernels.random_numbers import normal_pair, pair, wall_velocity
 from mpsim.kernels.records import BOTTOM, IMPACT, LEFT, RIGHT, TOP, real
 
-FIELDS = {"thermal_walls": "thermal_walls"}
-"""thermal_walls: the record THERMAL_WALLS."""
+# --- A thermostat: between two frames, random discs get new velocities (Andersen, J. Chem. Phys. 72, 2384, 1980)
+
+
+@linked
+def heat(thermostat, discs, low, high, features, control):
+    """Give discs of a slice new velocities, in the first step of each frame except the first.
+
+    The number of the frame follows from that of the step, so it is the same in any slice and after a resume.
+    """
+    frame = thermostat.first_frame + control.steps // control.substeps
+    if frame > 0 and control.steps % control.substeps == 0:
+        for i in range(low, high):
+            disc = discs.id[i]
+            chance, _ = pair(thermostat.seed, disc, frame, 0)
+            if chance < thermostat.probability and not is_absent(features.exits, disc):
+                speed = math.sqrt(thermostat.temperature / np.float64(value_or(features.mass, disc, 1.0)))
+                x, y = normal_pair(thermostat.seed, disc, frame, 1)
+                discs.vx[i], discs.vy[i] = speed * x, speed * y
+
+
+@inlined
+def begin_step(thermostat, discs, low, high, features, control):
+    """`heat`, if there is a thermostat."""
+    if thermostat is not None:
+        heat(thermostat, discs, low, high, features, control)
+
+
+# --- Thermal walls: a disc leaves one with a velocity drawn from the distribution of those that cross it in
+#     equilibrium
+#
+# For discs at temperature T that cross a line, the speed normal to it has the density v exp(-m v^2 / 2T), as fast ones
+# cross more often; the tangential velocity is Gaussian. The wall has already reflected the disc in this step; here the
+# velocity at that instant is drawn anew, and the rest of the step follows from it. The random numbers follow from the
+# seed, the disc, its place and the velocity at which it arrived, so a disc may meet walls more than once in a step.
 
 
 @linked
@@ -74,3 +100,6 @@ def on_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, con
     if (x.low_change == x.high_change) & (y.low_change == y.high_change):
         return x, y
     return leave_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, control)
+
+
+FIELDS = {"thermostat": "thermostat", "thermal_walls": "thermal_walls"}

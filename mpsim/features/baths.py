@@ -1,10 +1,9 @@
-"""Thermal walls: edges of the box at a temperature, which discs leave with new velocities. Checked when made."""
+"""Baths: a thermostat, and walls at a temperature."""
 
-# pyright: reportUnnecessaryIsInstance=false
-# The argument is checked when the program runs as well, for callers without a type checker.
-
+import hashlib
 import math
 from dataclasses import dataclass, replace
+from decimal import Decimal, localcontext
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,8 +12,158 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, demand_wall
 from mpsim.features.feature import Feature, Invalidation, SceneLike, Shapes
-from mpsim.features.thermostat import check_seed, mean_mass, other_seed
-from mpsim.kernels.records import THERMAL_WALLS
+from mpsim.kernels.records import THERMAL_WALLS, THERMOSTAT
+
+# --- A thermostat: discs get new velocities at random, drawn from the Maxwell distribution at a temperature
+
+# pyright: reportUnnecessaryIsInstance=false
+# The argument is checked when the program runs as well, for callers without a type checker.
+
+
+MOST_SEED = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Thermostat:
+    """The thermostat of Andersen (J. Chem. Phys. 72, 2384, 1980): discs exchange energy with a heat bath.
+
+    Between two frames each disc gets, with probability 1 - exp(-rate dt), a new velocity from the Maxwell distribution
+    at the temperature: each component is normally distributed with variance temperature / mass. So the mean energy of
+    an elastic gas relaxes to that of the temperature as exp(-rate t), and momentum is not conserved. Spins stay. Where
+    collisions take energy, results depend on dt also with method `event`: take dt well below 1/rate.
+
+    Args:
+        temperature: kT of the bath, the mean of m v_x^2 [mass length^2/time^2], > 0.
+        rate: new velocities per disc and time [1/time], > 0.
+        seed: of the random numbers, >= 0. They depend only on the seed, the number of the disc and that of the frame:
+            runs of other starts need other seeds to be independent, such as those of `Scene.redrawn`.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> Thermostat(temperature=2, rate=0.5)
+    Thermostat(temperature=2.0, rate=0.5, seed=0)
+    """
+
+    temperature: float
+    rate: float
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        unit = "[mass length^2/time^2]"
+        temperature = checks.positive("temperature of a Thermostat", self.temperature, unit)
+        object.__setattr__(self, "temperature", temperature)
+        object.__setattr__(self, "rate", checks.positive("rate of a Thermostat", self.rate, "[1/time]"))
+        object.__setattr__(self, "seed", check_seed("seed of a Thermostat", self.seed))
+
+
+Thermostat.__init__ = checks.known_names()(Thermostat.__init__)
+
+
+def check_seed(name: str, seed: Any) -> int:
+    """A seed of random numbers; None, as in a file without one, is 0."""
+    return checks.whole(name, 0 if seed is None else seed, 0, MOST_SEED, "Any whole number will do.")
+
+
+def other_seed(seed: int, variation: str) -> int:
+    """Another seed, which follows from a seed and a text."""
+    digest = hashlib.blake2b(f"{seed} {variation}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") >> 1
+
+
+def mean_mass(scene: SceneLike) -> float:
+    """Of the discs at the start; 1 without any [mass]."""
+    return float(scene.mass.mean()) if scene.mass is not None and scene.count else 1.0
+
+
+def check_thermostat(thermostat: Any) -> dict[str, Any]:
+    """What a scene keeps of the argument, by name: nothing without one, so that the digest is unchanged."""
+    if thermostat is None:
+        return {}
+    if not isinstance(thermostat, Thermostat):
+        raise InputError(f"thermostat must be an mpsim.Thermostat; got {checks.brief(thermostat)}.")
+    return {"thermostat": thermostat}
+
+
+def probability_of(thermostat: Thermostat, dt: float) -> float:
+    """Of a new velocity in a frame of length dt [time], 1 - exp(-rate dt), to the same bits on every machine."""
+    with localcontext(prec=40):
+        number = Decimal(thermostat.rate) * Decimal(dt)
+        return float(1 - (-number).exp() if number > Decimal("1e-20") else number)
+
+
+class ThermostatFeature(Feature):
+    """The argument `thermostat`."""
+
+    argument = "thermostat"
+    kinds: ClassVar[tuple[type[Any], ...]] = (Thermostat,)
+    several = False
+    meaning = "new velocities from a heat bath"
+    keys: ClassVar[dict[str, str]] = {
+        "temperature": "kT of the bath, > 0",
+        "rate": "new velocities per disc and time, > 0",
+        "seed": "of the random numbers; default: 0",
+    }
+    examples: ClassVar[tuple[dict[str, Any], ...]] = ({"temperature": 1.0, "rate": 1.0},)
+    drives = "a thermostat"
+    draws = True
+    heats = True
+    on_tiles = False
+    invalidates: ClassVar[tuple[Invalidation, ...]] = (
+        Invalidation(
+            ("energy_drift", "momentum_drift"),
+            "a thermostat, which changes energy and momentum",
+            "Measure 'temperature' or 'kinetic_energy', which should be constant on average.",
+        ),
+        Invalidation(
+            ("pressure_virial",),
+            "a thermostat, as the virial takes the kinetic energy for constant",
+            "Use 'pressure_xx' and 'pressure_yy', which sample it.",
+        ),
+    )
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """Temperature, probability and seed."""
+        return {} if self.of(scene) is None else {"thermostat": (THERMOSTAT, ())}
+
+    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
+        """Write it."""
+        thermostat: Thermostat | None = self.of(scene)
+        if thermostat is not None:
+            record = arrays["thermostat"]
+            record.probability = probability_of(thermostat, dt)
+            record.temperature = thermostat.temperature
+            record.seed, record.first_frame = thermostat.seed, origin[0]
+
+    def redrawn(self, scene: SceneLike, variation: str) -> Thermostat | None:
+        """The same with another seed, which follows from its own."""
+        thermostat: Thermostat | None = self.of(scene)
+        return None if thermostat is None else replace(thermostat, seed=other_seed(thermostat.seed, variation))
+
+    def thermal_speed(self, scene: SceneLike) -> float:
+        """Root mean square of one component for a disc of the mean mass."""
+        thermostat: Thermostat | None = self.of(scene)
+        return 0.0 if thermostat is None else math.sqrt(thermostat.temperature / mean_mass(scene))
+
+    def exchange_rate(self, scene: SceneLike, temperature: float) -> float:
+        """That of new velocities."""
+        thermostat: Thermostat | None = self.of(scene)
+        return 0.0 if thermostat is None else thermostat.rate
+
+    def description(self, scene: SceneLike) -> str:
+        """Temperature, rate and seed."""
+        thermostat: Thermostat = self.of(scene)
+        return f"temperature {thermostat.temperature:g}, rate {thermostat.rate:g}, seed {thermostat.seed}"
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """One that gives a disc in a hundred a new velocity in a frame of dt = 0.01."""
+        return {"a thermostat": Thermostat(1.0, 1.0)}
+
+
+# --- Thermal walls: edges of the box at a temperature, which discs leave with new velocities. Checked when made
+
+# pyright: reportUnnecessaryIsInstance=false
+# The argument is checked when the program runs as well, for callers without a type checker.
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,16 @@
-"""Friction: the law of Walton and Braun (J. Rheol. 30, 949, 1986) at an impact.
-
-Written independently: it shares nothing with that of the stepped solvers. Uniform discs have the moment of inertia
-m a^2 / 2, so that a tangential impulse J changes the slip of the surfaces by 3 J / m_eff.
-"""
+"""Laws of an impact: restitution, and friction."""
 
 import math
 from typing import Any, NamedTuple
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.features.properties import mass_of, radius_of
-from mpsim.kernels.events.records import mixed_real
+from mpsim.kernels.events.features.properties import component, mass_of, radius_of
+from mpsim.kernels.events.records import counts, mixed_real
+
+# --- Friction: the law of Walton and Braun (J. Rheol. 30, 949, 1986) at an impact
+#
+# Written independently: it shares nothing with that of the stepped solvers. Uniform discs have the moment of inertia m
+# a^2 / 2, so that a tangential impulse J changes the slip of the surfaces by 3 J / m_eff.
 
 
 class Friction(NamedTuple):
@@ -27,10 +28,6 @@ def friction_of(scene: Any) -> Friction | None:
 def wall_friction_of(scene: Any) -> Friction | None:
     """Of a disc and a wall."""
     return Friction(scene.wall_friction, scene.tangential_restitution) if scene.wall_friction > 0 else None
-
-
-FIELDS = {"friction": friction_of, "wall_friction": wall_friction_of, "spin": None}
-"""spin: shape (N,), counter-clockwise [1/time]."""
 
 
 @inlined
@@ -103,3 +100,72 @@ def on_wall(wall_friction, i, axis, inward, normal_change, store, box, features)
         spin[i] -= 2.0 * impulse / radius
         return sign * impulse
     return 0.0
+
+
+# --- Restitution: impacts that lose energy, and the guard that ends inelastic collapse (the TC model)
+#
+# An impact loses no energy if one of its discs had its last contact less than the contact time ago (Luding and
+# McNamara, Granular Matter 1, 113, 1998). `counter.guarded` counts how often.
+
+
+def restitution_of(scene: Any) -> float | None:
+    """Of two discs."""
+    return scene.restitution if scene.restitution < 1 else None
+
+
+def wall_restitution_of(scene: Any) -> float | None:
+    """Of a disc and a wall."""
+    return scene.wall_restitution if scene.wall_restitution < 1 else None
+
+
+@inlined
+def effective_restitution(restitution, last_contact, now, contact_time, store):
+    """The restitution of one impact, 1 if the guard acts."""
+    if restitution is None:
+        return 1.0
+    if now - last_contact < contact_time and restitution < 1.0:
+        store.counter.guarded += counts(store.region)
+        return 1.0
+    return restitution
+
+
+@inlined
+def speed_off_wall(gravity, speed, axis, inward, contact_time, store):
+    """Speed inward after a bounce: never so small that gravity brings the disc back in less than `contact_time`.
+
+    A disc at rest on a wall makes small bounces of that duration, at most g contact_time^2/8 high, and the guard counts
+    them. Without this it would hit the wall infinitely often in a finite time.
+    """
+    if gravity is None:
+        return speed
+    return fast_enough(speed, inward * component(gravity, axis), contact_time, store)
+
+
+@inlined
+def speed_off(speed, nx, ny, last_contact, now, features, store):
+    """Speed at which a disc leaves a fixed surface after it hit it at such a speed, along the unit vector n from it."""
+    e = effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
+    if features.gravity is None:
+        return e * speed
+    pull = nx * component(features.gravity, 0) + ny * component(features.gravity, 1)
+    return fast_enough(e * speed, pull, features.contact_time, store)
+
+
+@inlined
+def fast_enough(speed, pull, contact_time, store):
+    """A speed, but at least that of a bounce of duration `contact_time` under an acceleration `pull` outward."""
+    least = -0.5 * pull * contact_time
+    if speed < least:
+        store.counter.guarded += counts(store.region)
+        return least
+    return speed
+
+
+FIELDS = {
+    "friction": friction_of,
+    "wall_friction": wall_friction_of,
+    "spin": None,
+    "restitution": restitution_of,
+    "wall_restitution": wall_restitution_of,
+    "contact_time": None,
+}

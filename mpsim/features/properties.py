@@ -1,0 +1,177 @@
+"""Radii, masses, gravity and accelerations."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mpsim.core import checks
+from mpsim.core.columns import ACCELERATION, MASS, Column
+from mpsim.errors import InputError
+from mpsim.features.feature import Feature, Floats, PerDisc, SceneLike, Shapes, extent, lattice_sites
+from mpsim.kernels import records
+
+# --- Radii that differ from disc to disc
+
+
+def check_radius(value: Any, count: int) -> float | Floats:
+    """One radius for all discs, or one each, checked [length]."""
+    return checks.one_or_each("radius", value, count, "[length]")
+
+
+def has_radii(scene: SceneLike) -> bool:
+    """Whether discs of the scene differ in size, those of its emitters included."""
+    return np.ndim(scene.radius) > 0 or any(emitter.radius not in (None, scene.radius) for emitter in scene.emitters)
+
+
+class Radii(Feature):
+    """The argument `radius`. Grid and giants among the discs are the solver's: `mpsim.engine.feature_arrays`."""
+
+    argument = "radius"
+    several = False
+    per_disc: ClassVar[dict[str, PerDisc]] = {"radius": PerDisc(check_radius, unit="[length]", default=None)}
+
+    def is_in(self, scene: SceneLike) -> bool:
+        """Whether kernels must know them: see `has_radii`."""
+        return has_radii(scene)
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """Radii in both buffers of the discs, sorted with them; the radius above which discs are giants."""
+        if not has_radii(scene):
+            return {}
+        buffers = {f"{buffer}.radius": (real, (capacity + records.PADDING,)) for buffer in "ab"}
+        return {**buffers, "giants": (real, (1,))}
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """Up to those of the other scenes, which fit the lattice."""
+        return {"radii": np.random.default_rng(2).uniform(0.3, 0.5, lattice_sites(side, pitch))}
+
+    def brief(self, scene: SceneLike) -> str:
+        """Nothing: the repr of a scene begins with them."""
+        return ""
+
+    def description(self, scene: SceneLike) -> str:
+        """Nothing: the line of the discs has their range."""
+        return ""
+
+    def record(self, scene: SceneLike) -> list[float]:
+        """The least and the largest."""
+        return extent(scene.radii)
+
+
+# --- Fields: gravity, one acceleration for all discs, and an acceleration of each disc
+
+
+def check_gravity(value: Any) -> Floats | None:
+    """(gx, gy), checked [length/time^2]."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        down = -abs(float(value)) if abs(value) < 1e300 else -9.81  # an example, where a float cannot hold it
+        raise InputError(
+            f"gravity must be two numbers, along x and y; got {checks.brief(value)}. Downwards it is "
+            f"(0, {down:g}), in a scene file [0.0, {down}]."
+        )
+    return None if value is None else checks.finite_array("gravity", value, (2,), "(2,)")
+
+
+def check_acceleration(value: Any, count: int) -> Floats | None:
+    """One row for each disc, checked [length/time^2]."""
+    if value is None:
+        return None
+    return checks.finite_array("acceleration", value, (count, 2), f"({count}, 2), one row per row of position")
+
+
+class Gravity(Feature):
+    """The argument `gravity`."""
+
+    argument = "gravity"
+    several = False
+    vectors: ClassVar[dict[str, str]] = {"gravity": "[gx, gy], one acceleration for all discs"}
+    drives = "gravity"
+
+    def is_in(self, scene: SceneLike) -> bool:
+        """Whether it is given, zeros included."""
+        return scene.gravity is not None
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """(gx, gy)."""
+        return {} if scene.gravity is None else {"gravity": (real, (2,))}
+
+    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+        """Write it."""
+        if scene.gravity is not None:
+            arrays["gravity"][:] = scene.gravity
+
+    def description(self, scene: SceneLike) -> str:
+        """Its components."""
+        x, y = self.of(scene)
+        return f"({x:g}, {y:g})"
+
+    def record(self, scene: SceneLike) -> list[float] | None:
+        """A list."""
+        return None if scene.gravity is None else scene.gravity.tolist()
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """A small one, downwards."""
+        return {"gravity": (0.0, -0.1)}
+
+
+class Acceleration(Feature):
+    """The argument `acceleration`."""
+
+    argument = "acceleration"
+    several = False
+    per_disc: ClassVar[dict[str, PerDisc]] = {"acceleration": PerDisc(check_acceleration, components=("ax", "ay"))}
+    not_exact = "acceleration per disc, under which the relative motion of two discs is not uniform"
+    columns: ClassVar[tuple[Column, ...]] = (ACCELERATION,)
+
+    def is_in(self, scene: SceneLike) -> bool:
+        """Whether it is given, zeros included."""
+        return scene.acceleration is not None
+
+    def description(self, scene: SceneLike) -> str:
+        """That discs have it, not the rows."""
+        return "one per disc"
+
+    def record(self, scene: SceneLike) -> bool:
+        """Whether discs have it."""
+        return self.is_in(scene)
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """Small random ones."""
+        return {"acceleration per disc": np.random.default_rng(2).normal(size=(lattice_sites(side, pitch), 2)) * 0.1}
+
+
+# --- Masses other than 1
+
+
+def has_masses(scene: SceneLike) -> bool:
+    """Whether discs of the scene have masses other than 1, those of its emitters included."""
+    return scene.mass is not None or any(emitter.mass not in (None, 1) for emitter in scene.emitters)
+
+
+class Masses(Feature):
+    """The argument `mass`."""
+
+    argument = "mass"
+    several = False
+    per_disc: ClassVar[dict[str, PerDisc]] = {"mass": PerDisc(checks.masses, unit="[mass]", default=1.0)}
+    columns: ClassVar[tuple[Column, ...]] = (MASS,)
+
+    def is_in(self, scene: SceneLike) -> bool:
+        """Whether kernels must know them: see `has_masses`."""
+        return has_masses(scene)
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """Up to four times as heavy as the lightest."""
+        return {"masses": np.random.default_rng(2).uniform(0.5, 2.0, lattice_sites(side, pitch))}
+
+    def brief(self, scene: SceneLike) -> str:
+        """Only of the discs at the start."""
+        return "" if scene.mass is None else "mass"
+
+    def description(self, scene: SceneLike) -> str:
+        """Nothing: the line of the discs has their range."""
+        return ""
+
+    def record(self, scene: SceneLike) -> list[float]:
+        """The least and the largest."""
+        return extent(scene.masses)
