@@ -19,16 +19,16 @@ from click.testing import CliRunner
 from support.seconds import quickest
 
 import mpsim
-from mpsim.cli import runfolder
+from mpsim.cli import run
 from mpsim.cli.app import main
-from mpsim.cli.runfolder import RunFolder
+from mpsim.cli.run import RunFolder
 from mpsim.core.archive import MOST_DIRECTORY
-from mpsim.core.cores import usable_cores
+from mpsim.core.machine import usable_cores
 from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scene import scenefile
-from mpsim.scene.scenefile.limits import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
-from mpsim.studies import saved_results
-from mpsim.studies.saved_results import SavedResults
+from mpsim.scene.scenefile.parts import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
+from mpsim.studies import ensemble
+from mpsim.studies.ensemble import SavedResults
 
 LONGEST = 2.0
 """Seconds of processor time to refuse anything."""
@@ -401,7 +401,7 @@ def test_records_that_are_none_are_refused(tmp_path):
 @pytest.mark.long
 def test_records_of_very_many_empty_lists_are_refused(tmp_path):
     """Which take most time to read for their length: 4 s for 64 MiB."""
-    assert saved_results.MOST_BYTES == runfolder.MOST_BYTES == 2**23
+    assert ensemble.MOST_BYTES == run.MOST_BYTES == 2**23
     for count, match in ((2**23 // 3, "8,388,61[0-9] bytes, and at most 8,388,608 are read"), (2_750_000, "must")):
         (tmp_path / "run.json").write_text("[" + "[]," * count + "[]]")
         refused(SavedResults, tmp_path / "run.json", "scene", match=match)
