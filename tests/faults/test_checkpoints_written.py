@@ -131,8 +131,8 @@ def assert_always_whole(results, figures, what):
 
 @pytest.mark.slow
 def test_a_writer_killed_at_any_line_or_byte_leaves_a_whole_checkpoint(figures):
-    what = {"line": "at every 37th line of our own code", "byte": "after every 300 bytes"}
-    assert_always_whole(killed_writers({"line": 37, "byte": 300}), figures, what)
+    what = {"line": "at every 7th line of our own code", "byte": "after every 300 bytes"}
+    assert_always_whole(killed_writers({"line": 7, "byte": 300}), figures, what)
 
 
 @pytest.mark.long
