@@ -62,6 +62,7 @@ _LATE = {
 _VIEWS = {
     "scene_from_file": ("mpsim.scene.scenefile", "load"),
     "scene_to_file": ("mpsim.scene.scenefile", "save"),
+    "compressed": ("mpsim.scene.compression", "compressed"),
     "scene_png": ("mpsim.output.notebook", "scene_png"),
     "report_html": ("mpsim.output.notebook", "report_html"),
     "report_times": ("mpsim.output.figures", "times"),
@@ -70,7 +71,7 @@ _VIEWS = {
     "tuned_html": ("mpsim.output.notebook", "tuned_html"),
     "measure_names": ("mpsim.measure.registry", "names"),
 }
-"""What upper packages do for objects of lower ones; each is imported when it is asked for."""
+"""What upper modules do for objects of lower ones; each is imported when it is asked for."""
 
 
 def _imported_when_called(module: str, name: str) -> Callable[..., Any]:

@@ -1,13 +1,15 @@
 """Observers: objects that are called during a run, for example to write a trajectory."""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, Generic, Protocol, TypeVar
 
 from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
+from mpsim.kernels.compiling import compile_seconds
 
 
 class HasFrame(Protocol):
@@ -48,7 +50,7 @@ class Observer(Protocol[Seen_contra]):
 
 
 class Observers(Generic[Observed]):
-    """The observers of one run. Attribute seconds: the time they have taken [s].
+    """The observers of one run. Attribute seconds: the time they have taken, without that of compiling [s].
 
     Raises:
         InputError: if one of them is no observer.
@@ -82,10 +84,9 @@ class Observers(Generic[Observed]):
 
     def take_collisions(self, table: NDArray[Any], frame: int) -> None:
         """Hand over the collisions up to the end of a frame since the last call: TABLE, in order."""
-        started = time.perf_counter()
-        for each in self._of_collisions:
-            each.take_collisions(table, frame)
-        self.seconds += time.perf_counter() - started
+        with self._timed():
+            for each in self._of_collisions:
+                each.take_collisions(table, frame)
 
     def frames_ahead(self, frame: int) -> int:
         """Number of frames until the next call; very large without observers."""
@@ -99,8 +100,13 @@ class Observers(Generic[Observed]):
 
     def observe(self, sim: Observed, collisions: int) -> None:
         """Call the observers whose frame this is."""
-        started = time.perf_counter()
-        for each in self._observers:
-            if sim.frame % each.every == 0:
-                each.observe(sim, collisions)
-        self.seconds += time.perf_counter() - started
+        with self._timed():
+            for each in self._observers:
+                if sim.frame % each.every == 0:
+                    each.observe(sim, collisions)
+
+    @contextmanager
+    def _timed(self) -> Iterator[None]:
+        started = time.perf_counter() - compile_seconds()
+        yield
+        self.seconds += time.perf_counter() - compile_seconds() - started

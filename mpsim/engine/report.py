@@ -122,7 +122,8 @@ class Report:
         block_bytes: size of the shared block.
         measures: name -> Measure(value, error, samples), for the measures that `run` was given.
         guarded: number of collisions in which the exact solver suppressed the energy loss (see `contact_time`).
-        observing_seconds: time spent in observers (`run(observe=...)`); frame times do not include it [s].
+        observing_seconds: time spent in observers (`run(observe=...)`) without compiling; frame times do not include
+            it [s].
         compile_seconds: time spent compiling kernels since the previous report of this simulation, or since its
             creation; frame times do not include it [s]. 0 if all kernels were in the cache.
         contact_time: contact time of the exact solver [time]; 0 if there was none.

@@ -8,7 +8,7 @@ and all places are scaled down, so that each disc has the radius that it had.
 import copy
 import math
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +23,9 @@ from mpsim.kernels.events.boundary import Box
 from mpsim.kernels.events.cells import plan_cells
 from mpsim.kernels.events.features.hooks import BARE
 from mpsim.scene import starts
+from mpsim.scene.scene import FASTEST, SLOWEST, Scene
 
 Floats = NDArray[np.float64]
-S = TypeVar("S", bound="Compresses")
-
-SLOWEST, FASTEST = 1e-6, 10.0
-"""Bounds of the rate. Collisions per disc grow as its inverse; at the fastest, discs hardly move while they grow."""
 
 EVENTS = 20
 """Events for each disc after which speeds are scaled back, about: a few collisions each."""
@@ -46,61 +43,31 @@ GAP = 64 * float(np.finfo(np.float64).eps)
 """Gap left between discs, as a fraction of the box, so that no rounding makes them overlap."""
 
 
-class Compresses:
-    """A scene that can be compressed."""
-
-    @checks.known_names(called="Scene.compressed")
-    def compressed(self: S, packing: float, *, rate: float = 0.01) -> S:
-        """The same discs in a smaller box of the same shape, at a higher packing fraction, without overlap.
-
-        By the algorithm of Lubachevsky and Stillinger (J. Stat. Phys. 60, 561, 1990): discs fly and collide by the
-        exact solver while their radii grow in proportion to time; then the box and all places are scaled down. Each
-        disc keeps its radius, and the total kinetic energy is unchanged. Gravity, accelerations, restitution, friction
-        and a thermostat do not act during compression. The same scene gives the same bits; `redrawn` compresses another
-        start.
-
-        Args:
-            packing: packing fraction of the whole box, also between walls; above that of the scene.
-            rate: speed at which the mean diameter grows, as a fraction of the thermal speed sqrt(kT/m) [1], from 1e-6
-                to 10. The time needed is inversely proportional to it. Equal discs order when it is low, and jam in
-                disorder when it is high; discs of two sizes jam at about 0.84 (O'Hern et al., Phys. Rev. E 68, 011306,
-                2003).
-
-        Raises:
-            InputError: naming the argument, its rule and the value received; for a scene whose discs overlap or are all
-                at rest, or one with obstacles, emitters, absorbing edges or a piston; or if the discs jam before they
-                reach the packing; the error names the one they reached [1].
-
-        >>> import mpsim
-        >>> scene = mpsim.Scene.random(count=100, packing=0.5, radius=0.5, boundary="periodic", seed=1)
-        >>> dense = scene.compressed(0.75)
-        >>> dense, dense.overlaps_at_start()
-        (<Scene: 100 discs of radius 0.5 in 10.2333 x 10.2333, packing 0.75, periodic xy>, '')
-        """
-        scene: Any = self
-        packing = starts.fraction_of_the_area(packing)
-        rate = checks.between("rate", rate, SLOWEST, FASTEST)
-        _demand_packing(scene, packing)
-        _demand_free_flight(scene)
-        shrink = math.sqrt(packing / scene.packing)
-        width, height = scene.width / shrink, scene.height / shrink
-        for length, kind in zip((width, height), kinds_of(scene.boundary), strict=True):
-            if length < 2 * kind.least_diameters * scene.largest_radius:
-                raise InputError(
-                    f"packing must leave a box with room for its largest disc, {kind.least_diameters} of them along "
-                    f"each axis here; at {packing:g} it would be {width:.6g} x {height:.6g}. Use a lower one or more "
-                    "discs."
-                )
-        grown, velocity = _grown(scene, shrink, rate)
-        made = copy.copy(scene)
-        vars(made).update(width=width, height=height)
-        low, high = made.limits(made.radius)
-        made.start_anew(np.clip(grown / shrink, low, high), velocity)
-        for array in (made.position, made.velocity):
-            array.flags.writeable = False
-        if scene.can_redraw:
-            made.redraw_with(partial(_redrawn, scene, packing, rate))
-        return made
+def compressed(scene: Scene, packing: float, rate: float) -> Scene:
+    """The body of `Scene.compressed`."""
+    packing = starts.fraction_of_the_area(packing)
+    rate = checks.between("rate", rate, SLOWEST, FASTEST)
+    _demand_packing(scene, packing)
+    _demand_free_flight(scene)
+    shrink = math.sqrt(packing / scene.packing)
+    width, height = scene.width / shrink, scene.height / shrink
+    for length, kind in zip((width, height), kinds_of(scene.boundary), strict=True):
+        if length < 2 * kind.least_diameters * scene.largest_radius:
+            raise InputError(
+                f"packing must leave a box with room for its largest disc, {kind.least_diameters} of them along "
+                f"each axis here; at {packing:g} it would be {width:.6g} x {height:.6g}. Use a lower one or more "
+                "discs."
+            )
+    grown, velocity = _grown(scene, shrink, rate)
+    made = copy.copy(scene)
+    vars(made).update(width=width, height=height)
+    low, high = made.limits(made.radius)
+    made.start_anew(np.clip(grown / shrink, low, high), velocity)
+    for array in (made.position, made.velocity):
+        array.flags.writeable = False
+    if scene.can_redraw:
+        made.redraw_with(partial(_redrawn, scene, packing, rate))
+    return made
 
 
 def _redrawn(scene: Any, packing: float, rate: float, seed: int) -> Any:

@@ -29,7 +29,6 @@ from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
 from mpsim.features.properties import check_acceleration, check_gravity, check_radius
 from mpsim.scene import placement, starts
-from mpsim.scene.compression import Compresses
 from mpsim.scene.discs import HasDiscs, Lattice, demand_equal_discs, demand_sites, demand_whole_box, start_of
 from mpsim.scene.placement import placed
 from mpsim.scene.settings import Recommends, Settings, check_recommended
@@ -139,12 +138,15 @@ def _keep(scene: Any, kept: NDArray[np.bool_]) -> None:
             vars(scene)[name] = each.check(values[kept], int(kept.sum()))
 
 
+SLOWEST, FASTEST = 1e-6, 10.0
+"""Bounds of the rate of compression. Collisions per disc grow as its inverse; at the fastest, discs hardly move."""
+
 LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
 
 
 @checks.known_names_of_methods
-class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
+class Scene(ReadOnly, HasDiscs, Recommends):
     """Discs in a box. It is checked when made; its arrays are read-only copies. Unused features cost nothing.
 
     Args:
@@ -450,6 +452,35 @@ class Scene(ReadOnly, HasDiscs, Recommends, Compresses):
         move_to_state(other, state)
         other.check_inside("position", other.position, other.radius)
         return other
+
+    def compressed(self, packing: float, *, rate: float = 0.01) -> Scene:
+        """The same discs in a smaller box of the same shape, at a higher packing fraction, without overlap.
+
+        By the algorithm of Lubachevsky and Stillinger (J. Stat. Phys. 60, 561, 1990): discs fly and collide by the
+        exact solver while their radii grow in proportion to time; then the box and all places are scaled down. Each
+        disc keeps its radius, and the total kinetic energy is unchanged. Gravity, accelerations, restitution, friction
+        and a thermostat do not act during compression. The same scene gives the same bits; `redrawn` compresses another
+        start.
+
+        Args:
+            packing: packing fraction of the whole box, also between walls; above that of the scene.
+            rate: speed at which the mean diameter grows, as a fraction of the thermal speed sqrt(kT/m) [1], from 1e-6
+                to 10. The time needed is inversely proportional to it. Equal discs order when it is low, and jam in
+                disorder when it is high; discs of two sizes jam at about 0.84 (O'Hern et al., Phys. Rev. E 68, 011306,
+                2003).
+
+        Raises:
+            InputError: naming the argument, its rule and the value received; for a scene whose discs overlap or are all
+                at rest, or one with obstacles, emitters, absorbing edges or a piston; or if the discs jam before they
+                reach the packing; the error names the one they reached [1].
+
+        >>> import mpsim
+        >>> scene = mpsim.Scene.random(count=100, packing=0.5, radius=0.5, boundary="periodic", seed=1)
+        >>> dense = scene.compressed(0.75)
+        >>> dense, dense.overlaps_at_start()
+        (<Scene: 100 discs of radius 0.5 in 10.2333 x 10.2333, packing 0.75, periodic xy>, '')
+        """
+        return view("compressed", self, packing, rate)
 
     def overlaps_at_start(self) -> str:
         """Overlaps in words, for a warning: between discs, through periodic borders too, and with obstacles.

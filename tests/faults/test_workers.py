@@ -211,7 +211,7 @@ def test_a_death_during_start_up_is_named(start):
 
 
 def test_a_worker_that_raises_hands_over_its_traceback(monkeypatch):
-    def broken(block):
+    def broken(*_):
         raise ValueError("the kernels are broken")
 
     monkeypatch.setattr("mpsim.engine.workers.worker.load_kernels", broken)  # which a damaged installation would do

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock
-from mpsim.engine.workers.tiles import WAITING, arguments_of
+from mpsim.engine.workers.tiles import TILES, WAITING, arguments_of
 from mpsim.engine.workers.worker import load_kernels
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import records
@@ -52,9 +52,9 @@ class Windows:
     def start(self, workers: int) -> None:
         """Compile or load the kernels, and start so many workers, this process included."""
         with interrupts_held_back():
-            load_kernels(self._block)
+            load_kernels(self._block, TILES)
         if workers > 1:
-            self._pool = WorkerPool(self._block, self._start_method)
+            self._pool = WorkerPool(self._block, self._start_method, TILES)
             self._pool.start(workers)
 
     @property
@@ -70,7 +70,7 @@ class Windows:
         """
         moved = Windows(block, system, self._start_method)
         with interrupts_held_back():
-            load_kernels(block)
+            load_kernels(block, TILES)
         if self._pool is not None:
             self._pool.move_to(block)
         moved._pool, self._pool = self._pool, None

@@ -19,7 +19,7 @@ import psutil
 
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.engine.workers.shared import SharedBlock, demand_descriptors, refusal_of_process
-from mpsim.engine.workers.worker import NAME, worker_main
+from mpsim.engine.workers.worker import GRID, NAME, Program, worker_main
 from mpsim.errors import ResourceError, WorkerDiedError, WorkerStalledError, is_of_the_system
 from mpsim.kernels import records
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
@@ -68,8 +68,9 @@ class WorkerPool:
     So its owner knows of the pool before there is anything to stop.
     """
 
-    def __init__(self, block: SharedBlock, start_method: str | None):
+    def __init__(self, block: SharedBlock, start_method: str | None, program: Program = GRID):
         self._block = block
+        self._program = program
         self._context: Any = multiprocessing.get_context(start_method or default_start_method())
         self._control: Any = block.arrays["control"]
         self._team: Any = block.arrays["team"]
@@ -89,7 +90,7 @@ class WorkerPool:
             ResourceError: if the system allows no more processes or descriptors.
         """
         if self._context.get_start_method() == "forkserver":
-            self._context.set_forkserver_preload(["mpsim.engine.workers.pool"])
+            self._context.set_forkserver_preload(["mpsim.engine.workers.pool", self._program.load.__module__])
         for worker in range(1, workers):
             self._start(worker)
         for worker in range(1, workers):
@@ -176,7 +177,7 @@ class WorkerPool:
                 self._connections.append(ours)
                 process = self._context.Process(
                     target=worker_main,
-                    args=(worker, theirs, self._block.name, self._block.specs, self._creator),
+                    args=(worker, theirs, self._block.name, self._block.specs, self._program, self._creator),
                     name=f"{NAME}{worker}",
                     daemon=True,
                 )

@@ -1,11 +1,14 @@
-"""What workers of the exact solver call: windows of time on the tiles of a shared block."""
+"""The program of workers of the exact solver: windows of time on the tiles of a shared block."""
 
 import math
 import pickle
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from mpsim.engine.workers.shared import SharedBlock
+from mpsim.engine.workers.worker import LINGER, Program
 from mpsim.kernels.events import cells, records
 from mpsim.kernels.events.features.hooks import BARE, COLUMNS
 from mpsim.kernels.events.windows import Own, Shared, run_windows
@@ -54,14 +57,14 @@ def _own_of(store: Any, features: Any) -> Any:
     return Own(store, features._replace(**columns), bits, np.zeros(len(store.disc), np.int32))
 
 
-def arguments_in_block(arrays: dict[str, Any], worker: int = 0) -> TileArguments:
+def _arguments_in(arrays: dict[str, Any], worker: int) -> TileArguments:
     """`arguments_of` in a worker, which knows the block alone."""
     box, numbers = pickle.loads(arrays["laws"].tobytes())
     features = BARE._replace(**numbers, **{name: arrays[name] for name in COLUMNS if name in arrays})
     return arguments_of(arrays, features, box, worker)
 
 
-def idle_call(arguments: TileArguments, worker: int, linger: int) -> tuple[Any, ...]:
+def _idle_call(arguments: TileArguments, worker: int, linger: int) -> tuple[Any, ...]:
     """A call that plays no frame, or, of a worker, waits for commands."""
     progress: Any = np.zeros((), records.PROGRESS)[()]
     seen: Any = np.zeros((), records.TOTALS)[()]
@@ -70,15 +73,22 @@ def idle_call(arguments: TileArguments, worker: int, linger: int) -> tuple[Any, 
     return (*arguments, command, progress, seen, times, totals, worker, linger)
 
 
-def wait_for_windows(*call: Any) -> int:
-    """Play windows as a worker; returns what it has heard instead of a command."""
-    return run_windows(*call)[1]
-
-
-def load_windows(arguments: TileArguments) -> None:
-    """Compile or load what coordinator and workers call, by playing nothing on private records."""
+def _load(block: SharedBlock) -> None:
+    arguments = _arguments_in(block.arrays, 0)
     shared = arguments.shared
     control, plan = shared.control.copy(), shared.plan.copy()
     control.workers = 1
     private = shared._replace(control=control, plan=plan, team=np.zeros_like(shared.team))
-    run_windows(*idle_call(arguments._replace(shared=private), 0, 0))
+    run_windows(*_idle_call(arguments._replace(shared=private), 0, 0))
+
+
+def _call(block: SharedBlock, worker: int) -> tuple[Callable[..., int], tuple[Any, ...]]:
+    return _wait_for_windows, _idle_call(_arguments_in(block.arrays, worker), worker, LINGER)
+
+
+def _wait_for_windows(*call: Any) -> int:
+    """Play windows as a worker; returns what it has heard instead of a command."""
+    return run_windows(*call)[1]
+
+
+TILES = Program(_load, _call)

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock, refusal_of_process
-from mpsim.engine.workers.tiles import arguments_in_block, idle_call, load_windows, wait_for_windows
 from mpsim.errors import ResourceError
 from mpsim.kernels import compiling, records
 from mpsim.kernels.features.hooks import features_of
@@ -40,6 +39,18 @@ ORPHANED = 3
 
 REFUSED = 4
 """Exit code of a worker to which the system refuses what it needs."""
+
+
+class Program(NamedTuple):
+    """What the workers of a solver run. A worker imports the module of these functions, and no other solver's.
+
+    Attributes:
+        load: compiles or loads what coordinator and workers call, by running no frame on private records of a block.
+        call: the kernel that waits for commands in a block, and its arguments for one worker.
+    """
+
+    load: Callable[[SharedBlock], None]
+    call: Callable[[SharedBlock, int], tuple[Callable[..., int], tuple[Any, ...]]]
 
 
 class GridArguments(NamedTuple):
@@ -87,37 +98,42 @@ def buffers_of(block: SharedBlock) -> tuple[records.Discs, records.Discs]:
     return a, b
 
 
-def kernel_of(block: SharedBlock) -> Callable[..., int]:
-    """What the workers of a block call: for whole commands, or, on the ranks of MPI, for parts of a step."""
-    if "tiles" in block.arrays:
-        return wait_for_windows
+def _load_grid(block: SharedBlock) -> None:
+    kernel, arguments = _grid_call(block, 0)
+    control = arguments.control.copy()
+    control.frames, control.workers = 0, 1
+    control.part, control.ahead = records.ODD, records.NO_FRAME  # of no columns
+    kernel(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
+
+
+def _grid_call(block: SharedBlock, worker: int) -> tuple[Callable[..., int], GridArguments]:
+    """A kernel for whole commands, or, on the ranks of MPI, for parts of a step."""
     control = block.arrays["control"]
-    return run_part if control.members > control.workers else run_grid
+    return run_part if control.members > control.workers else run_grid, kernel_arguments(block, worker)
 
 
-def load_kernels(block: SharedBlock) -> None:
-    """Compile or load everything that coordinator and workers call, by running no frame on private records."""
-    if "tiles" in block.arrays:
-        load_windows(arguments_in_block(block.arrays))
-        control = block.arrays["control"].copy()
-    else:
-        arguments, kernel = kernel_arguments(block, 0), kernel_of(block)
-        control = arguments.control.copy()
-        control.frames, control.workers = 0, 1
-        control.part, control.ahead = records.ODD, records.NO_FRAME  # of no columns
-        kernel(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
+GRID = Program(_load_grid, _grid_call)
+"""Of stepped solvers."""
+
+
+def load_kernels(block: SharedBlock, program: Program = GRID) -> None:
+    """Compile or load everything that coordinator and workers call."""
+    program.load(block)
+    control = block.arrays["control"].copy()
     store_word(control.signals, records.MAIL, 1)
     add_to_word(control.signals, records.ANNOUNCED, load_word(control.signals, records.MAIL))
 
 
-def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec], coordinator: int) -> None:
+def worker_main(
+    worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec], program: Program, coordinator: int
+) -> None:
     """Entry point of worker `worker` (1 or above); ends with its coordinator (a process number), whatever happens."""
     for number in (signal.SIGINT, signal.SIGTERM):  # they may reach the whole group; the coordinator alone decides
         signal.signal(number, signal.SIG_IGN)
     compiling.announce_by(None)  # the coordinator has told of the same kernels
     try:
         _watch(coordinator)
-        _serve(worker, connection, SharedBlock.attach(name, specs))
+        _serve(worker, connection, SharedBlock.attach(name, specs), program)
     except ResourceError as refusal:
         connection.send(("refused", refusal))
         os._exit(REFUSED)
@@ -152,10 +168,10 @@ def _end_with_coordinator(pid: int) -> None:
         os._exit(ORPHANED)
 
 
-def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
+def _serve(worker: int, connection: Connection, block: SharedBlock, program: Program) -> None:
     """Run commands until the coordinator says stop. Does not return."""
-    load_kernels(block)
-    kernel, arguments = kernel_of(block), _join(worker, connection, block)
+    load_kernels(block, program)
+    kernel, arguments = _join(worker, connection, block, program)
     while True:
         outcome = kernel(*arguments)
         if outcome == records.IDLE:
@@ -172,19 +188,19 @@ def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
                 del arguments
                 block.close()
                 block = SharedBlock.attach(name, specs)
-                load_kernels(block)
-                arguments = _join(worker, connection, block)
+                load_kernels(block, program)
+                kernel, arguments = _join(worker, connection, block, program)
 
 
-def _join(worker: int, connection: Connection, block: SharedBlock) -> tuple[Any, ...]:
-    """Say that this worker is ready for the next command in the block; returns the arguments of its kernel."""
+def _join(
+    worker: int, connection: Connection, block: SharedBlock, program: Program
+) -> tuple[Callable[..., int], tuple[Any, ...]]:
+    """Say that this worker is ready for the next command in the block; returns its kernel and the arguments."""
     control, mine = block.arrays["control"], block.arrays["team"][worker]
     mine.commands = load_word(control.signals, records.COMMAND)
     mine.mails = load_word(control.signals, records.MAIL)
     connection.send(("ready", None))
-    if "tiles" in block.arrays:
-        return idle_call(arguments_in_block(block.arrays, worker), worker, LINGER)
-    return kernel_arguments(block, worker)
+    return program.call(block, worker)
 
 
 def _park(connection: Connection, control: Any, mine: Any) -> None:

@@ -18,8 +18,7 @@ from mpsim.errors import InputError
 from mpsim.features import NUMBERS, PER_DISC, VECTORS
 from mpsim.features.edges import check_boundary, wraps_of
 from mpsim.features.feature import PerDisc
-from mpsim.scene.compression import FASTEST, SLOWEST
-from mpsim.scene.scene import LARGEST_COUNT, Scene
+from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene
 from mpsim.scene.scenefile.parts import (
     MOST_PROBLEMS,
     PARTS,
