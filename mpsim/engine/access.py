@@ -1,5 +1,7 @@
 """Access to a simulation from one process and one thread at a time; its warnings, and its end when left open."""
 
+from __future__ import annotations
+
 import functools
 import logging
 import multiprocessing.util
@@ -13,11 +15,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.errors import BusyError, ForkedError, level_of_caller
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 # --- Delays warnings and log lines until the simulation holds no lock, because a handler may wait for a reader
 
@@ -289,13 +294,7 @@ class Access:
         )
 
 
-class HasAccess(Protocol):
-    """A simulation."""
-
-    _access: Access
-
-
-S = TypeVar("S", bound=HasAccess)
+S = TypeVar("S", bound="Simulation")
 P = ParamSpec("P")
 
 

@@ -1,12 +1,14 @@
 """The coordinator: owns the solver, runs slices of frames, and recovers from the death of a worker."""
 
+from __future__ import annotations
+
 import math
 import signal
 import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Any, Generic, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +20,7 @@ from mpsim.engine.changes import REMOVE, Change, edited, with_wall
 from mpsim.engine.checkpoint import Checkpointer
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.journal import Changed, parameters_after
-from mpsim.engine.observers import Observed, Observers
+from mpsim.engine.observers import Observers
 from mpsim.engine.parameters import in_force
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.solvers import base, methods
@@ -38,6 +40,9 @@ from mpsim.kernels.records import PHASES
 from mpsim.measure.registry import Run, RunAverages
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 # --- Times and counts that a run has collected so far
 
@@ -712,7 +717,7 @@ class Interruption:
         self._solver = solver
         self._noted = Noted(signal.SIGINT)
 
-    def __enter__(self) -> "Interruption":
+    def __enter__(self) -> Interruption:
         if self._is_shared:
             self._noted.begin()
         return self
@@ -737,7 +742,7 @@ class Interruption:
 # --- The run loop: slices of frames, with observers, checkpoints, progress and readers between them
 
 
-class BetweenSlices(NamedTuple, Generic[Observed]):
+class BetweenSlices(NamedTuple):
     """What happens between two slices of a run.
 
     Attributes:
@@ -747,15 +752,15 @@ class BetweenSlices(NamedTuple, Generic[Observed]):
         interruption: Ctrl-C, where processes share the run.
     """
 
-    sim: Observed
-    observers: Observers[Observed]
+    sim: Simulation
+    observers: Observers
     checkpoints: Checkpointer
     progress: Callable[[int, int], None] | None
     interruption: Interruption
 
 
 def run_frames(
-    frames: int, coordinator: Coordinator, access: Access, record: RunRecord, between: BetweenSlices[Observed]
+    frames: int, coordinator: Coordinator, access: Access, record: RunRecord, between: BetweenSlices
 ) -> None:
     """Run so many frames, and record them; if a worker dies, go back to a snapshot if the settings say so."""
     sim, observers, checkpoints, progress, interruption = between

@@ -1,5 +1,7 @@
 """The journal of a simulation: its start and all later changes, written, read and run again."""
 
+from __future__ import annotations
+
 import dataclasses
 import json
 import math
@@ -8,7 +10,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,9 @@ from mpsim.engine.solvers.methods import same_bits
 from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings, settings_from
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 # --- The journal of a simulation: its start and all later changes, in files from which it can be run again
 #
@@ -119,7 +124,7 @@ class Journal:
         return target
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "Journal":
+    def load(cls, path: str | os.PathLike[str]) -> Journal:
         """Read what `save` wrote. Nothing in the files is executed.
 
         Args:
@@ -261,29 +266,7 @@ def without_workers(values: Mapping[str, Any]) -> dict[str, Any]:
 # --- Runs the simulation of a journal again, on any number of workers
 
 
-class Replayable(Protocol):
-    """What a simulation is asked for; the methods of changes are called by name."""
-
-    @property
-    def frame(self) -> int:
-        """Frames done."""
-        ...
-
-    @property
-    def time(self) -> float:
-        """Time reached [time]."""
-        ...
-
-    def run(self, frames: int) -> Any:
-        """Run so many frames."""
-        ...
-
-    def close(self) -> None:
-        """Stop."""
-        ...
-
-
-Sim = TypeVar("Sim", bound=Replayable)
+Sim = TypeVar("Sim", bound="Simulation")
 
 
 def replayed(
@@ -317,7 +300,7 @@ def replayed(
     return sim
 
 
-def _apply(sim: Replayable, number: int, change: Change) -> None:
+def _apply(sim: Simulation, number: int, change: Change) -> None:
     """Make a change of a journal again."""
     if sim.time != change.time:
         raise InputError(

@@ -1,9 +1,11 @@
 """Observers: objects that are called during a run, for example to write a trajectory."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol
 
 from numpy.typing import NDArray
 
@@ -11,21 +13,11 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.kernels.compiling import compile_seconds
 
-
-class HasFrame(Protocol):
-    """A simulation."""
-
-    @property
-    def frame(self) -> int:
-        """Frames done."""
-        ...
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 
-Seen_contra = TypeVar("Seen_contra", contravariant=True)
-Observed = TypeVar("Observed", bound=HasFrame)
-
-
-class Observer(Protocol[Seen_contra]):
+class Observer(Protocol):
     """What looks at a simulation along a run; what it is to change it changes by set, kick, remove, add and change.
 
     One that has a method `keep()` is asked by it to write what it has gathered, before each checkpoint of the run: what
@@ -37,7 +29,7 @@ class Observer(Protocol[Seen_contra]):
 
     every: int
 
-    def observe(self, sim: Seen_contra, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Look at the simulation between two frames.
 
         A frame may be shown twice: at the end of one run and the start of the next, or when a run has healed.
@@ -49,17 +41,17 @@ class Observer(Protocol[Seen_contra]):
         ...
 
 
-class Observers(Generic[Observed]):
+class Observers:
     """The observers of one run. Attribute seconds: the time they have taken, without that of compiling [s].
 
     Raises:
         InputError: if one of them is no observer.
     """
 
-    def __init__(self, observers: Observer[Observed] | Iterable[Observer[Observed]] | None):
+    def __init__(self, observers: Observer | Iterable[Observer] | None):
         self.seconds: float = 0.0
         given: Any = [] if observers is None else [observers] if hasattr(observers, "observe") else observers
-        self._observers: list[Observer[Observed]] = list(given) if isinstance(given, Iterable) else [given]
+        self._observers: list[Observer] = list(given) if isinstance(given, Iterable) else [given]
         self._of_collisions: list[Any] = []
         for each in self._observers:
             if not callable(getattr(each, "observe", None)):
@@ -77,7 +69,7 @@ class Observers(Generic[Observed]):
         """Whether any of them asks for collisions."""
         return bool(self._of_collisions)
 
-    def begin(self, sim: Observed) -> None:
+    def begin(self, sim: Simulation) -> None:
         """A run of a simulation begins."""
         for each in self._of_collisions:
             each.begin(sim)
@@ -98,7 +90,7 @@ class Observers(Generic[Observed]):
             if callable(keep := getattr(each, "keep", None)):
                 keep()
 
-    def observe(self, sim: Observed, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Call the observers whose frame this is."""
         with self._timed():
             for each in self._observers:

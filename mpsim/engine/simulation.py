@@ -495,7 +495,7 @@ class Simulation(Changing):
         measures: Iterable[str] | None = None,
         start: float | None = None,
         progress: bool | Callable[[int, int], None] | None = None,
-        observe: Observer[Simulation] | Iterable[Observer[Simulation]] | None = None,
+        observe: Observer | Iterable[Observer] | None = None,
         checkpoint: str | os.PathLike[str] | None = None,
         checkpoint_every: int | None = None,
         checkpoint_seconds: float = 60.0,

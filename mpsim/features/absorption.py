@@ -1,11 +1,16 @@
 """Edges that absorb discs: an absorbed disc keeps its number, stays where it left, and no longer collides."""
 
-from typing import Any, ClassVar
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpsim.core import checks
 from mpsim.core.columns import EXITS, Column
 from mpsim.features.edges import EDGES, demand_wall
-from mpsim.features.feature import NEED_ALL_DISCS, Feature, Invalidation, SceneLike
+from mpsim.features.feature import NEED_ALL_DISCS, Feature, Invalidation
+
+if TYPE_CHECKING:
+    from mpsim.scene.scene import Scene
 
 
 class Absorption(Feature):
@@ -22,11 +27,11 @@ class Absorption(Feature):
         ),
     )
 
-    def has_columns(self, scene: SceneLike) -> bool:
+    def has_columns(self, scene: Scene) -> bool:
         """Whether discs can be absent: absorbed, or removed while the scene is simulated."""
         return scene.loses_discs
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """The edges."""
         return ", ".join(scene.absorbing)
 

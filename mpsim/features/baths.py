@@ -1,18 +1,23 @@
 """Baths: a thermostat, and walls at a temperature."""
 
+from __future__ import annotations
+
 import hashlib
 import math
 from dataclasses import dataclass, replace
 from decimal import Decimal, localcontext
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, demand_wall
-from mpsim.features.feature import Feature, Invalidation, SceneLike, Shapes
+from mpsim.features.feature import Feature, Invalidation, Shapes
 from mpsim.kernels.records import THERMAL_WALLS, THERMOSTAT
+
+if TYPE_CHECKING:
+    from mpsim.scene.scene import Scene
 
 # --- A thermostat: discs get new velocities at random, drawn from the Maxwell distribution at a temperature
 
@@ -71,7 +76,7 @@ def other_seed(seed: int, variation: str) -> int:
     return int.from_bytes(digest, "little") >> 1
 
 
-def mean_mass(scene: SceneLike) -> float:
+def mean_mass(scene: Scene) -> float:
     """Of the discs at the start; 1 without any [mass]."""
     return float(scene.mass.mean()) if scene.mass is not None and scene.count else 1.0
 
@@ -122,11 +127,11 @@ class ThermostatFeature(Feature):
         ),
     )
 
-    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         """Temperature, probability and seed."""
         return {} if self.of(scene) is None else {"thermostat": (THERMOSTAT, ())}
 
-    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
+    def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
         """Write it."""
         thermostat: Thermostat | None = self.of(scene)
         if thermostat is not None:
@@ -135,22 +140,22 @@ class ThermostatFeature(Feature):
             record.temperature = thermostat.temperature
             record.seed, record.first_frame = thermostat.seed, origin[0]
 
-    def redrawn(self, scene: SceneLike, variation: str) -> Thermostat | None:
+    def redrawn(self, scene: Scene, variation: str) -> Thermostat | None:
         """The same with another seed, which follows from its own."""
         thermostat: Thermostat | None = self.of(scene)
         return None if thermostat is None else replace(thermostat, seed=other_seed(thermostat.seed, variation))
 
-    def thermal_speed(self, scene: SceneLike) -> float:
+    def thermal_speed(self, scene: Scene) -> float:
         """Root mean square of one component for a disc of the mean mass."""
         thermostat: Thermostat | None = self.of(scene)
         return 0.0 if thermostat is None else math.sqrt(thermostat.temperature / mean_mass(scene))
 
-    def exchange_rate(self, scene: SceneLike, temperature: float) -> float:
+    def exchange_rate(self, scene: Scene, temperature: float) -> float:
         """That of new velocities."""
         thermostat: Thermostat | None = self.of(scene)
         return 0.0 if thermostat is None else thermostat.rate
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Temperature, rate and seed."""
         thermostat: Thermostat = self.of(scene)
         return f"temperature {thermostat.temperature:g}, rate {thermostat.rate:g}, seed {thermostat.seed}"
@@ -256,7 +261,7 @@ class ThermalWallsFeature(Feature):
         ),
     )
 
-    def check(self, scene: SceneLike) -> None:
+    def check(self, scene: Scene) -> None:
         """Refuse them along a periodic axis, at absorbing edges, for a wall that moves, and with friction of walls."""
         walls: ThermalWalls | None = self.of(scene)
         if walls is None:
@@ -276,11 +281,11 @@ class ThermalWallsFeature(Feature):
                 f"got {scene.wall_friction:g}. Leave one of them out."
             )
 
-    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         """What their kernel needs to know."""
         return {} if self.of(scene) is None else {"thermal_walls": (THERMAL_WALLS, ())}
 
-    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
         """Write it."""
         walls: ThermalWalls | None = self.of(scene)
         if walls is not None:
@@ -292,17 +297,17 @@ class ThermalWallsFeature(Feature):
         """At the temperature of the discs."""
         return {"thermal walls": ThermalWalls(left=1.0, right=1.0, bottom=1.0, top=1.0)}
 
-    def redrawn(self, scene: SceneLike, variation: str) -> ThermalWalls | None:
+    def redrawn(self, scene: Scene, variation: str) -> ThermalWalls | None:
         """The same with another seed, which follows from its own."""
         walls: ThermalWalls | None = self.of(scene)
         return None if walls is None else replace(walls, seed=other_seed(walls.seed, variation))
 
-    def thermal_speed(self, scene: SceneLike) -> float:
+    def thermal_speed(self, scene: Scene) -> float:
         """Root mean square of a velocity along the hottest wall, for a disc of the mean mass."""
         walls: ThermalWalls | None = self.of(scene)
         return 0.0 if walls is None else math.sqrt(max(walls.temperatures.values()) / mean_mass(scene))
 
-    def exchange_rate(self, scene: SceneLike, temperature: float) -> float:
+    def exchange_rate(self, scene: Scene, temperature: float) -> float:
         """3/2 of the hits per disc, because a disc leaves the wall with 3/2 kT on average; for a uniform temperature.
 
         Excluded area makes hits more frequent, by some 1 / (1 - packing)^2 (scaled particle theory).
@@ -315,7 +320,7 @@ class ThermalWallsFeature(Feature):
         hits = sum(1 / max(length - 2 * scene.largest_radius, 1e-3 * length) for length in lengths)
         return 1.5 * hits * math.sqrt(temperature / (2 * math.pi * mean_mass(scene))) / max(1 - covered, 0.1) ** 2
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Temperatures and seed."""
         walls: ThermalWalls = self.of(scene)
         return ", ".join([*(f"{edge} {value:g}" for edge, value in walls.temperatures.items()), f"seed {walls.seed}"])

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, fields
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,10 @@ from numpy.typing import ArrayLike
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import check_clear
-from mpsim.features.feature import NEED_ALL_DISCS, Feature, Invalidation, SceneLike
+from mpsim.features.feature import NEED_ALL_DISCS, Feature, Invalidation
+
+if TYPE_CHECKING:
+    from mpsim.scene.scene import Scene
 
 LARGEST_EMITTERS = 1_000_000
 """More emitters than this are taken for a mistake."""
@@ -118,7 +121,7 @@ class Emitters(Feature):
         ),
     )
 
-    def check(self, scene: SceneLike) -> None:
+    def check(self, scene: Scene) -> None:
         """Refuse emitters whose discs lack a radius or mass, or whose place leaves no room for a disc."""
         emitters: tuple[Emitter, ...] = self.of(scene)
         for name, common in (("radius", np.ndim(scene.radius) == 0), ("mass", scene.mass is None)):
@@ -133,7 +136,7 @@ class Emitters(Feature):
             scene.check_inside("the position of emitters", position, radius)
             check_clear(scene.deepest(position, radius), "the position of emitters", position, radius)
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """How often discs enter."""
         words: list[str] = []
         for emitter in self.of(scene):

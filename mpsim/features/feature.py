@@ -4,107 +4,27 @@ Each feature has a module of its own with a subclass, of which `mpsim.features.F
 to every feature are put to all in that list. The methods here are those of a feature that changes nothing.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mpsim.core.columns import Column
 from mpsim.errors import InputError
-from mpsim.features.capsules import CapsuleIndex, Deepest
+from mpsim.features.capsules import Deepest
 from mpsim.features.edges import MovingWall
+
+if TYPE_CHECKING:
+    from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 
 Shapes = dict[str, tuple[DTypeLike, tuple[int, ...]]]
 """dtype and shape of arrays, by their name in the shared block."""
-
-
-class SceneLike(Protocol):
-    """What features see of a scene: attributes of `mpsim.Scene`, which is in a layer above."""
-
-    width: float
-    height: float
-    radius: float | Floats
-    mass: Floats | None
-    gravity: Floats | None
-    acceleration: Floats | None
-    restitution: float
-    wall_restitution: float
-    friction: float
-    wall_friction: float
-    tangential_restitution: float
-    spin: Floats | None
-    boundary: tuple[str, str]
-    thermostat: Any
-    thermal_walls: Any
-    emitters: tuple[Any, ...]
-    absorbing: tuple[str, ...]
-    piston_began: float
-
-    @property
-    def loses_discs(self) -> bool:
-        """Whether discs can be absent, as absorbed ones."""
-        ...
-
-    @property
-    def count(self) -> int:
-        """Number of discs at the start."""
-        ...
-
-    @property
-    def radii(self) -> Floats:
-        """Radius of each disc, shape (N,) [length]."""
-        ...
-
-    @property
-    def masses(self) -> Floats:
-        """Mass of each disc, shape (N,) [mass]."""
-        ...
-
-    @property
-    def largest_radius(self) -> float:
-        """Of all discs, those of emitters included [length]."""
-        ...
-
-    @property
-    def moving_wall(self) -> MovingWall | None:
-        """The wall that a feature of the scene moves."""
-        ...
-
-    @property
-    def box(self) -> tuple[float, float, float, float]:
-        """Where the walls are at the start: x_low, x_high, y_low, y_high [length]."""
-        ...
-
-    @property
-    def periodic(self) -> tuple[bool, bool]:
-        """Whether x, and whether y, is periodic."""
-        ...
-
-    @property
-    def capsules(self) -> Floats:
-        """The obstacles as segments with a radius, shape (K, 5) [length]."""
-        ...
-
-    @property
-    def capsule_index(self) -> CapsuleIndex:
-        """The same, indexed for repeated queries of overlap."""
-        ...
-
-    def deepest(self, position: Floats, radius: Floats) -> Deepest | None:
-        """The disc that is deepest in a capsule."""
-        ...
-
-    def walls_at(self, time: float) -> tuple[Floats, Floats]:
-        """Corners (x, y) of the box at a time, the least and the largest [length]."""
-        ...
-
-    def check_inside(self, name: str, position: Floats, radius: float | Floats, time: float = 0.0) -> None:
-        """Refuse discs that are not in the box."""
-        ...
 
 
 class Invalidation(NamedTuple):
@@ -199,16 +119,16 @@ class Feature:
     removes_discs: ClassVar[bool] = False
     columns: ClassVar[tuple[Column, ...]] = ()
 
-    def of(self, scene: SceneLike) -> Any:
+    def of(self, scene: Scene) -> Any:
         """Its value in a scene."""
         return getattr(scene, self.argument)
 
-    def is_in(self, scene: SceneLike) -> bool:
+    def is_in(self, scene: Scene) -> bool:
         """Whether the scene has it."""
         value = self.of(scene)
         return value is not None and value != ()
 
-    def has_columns(self, scene: SceneLike) -> bool:
+    def has_columns(self, scene: Scene) -> bool:
         """Whether the discs of the scene have its columns."""
         return self.is_in(scene)
 
@@ -225,10 +145,10 @@ class Feature:
 
     # --- the scene
 
-    def check(self, scene: SceneLike) -> None:
+    def check(self, scene: Scene) -> None:
         """Refuse, naming the argument, what does not fit the rest of a scene that is being made."""
 
-    def check_law(self, scene: SceneLike, law: str) -> None:
+    def check_law(self, scene: Scene, law: str) -> None:
         """Refuse a law of the settings that it does not work with."""
         if self.law and law != self.law and self.is_in(scene):
             raise InputError(
@@ -236,60 +156,60 @@ class Feature:
                 f"{law!r}. Leave one of them out."
             )
 
-    def dissipates(self, scene: SceneLike) -> bool:
+    def dissipates(self, scene: Scene) -> bool:
         """Whether it lets contacts take energy from the motion of the discs."""
         return False
 
-    def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
+    def check_room(self, scene: Scene, new: NewDiscs) -> None:
         """Refuse, naming the argument, discs for which it leaves no room."""
 
-    def deepest(self, scene: SceneLike, position: Floats, radius: Floats) -> Deepest | None:
+    def deepest(self, scene: Scene, position: Floats, radius: Floats) -> Deepest | None:
         """The disc that overlaps it most, positions of shape (N, 2), radii (N,) [length]; None if no disc does."""
         return None
 
-    def moving_wall(self, scene: SceneLike) -> MovingWall | None:
+    def moving_wall(self, scene: Scene) -> MovingWall | None:
         """The wall that it moves."""
         return None
 
-    def continued(self, scene: SceneLike, box: tuple[float, float, float, float]) -> Any:
+    def continued(self, scene: Scene, box: tuple[float, float, float, float]) -> Any:
         """Its value in a scene that starts from a state of a run of this one, whose walls are at `box` [length]."""
         return self.of(scene)
 
-    def redrawn(self, scene: SceneLike, variation: str) -> Any:
+    def redrawn(self, scene: Scene, variation: str) -> Any:
         """Its value in a scene of the same kind with other random numbers, which follow from a text."""
         return self.of(scene)
 
-    def thermal_speed(self, scene: SceneLike) -> float:
+    def thermal_speed(self, scene: Scene) -> float:
         """Speed along one axis that it gives to discs [length/time]."""
         return 0.0
 
-    def exchange_rate(self, scene: SceneLike, temperature: float) -> float:
+    def exchange_rate(self, scene: Scene, temperature: float) -> float:
         """Rate at which it exchanges the energy of an elastic gas, at most, at kT in the gas [1/time]."""
         return 0.0
 
     # --- the shared block
 
-    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         """Arrays that its kernels need for `capacity` discs, with floats of dtype `real`."""
         return {}
 
-    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
         """Write what does not depend on the number of discs. margin: distance of centres from walls [length]."""
 
-    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
+    def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
         """Write what depends on the length of frames, dt [time], and on the frame and time from which they count."""
 
     # --- people
 
-    def brief(self, scene: SceneLike) -> str:
+    def brief(self, scene: Scene) -> str:
         """What the repr of a scene says about it; "" for nothing."""
         return self.argument if self.is_in(scene) else ""
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Description in words for a scene that has it; "" if the description of the discs includes it."""
         return str(self.of(scene))
 
-    def record(self, scene: SceneLike) -> Any:
+    def record(self, scene: Scene) -> Any:
         """Its value for JSON."""
         value = self.of(scene)
         if not self.kinds:
@@ -307,7 +227,7 @@ class Feature:
 
     # --- files
 
-    def to_plain(self, scene: SceneLike) -> Any:
+    def to_plain(self, scene: Scene) -> Any:
         """Its value as plain values, from which `from_plain` restores it bit for bit."""
         value = self.of(scene)
         if not self.kinds:

@@ -1,15 +1,20 @@
 """Friction and restitution of contacts."""
 
+from __future__ import annotations
+
 import math
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.columns import SPIN, Column
 from mpsim.errors import InputError
-from mpsim.features.feature import Feature, Invalidation, SceneLike, Shapes
+from mpsim.features.feature import Feature, Invalidation, Shapes
 from mpsim.kernels.features import friction as kernel
+
+if TYPE_CHECKING:
+    from mpsim.scene.scene import Scene
 
 # --- Restitution: the fraction of the normal velocity that remains after a contact
 
@@ -24,7 +29,7 @@ class Restitution(Feature):
         "wall_restitution": (1.0, "for a disc and walls, obstacles or a piston, 0 to 1"),
     }
 
-    def is_in(self, scene: SceneLike) -> bool:
+    def is_in(self, scene: Scene) -> bool:
         """Whether one of them is below 1."""
         return min(scene.restitution, scene.wall_restitution) < 1
 
@@ -32,11 +37,11 @@ class Restitution(Feature):
         """Of two discs."""
         return {"restitution": 0.95}
 
-    def brief(self, scene: SceneLike) -> str:
+    def brief(self, scene: Scene) -> str:
         """Nothing: the repr of a scene ends with them."""
         return ""
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Both."""
         return f"{scene.restitution:g} of discs, {scene.wall_restitution:g} of walls"
 
@@ -68,26 +73,26 @@ class Friction(Feature):
         ),
     )
 
-    def is_in(self, scene: SceneLike) -> bool:
+    def is_in(self, scene: Scene) -> bool:
         """Whether discs of the scene may spin."""
         return scene.friction > 0 or scene.wall_friction > 0 or scene.spin is not None
 
-    def dissipates(self, scene: SceneLike) -> bool:
+    def dissipates(self, scene: Scene) -> bool:
         """Whether contacts change spins, which converts translational into rotational energy, and slip into heat."""
         return scene.friction > 0 or scene.wall_friction > 0
 
-    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         """The law of two discs, and that of a disc and a wall."""
         return {name: (real, (kernel.SIZE,)) for name in ("friction", "wall_friction") if getattr(scene, name) > 0}
 
-    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
         """Coefficients, and what a sticking contact changes; in `mass_fraction` each of two discs has 2 m_eff / m."""
         for name, parts in (("friction", 6), ("wall_friction", 3)):
             if name in arrays:
                 arrays[name][kernel.COEFFICIENT] = getattr(scene, name)
                 arrays[name][kernel.STICKING] = (1 + scene.tangential_restitution) / parts
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Its numbers."""
         words = f"{scene.friction:g} of discs, {scene.wall_friction:g} of walls"
         return f"{words}, tangential restitution {scene.tangential_restitution:g}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import weakref
 from dataclasses import dataclass
 from itertools import chain, pairwise
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,10 @@ from mpsim.core.machine import garbage_collection_paused
 from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
-from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, SceneLike, Shapes
+from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, Shapes
+
+if TYPE_CHECKING:
+    from mpsim.scene.scene import Scene
 
 LARGEST_OBSTACLES = 1_000_000
 """More obstacles than this are taken for a mistake."""
@@ -217,11 +220,11 @@ class Obstacles(Feature):
         self._made: weakref.WeakKeyDictionary[Any, tuple[Any, dict[str, NDArray[Any]]]] = weakref.WeakKeyDictionary()
         """`arrays` of scenes in use, with what they were made from: each block needs them twice."""
 
-    def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
+    def check_room(self, scene: Scene, new: NewDiscs) -> None:
         """Refuse discs that overlap an obstacle: the first frame would move them out of it."""
         capsules.check_clear(scene.deepest(new.position, new.radius), new.name, new.position, new.radius)
 
-    def deepest(self, scene: SceneLike, position: Floats, radius: Floats) -> Deepest | None:
+    def deepest(self, scene: Scene, position: Floats, radius: Floats) -> Deepest | None:
         """Overlaps within the rounding of the box's coordinates do not count; images of obstacles do."""
         size = (scene.width, scene.height)
         depth = scene.capsule_index.depths(position, radius)
@@ -232,19 +235,19 @@ class Obstacles(Feature):
         nearest = capsules.nearest(position[worst], scene.capsules, size, scene.periodic)
         return Deepest(number, worst, f"obstacles[{owner_of(nearest, self.of(scene))}]", float(depth[worst]))
 
-    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         """Capsules, and the grid that lists those near each cell."""
         return {
             f"capsules.{name}": (real if values.dtype.kind == "f" else values.dtype, values.shape)
             for name, values in self.arrays(scene).items()
         }
 
-    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
         """Write capsules and grid."""
         for name, values in self.arrays(scene).items():
             arrays[f"capsules.{name}"][...] = values
 
-    def arrays(self, scene: SceneLike) -> dict[str, NDArray[Any]]:
+    def arrays(self, scene: Scene) -> dict[str, NDArray[Any]]:
         """Capsules, with images beyond periodic borders, and their grid (see `cell_lists`); {} without capsules.
 
         The grid depends neither on the method nor on the number of discs.
@@ -254,11 +257,11 @@ class Obstacles(Feature):
             self._made[scene] = made_of, _listed(scene)
         return self._made[scene][1]
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Their number."""
         return f"{len(self.of(scene))}"
 
-    def record(self, scene: SceneLike) -> int:
+    def record(self, scene: Scene) -> int:
         """Their number only, as there may be very many."""
         return len(self.of(scene))
 
@@ -269,7 +272,7 @@ class Obstacles(Feature):
         return {"100 pegs": [FixedDisc((x, y), 0.1) for x in every for y in every], "a polyline": [line]}
 
 
-def _listed(scene: SceneLike) -> dict[str, NDArray[Any]]:
+def _listed(scene: Scene) -> dict[str, NDArray[Any]]:
     size = (scene.width, scene.height)
     images = capsules.with_images(scene.capsules, size, scene.periodic, scene.largest_radius)
     if not len(images.capsule):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -15,9 +15,12 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import check_room_among
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
-from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, SceneLike, Shapes
+from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, Shapes
 from mpsim.features.packing_bounds import shortest_box
 from mpsim.kernels.records import moving_wall_in
+
+if TYPE_CHECKING:
+    from mpsim.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ class PistonFeature(Feature):
         ),
     )
 
-    def check(self, scene: SceneLike) -> None:
+    def check(self, scene: Scene) -> None:
         """Refuse one that leaves too little room for the largest disc, or for all discs."""
         piston: Piston | None = self.of(scene)
         if piston is None:
@@ -135,13 +138,13 @@ class PistonFeature(Feature):
         number = np.concatenate([np.ones(scene.count), np.array([emitter.limit for emitter in ending], float)])
         _check_end(scene, "stop of the piston", np.concatenate([scene.radii, radii]), number)
 
-    def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
+    def check_room(self, scene: Scene, new: NewDiscs) -> None:
         """Refuse more discs than the box can hold where the piston stops."""
         if self.of(scene) is not None:
             together = np.append(new.present, new.radius)
             _check_end(scene, new.name, together, np.ones(len(together)))
 
-    def moving_wall(self, scene: SceneLike) -> MovingWall | None:
+    def moving_wall(self, scene: Scene) -> MovingWall | None:
         """The piston."""
         piston: Piston | None = self.of(scene)
         if piston is None:
@@ -150,7 +153,7 @@ class PistonFeature(Feature):
         start = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
         return MovingWall("piston", edge, start, piston.stop, piston.speed, scene.piston_began)
 
-    def continued(self, scene: SceneLike, box: tuple[float, float, float, float]) -> Piston | None:
+    def continued(self, scene: Scene, box: tuple[float, float, float, float]) -> Piston | None:
         """A piston that starts where it is."""
         piston: Piston | None = self.of(scene)
         if piston is None:
@@ -158,11 +161,11 @@ class PistonFeature(Feature):
         moved = replace(piston, start=box[EDGES.index(piston.wall)])
         return check_piston(moved, scene.boundary, scene.width, scene.height, scene.absorbing)
 
-    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         """Its record."""
         return {} if self.of(scene) is None else {"piston": (moving_wall_in(real), ())}
 
-    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
         """Write how it moves."""
         wall = self.moving_wall(scene)
         if wall is not None:
@@ -171,12 +174,12 @@ class PistonFeature(Feature):
             record.arrival, record.began = wall.arrival, wall.began
             record.margin = margin if wall.speed > 0 else -margin
 
-    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
+    def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
         """Write what its time follows from."""
         if self.of(scene) is not None:
             arrays["piston"].dt, arrays["piston"].origin = dt, origin[1]
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Wall, speed, and where it starts and stops."""
         piston: Piston = self.of(scene)
         start = "" if piston.start is None else f"from {piston.start:g} "
@@ -190,7 +193,7 @@ class PistonFeature(Feature):
 PISTON = PistonFeature()
 
 
-def _check_end(scene: SceneLike, name: str, radius: Floats, number: Floats) -> None:
+def _check_end(scene: Scene, name: str, radius: Floats, number: Floats) -> None:
     """`PistonFeature.check_room` for given numbers of discs.
 
     Args:

@@ -1,14 +1,19 @@
 """Radii, masses, gravity and accelerations."""
 
-from typing import Any, ClassVar
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.columns import ACCELERATION, MASS, Column
 from mpsim.errors import InputError
-from mpsim.features.feature import Feature, Floats, PerDisc, SceneLike, Shapes, extent, lattice_sites
+from mpsim.features.feature import Feature, Floats, PerDisc, Shapes, extent, lattice_sites
 from mpsim.kernels import records
+
+if TYPE_CHECKING:
+    from mpsim.scene.scene import Scene
 
 # --- Radii that differ from disc to disc
 
@@ -18,7 +23,7 @@ def check_radius(value: Any, count: int) -> float | Floats:
     return checks.one_or_each("radius", value, count, "[length]")
 
 
-def has_radii(scene: SceneLike) -> bool:
+def has_radii(scene: Scene) -> bool:
     """Whether discs of the scene differ in size, those of its emitters included."""
     return np.ndim(scene.radius) > 0 or any(emitter.radius not in (None, scene.radius) for emitter in scene.emitters)
 
@@ -30,11 +35,11 @@ class Radii(Feature):
     several = False
     per_disc: ClassVar[dict[str, PerDisc]] = {"radius": PerDisc(check_radius, unit="[length]", default=None)}
 
-    def is_in(self, scene: SceneLike) -> bool:
+    def is_in(self, scene: Scene) -> bool:
         """Whether kernels must know them: see `has_radii`."""
         return has_radii(scene)
 
-    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         """Radii in both buffers of the discs, sorted with them; the radius above which discs are giants."""
         if not has_radii(scene):
             return {}
@@ -45,15 +50,15 @@ class Radii(Feature):
         """Up to those of the other scenes, which fit the lattice."""
         return {"radii": np.random.default_rng(2).uniform(0.3, 0.5, lattice_sites(side, pitch))}
 
-    def brief(self, scene: SceneLike) -> str:
+    def brief(self, scene: Scene) -> str:
         """Nothing: the repr of a scene begins with them."""
         return ""
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Nothing: the line of the discs has their range."""
         return ""
 
-    def record(self, scene: SceneLike) -> list[float]:
+    def record(self, scene: Scene) -> list[float]:
         """The least and the largest."""
         return extent(scene.radii)
 
@@ -87,25 +92,25 @@ class Gravity(Feature):
     vectors: ClassVar[dict[str, str]] = {"gravity": "[gx, gy], one acceleration for all discs"}
     drives = "gravity"
 
-    def is_in(self, scene: SceneLike) -> bool:
+    def is_in(self, scene: Scene) -> bool:
         """Whether it is given, zeros included."""
         return scene.gravity is not None
 
-    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         """(gx, gy)."""
         return {} if scene.gravity is None else {"gravity": (real, (2,))}
 
-    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
         """Write it."""
         if scene.gravity is not None:
             arrays["gravity"][:] = scene.gravity
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Its components."""
         x, y = self.of(scene)
         return f"({x:g}, {y:g})"
 
-    def record(self, scene: SceneLike) -> list[float] | None:
+    def record(self, scene: Scene) -> list[float] | None:
         """A list."""
         return None if scene.gravity is None else scene.gravity.tolist()
 
@@ -123,15 +128,15 @@ class Acceleration(Feature):
     not_exact = "acceleration per disc, under which the relative motion of two discs is not uniform"
     columns: ClassVar[tuple[Column, ...]] = (ACCELERATION,)
 
-    def is_in(self, scene: SceneLike) -> bool:
+    def is_in(self, scene: Scene) -> bool:
         """Whether it is given, zeros included."""
         return scene.acceleration is not None
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """That discs have it, not the rows."""
         return "one per disc"
 
-    def record(self, scene: SceneLike) -> bool:
+    def record(self, scene: Scene) -> bool:
         """Whether discs have it."""
         return self.is_in(scene)
 
@@ -143,7 +148,7 @@ class Acceleration(Feature):
 # --- Masses other than 1
 
 
-def has_masses(scene: SceneLike) -> bool:
+def has_masses(scene: Scene) -> bool:
     """Whether discs of the scene have masses other than 1, those of its emitters included."""
     return scene.mass is not None or any(emitter.mass not in (None, 1) for emitter in scene.emitters)
 
@@ -156,7 +161,7 @@ class Masses(Feature):
     per_disc: ClassVar[dict[str, PerDisc]] = {"mass": PerDisc(checks.masses, unit="[mass]", default=1.0)}
     columns: ClassVar[tuple[Column, ...]] = (MASS,)
 
-    def is_in(self, scene: SceneLike) -> bool:
+    def is_in(self, scene: Scene) -> bool:
         """Whether kernels must know them: see `has_masses`."""
         return has_masses(scene)
 
@@ -164,14 +169,14 @@ class Masses(Feature):
         """Up to four times as heavy as the lightest."""
         return {"masses": np.random.default_rng(2).uniform(0.5, 2.0, lattice_sites(side, pitch))}
 
-    def brief(self, scene: SceneLike) -> str:
+    def brief(self, scene: Scene) -> str:
         """Only of the discs at the start."""
         return "" if scene.mass is None else "mass"
 
-    def description(self, scene: SceneLike) -> str:
+    def description(self, scene: Scene) -> str:
         """Nothing: the line of the discs has their range."""
         return ""
 
-    def record(self, scene: SceneLike) -> list[float]:
+    def record(self, scene: Scene) -> list[float]:
         """The least and the largest."""
         return extent(scene.masses)

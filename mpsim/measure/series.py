@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,43 +14,11 @@ from mpsim.core.state import State
 from mpsim.errors import InputError
 from mpsim.measure.statistics import Equilibration, equilibration
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 # --- Reads from a simulation what observers measure, and binds each observer to one simulation
-
-
-class Observed(Protocol):
-    """What observers read from a simulation."""
-
-    @property
-    def frame(self) -> int:
-        """Frames done."""
-        ...
-
-    @property
-    def time(self) -> float:
-        """Simulated time [time]."""
-        ...
-
-    @property
-    def count(self) -> int:
-        """Number of discs."""
-        ...
-
-    @property
-    def state(self) -> State:
-        """All discs."""
-        ...
-
-    @property
-    def scene(self) -> Scene:
-        """Its scene."""
-        ...
-
-    @property
-    def settings(self) -> Settings:
-        """Its settings."""
-        ...
 
 
 class OneSimulation:
@@ -64,7 +32,7 @@ class OneSimulation:
         self._name = name
         self._owner = Binding()
 
-    def bind_or_check(self, sim: Observed) -> None:
+    def bind_or_check(self, sim: Simulation) -> None:
         """Bind to this simulation the first time; from then on make sure that it is the same.
 
         Raises:
@@ -117,7 +85,7 @@ class Series:
         self._frame = -1
         self._rows: list[tuple[float, float]] = []
 
-    def observe(self, sim: Observed, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Record the value at the present frame, unless it has been recorded.
 
         Args:

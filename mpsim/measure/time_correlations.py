@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,8 +29,11 @@ from mpsim.measure.motion import (
     lags_of,
     levels_for,
 )
-from mpsim.measure.series import Observed, OneSimulation
+from mpsim.measure.series import OneSimulation
 from mpsim.measure.statistics import Measure
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 # --- The file of time correlations: all the data of a run so far, so that a resumed run gives the same bits
 
@@ -271,7 +274,7 @@ class Correlations:
         self._frame: int = -1  # of the last sample that counted
         self._continuing = False  # whether samples up to that one are those of a run that is done again
 
-    def observe(self, sim: Observed, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Take a sample of the present frame, unless it has one already.
 
         Args:
@@ -300,7 +303,7 @@ class Correlations:
         motion.latest, self._frame, self._continuing = sample, sim.frame, False
 
     @staticmethod
-    def _sample(sim: Observed, motion: Motion) -> Floats:
+    def _sample(sim: Simulation, motion: Motion) -> Floats:
         """Positions and velocities of the discs that are followed, shape (2, D, 2)."""
         state = sim.state
         if not (here := state.present[motion.discs]).all():
@@ -311,7 +314,7 @@ class Correlations:
             )
         return np.stack([state.unwrapped[motion.discs], np.asarray(state.velocity[motion.discs], np.float64)])
 
-    def _bind_or_check(self, sim: Observed) -> None:
+    def _bind_or_check(self, sim: Simulation) -> None:
         """Bind to a simulation the first time; afterwards make sure that it is the same, and has not changed."""
         self._owner.bind_or_check(sim)
         now = sim.settings.dt, sim.count
@@ -322,7 +325,7 @@ class Correlations:
                 f"{sim.frame}. Use new ones from here on."
             )
 
-    def _begin(self, sim: Observed) -> Motion:
+    def _begin(self, sim: Simulation) -> Motion:
         """Data at the first sample."""
         if self._discs is None and (adds_discs(sim.scene) or removes_discs(sim.scene)):
             raise InputError(

@@ -1,9 +1,12 @@
 """Where discs may be and are before the first frame: walls of the box, random places, overlaps."""
 
+from __future__ import annotations
+
 import copy
 import math
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +17,16 @@ from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.capsules import with_images
 from mpsim.features.edges import MovingWall, kinds_of
-from mpsim.features.feature import SceneLike
 from mpsim.kernels import placement
 from mpsim.kernels.placement import EMPTY, sweep
+
+if TYPE_CHECKING:
+    from mpsim.scene.scene import Scene
 
 # --- Where the walls of a scene's box are, and whether discs are between them; states of boxes that lie elsewhere
 
 
-def the_moving_wall(scene: SceneLike) -> MovingWall | None:
+def the_moving_wall(scene: Scene) -> MovingWall | None:
     """The wall that a feature of the scene moves; None if all are at rest.
 
     Raises:
@@ -34,7 +39,7 @@ def the_moving_wall(scene: SceneLike) -> MovingWall | None:
     return walls[0] if walls else None
 
 
-def placed(state: State, scene: SceneLike) -> State:
+def placed(state: State, scene: Scene) -> State:
     """A state in the coordinates of its scene, each disc at its image in the box.
 
     A state of a file has a box of its own, which may begin anywhere, and discs that other programs have not wrapped.
@@ -53,7 +58,7 @@ def placed(state: State, scene: SceneLike) -> State:
 
 
 def limits_at(
-    scene: SceneLike, radius: float | NDArray[np.float64], time: float
+    scene: Scene, radius: float | NDArray[np.float64], time: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Smallest and largest centre coordinates of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
     low, high = scene.walls_at(time)
@@ -63,7 +68,7 @@ def limits_at(
 
 
 def check_inside(
-    scene: SceneLike, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64], time: float
+    scene: Scene, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64], time: float
 ) -> None:
     """Refuse discs that are not in the box: see `Scene.check_inside`."""
     low, high = limits_at(scene, radius, time)

@@ -259,7 +259,7 @@ class Trade:
         every: int,
         look: Callable[[int], None],
         measures: Sequence[str] = (),
-        observers: Sequence[Observer[Simulation]] = (),
+        observers: Sequence[Observer] = (),
     ) -> tuple[list[Report], float]:
         """Run frames of the first stage, and the second stage up to the same time.
 

@@ -23,7 +23,7 @@ from mpsim.core.machine import garbage_collection_paused
 from mpsim.errors import InputError, is_of_the_system
 from mpsim.features import FEATURES
 from mpsim.features.emitters import LARGEST_EMITTERS, Emitter
-from mpsim.features.feature import Feature, SceneLike
+from mpsim.features.feature import Feature
 from mpsim.features.obstacles import (
     LARGEST_OBSTACLES,
     OBSTACLES,
@@ -35,6 +35,7 @@ from mpsim.features.obstacles import (
     fixed_discs,
     polylines,
 )
+from mpsim.scene.scene import Scene
 from mpsim.scene.starts import LATTICES, lattice_sites
 
 # --- Rules of the keys of a scene file: Python arguments, arrays from files, sizes; and values as TOML
@@ -429,7 +430,7 @@ class Part:
         """Capsules that discs must not overlap, shape (K, 5)."""
         return np.empty((0, 5))
 
-    def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
+    def lines(self, scene: Scene, target: Path, files: Files) -> list[str]:
         """Its tables as lines of a file; files of its arrays are appended."""
         raise NotImplementedError
 
@@ -470,7 +471,7 @@ class SinglePart(Part):
         self.annotation: Any = table | None
         self.description: str = feature.meaning
 
-    def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
+    def lines(self, scene: Scene, target: Path, files: Files) -> list[str]:
         """One table."""
         value = self._feature.of(scene)
         return [] if value is None else [f"[{self.argument}]", *pairs(vars(value)), ""]
@@ -636,7 +637,7 @@ class ObstaclesPart(Part):
         """The capsules of all obstacles."""
         return capsules_of(tuple(values))
 
-    def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
+    def lines(self, scene: Scene, target: Path, files: Files) -> list[str]:
         """A table for each obstacle; a single one for many consecutive discs, or many consecutive Polylines."""
         lines: list[str] = []
         for kind, group in groupby(OBSTACLES.of(scene), type):
@@ -747,7 +748,7 @@ class EmittersPart(Part):
     relies_on_discs = True
     advice = "emitters those with the same keys"
 
-    def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
+    def lines(self, scene: Scene, target: Path, files: Files) -> list[str]:
         """A table for each emitter; a single one for many consecutive ones with values for the same keys."""
         lines: list[str] = []
         for names, group in groupby(
