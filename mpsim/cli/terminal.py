@@ -113,7 +113,6 @@ class Choice(click.Choice[str]):
     """
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
-        """The error text for a word that is none of them."""
         meant = checks.near(value, self.choices)
         words = super().get_invalid_choice_message(value, ctx)
         return f"{words} Did you mean {meant!r}?" if meant else words

@@ -28,15 +28,12 @@ class Absorption(Feature):
     )
 
     def has_columns(self, scene: Scene) -> bool:
-        """Whether discs can be absent: absorbed, or removed while the scene is simulated."""
         return scene.loses_discs
 
     def description(self, scene: Scene) -> str:
-        """The edges."""
         return ", ".join(scene.absorbing)
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """One edge."""
         return {"an absorbing edge": "top"}
 
 

@@ -128,11 +128,9 @@ class ThermostatFeature(Feature):
     )
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        """Temperature, probability and seed."""
         return {} if self.of(scene) is None else {"thermostat": (THERMOSTAT, ())}
 
     def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
-        """Write it."""
         thermostat: Thermostat | None = self.of(scene)
         if thermostat is not None:
             record = arrays["thermostat"]
@@ -141,27 +139,22 @@ class ThermostatFeature(Feature):
             record.seed, record.first_frame = thermostat.seed, origin[0]
 
     def redrawn(self, scene: Scene, variation: str) -> Thermostat | None:
-        """The same with another seed, which follows from its own."""
         thermostat: Thermostat | None = self.of(scene)
         return None if thermostat is None else replace(thermostat, seed=other_seed(thermostat.seed, variation))
 
     def thermal_speed(self, scene: Scene) -> float:
-        """Root mean square of one component for a disc of the mean mass."""
         thermostat: Thermostat | None = self.of(scene)
         return 0.0 if thermostat is None else math.sqrt(thermostat.temperature / mean_mass(scene))
 
     def exchange_rate(self, scene: Scene, temperature: float) -> float:
-        """That of new velocities."""
         thermostat: Thermostat | None = self.of(scene)
         return 0.0 if thermostat is None else thermostat.rate
 
     def description(self, scene: Scene) -> str:
-        """Temperature, rate and seed."""
         thermostat: Thermostat = self.of(scene)
         return f"temperature {thermostat.temperature:g}, rate {thermostat.rate:g}, seed {thermostat.seed}"
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """One that gives a disc in a hundred a new velocity in a frame of dt = 0.01."""
         return {"a thermostat": Thermostat(1.0, 1.0)}
 
 
@@ -262,7 +255,6 @@ class ThermalWallsFeature(Feature):
     )
 
     def check(self, scene: Scene) -> None:
-        """Refuse them along a periodic axis, at absorbing edges, for a wall that moves, and with friction of walls."""
         walls: ThermalWalls | None = self.of(scene)
         if walls is None:
             return
@@ -282,11 +274,9 @@ class ThermalWallsFeature(Feature):
             )
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        """What their kernel needs to know."""
         return {} if self.of(scene) is None else {"thermal_walls": (THERMAL_WALLS, ())}
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        """Write it."""
         walls: ThermalWalls | None = self.of(scene)
         if walls is not None:
             record = arrays["thermal_walls"]
@@ -294,16 +284,13 @@ class ThermalWallsFeature(Feature):
             record.seed = walls.seed
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """At the temperature of the discs."""
         return {"thermal walls": ThermalWalls(left=1.0, right=1.0, bottom=1.0, top=1.0)}
 
     def redrawn(self, scene: Scene, variation: str) -> ThermalWalls | None:
-        """The same with another seed, which follows from its own."""
         walls: ThermalWalls | None = self.of(scene)
         return None if walls is None else replace(walls, seed=other_seed(walls.seed, variation))
 
     def thermal_speed(self, scene: Scene) -> float:
-        """Root mean square of a velocity along the hottest wall, for a disc of the mean mass."""
         walls: ThermalWalls | None = self.of(scene)
         return 0.0 if walls is None else math.sqrt(max(walls.temperatures.values()) / mean_mass(scene))
 
@@ -321,6 +308,5 @@ class ThermalWallsFeature(Feature):
         return 1.5 * hits * math.sqrt(temperature / (2 * math.pi * mean_mass(scene))) / max(1 - covered, 0.1) ** 2
 
     def description(self, scene: Scene) -> str:
-        """Temperatures and seed."""
         walls: ThermalWalls = self.of(scene)
         return ", ".join([*(f"{edge} {value:g}" for edge, value in walls.temperatures.items()), f"seed {walls.seed}"])

@@ -122,7 +122,6 @@ class Emitters(Feature):
     )
 
     def check(self, scene: Scene) -> None:
-        """Refuse emitters whose discs lack a radius or mass, or whose place leaves no room for a disc."""
         emitters: tuple[Emitter, ...] = self.of(scene)
         for name, common in (("radius", np.ndim(scene.radius) == 0), ("mass", scene.mass is None)):
             lacking = [] if common else [index for index, each in enumerate(emitters) if getattr(each, name) is None]
@@ -137,7 +136,6 @@ class Emitters(Feature):
             check_clear(scene.deepest(position, radius), "the position of emitters", position, radius)
 
     def description(self, scene: Scene) -> str:
-        """How often discs enter."""
         words: list[str] = []
         for emitter in self.of(scene):
             limit = "no end" if emitter.limit is None else f"{emitter.limit} in all"

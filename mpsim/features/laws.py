@@ -30,19 +30,15 @@ class Restitution(Feature):
     }
 
     def is_in(self, scene: Scene) -> bool:
-        """Whether one of them is below 1."""
         return min(scene.restitution, scene.wall_restitution) < 1
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """Of two discs."""
         return {"restitution": 0.95}
 
     def brief(self, scene: Scene) -> str:
-        """Nothing: the repr of a scene ends with them."""
         return ""
 
     def description(self, scene: Scene) -> str:
-        """Both."""
         return f"{scene.restitution:g} of discs, {scene.wall_restitution:g} of walls"
 
 
@@ -74,31 +70,25 @@ class Friction(Feature):
     )
 
     def is_in(self, scene: Scene) -> bool:
-        """Whether discs of the scene may spin."""
         return scene.friction > 0 or scene.wall_friction > 0 or scene.spin is not None
 
     def dissipates(self, scene: Scene) -> bool:
-        """Whether contacts change spins, which converts translational into rotational energy, and slip into heat."""
         return scene.friction > 0 or scene.wall_friction > 0
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        """The law of two discs, and that of a disc and a wall."""
         return {name: (real, (kernel.SIZE,)) for name in ("friction", "wall_friction") if getattr(scene, name) > 0}
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        """Coefficients, and what a sticking contact changes; in `mass_fraction` each of two discs has 2 m_eff / m."""
         for name, parts in (("friction", 6), ("wall_friction", 3)):
             if name in arrays:
                 arrays[name][kernel.COEFFICIENT] = getattr(scene, name)
                 arrays[name][kernel.STICKING] = (1 + scene.tangential_restitution) / parts
 
     def description(self, scene: Scene) -> str:
-        """Its numbers."""
         words = f"{scene.friction:g} of discs, {scene.wall_friction:g} of walls"
         return f"{words}, tangential restitution {scene.tangential_restitution:g}"
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """Of two discs."""
         return {"friction": 0.5}
 
 

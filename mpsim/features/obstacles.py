@@ -221,11 +221,9 @@ class Obstacles(Feature):
         """`arrays` of scenes in use, with what they were made from: each block needs them twice."""
 
     def check_room(self, scene: Scene, new: NewDiscs) -> None:
-        """Refuse discs that overlap an obstacle: the first frame would move them out of it."""
         capsules.check_clear(scene.deepest(new.position, new.radius), new.name, new.position, new.radius)
 
     def deepest(self, scene: Scene, position: Floats, radius: Floats) -> Deepest | None:
-        """Overlaps within the rounding of the box's coordinates do not count; images of obstacles do."""
         size = (scene.width, scene.height)
         depth = scene.capsule_index.depths(position, radius)
         number = int((depth > 8 * np.finfo(np.float64).eps * max(size)).sum())
@@ -236,14 +234,12 @@ class Obstacles(Feature):
         return Deepest(number, worst, f"obstacles[{owner_of(nearest, self.of(scene))}]", float(depth[worst]))
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        """Capsules, and the grid that lists those near each cell."""
         return {
             f"capsules.{name}": (real if values.dtype.kind == "f" else values.dtype, values.shape)
             for name, values in self.arrays(scene).items()
         }
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        """Write capsules and grid."""
         for name, values in self.arrays(scene).items():
             arrays[f"capsules.{name}"][...] = values
 
@@ -258,15 +254,12 @@ class Obstacles(Feature):
         return self._made[scene][1]
 
     def description(self, scene: Scene) -> str:
-        """Their number."""
         return f"{len(self.of(scene))}"
 
     def record(self, scene: Scene) -> int:
-        """Their number only, as there may be very many."""
         return len(self.of(scene))
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """Pegs between the discs, and a bent wall."""
         every = np.arange(1, 100, 10) * pitch
         line = Polyline([(0, side / 2), (side / 3, side / 2)])
         return {"100 pegs": [FixedDisc((x, y), 0.1) for x in every for y in every], "a polyline": [line]}

@@ -121,7 +121,6 @@ class PistonFeature(Feature):
     )
 
     def check(self, scene: Scene) -> None:
-        """Refuse one that leaves too little room for the largest disc, or for all discs."""
         piston: Piston | None = self.of(scene)
         if piston is None:
             return
@@ -139,13 +138,11 @@ class PistonFeature(Feature):
         _check_end(scene, "stop of the piston", np.concatenate([scene.radii, radii]), number)
 
     def check_room(self, scene: Scene, new: NewDiscs) -> None:
-        """Refuse more discs than the box can hold where the piston stops."""
         if self.of(scene) is not None:
             together = np.append(new.present, new.radius)
             _check_end(scene, new.name, together, np.ones(len(together)))
 
     def moving_wall(self, scene: Scene) -> MovingWall | None:
-        """The piston."""
         piston: Piston | None = self.of(scene)
         if piston is None:
             return None
@@ -154,7 +151,6 @@ class PistonFeature(Feature):
         return MovingWall("piston", edge, start, piston.stop, piston.speed, scene.piston_began)
 
     def continued(self, scene: Scene, box: tuple[float, float, float, float]) -> Piston | None:
-        """A piston that starts where it is."""
         piston: Piston | None = self.of(scene)
         if piston is None:
             return None
@@ -162,11 +158,9 @@ class PistonFeature(Feature):
         return check_piston(moved, scene.boundary, scene.width, scene.height, scene.absorbing)
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        """Its record."""
         return {} if self.of(scene) is None else {"piston": (moving_wall_in(real), ())}
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        """Write how it moves."""
         wall = self.moving_wall(scene)
         if wall is not None:
             record = arrays["piston"]
@@ -175,18 +169,15 @@ class PistonFeature(Feature):
             record.margin = margin if wall.speed > 0 else -margin
 
     def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
-        """Write what its time follows from."""
         if self.of(scene) is not None:
             arrays["piston"].dt, arrays["piston"].origin = dt, origin[1]
 
     def description(self, scene: Scene) -> str:
-        """Wall, speed, and where it starts and stops."""
         piston: Piston = self.of(scene)
         start = "" if piston.start is None else f"from {piston.start:g} "
         return f"the {piston.wall} wall, speed {piston.speed:g}, {start}to {piston.stop:g}"
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """A slow one."""
         return {"a piston": Piston("bottom", 0.01, side / 2)}
 
 

@@ -36,30 +36,24 @@ class Radii(Feature):
     per_disc: ClassVar[dict[str, PerDisc]] = {"radius": PerDisc(check_radius, unit="[length]", default=None)}
 
     def is_in(self, scene: Scene) -> bool:
-        """Whether kernels must know them: see `has_radii`."""
         return has_radii(scene)
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        """Radii in both buffers of the discs, sorted with them; the radius above which discs are giants."""
         if not has_radii(scene):
             return {}
         buffers = {f"{buffer}.radius": (real, (capacity + records.PADDING,)) for buffer in "ab"}
         return {**buffers, "giants": (real, (1,))}
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """Up to those of the other scenes, which fit the lattice."""
         return {"radii": np.random.default_rng(2).uniform(0.3, 0.5, lattice_sites(side, pitch))}
 
     def brief(self, scene: Scene) -> str:
-        """Nothing: the repr of a scene begins with them."""
         return ""
 
     def description(self, scene: Scene) -> str:
-        """Nothing: the line of the discs has their range."""
         return ""
 
     def record(self, scene: Scene) -> list[float]:
-        """The least and the largest."""
         return extent(scene.radii)
 
 
@@ -93,29 +87,23 @@ class Gravity(Feature):
     drives = "gravity"
 
     def is_in(self, scene: Scene) -> bool:
-        """Whether it is given, zeros included."""
         return scene.gravity is not None
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        """(gx, gy)."""
         return {} if scene.gravity is None else {"gravity": (real, (2,))}
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        """Write it."""
         if scene.gravity is not None:
             arrays["gravity"][:] = scene.gravity
 
     def description(self, scene: Scene) -> str:
-        """Its components."""
         x, y = self.of(scene)
         return f"({x:g}, {y:g})"
 
     def record(self, scene: Scene) -> list[float] | None:
-        """A list."""
         return None if scene.gravity is None else scene.gravity.tolist()
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """A small one, downwards."""
         return {"gravity": (0.0, -0.1)}
 
 
@@ -129,19 +117,15 @@ class Acceleration(Feature):
     columns: ClassVar[tuple[Column, ...]] = (ACCELERATION,)
 
     def is_in(self, scene: Scene) -> bool:
-        """Whether it is given, zeros included."""
         return scene.acceleration is not None
 
     def description(self, scene: Scene) -> str:
-        """That discs have it, not the rows."""
         return "one per disc"
 
     def record(self, scene: Scene) -> bool:
-        """Whether discs have it."""
         return self.is_in(scene)
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """Small random ones."""
         return {"acceleration per disc": np.random.default_rng(2).normal(size=(lattice_sites(side, pitch), 2)) * 0.1}
 
 
@@ -162,21 +146,16 @@ class Masses(Feature):
     columns: ClassVar[tuple[Column, ...]] = (MASS,)
 
     def is_in(self, scene: Scene) -> bool:
-        """Whether kernels must know them: see `has_masses`."""
         return has_masses(scene)
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """Up to four times as heavy as the lightest."""
         return {"masses": np.random.default_rng(2).uniform(0.5, 2.0, lattice_sites(side, pitch))}
 
     def brief(self, scene: Scene) -> str:
-        """Only of the discs at the start."""
         return "" if scene.mass is None else "mass"
 
     def description(self, scene: Scene) -> str:
-        """Nothing: the line of the discs has their range."""
         return ""
 
     def record(self, scene: Scene) -> list[float]:
-        """The least and the largest."""
         return extent(scene.masses)

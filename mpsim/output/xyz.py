@@ -513,7 +513,6 @@ class XyzReader(TextReader):
     """Reads frames at their positions in the file."""
 
     def number(self, index: int) -> int:
-        """The frame of the simulation that is at an index; the index itself if the file does not say."""
         start, end = self._offsets[index : index + 2]
         head = self._bytes(start, min(end, start + 2 * LONGEST_LINE)).lstrip().decode("utf-8", "replace")
         return _number_of(keys_of("".join(head.split("\n")[1:2])), index)

@@ -91,7 +91,6 @@ class Pi(Promise):
         self.observers: list[Any] = [self._bounces]
 
     def findings(self, sim: Simulation) -> list[Finding]:
-        """Collisions of the discs and of the light one with the wall."""
         light, heavy = self.scene.masses
         digits = math.floor(math.pi * math.sqrt(heavy / light))
         found = float(len(self._bounces.table))
@@ -102,7 +101,6 @@ class Galton(Promise):
     """The heap of the scene `galton`."""
 
     def findings(self, sim: Simulation) -> list[Finding]:
-        """Balls in the bins, and the shape of the heap."""
         limit = sum(emitter.limit or 0 for emitter in self.scene.emitters)
         x = self.binned(sim)
         counts, curve = self.heap(x)
@@ -138,7 +136,6 @@ class Growth(Promise):
     """The discs that the scene `growth` lets in."""
 
     def findings(self, sim: Simulation) -> list[Finding]:
-        """Their number and energy."""
         let_in = sum(emitter.limit or 0 for emitter in self.scene.emitters)
         energy = float((self.scene.velocity**2).sum()) / 2
         energy += sum((each.limit or 0) * float(np.sum(np.square(each.velocity))) / 2 for each in self.scene.emitters)
@@ -156,13 +153,11 @@ class Hopper(Promise):
     STEADY = 2.0
 
     def value(self, sim: Simulation) -> float:
-        """Number of grains that have passed so far; each returns at the top, through the periodic border."""
         image = sim.state.image
         assert image is not None
         return -float(image[:, 1].sum())
 
     def findings(self, sim: Simulation) -> list[Finding]:
-        """Grains per time, compared with Beverloo's law and between the halves of the run."""
         times, passed = self.series
         times, passed = times[times >= self.STEADY], passed[-np.count_nonzero(times >= self.STEADY) :]
         middle = len(times) // 2
@@ -215,7 +210,6 @@ class Brownian(Promise):
     LAG = 10.0
 
     def value(self, sim: Simulation) -> NDArray[np.floating]:
-        """Position of the large disc [length]."""
         return sim.state.position[0]
 
     def diffusion(self) -> float:
@@ -230,7 +224,6 @@ class Brownian(Promise):
         return math.sqrt(1 / (2 * math.pi * reduced)) / (2 * number * apart * contact)
 
     def findings(self, sim: Simulation) -> list[Finding]:
-        """The diffusion constant, from displacements in LAG by Langevin's equation."""
         times, path = self.series
         stride = max(round(self.LAG / (times[1] - times[0])), 1)
         moved = path[::stride][1:] - path[::stride][:-1]
@@ -248,7 +241,6 @@ class Cooling(Promise):
     EARLY = 5.0
 
     def value(self, sim: Simulation) -> float:
-        """The temperature."""
         return float((sim.state.velocity**2).mean())
 
     def findings(self, sim: Simulation) -> list[Finding]:
@@ -278,7 +270,6 @@ class Compression(Promise):
     """The temperature of the scene `piston`."""
 
     def value(self, sim: Simulation) -> float:
-        """The temperature."""
         return float((sim.state.velocity**2).mean())
 
     def adiabat(self, time: float) -> float:
@@ -294,7 +285,6 @@ class Compression(Promise):
         return heated * float((self.scene.velocity**2).mean())
 
     def findings(self, sim: Simulation) -> list[Finding]:
-        """The temperature at the end, beside that of a slow compression."""
         expected, found = self.adiabat(sim.time), self.value(sim)
         name = "temperature at the end [mass length^2/time^2]"
         return [Finding(name, expected, found, 0.06 * expected, "the adiabat")]

@@ -612,7 +612,6 @@ class Server(Pages):
         self._websockets = websockets()
 
     def close(self) -> None:
-        """Close all connections and end the thread."""
         super().close()
         self._socket.close()
 

@@ -109,7 +109,6 @@ class Session(Commanded):
         self._tell()
 
     def _begin(self) -> None:
-        """Begin at the start of the scene, or at the present frame of a given simulation."""
         self._drop()
         if self._owned:
             self._sim = Simulation(self.scene, self._settings)
@@ -154,7 +153,6 @@ class Session(Commanded):
         self._colouring.begin()
 
     def _resume(self) -> None:
-        """Start the clocks afresh: the time before now does not count."""
         now = time.perf_counter()
         self._pace.start(now)
         self._meter.start(now)
@@ -272,7 +270,6 @@ class Session(Commanded):
     # --- messages to pages
 
     def _tell_scene(self, phase: str) -> None:
-        """Send what rarely changes: the scene, its settings and its name; and the status."""
         self._told_dt = (self._settings if self._sim is None else self._sim.settings).dt
         self._broadcast.tell_scene(
             self._name,
@@ -285,7 +282,6 @@ class Session(Commanded):
         self._broadcast.tell("status", self._status(phase))
 
     def _tell(self) -> None:
-        """Send the present status."""
         self._broadcast.tell("status", self._status("over" if self._over else "playing" if self._playing else "paused"))
 
     def _status(self, phase: str) -> dict[str, Any]:

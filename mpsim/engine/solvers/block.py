@@ -203,7 +203,6 @@ class BlockSolver(SteppedSolver):
         self._block = self._next_block(max(scene.count, 1), self._radii)
 
     def start(self) -> None:
-        """Make the block, write the scene's discs into it, and start the workers."""
         self._fill(self._block)
         scene = self._scene
         self._write(scene.position, scene.velocity, given_in(scene))
@@ -211,7 +210,6 @@ class BlockSolver(SteppedSolver):
         self._prepare()
 
     def close(self) -> None:
-        """Stop the workers and remove the block. May be called again."""
         self._stop_workers()
         self._block.close()
 
@@ -248,7 +246,6 @@ class BlockSolver(SteppedSolver):
     # --- frames
 
     def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
-        """Run frames on so many workers; while it is the coordinator alone, the others rest."""
         if not self.logging:
             return self._command(frames, workers, stop)
         with interrupts_held_back():  # what a log could not hold is found out before anybody else comes
@@ -289,7 +286,6 @@ class BlockSolver(SteppedSolver):
         self._begun = int(control.done)
 
     def log_collisions(self, wanted: bool) -> None:
-        """Have collisions logged from now on, or not: by other kernels, in another block."""
         if wanted != self.logging:
             self.logging = wanted
             try:
@@ -299,12 +295,10 @@ class BlockSolver(SteppedSolver):
                 raise
 
     def take_collisions(self) -> NDArray[Any]:
-        """The collisions since the last call."""
         return self._log.taken()
 
     @property
     def half_done(self) -> bool:
-        """Whether the last command was left inside a frame, by a death say, or a move to another block half done."""
         control = self._block.arrays.get("control")
         if self._moving or control is None:  # none after `close`
             return self._moving
@@ -313,22 +307,18 @@ class BlockSolver(SteppedSolver):
 
     @property
     def frame(self) -> int:
-        """Frames finished since the start."""
         return self.origin.frame + int(self._block.arrays["control"].done)
 
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None) -> Speeds:
-        """How fast the discs are, those that are about to be added included."""
         return self._speeds(places_and_speeds(self._block, self.count)[1], self.absorbed, new)
 
     @property
     def too_fast(self) -> bool:
-        """Whether a disc was too fast in the last command, and so ended it."""
         return bool(self._block.arrays["team"]["fastest"].any())
 
     def disc_too_fast(self) -> Speeds | None:
-        """The disc that was too fast in the last command, reported once; None where there was none."""
         arrays = self._block.arrays
         found, fast = fastest_in(arrays["team"]), float(arrays["parameters"].fast)
         arrays["team"]["fastest"] = 0
@@ -337,11 +327,9 @@ class BlockSolver(SteppedSolver):
     # --- discs
 
     def state(self) -> State:
-        """Copies in the order of the scene's discs."""
         return state_in(self._block, self._box, self.count)
 
     def read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
-        """What a function gives that reads the discs in the block."""
         count, arrays, discs = self.count, self._block.arrays, live_discs(self._block)
         x, y, vx, vy, number = (column[:count] for column in (discs.x, discs.y, discs.vx, discs.vy, discs.id))
         absent, box = self.absorbed if "exits" in arrays else None, self._box
@@ -349,11 +337,9 @@ class BlockSolver(SteppedSolver):
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
-        """Which discs have left through an absorbing edge, shape (N,)."""
         return absorbed_in(self._block, self.count)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
-        """Append discs, ids continuing, and continue as `choice` says. The block doubles when it is full."""
         count = self.count + len(new.position)
         radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
         # Discs that make giants of others leave the grid finer than one for as many discs without giants.
@@ -365,18 +351,15 @@ class BlockSolver(SteppedSolver):
         self._configure()
 
     def discs(self) -> NewDiscs:
-        """Copies of all discs, in the order of their numbers."""
         position, velocity = places_and_speeds(self._block, self.count)
         arrays, count = self._block.arrays, self.count
         found = {each.name: arrays[each.name][..., :count].T.copy() for each in columns.COLUMNS if each.name in arrays}
         return NewDiscs(position, velocity, self._radii, {**found, columns.MASS.name: self._masses})
 
     def replace(self, discs: NewDiscs) -> None:
-        """Write other discs in the place of those that are there: the next step sorts them anew."""
         write_discs(self._block, discs, 0)
 
     def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
-        """Continue under another scene and settings: in the same block, if that has the same arrays then."""
         before, snapshot, block = (self._scene, self._settings, self.origin), self.snapshot(), self._block
         if origin != self.origin:
             snapshot["progress"] = np.zeros(2, np.int64)
@@ -397,11 +380,9 @@ class BlockSolver(SteppedSolver):
     # --- snapshots
 
     def snapshot(self) -> Snapshot:
-        """Copies of everything that the next frame depends on, in the order of the scene's discs."""
         return stepped.taken(self._block, self._radii, self._masses)
 
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
-        """Go back (or on) to a snapshot, on new workers: those that were there may be dead."""
         capacity = max(self._capacity, count_in(snapshot), room)
         self._replace_block(capacity, choice, snapshot, snapshot["radii"], new_workers=True)
 
@@ -409,11 +390,9 @@ class BlockSolver(SteppedSolver):
 
     @property
     def array_names(self) -> tuple[str, ...]:
-        """Names of the arrays in the block."""
         return tuple(self._block.specs)
 
     def resources(self) -> tuple[tuple[int, ...], int]:
-        """Resident bytes of each process, and the size of the block."""
         return tuple(map(resident_bytes, (os.getpid(), *self.pids))), self._block.nbytes
 
     @property
@@ -515,7 +494,6 @@ class BlockSolver(SteppedSolver):
         write_discs(self._block, NewDiscs(position, velocity, self._radii, given), 0)
 
     def _configure(self) -> None:
-        """Write the records `parameters` and `control`, which follow from what is simulated now."""
         giant = self._giant_radius(self._radii)
         self._grid = self._grid_of(self.count, giant)
         unguarded = self.choice.processes.unguarded

@@ -91,7 +91,6 @@ class EventSolver(Solver):
         self._block = self._plan.room(scene.count)
 
     def start(self) -> None:
-        """Make the block with the scene's discs in it, which must not overlap."""
         scene, known = self._scene, {"radius": self._radii, "mass": self._masses}
         columns = event_block.columns_of_discs(scene, self.count, given_in(scene) | known)
         self._system = self._plan.placed(self._block, scene.position, scene.velocity, columns, 0.0)
@@ -202,7 +201,6 @@ class EventSolver(Solver):
         return tally
 
     def log_collisions(self, wanted: bool) -> None:
-        """Have collisions logged, or not: by other kernels, in another block."""
         if wanted != self.logging:
             stopped = self._stopped
             self.logging = wanted
@@ -211,7 +209,6 @@ class EventSolver(Solver):
             self._stopped = stopped
 
     def take_collisions(self) -> NDArray[Any]:
-        """The collisions since the last call."""
         arrays = self._block.arrays
         if self._windows is None:
             arrays[collisions.STATE][:, collisions.AGREED] = arrays[collisions.STATE][:, collisions.COUNT]
@@ -226,12 +223,10 @@ class EventSolver(Solver):
 
     @property
     def frame(self) -> int:
-        """Frames finished since the start."""
         return self.origin.frame + int(self._progress.frame)
 
     @property
     def time(self) -> float:
-        """The time that has been reached [time]: the end of the last frame, or later if a stop came inside one."""
         frame, dt, present = self.frame, self._settings.dt, self._present
         if frames_until(present, dt) <= frame - self.origin.frame:
             return self.time_of(frame)
@@ -252,11 +247,9 @@ class EventSolver(Solver):
         return self.origin.time + self._present
 
     def reached(self, time: float) -> bool:
-        """Whether a time [time] has been reached."""
         return time - self.origin.time <= self._present
 
     def state(self) -> State:
-        """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
         return event_block.state_of(self._scene, self._clock_time, self._found(), self._radii)
 
     def _found(self) -> dict[str, NDArray[Any]]:
@@ -267,7 +260,6 @@ class EventSolver(Solver):
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
-        """Which discs have left through an absorbing edge, shape (N,)."""
         if not self._scene.loses_discs:
             return np.zeros(self.count, bool)
         return event_block.absorbed_in(self._found(), self.count)
@@ -286,7 +278,6 @@ class EventSolver(Solver):
         self._place_anew(everyone, choice, self._present, new.velocity)
 
     def discs(self) -> NewDiscs:
-        """Copies of all discs at the present time."""
         found = self._found()
         now = event_block.state_of(self._scene, self._clock_time, found, self._radii)
         columns = {**found, **vars(now)}
@@ -294,11 +285,9 @@ class EventSolver(Solver):
         return NewDiscs(now.position, now.velocity, self._radii, {**kept, MASS.name: self._masses})
 
     def replace(self, discs: NewDiscs) -> None:
-        """Predict the events of other discs anew; refused if they overlap."""
         self._place_anew(discs, self.choice, self._present, discs.velocity)
 
     def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
-        """Take another scene and settings for those in force; the guard's contact time stays that of the start."""
         refuse_what_is_not_exact(scene, settings)
         super().assume(scene, settings, origin)
 
@@ -385,43 +374,35 @@ class EventSolver(Solver):
 
     @property
     def guarded(self) -> int:
-        """Losses of energy that the contact-time guard has suppressed."""
         return int(self._system.store.counter.guarded)
 
     @property
     def contact_time(self) -> float:
-        """Contact time of that guard [time]; 0 where nothing needs it."""
         scene = self._scene
         lossy = scene.restitution < 1 or scene.wall_restitution < 1
         return self._contact_time if lossy or scene.gravity is not None else 0.0
 
     @property
     def most_momentum(self) -> float:
-        """Momenta whose sum is larger make impulses that its counts cannot hold [mass length/time]."""
         return MOST_COUNTED * self._units[0]
 
     @property
     def array_names(self) -> tuple[str, ...]:
-        """Names of the arrays in the block."""
         return tuple(self._block.specs)
 
     def resources(self) -> tuple[tuple[int, ...], int]:
-        """Resident bytes of this process, and the size of the block."""
         return tuple(map(resident_bytes, (os.getpid(), *self.pids))), self._block.nbytes
 
     @property
     def pids(self) -> list[int]:
-        """Process numbers of the workers other than this process."""
         windows = self._windows  # which may just be replaced
         return [] if windows is None else windows.pids
 
     @property
     def half_done(self) -> bool:
-        """Whether a worker has died in a window."""
         return self._windows is not None and self._windows.failed
 
     def close(self) -> None:
-        """Stop the workers and remove the block. May be called again."""
         windows, self._windows = self._windows, None
         if windows is not None:
             windows.close()
@@ -431,7 +412,6 @@ class EventSolver(Solver):
     # --- snapshots
 
     def snapshot(self) -> Snapshot:
-        """Copies of everything that the next event depends on; the calendar follows from the discs' next events."""
         if self._windows is not None:
             self._windows.link()
         found = event_block.taken(self._scene, self._block.arrays)
@@ -446,7 +426,6 @@ class EventSolver(Solver):
         return {"progress": self._progress, "seen": self._seen}
 
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
-        """Go back, or on, to a snapshot. There is room for no more discs than there are."""
         impulse, virial = snapshot["units"].tolist()
         self.choice, self._units = choice, (impulse, virial)
         self._crushing_speed = event_block.crushing_speed_in(self._scene, snapshot)
@@ -468,12 +447,10 @@ class EventSolver(Solver):
 
     @staticmethod
     def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
-        """dtype and shape of every array of a snapshot of so many discs."""
         return event_block.shapes(scene, count)
 
     @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
-        """Raise ValueError for a snapshot in which no solver can have been, saying why."""
         event_block.check(scene, snapshot, settings.dt)
 
     # --- the block

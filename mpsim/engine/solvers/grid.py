@@ -97,7 +97,6 @@ class GridSolver(BlockSolver):
     # --- who does what
 
     def columns(self) -> Columns:
-        """Column and owner of each disc."""
         x = self.state().position[:, 0].astype(np.float64)
         column = np.clip((x * (self._grid.columns / self._scene.width)).astype(np.int64), 0, self._grid.columns - 1)
         return Columns(column, self.owners()[column], self._grid.columns)
@@ -135,7 +134,6 @@ class GridSolver(BlockSolver):
 
     @property
     def pids(self) -> list[int]:
-        """Process numbers of the workers other than the coordinator."""
         pool = self._pool  # which the thread of a run may just be replacing
         return pool.pids if pool is not None else []
 
@@ -154,7 +152,6 @@ class GridSolver(BlockSolver):
             self._pool = None
 
     def replace(self, discs: NewDiscs) -> None:
-        """Write other discs in the place of those that are there: the next step sorts them anew."""
         self._sorted_grid = None
         super().replace(discs)
 

@@ -82,21 +82,17 @@ class OnRanks(SteppedSolver):
         self._shared().raise_any(self._shared().all_of(error))
 
     def together(self) -> contextlib.AbstractContextManager[None]:
-        """A block in which what one rank raises, all raise."""
         return raised_together(self.choice.processes.comm)
 
     def any_of(self, said: bool) -> bool:
-        """Whether something is so on any rank."""
         return self._shared().agree(int(said), 0, 0).trouble > 0
 
     def demand_alike(self, what: str, given: object) -> None:
-        """Refuse what differs on some ranks."""
         if self._acts_once:
             raise BusyError("what `once` calls may only read a simulation; it was to be changed. Do it on all ranks.")
         self._shared().demand_alike(what, given)
 
     def once(self, act: Callable[[], Result]) -> Result:
-        """What an act gives that rank 0 alone does; what it raises, all raise. It may read discs of all ranks."""
         if self._acts_once:
             return act()
         ranks = self._shared()
@@ -107,7 +103,6 @@ class OnRanks(SteppedSolver):
             self._acts_once, self._numbered = False, None
 
     def jointly(self, act: Callable[[Team], Result]) -> Result:
-        """What an act gives that all ranks do. Signals wait for its end: no rank may leave it before the others."""
         self._each_asks = True
         try:
             with interrupts_held_back():
@@ -204,12 +199,10 @@ class MpiSolver(OnRanks):
         self._tolerated, self._is_uneven = math.inf, False
 
     def start(self) -> None:
-        """Take the discs of own columns."""
         self._meet()
         self._enter_all(self._scene.rows, given_in(self._scene), (0, 0))
 
     def close(self) -> None:
-        """Stop the workers of this rank, remove its block, and free the communicator."""
         self._leave_part()
         ranks, self._ranks = self._ranks, None
         if ranks is not None:
@@ -286,7 +279,6 @@ class MpiSolver(OnRanks):
         self._on_all(begin)
 
     def _configure(self) -> None:
-        """Write what follows from what is simulated now."""
         now = Present(self._radii, self._grid, None, self.substeps, self._speed_limit, self.origin)
         self._held().configure(now)
 
@@ -305,7 +297,6 @@ class MpiSolver(OnRanks):
     # --- frames
 
     def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
-        """Run frames on all ranks: as many as the rank that is given the fewest."""
         part, ranks, frames = self._held(), self._shared(), self._frames_to(stop, frames)
         self._half_done, self._numbered = True, None
         with interrupts_held_back():  # it is many calls, which no rank may leave before the others
@@ -378,7 +369,6 @@ class MpiSolver(OnRanks):
 
     @property
     def half_done(self) -> bool:
-        """Whether the last command was left in the middle."""
         return self._half_done
 
     def _slice(self, part: Part, ranks: Communicator, frames: int) -> Slice:
@@ -444,7 +434,6 @@ class MpiSolver(OnRanks):
 
     @property
     def frame(self) -> int:
-        """Frames finished since the start."""
         arrays = {} if self._part is None else self._part.arrays
         return self.origin.frame + int(arrays["control"].done) if arrays else self._last_frame
 
@@ -456,18 +445,15 @@ class MpiSolver(OnRanks):
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None) -> Speeds:
-        """How fast the discs of all ranks are, those that are about to be added included: of one rank."""
         present = ~self.absorbed if self._scene.loses_discs else None
         there = There(self._scene, self.time, self._radii, present)
         return speeds_on_ranks(there, self.local_state(), new, self._shared())
 
     @property
     def too_fast(self) -> bool:
-        """Whether a disc of any rank was too fast in the last command."""
         return self._fastest.fraction > 0
 
     def disc_too_fast(self) -> Speeds | None:
-        """The disc that was too fast in the last command, reported once; None where there was none."""
         found, self._fastest = self._fastest, Fastest()
         fast = float(self._held().arrays["parameters"].fast)
         return disc_too_fast(found, fast, self._radii, has_radii(self._scene), self.frame - 1)
@@ -475,34 +461,27 @@ class MpiSolver(OnRanks):
     # --- discs
 
     def state(self) -> State:
-        """Copies of the discs of all ranks, on each of them, in the order of the scene's."""
         return self.state_between(0, self.count)
 
     def state_between(self, first: int, last: int) -> State:
-        """Copies of the discs of a range of numbers, whichever ranks have them."""
         return self._by_number().state(first, last)
 
     def local_state(self) -> tuple[NDArray[np.int64], State]:
-        """Numbers, rising, of the discs in own columns, and their state."""
         return self._by_number().own_state()
 
     def digest(self) -> str:
-        """Hex digest of the state, which the first rank reads in chunks."""
         return self.once(lambda: self._by_number().digest())
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
-        """Which discs have left through an absorbing edge, shape (N,)."""
         return self._by_number().absorbed() if self._scene.loses_discs else np.zeros(self.count, bool)
 
     def _by_number(self) -> DiscsByNumber:
-        """The discs of all ranks by number; as long as none moves."""
         if self._numbered is None:
             self._numbered = DiscsByNumber(self._held(), self._scene, self._box, self.count, self._told_of)
         return self._numbered
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
-        """Append discs, ids continuing. All discs are dealt anew: the grid may be another one."""
         radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
         refuse_giants(self._scene, radii)
         first, own = self.count, self._held().discs()
@@ -518,22 +497,18 @@ class MpiSolver(OnRanks):
         self._half_done = False
 
     def discs(self) -> NewDiscs:
-        """Copies of the discs of all ranks, on each of them."""
         return self._by_number().discs(self._radii, self._masses)
 
     def replace(self, discs: NewDiscs) -> None:
-        """Take other discs, which all ranks have: each those of its columns."""
         progress, self._half_done = self._progress, True
         self._enter_all(lambda a, b: (discs.position[a:b], discs.velocity[a:b]), discs.columns, progress)
         self._half_done = False
 
     def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
-        """Take another scene and settings for those in force."""
         refuse_giants(scene, self._radii)
         super().assume(scene, settings, origin)
 
     def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
-        """Continue under another scene and settings, on new workers."""
         discs, progress = self.discs(), self._progress
         if origin != self.origin:
             progress, self.substeps = (0, 0), settings.substeps
@@ -547,7 +522,6 @@ class MpiSolver(OnRanks):
     # --- snapshots
 
     def snapshot(self) -> Snapshot:
-        """Everything that the next frame depends on, of all ranks. What steps change is read when it is asked for."""
         part = self._held()
         found: Snapshot = {**self._by_number().snapshot(), "radii": self._radii, "masses": self._masses}
         for column in columns_of(self._scene):
@@ -557,7 +531,6 @@ class MpiSolver(OnRanks):
         return found
 
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
-        """Go back, or on, to a snapshot, which all ranks have."""
         self._meet()
         refuse_giants(self._scene, np.asarray(snapshot["radii"]))
         self.choice = choice
@@ -572,16 +545,13 @@ class MpiSolver(OnRanks):
 
     @property
     def array_names(self) -> tuple[str, ...]:
-        """Names of the arrays of a rank."""
         return self._held().names
 
     @property
     def pids(self) -> list[int]:
-        """Process numbers of the workers of this rank, without itself."""
         return [] if self._part is None else self._part.pids
 
     def resources(self) -> tuple[tuple[int, ...], int]:
-        """Resident bytes of each rank, and the size of the arrays of all."""
         own = [resident_bytes(pid) for pid in (os.getpid(), *self.pids)]
         resident, arrays = zip(*self._shared().all_of((own, self._held().nbytes)), strict=True)
         return tuple(chain.from_iterable(resident)), sum(arrays)

@@ -221,7 +221,6 @@ class SteppedSolver(Solver):
 
     @property
     def most_momentum(self) -> float:
-        """Momenta whose sum is larger make impulses that a frame's counts cannot hold [mass length/time]."""
         return base.MOST_COUNTED / float(self._parameters.tally_scale)
 
     # --- counts
@@ -240,7 +239,6 @@ class SteppedSolver(Solver):
 
     @property
     def time(self) -> float:
-        """Simulated time since the start [time]."""
         return self.time_of(self.frame)
 
     @property
@@ -249,7 +247,6 @@ class SteppedSolver(Solver):
         return self.frame - self.origin.frame
 
     def reached(self, time: float) -> bool:
-        """Whether the last frame has reached a time [time]; one that ends within rounding of it has."""
         frames, dt, time = self._frames, self._settings.dt, time - self.origin.time
         return time < (frames + 1) * dt and frames_until(time, dt) <= frames
 
@@ -266,7 +263,6 @@ class SteppedSolver(Solver):
     # --- steps
 
     def set_speed_limit(self, limit: SpeedLimit) -> None:
-        """From now on end a command with the frame in which a disc is so fast."""
         self._speed_limit = limit
         self._configure()
 
@@ -312,10 +308,8 @@ class SteppedSolver(Solver):
 
     @staticmethod
     def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
-        """dtype and shape of every array of a snapshot of so many discs."""
         return shapes(scene, np.dtype(settings.precision), count)
 
     @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
-        """Raise ValueError for a snapshot in which no solver can have been, saying why."""
         check(scene, snapshot)

@@ -472,7 +472,6 @@ class SinglePart(Part):
         self.description: str = feature.meaning
 
     def lines(self, scene: Scene, target: Path, files: Files) -> list[str]:
-        """One table."""
         value = self._feature.of(scene)
         return [] if value is None else [f"[{self.argument}]", *pairs(vars(value)), ""]
 
@@ -616,7 +615,6 @@ class ObstaclesPart(Part):
     advice = "discs follow discs and lines follow lines among the obstacles"
 
     def made(self, tables: list[Any], problems: list[Problem]) -> tuple[list[Any], list[int]]:
-        """All obstacles, and the number of the table of each."""
         made: list[Obstacle] = []
         owners: list[int] = []
         if _are_too_many(tables):
@@ -634,11 +632,9 @@ class ObstaclesPart(Part):
         return made, owners
 
     def capsules(self, values: list[Any]) -> NDArray[np.float64]:
-        """The capsules of all obstacles."""
         return capsules_of(tuple(values))
 
     def lines(self, scene: Scene, target: Path, files: Files) -> list[str]:
-        """A table for each obstacle; a single one for many consecutive discs, or many consecutive Polylines."""
         lines: list[str] = []
         for kind, group in groupby(OBSTACLES.of(scene), type):
             alike = list(group)
@@ -749,7 +745,6 @@ class EmittersPart(Part):
     advice = "emitters those with the same keys"
 
     def lines(self, scene: Scene, target: Path, files: Files) -> list[str]:
-        """A table for each emitter; a single one for many consecutive ones with values for the same keys."""
         lines: list[str] = []
         for names, group in groupby(
             getattr(scene, self.argument),
