@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmark import DT, WrongAnswerError
 
 from mpsim.engine.collision_observers import Collisions
 from mpsim.engine.simulation import Simulation
@@ -21,7 +22,6 @@ from mpsim.errors import FastWarning, InputError
 from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.studies.benchmark import DT, WrongAnswerError
 
 TOP = Path(__file__).parents[1]
 """Top level of this checkout."""

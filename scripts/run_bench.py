@@ -21,6 +21,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import benchmark
+import benchmark_figures as figures
 import feature_cost
 import numpy as np
 import psutil
@@ -31,9 +33,7 @@ from rich.table import Table
 
 import mpsim
 from mpsim.core.machine import usable_cores
-from mpsim.output import figures
 from mpsim.scene.settings import LAWS, PRECISIONS
-from mpsim.studies import benchmark
 
 PARTS = ("fixed", "growth", "repeat", "scaling")
 SIZES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)

@@ -17,24 +17,25 @@ import sys
 import time
 from pathlib import Path
 
+import stability
+import stability_map
 from pages import fill_page, made_by
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from run_bench import machine, make_folder
+from stability import AXES
 
 import mpsim
 from mpsim.engine import step_limits
 from mpsim.engine.solvers import speeds
-from mpsim.output import stability_map
-from mpsim.studies import stability
-from mpsim.studies.stability import AXES
 
 console = Console()
 
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", metavar="AXIS", help=f"{', '.join([*AXES, stability.MAP])}")
+    axes = [*AXES, stability.MAP]
+    parser.add_argument("--only", nargs="+", choices=axes, metavar="AXIS", help=", ".join(axes))
     parser.add_argument("--full", action="store_true", help="also the long trials")
     parser.add_argument("--cost", action="store_true", help="measure the time of checks of speeds, nothing else")
     parser.add_argument("--draw", type=Path, metavar="FILE", help="draw these outcomes again, without any trial")

@@ -11,13 +11,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import benchmark
 import matplotlib
 import numpy as np
 from rich.console import Console
 
 import mpsim
 from mpsim.output.drawing import STYLE, new_figure
-from mpsim.studies import benchmark
 
 SIZES = (100, 1_000, 10_000, 100_000)
 QUICK_SIZES = (100, 1_000)

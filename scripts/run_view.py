@@ -26,6 +26,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import benchmark
 from pages import fill_blocks, made_by
 from rich.console import Console
 from run_bench import machine
@@ -33,7 +34,6 @@ from run_bench import machine
 import mpsim
 from mpsim.engine.simulation import read_in_place
 from mpsim.scene import scenefile
-from mpsim.studies import benchmark
 from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.colouring import scale_of

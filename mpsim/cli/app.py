@@ -131,7 +131,6 @@ for command in (
     misc.bench,
     misc.warmup,
     misc.completion,
-    misc.stability,
     misc.clean,
 ):
     main.add_command(command)

@@ -1,4 +1,4 @@
-"""Small commands: scenes, show, plot, animate, bench, warmup, completion, stability, clean."""
+"""Small commands: scenes, show, plot, animate, bench, warmup, completion, clean."""
 
 import dataclasses
 import textwrap
@@ -12,20 +12,22 @@ import numpy as np
 from mpsim.cli import terminal
 from mpsim.cli.run import MEASURES, RunFolder
 from mpsim.cli.terminal import complete_scene
-from mpsim.core import files
 from mpsim.core.machine import usable_cores
 from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.workers import shared
-from mpsim.errors import InputError
+from mpsim.errors import InputError, MpsimError
 from mpsim.features import FEATURES, NUMBERS
 from mpsim.kernels.compiling import compiled_kernels
 from mpsim.scene import scenefile
+from mpsim.scene.scene import Scene
 from mpsim.scene.scenefile import SceneFile
 from mpsim.scene.settings import LAWS, PRECISIONS, Law, Precision, Settings
-from mpsim.studies import benchmark
 
 # --- `mpsim bench`, `mpsim warmup` and `mpsim completion`: benchmarks and setup on this machine
+
+REPORT_SECONDS = {"naive": 1.651e-3, "grid": 0.133e-3, "parallel": 3.898e-3}
+"""Mean frame times of the term-project report, 100 discs, 500 frames [s]; its parallel version used threads."""
 
 BENCH_EXAMPLES = """\b
 Examples:
@@ -66,37 +68,34 @@ def bench(
 
     The results are checked in the same run. Times do not include compilation.
     """
-    settings = Settings(dt=benchmark.DT, law=law, contact="push", precision=precision, workers=workers)
+    scene = Scene.random(count=count, packing=0.4, radius=0.5, temperature=1.0, seed=1)
+    settings = Settings(dt=0.01, law=law, contact="push", precision=precision, workers=workers)
+    rows: list[dict[str, Any]] = []
     with terminal.progress(quiet) as progress:
-        done = iter(range(1, len(benchmark.METHODS) + 1))
-        tick = _silent if progress is None else lambda word: progress(next(done), len(benchmark.METHODS), word)
-        timings = benchmark.fixed(settings, frames, tick, count).timings
-    rows = [_row(timing, count) for timing in timings.values()]
+        for method, report_seconds in REPORT_SECONDS.items():
+            chosen = dataclasses.replace(settings, method=method)
+            with Simulation(scene, chosen) as sim:
+                sim.run(frames=50)
+            with Simulation(scene, chosen) as sim:
+                report, digest = sim.run(frames=frames), sim.digest()
+            row: dict[str, Any] = {"method": method, "workers": report.workers}
+            row |= {"median_seconds": float(np.median(report.frame_seconds))}
+            row |= {"mean_seconds": float(np.mean(report.frame_seconds))}
+            rows.append({**row, "report_seconds": report_seconds if count == 100 else None, "digest": digest})
+            if progress is not None:
+                progress(len(rows), len(REPORT_SECONDS), method)
+    bits = {row["method"]: row["digest"] for row in rows}
+    if bits["grid"] != bits["parallel"]:
+        raise MpsimError(f"grid and parallel must have equal digests; got {bits['grid']}, {bits['parallel']}.")
     if as_json:
         click.echo(json_text({"discs": count, "frames": frames, "cores": usable_cores(), "methods": rows}))
         return
-    click.echo(f"{count} discs, {frames} frames, packing {benchmark.PACKING}, {precision}, on {usable_cores()} cores:")
+    click.echo(f"{count} discs, {frames} frames, packing 0.4, {precision}, on {usable_cores()} cores:")
     for row in rows:
         ours = f"median {row['median_seconds'] * 1e6:8.1f} us a frame, mean {row['mean_seconds'] * 1e6:8.1f} us"
         report = f" (in the report: {row['report_seconds'] * 1e6:.0f} us)" if row["report_seconds"] else ""
         click.echo(f"  {row['method']:8} {row['workers']:2} worker{'s' * (row['workers'] > 1):1} {ours}{report}")
-    click.echo(f"grid and parallel gave the same bits: {timings['grid'].digest}")
-
-
-def _silent(word: str) -> None:
-    pass
-
-
-def _row(timing: benchmark.Timing, count: int) -> dict[str, Any]:
-    report = benchmark.REPORT_FIXED_MS[timing.method] * 1e-3 if count == 100 else None
-    return {
-        "method": timing.method,
-        "workers": timing.workers,
-        "median_seconds": timing.median,
-        "mean_seconds": timing.mean,
-        "report_seconds": report,
-        "digest": timing.digest,
-    }
+    click.echo(f"grid and parallel gave the same bits: {bits['grid']}")
 
 
 WARMUP_EXAMPLES = """\b
@@ -283,47 +282,6 @@ def _range(values: Any) -> str:
         return "-"
     low, high = float(np.min(values)), float(np.max(values))
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
-
-
-# --- `mpsim stability`: runs the trials of the stability map on this machine
-
-EXAMPLES = """\b
-Examples:
-  mpsim stability --only step --only places
-  mpsim stability --out stability/            (also heat maps; some minutes)
-"""
-
-
-@click.command(epilog=EXAMPLES, short_help="Test every method on extreme scenes.")
-@click.option(
-    "--only", "axes", multiple=True, metavar="AXIS", help="What to vary, such as step or box; default: everything."
-)
-@click.option("--full", is_flag=True, help="Include the long trials: millions of discs, a million frames.")
-@click.option("--json", "as_json", is_flag=True, help="Print every outcome as JSON.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for JSON and heat maps.")
-@terminal.quiet_option
-def stability(axes: tuple[str, ...], full: bool, as_json: bool, out: Path | None, quiet: bool) -> None:
-    """Try every method, contact, law and precision on extreme scenes, and report the outcomes.
-
-    Each trial is correct, degraded (an error is large, with a warning) or refused. Any other outcome is a bug,
-    and the exit code is 1.
-    """
-    from mpsim.studies import stability as trials  # noqa: PLC0415 - not needed by any other command
-
-    chosen = trials.trials(axes or None, full)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-    with terminal.progress(quiet) as progress:
-        outcomes = trials.run_trials(chosen, progress=progress)
-    if out is not None:
-        from mpsim.output import stability_map  # noqa: PLC0415 - matplotlib
-
-        files.write_text(out / "stability.json", trials.to_json(outcomes))
-        stability_map.save(outcomes, out)
-    click.echo(trials.to_json(outcomes) if as_json else trials.counts_table(outcomes))
-    found = trials.counts(outcomes)
-    if any(found[kind] for kind in trials.FORBIDDEN):
-        raise click.exceptions.Exit(1)
 
 
 # --- `mpsim plot` and `mpsim animate`: pictures and animations of scenes and runs

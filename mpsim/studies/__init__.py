@@ -1,1 +1,1 @@
-"""Studies of many runs: cost and errors of settings, benchmarks, the stability map."""
+"""Studies of many runs: cost and errors of settings, sweeps, expected numbers of named scenes."""

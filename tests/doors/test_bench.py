@@ -7,8 +7,6 @@ import pytest
 from rich.console import Console
 from support.scripts import fixture_of
 
-from mpsim.studies import benchmark
-
 script = fixture_of("run_bench")
 
 
@@ -18,7 +16,7 @@ script = fixture_of("run_bench")
 )
 def test_a_busy_machine_gets_no_ratio(script, load, slowed, busy):
     assert script.is_busy({"load_before": load, "usable_cores": 2, "slowed": slowed}) == busy
-    timing = benchmark.Timing("grid", 1, 100, np.full(9, 2e-4), {}, "")
+    timing = script.benchmark.Timing("grid", 1, 100, np.full(9, 2e-4), {}, "")
     console = Console(width=120, record=True, file=io.StringIO())
     console.print(script.comparison_table("Fixed", {"grid": timing}, {"grid": 0.14}, busy))
     text = console.export_text()

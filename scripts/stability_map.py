@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
+from stability import AXES, FORBIDDEN, MAP, MAP_ROWS, PACKINGS, STEP_FRACTIONS, TOLERANCE, Outcome
 
 from mpsim.output.drawing import STYLE, new_figure, save_figure
-from mpsim.studies.stability import AXES, FORBIDDEN, MAP, MAP_ROWS, PACKINGS, STEP_FRACTIONS, TOLERANCE, Outcome
 
 LEVELS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, math.inf)
 """Borders between colours: an error as a multiple of its tolerance. Up to 1 is correct."""

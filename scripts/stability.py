@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core import checks
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_block import contact_time_at_rest
@@ -250,18 +249,6 @@ def degenerate_start(kind: str) -> Scene:
     return Scene(width=_SIDE, height=_SIDE, position=position, velocity=velocity, radius=RADIUS)
 
 
-PLACES = (
-    "one point",
-    "one corner",
-    "one line",
-    "one cell",
-    "cell edges",
-    "wall edges",
-    "touching",
-    "pairs in one place",
-)
-
-
 def _drift(frames: float) -> Case:
     return Case(partial(gas, 10), step_for(0.1), int(frames), compares=False)
 
@@ -474,8 +461,6 @@ class Outcome:
 def trials(axes: Iterable[str] | None = None, full: bool = False) -> list[Trial]:
     """All trials along some axes (None: all axes, and the map of steps and packings)."""
     names = [*AXES, MAP] if axes is None else list(axes)
-    for name in names:
-        checks.choice("axes", name, [*AXES, MAP])
     found = []
     for name in names:
         if name == MAP:
