@@ -5,7 +5,7 @@ that the runs themselves claim. 1: right; 2: half of what it should be. What a r
 it is left out, and its share is shown; with a heat bath, the ratio of these runs, too.
 
 python scripts/run_calibration.py                          about two minutes on two cores: 100 starts of each kind
-python scripts/run_calibration.py --docs docs/accuracy.md  the same, and renew the table of the page
+python scripts/run_calibration.py --docs docs/accuracy.md  the same, and renew its results on the page
 python scripts/run_calibration.py --full                   400 starts, and runs ten times as long
 """
 
@@ -147,11 +147,12 @@ def table(seeds: int, lengths: dict[str, float], pool: ProcessPoolExecutor) -> l
     noise = 100 / np.sqrt(2 * (seeds - 1))
     lines += [
         "",
-        f"{COUNT} discs, {seeds} starts of each kind, so each ratio is known to {noise:.0f} %. Short runs have "
-        f"{lengths['short']:g} collisions per disc, long runs {lengths['long']:g}. In brackets: the fraction of runs "
-        f"that are not settled and were left out; none: nearly all were left out; *: from {AGAIN * seeds} starts, "
-        f"because {seeds} gave a ratio beyond the bounds. {sum(right)} of {len(right)} lie between {RIGHT[0]} and "
-        f"{RIGHT[1]}.",
+        f"Short runs have {lengths['short']:g} collisions per disc, long runs {lengths['long']:g}. In brackets: the "
+        f"fraction of runs that are not settled and were left out; none: nearly all were left out; *: from "
+        f"{AGAIN * seeds} starts, because {seeds} gave a ratio beyond the bounds.",
+        "",
+        f"{COUNT} discs, {seeds} starts of each kind, so each ratio is known to {noise:.0f} %: {sum(right)} of "
+        f"{len(right)} ratios lie between {RIGHT[0]} and {RIGHT[1]}.",
     ]
     return lines
 
@@ -209,8 +210,10 @@ def table_of_baths(seeds: int, pool: ProcessPoolExecutor) -> list[str]:
     return [
         *lines,
         "",
-        f"{COUNT // 4} discs at packing 0.2, {seeds} starts of each kind. After the colon: the ratio of the runs that "
-        f"are not settled. Of the settled ones {sum(right)} of {len(right)} lie between {RIGHT[0]} and {RIGHT[1]}.",
+        "After the colon: the ratio of the runs that are not settled.",
+        "",
+        f"{COUNT // 4} discs at packing 0.2, {seeds} starts of each kind: of the settled ones {sum(right)} of "
+        f"{len(right)} ratios lie between {RIGHT[0]} and {RIGHT[1]}.",
     ]
 
 
@@ -219,7 +222,7 @@ def main() -> int:
     parser.add_argument("--full", action="store_true")
     parser.add_argument("--seeds", type=int)
     parser.add_argument("--baths", action="store_true", help="those with heat baths alone")
-    parser.add_argument("--docs", type=Path, help="page whose table is renewed")
+    parser.add_argument("--docs", type=Path, help="page whose results are renewed")
     options = parser.parse_args()
     seeds = options.seeds or (400 if options.full else 100)
     lengths = LENGTHS | ({"longest": 20_000.0} if options.full else {})
@@ -228,9 +231,11 @@ def main() -> int:
         tables["baths"] = table_of_baths(seeds, pool)
     for lines in tables.values():
         console.print(lines[-1], highlight=False)
-        lines += ["", made_by(machine())]
     if options.docs is not None:
-        fill_page(options.docs, "run_calibration", {name: "\n".join(lines) for name, lines in tables.items()}, {})
+        made = made_by(machine())
+        fill_page(
+            options.docs, "run_calibration", {name: f"{lines[-1]}\n\n{made}" for name, lines in tables.items()}, {}
+        )
     return 0
 
 

@@ -118,16 +118,14 @@ def page(scenes: list[SceneFile], folder: str) -> str:
     lines = [
         "# Gallery",
         "",
-        "These scenes come with mpsim. `mpsim show NAME` describes one, and `mpsim.Scene.load(NAME)` loads it. Each is "
-        "a small file in `mpsim/scene/named/`, which you can copy and change. Colours show speeds: the scale spans the "
-        "2nd to the 98th percentile of the whole animation, in `cooling` on a logarithmic scale, and arrows show that "
-        "speeds lie outside. The pictures were made by `scripts/run_gallery.py`.",
+        "These scenes come with mpsim. `mpsim show NAME` tells more of one; `mpsim.Scene.load(NAME)` loads it. Each "
+        "is a small file in `mpsim/scene/named/`, which you can copy and change. Colours show speeds, in `cooling` "
+        "on a logarithmic scale.",
         "",
     ]
     for found in scenes:
         lines += [f"## {found.title}", "", f"![{found.title}, moving]({folder}/{found.name}.gif)", ""]
-        lines += [f"`{found.name}`: {oneline(found.text)}", "", f"**Look for:** {oneline(found.look_for)}", ""]
-        lines += [f"[A still picture]({folder}/{found.name}.png)", ""]
+        lines += [f"`{found.name}` ([still]({folder}/{found.name}.png)): {oneline(found.look_for)}", ""]
     return "\n".join(lines)
 
 

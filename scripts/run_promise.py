@@ -3,7 +3,7 @@
 python scripts/run_promise.py                 all scenes: about two hours on two cores
 python scripts/run_promise.py medium hopper   some scenes
 python scripts/run_promise.py --fresh         forget what earlier calls have kept
-python scripts/run_promise.py --docs docs/accuracy.md    and renew the table of that page
+python scripts/run_promise.py --docs docs/accuracy.md    and renew the results on that page
 
 Each verified answer is held against an ensemble of its own: starts that had no part in search or verification. It
 should be inside its budget plus two standard errors of that check. The smallest budget comes first, by itself: that
@@ -163,7 +163,7 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", help="names; default: all")
     parser.add_argument("--fresh", action="store_true", help="forget what earlier calls have kept")
     parser.add_argument("--out", type=Path, default=Path("results/promise"))
-    parser.add_argument("--docs", type=Path, help="page whose table is renewed")
+    parser.add_argument("--docs", type=Path, help="page whose results are renewed")
     given = parser.parse_args()
     every = cases()
     unknown = sorted(set(given.scenes) - set(every))
@@ -188,7 +188,7 @@ def main() -> None:
     text = table(results)
     print(text)
     if given.docs is not None:
-        fill_page(given.docs, "run_promise", {"table": f"{text}\n\n{made_by(machine())}"}, {})
+        fill_page(given.docs, "run_promise", {"results": f"{text.splitlines()[-1]}\n\n{made_by(machine())}"}, {})
 
 
 if __name__ == "__main__":

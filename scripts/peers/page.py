@@ -21,10 +21,9 @@ TOOL = "run_peers"
 
 INTRODUCTION = """# Peers
 
-This page compares mpsim with other engines on the same scenes: equal discs of mass 1 in a closed square box, elastic
-and smooth, without gravity. The thermal speed v is √kT, the root mean square of *one component* of the velocity. A step
-is given as v·dt in diameters; 0.02 here is twice the step on the page of [benchmarks](benchmarks.md). In a unit of time
-v covers one diameter. Every engine starts from the same `Scene.random(seed=1)`. These commands write this page:
+How fast and how accurate are other engines on the same scenes? These have equal discs of mass 1 in a closed square box,
+elastic and smooth, without gravity, from the same `Scene.random(seed=1)`. The thermal speed v is √kT, the root mean
+square of *one component* of the velocity. A step is given as v·dt in diameters; in a unit of time v covers a diameter.
 
 <!-- not run: half an hour on two cores, with engines that the tests do not need -->
 ```sh
@@ -32,42 +31,31 @@ pip install -e '.[peers]' && npm install --prefix results/peers @dimforge/rapier
 python scripts/run_peers.py
 ```
 
-The reference for speed, the *yardstick*, is the algorithm of the term-project report in plain C++: a grid of lists of
-indices, with both orders of each pair. Each engine runs in its own process. The processes take turns: in each turn all
-engines, the yardstick included, run one after another. Other programs on the machine therefore slow all engines alike,
-and the times of the yardstick show this. Numbers are medians over the turns, with quartiles in brackets; "6x" means six
-times as fast as the yardstick in the same turn. Times are those of calls for many frames, without set-up, compilation
-and warm-up.
+The *yardstick* is the algorithm of the term-project report in plain C++: a grid of lists of indices, with both orders
+of each pair. Each engine runs in its own process, and is timed without set-up, compilation and warm-up. The engines
+take turns, so that other programs slow all alike. Numbers are medians over the turns; "6x" means six times as fast as
+the yardstick in the same turn.
 """
 
 FRAMES_TEXT = """## A frame
 
-The tables show nanoseconds per disc and frame. Frames with the same dt have different errors; for costs at equal errors
-see [below](#a-unit-of-time). Engines with adjustable effort, such as a number of iterations, run with the least, which
-is fastest. *Early* marks engines so slow that they were timed only during the first half unit of time, when fewer discs
-touch than later.
+Nanoseconds per disc and frame. Frames with the same dt have different errors; for costs at equal errors see
+[below](#a-unit-of-time). Engines with adjustable effort, such as a number of iterations, run with the least. *Early*
+marks engines so slow that they were timed only in the first half unit of time, when fewer discs touch.
 """
 
 ERRORS_TEXT = """## A unit of time
 
-The same step gives different errors in different engines, so this comparison is the fair one. It shows the cost of a
-disc per unit of time (µs) with the longest step that keeps the pressure within 1 %, and within 10 %. *Drift* is the
-relative change of the kinetic energy per unit of time with this step. Errors are those of {count:,} discs at packing
-{packing:g}, costs those of {cost_count:,} discs. Each engine has one process or thread.
+This comparison is the fair one: the cost of a disc per unit of time (µs) with the longest step that keeps the pressure
+within 1 %, and within 10 %. *Drift* is the relative change of the kinetic energy per unit of time with this step.
+Errors are those of {count:,} discs at packing {packing:g}, costs those of {cost_count:,} discs. Each engine has one
+process or thread.
 
-- The pressure is the impulse on the four walls, divided by time and perimeter, in runs of {time:g} units from up to
-  {starts} starts, after {settle:g} unit of equilibration. The exact value comes from mpsim's event-driven solver with
-  the same starts and runs {longer} times as long: {pressure} kT / diameter². It differs from
-  the bulk value, because the walls of a small box matter. Errors are relative, with one standard error in
-  brackets, from the scatter of starts.
-- If an engine loses or gains energy, its pressure changes; this is part of its error.
-- mpsim measures the impulse itself. For the yardstick, NumPy, Taichi and Warp it is the sum over reflections at the
-  walls, for LAMMPS the sum of the spring forces over steps. In pymunk, Box2D and Rapier the walls are bodies with 10⁸
-  times the mass of a disc during this measurement: the momentum that a wall gains in a frame is the impulse, and the
-  wall is then put back at rest. A test checks for each installed engine that the difference between opposite walls
-  equals the change of the discs' momentum, to rounding (LAMMPS: up to one step).
-- Steps tried: {steps}, from the longest until two in turn are within 1 %. The step in the table is
-  the longest one for which it and all shorter ones are within the limit. Each effort is tried: {knobs}.
+The pressure is the impulse on the walls, over {time:g} units from up to {starts} starts, after {settle:g} unit of
+equilibration. The exact value, {pressure} kT / diameter², is that of mpsim's event-driven solver, with the same starts
+and runs {longer} times as long. In pymunk, Box2D and Rapier the walls are heavy bodies during this measurement, whose
+momentum is read. Steps tried: {steps}, from the longest until two in turn are within 1 %, each with every effort:
+{knobs}.
 """
 
 
@@ -80,7 +68,6 @@ def text(record: dict[str, Any]) -> str:
     lines += [made(record), "", FRAMES_TEXT]
     lines += [f"![Cost of a disc and frame against the number of discs, by engine](pictures/{FRAMES})", ""]
     lines += tables.frames_section(record)
-    lines += ["### Goals", "", *tables.marks_section(record), ""]
     if "accuracy" in record:
         lines += [errors_text(record)]
         lines += [f"![Error of the pressure against the step, and costs at given errors](pictures/{ERRORS})", ""]

@@ -1,7 +1,6 @@
 """Tables of the page, and the claim of the README, from the record of a study."""
 
 import re
-from collections.abc import Callable, Sequence
 from typing import Any
 
 from mpsim.core.text import with_error
@@ -9,15 +8,6 @@ from peers import accuracy
 from peers.accuracy import Point, longest
 from peers.registry import PEERS
 from peers.turns import LATE, Timing, quartiles, ratios
-
-MARKS = ((10_000, 6.0), (100_000, 7.5), (1_000_000, 7.0))
-"""How many times faster than the yardstick in C++ one process should be, by count."""
-
-FLAT = (1_000_000, 100_000, 1.2)
-"""A disc of the first count should cost at most so many times one of the second."""
-
-TWO_WORKERS = ((10_000, 100_000, 1_000_000), 1.9)
-"""How many times faster than one process two workers should be, from the first count on."""
 
 CONTACTS = ("mpsim-push", "mpsim")
 MAIN = (0.4, 0.02)
@@ -63,9 +53,8 @@ def number(value: float) -> str:
 
 
 def entry(timing: Timing, yardstick: Timing | None, count: int) -> str:
-    """Cost of a disc and frame with its quartiles, and how many times faster than the yardstick."""
-    low, middle, high = nanoseconds(timing, count)
-    text = f"{number(middle)} ({number(low)}-{number(high)})"
+    """Cost of a disc and frame, and how many times faster than the yardstick."""
+    text = number(nanoseconds(timing, count)[1])
     if yardstick:
         text += f" {number(quartiles(ratios(yardstick, timing))[1])}x"
     return text
@@ -74,8 +63,8 @@ def entry(timing: Timing, yardstick: Timing | None, count: int) -> str:
 def rows_of_frames(record: dict[str, Any], packing: float, step: float) -> tuple[list[str], list[str]]:
     """Rows of the table of frames at one packing and step, and the reasons for what is missing in them."""
     cells = [cell for cell in record["cells"] if (cell["packing"], cell["step"]) == (packing, step)]
+    reasons: dict[tuple[str, str], list[str]] = {}
     rows = ["| engine | " + " | ".join(f"{cell['count']:,}" for cell in cells) + " |", "|---" * (len(cells) + 1) + "|"]
-    reasons: list[str] = []
     for name, found in record["peers"].items():
         if not PEERS[name].steps:
             continue
@@ -91,17 +80,22 @@ def rows_of_frames(record: dict[str, Any], packing: float, step: float) -> tuple
                 if timing and timing.frames * len(timing.frame) * step < SETTLED:
                     texts[-1] += " early"
                 why = cell["times"].get(key, "not run")
-                if why == LATE:
-                    reasons.append(f"{cell['count']:,} discs: {why}")
-                elif not timing:
-                    reasons.append(f"{title_of(key)}, {cell['count']:,} discs: {why}")
+                if why == LATE or not timing:
+                    counts = reasons.setdefault(("all" if why == LATE else title_of(key), why), [])
+                    counts.append(f"{cell['count']:,}")
             rows.append(f"| {title_of(key)} | " + " | ".join(texts) + " |")
-    return rows, reasons
+    every = ", ".join(f"{cell['count']:,}" for cell in cells)
+    found = {which: ", ".join(dict.fromkeys(counts)) for which, counts in reasons.items()}
+    return rows, [
+        f"{title} with {'any number of' if counts == every else counts} discs: {why}"
+        for (title, why), counts in found.items()
+    ]
 
 
 def frames_section(record: dict[str, Any]) -> list[str]:
-    """Tables of ns per disc and frame, the main one first."""
-    kinds = list(dict.fromkeys((cell["packing"], cell["step"]) for cell in record["cells"]))
+    """Tables of ns per disc and frame at the longest step, the main packing first."""
+    every = list(dict.fromkeys((cell["packing"], cell["step"]) for cell in record["cells"]))
+    kinds = [kind for kind in every if kind[1] == max(step for _, step in every)]
     lines = []
     for packing, step in kinds:
         lines += [f"### Packing {packing:g}, v·dt = {step:g} diameters", ""]
@@ -112,65 +106,8 @@ def frames_section(record: dict[str, Any]) -> list[str]:
         rows, reasons = rows_of_frames(record, packing, step)
         lines += [*rows, ""]
         if reasons:
-            lines += ["Not in this table:", "", *(f"- {reason}" for reason in dict.fromkeys(reasons)), ""]
+            lines += ["Not in this table:", "", *(f"- {reason}" for reason in reasons), ""]
     return lines
-
-
-def three(values: Sequence[float]) -> str:
-    """A median with its quartiles."""
-    low, middle, high = quartiles(values)
-    return f"{number(middle)} ({number(low)}-{number(high)})"
-
-
-def marks_section(record: dict[str, Any]) -> list[str]:
-    """What mpsim's frame should reach, and what it has reached, as multiples of the C++ yardstick of the same turn."""
-    if record["yardstick"] != "cpp":
-        return ["The marks are multiples of the yardstick in C++, for which no compiler was found."]
-    found: list[tuple[str, str, Callable[[float], bool], Callable[[str], list[float] | None]]] = []
-    for count, least in MARKS:
-
-        def over(name: str, count: int = count) -> list[float] | None:
-            cell = cell_of(record, count, *MAIN)
-            yardstick, own = timing_of(cell, "cpp/1"), timing_of(cell, f"{name}/1")
-            return ratios(yardstick, own) if yardstick and own else None
-
-        found.append(
-            (
-                f"speed of one process relative to the yardstick, {count:,}",
-                f"≥ {least:g}",
-                lambda x, m=least: x >= m,
-                over,
-            )
-        )
-
-    def flat(name: str) -> list[float] | None:
-        large, small = (timing_of(cell_of(record, count, *MAIN), f"{name}/1") for count in FLAT[:2])
-        if not large or not small:
-            return None
-        return [a / FLAT[0] / (b / FLAT[1]) for a, b in zip(large.frame, small.frame, strict=True)]
-
-    found.append(
-        (f"time per disc, {FLAT[0]:,} discs relative to {FLAT[1]:,}", f"≤ {FLAT[2]:g}", lambda x: x <= FLAT[2], flat)
-    )
-    counts, least = TWO_WORKERS
-    for count in counts:
-
-        def two(name: str, count: int = count) -> list[float] | None:
-            cell = cell_of(record, count, *MAIN)
-            one, both = timing_of(cell, f"{name}/1"), timing_of(cell, f"{name}/2")
-            return ratios(one, both) if one and both else None
-
-        found.append(
-            (f"speed of two workers relative to one process, {count:,}", f"≥ {least:g}", lambda x, m=least: x >= m, two)
-        )
-    rows = ["| quantity | goal | `push` | reached | `impact` | reached |", "|---|---|---|---|---|---|"]
-    for what, asked, good, values in found:
-        texts = []
-        for name in CONTACTS:
-            had = values(name)
-            texts += [three(had), "yes" if good(quartiles(had)[1]) else "no"] if had else ["-", "not measured"]
-        rows.append(f"| {what} | {asked} | " + " | ".join(texts) + " |")
-    return rows
 
 
 def answer(record: dict[str, Any], name: str, limit: float) -> tuple[Point, float] | None:

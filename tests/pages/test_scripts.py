@@ -69,7 +69,7 @@ def test_run_peers_has_a_row_for_the_yardstick_and_one_for_an_engine_that_is_mis
     words = ["--quick", "--accurate", "0", "--counts", "60", "--peers", "mpsim-push", "numpy", "rapier"]
     run("run_peers", *words, "--work", tmp_path, "--page", page)
     text = page.read_text()
-    assert re.search(r"\| mpsim, contact `push` \| [\d.,]+ \(", text)
+    assert re.search(r"\| mpsim, contact `push` \| [\d.,]+ ", text)
     assert "A short run, for a look: not to be quoted." in text
     assert (ROOT / "README.md").read_text() == readme
     run("run_peers", "--quick", "--again", "--work", tmp_path, "--page", page)
