@@ -35,7 +35,7 @@ import mpsim
 from mpsim.engine.simulation import read_in_place
 from mpsim.scene import scenefile
 from mpsim.viewer import wire
-from mpsim.viewer.broadcast import Shown
+from mpsim.viewer.broadcast import SentPicture
 from mpsim.viewer.colouring import scale_of
 from mpsim.viewer.server import Admission, Server, listening, page_files
 from mpsim.viewer.session import Session
@@ -116,7 +116,7 @@ class Album:
             radii = radii or wire.pack_radii(scene.radii, header)
             packed = read_in_place(self._sim, functools.partial(wire.pack, header))
             self.seconds.append(time.thread_time() - before)
-            self._server.show(Shown(serial, packed, radii, scene.capsules))
+            self._server.show(SentPicture(serial, packed, radii, scene.capsules))
         self._asked.acquire()
         return (time.process_time() - started) / (pictures - 3)
 

@@ -51,10 +51,10 @@ All of it, with pictures: python scripts/run_bench.py in a checkout.
     type=terminal.Whole(1, terminal.MOST_WORKERS),
     help="Workers of the method parallel; default: one per core.",
 )
-@click.option("--law", type=terminal.Choice(LAWS), default="elastic", show_default=True)
+@click.option("--law", type=terminal.OneOf(LAWS), default="elastic", show_default=True)
 @click.option(
     "--precision",
-    type=terminal.Choice(PRECISIONS),
+    type=terminal.OneOf(PRECISIONS),
     default="float32",
     show_default=True,
     help="The report used float32.",
@@ -143,7 +143,7 @@ Examples:
 
 
 @click.command(epilog=COMPLETION_EXAMPLES, short_help="Print the completion script of a shell.")
-@click.argument("shell", type=terminal.Choice(["bash", "zsh", "fish"]))
+@click.argument("shell", type=terminal.OneOf(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print a script with which SHELL completes commands, options and scenes of mpsim."""
     from click.shell_completion import get_completion_class  # noqa: PLC0415 - only here
@@ -364,19 +364,19 @@ Examples:
 @click.option(
     "--colour",
     "--color",
-    type=terminal.Choice(["speed", "worker", "parity", "none"]),
+    type=terminal.OneOf(["speed", "worker", "parity", "none"]),
     default="speed",
     show_default=True,
     help="worker: by the worker that owns the disc's column; parity: by even and odd columns.",
 )
 @click.option(
     "--scale",
-    type=terminal.Choice(["linear", "log"]),
+    type=terminal.OneOf(["linear", "log"]),
     default="linear",
     show_default=True,
     help="How speeds become colours; log tells slow discs apart where speeds span decades.",
 )
-@click.option("--theme", type=terminal.Choice(["light", "dark"]), default="light", show_default=True)
+@click.option("--theme", type=terminal.OneOf(["light", "dark"]), default="light", show_default=True)
 @terminal.settings_options
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @terminal.json_option

@@ -369,7 +369,7 @@ Examples:
 
 on_death_option = click.option(
     "--on-worker-death",
-    type=terminal.Choice(DEATHS),
+    type=terminal.OneOf(DEATHS),
     default="raise",
     help="restart: continue from a snapshot in memory.",
 )
@@ -384,7 +384,7 @@ on_death_option = click.option(
 @click.option(
     "--measure",
     "measures",
-    type=terminal.Choice(NAMES),
+    type=terminal.OneOf(NAMES),
     multiple=True,
     help="What to measure; default: the scene's own.",
 )
@@ -396,7 +396,7 @@ on_death_option = click.option(
 @click.option(
     "--format",
     "kind",
-    type=terminal.Choice(FORMATS),
+    type=terminal.OneOf(FORMATS),
     default=FORMATS[0],
     show_default=True,
     help="File format of the trajectory.",
@@ -483,7 +483,7 @@ Examples:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--frames", type=terminal.Whole(1), help="Number of further frames.")
 @click.option("--until", type=terminal.Positive("time"), help="Simulated time at which to stop.")
-@click.option("--method", type=terminal.Choice(SAME_BITS), help="Change to another method with the same bits.")
+@click.option("--method", type=terminal.OneOf(SAME_BITS), help="Change to another method with the same bits.")
 @click.option(
     "--workers",
     type=terminal.Whole(1, terminal.MOST_WORKERS),

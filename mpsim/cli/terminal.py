@@ -103,7 +103,7 @@ class Whole(click.IntRange):
         return (self.min is None or number >= self.min) and (self.max is None or number <= self.max)
 
 
-class Choice(click.Choice[str]):
+class OneOf(click.Choice[str]):
     """One of some words; the error suggests one that is similar.
 
     >>> Choice(("warn", "substep")).convert("substp", None, None)
@@ -166,22 +166,22 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(
         [
             click.option("--dt", type=Positive("time"), help="Time step of a frame."),
-            click.option("--method", type=Choice(METHODS), help="How colliding pairs are found; event is exact."),
+            click.option("--method", type=OneOf(METHODS), help="How colliding pairs are found; event is exact."),
             click.option("--workers", type=Whole(1, MOST_WORKERS), help="Processes; default: at most one per core."),
             click.option(
                 "--contact",
-                type=Choice(CONTACTS),
+                type=OneOf(CONTACTS),
                 help="How overlaps are resolved. impact: second order in dt; push: first order.",
             ),
             click.option(
                 "--law",
-                type=Choice(LAWS),
+                type=OneOf(LAWS),
                 help="elastic conserves momentum; reflect mirrors velocities, as in the report.",
             ),
-            click.option("--precision", type=Choice(PRECISIONS), help="Number format of positions and velocities."),
+            click.option("--precision", type=OneOf(PRECISIONS), help="Number format of positions and velocities."),
             click.option("--passes", type=Whole(1, 1000), help="Searches for contacts in each step."),
             click.option("--substeps", type=Whole(1, 1_000_000), help="Steps in each frame."),
-            click.option("--on-fast", type=Choice(ON_FAST), help="What to do if discs move too far in a step."),
+            click.option("--on-fast", type=OneOf(ON_FAST), help="What to do if discs move too far in a step."),
             click.option(
                 "--contact-time",
                 type=Positive("time"),

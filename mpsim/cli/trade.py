@@ -42,7 +42,7 @@ def replicas_option(most: int) -> Callable[..., Any]:
 
 starts_option = click.option(
     "--starts",
-    type=terminal.Choice(KINDS),
+    type=terminal.OneOf(KINDS),
     help="kind: new random starts of the same kind; same: this start, discs displaced by a thousandth of a diameter.",
 )
 contact_time_option = click.option(
@@ -155,7 +155,7 @@ Examples:
 @click.command(epilog=TRADEOFF_EXAMPLES, short_help="Measure cost and error of settings.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.option(
-    "--measure", "measures", type=terminal.Choice(ERRORS), multiple=True, help="An error to measure; default: all."
+    "--measure", "measures", type=terminal.OneOf(ERRORS), multiple=True, help="An error to measure; default: all."
 )
 @until_option
 @replicas_option(tradeoffs.MOST_REPLICAS)

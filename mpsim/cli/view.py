@@ -47,7 +47,7 @@ Examples:
 @click.option("--paused", is_flag=True, help="Start paused, until the page's play button is pressed.")
 @click.option("--beside", metavar="SETTINGS", help="A second stage: a method, or settings such as dt=0.001,passes=2.")
 @click.option("--box", metavar="WIDTH,HEIGHT", help="Of a file whose frames hold none; or X_LOW,X_HIGH,Y_LOW,Y_HIGH.")
-@click.option("--boundary", type=terminal.Choice(BOUNDARIES), help="Of a file whose frames do not say it.")
+@click.option("--boundary", type=terminal.OneOf(BOUNDARIES), help="Of a file whose frames do not say it.")
 @click.option("--radius", type=terminal.Positive("length"), help="Of all discs of a file whose frames hold none.")
 @terminal.settings_options
 def view(

@@ -168,7 +168,7 @@ def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | 
             died = True
 
 
-class Kept(NamedTuple):
+class RecoveryPoint(NamedTuple):
     """A snapshot, where the record of the run stood, and how many changes there had been."""
 
     snapshot: Any
@@ -200,7 +200,7 @@ class RecoverySnapshots:
         self._restore = restore
         self._record = record
         self._notices = notices
-        self._kept: Kept | None = None
+        self._kept: RecoveryPoint | None = None
         self._due = 0.0
         self._deaths = 0
 
@@ -210,7 +210,7 @@ class RecoverySnapshots:
         is_new = self._kept is None or self._record.done > self._kept.mark.done
         is_changed = self._kept is not None and self._kept.changes != self._changes()
         if is_changed or (is_new and started >= self._due):
-            self._kept = Kept(self._take(), self._record.mark(), self._changes())
+            self._kept = RecoveryPoint(self._take(), self._record.mark(), self._changes())
             now = time.perf_counter()
             self._due = now + max(SNAPSHOT_SECONDS, (now - started) / SNAPSHOT_FRACTION)
             self._deaths = 0

@@ -57,7 +57,7 @@ class PerDisc(NamedTuple):
     default: float | None = 0.0
 
 
-class NewDiscs(NamedTuple):
+class AddedDiscs(NamedTuple):
     """Discs to be added, for which there must be room.
 
     name: of the argument that holds their positions, for the texts of errors. position: shape (K, 2) [length]. radius:
@@ -160,7 +160,7 @@ class Feature:
         """Whether it lets contacts take energy from the motion of the discs."""
         return False
 
-    def check_room(self, scene: Scene, new: NewDiscs) -> None:
+    def check_room(self, scene: Scene, new: AddedDiscs) -> None:
         """Refuse, naming the argument, discs for which it leaves no room."""
 
     def deepest(self, scene: Scene, position: Floats, radius: Floats) -> Deepest | None:

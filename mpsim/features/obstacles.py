@@ -18,7 +18,7 @@ from mpsim.core.machine import garbage_collection_paused
 from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
-from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, Shapes
+from mpsim.features.feature import AddedDiscs, Feature, Floats, Invalidation, Shapes
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
@@ -220,7 +220,7 @@ class Obstacles(Feature):
         self._made: weakref.WeakKeyDictionary[Any, tuple[Any, dict[str, NDArray[Any]]]] = weakref.WeakKeyDictionary()
         """`arrays` of scenes in use, with what they were made from: each block needs them twice."""
 
-    def check_room(self, scene: Scene, new: NewDiscs) -> None:
+    def check_room(self, scene: Scene, new: AddedDiscs) -> None:
         capsules.check_clear(scene.deepest(new.position, new.radius), new.name, new.position, new.radius)
 
     def deepest(self, scene: Scene, position: Floats, radius: Floats) -> Deepest | None:

@@ -15,7 +15,7 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import check_room_among
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
-from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, Shapes
+from mpsim.features.feature import AddedDiscs, Feature, Floats, Invalidation, Shapes
 from mpsim.features.packing_bounds import shortest_box
 from mpsim.kernels.records import moving_wall_in
 
@@ -137,7 +137,7 @@ class PistonFeature(Feature):
         number = np.concatenate([np.ones(scene.count), np.array([emitter.limit for emitter in ending], float)])
         _check_end(scene, "stop of the piston", np.concatenate([scene.radii, radii]), number)
 
-    def check_room(self, scene: Scene, new: NewDiscs) -> None:
+    def check_room(self, scene: Scene, new: AddedDiscs) -> None:
         if self.of(scene) is not None:
             together = np.append(new.present, new.radius)
             _check_end(scene, new.name, together, np.ones(len(together)))

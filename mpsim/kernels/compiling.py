@@ -44,7 +44,7 @@ PATIENCE = 1.0
 """Seconds to wait for an announcement that has begun: none that is well takes as long."""
 
 
-class Cost(NamedTuple):
+class CompileCost(NamedTuple):
     """Seconds that compiling a kernel takes: of a bare scene, and more for each field of `Features` that it has."""
 
     what: str
@@ -55,9 +55,9 @@ class Cost(NamedTuple):
 LOOPS = "the loops for this scene"
 
 COSTS = {
-    "run_grid": Cost(LOOPS, 10.0, 1.3),
-    "run_naive": Cost(LOOPS, 3.5, 0.7),
-    "run_events": Cost(LOOPS, 3.0, 0.1),
+    "run_grid": CompileCost(LOOPS, 10.0, 1.3),
+    "run_naive": CompileCost(LOOPS, 3.5, 0.7),
+    "run_events": CompileCost(LOOPS, 3.0, 0.1),
 }
 """By the kernel that Python calls: processor seconds with an empty cache, as measured on bare scenes and, for a field,
 on named scenes (of the exact solver on one with friction), Intel Xeon, Python 3.11, numba 0.68."""

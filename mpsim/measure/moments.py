@@ -106,7 +106,7 @@ def conserves_energy(scene: Scene) -> bool:
 Floats = NDArray[np.float64]
 
 
-class Part(NamedTuple):
+class Chunk(NamedTuple):
     """Consecutive discs, of which K are present. All properties are those of the present ones.
 
     Attributes:
@@ -144,12 +144,12 @@ class Part(NamedTuple):
         return np.ascontiguousarray(each[self.rows])[present_in(self.state)]
 
 
-def parts(discs: Discs) -> Iterator[Part]:
+def parts(discs: Discs) -> Iterator[Chunk]:
     """The discs in the order of their numbers, a chunk at a time; at least one part."""
-    return (Part(*each) for each in parts_of(discs))
+    return (Chunk(*each) for each in parts_of(discs))
 
 
-def total(discs: Discs, term: Callable[[Part], Any]) -> Any:
+def total(discs: Discs, term: Callable[[Chunk], Any]) -> Any:
     """The sum of a term over all parts; the term gives numbers, or arrays of one shape.
 
     >>> total(State(np.zeros((3, 2)), np.ones((3, 2))), lambda part: part.velocity.sum(axis=0)).tolist()
@@ -278,7 +278,7 @@ def any_moves(discs: Discs) -> bool:
 def mass_and_momentum(discs: Discs, masses: Floats) -> tuple[float, Floats]:
     """Sums of m [mass] and of m v, shape (2,) [mass length/time]; masses: shape (N,)."""
 
-    def term(part: Part) -> Floats:
+    def term(part: Chunk) -> Floats:
         mass = part.of(masses)
         return np.array([mass.sum(), *(mass[:, None] * part.velocity).sum(axis=0)])
 
@@ -295,7 +295,7 @@ def number_and_squares(discs: Discs, masses: Floats, drift: Any = 0.0) -> tuple[
         drift: shape (2,), or 0 [length/time].
     """
 
-    def term(part: Part) -> Floats:
+    def term(part: Chunk) -> Floats:
         squares = part.velocity - drift
         np.square(squares, out=squares)
         squares *= part.of(masses)[:, None]
@@ -313,7 +313,7 @@ def energy_of_translation(discs: Discs, masses: Floats) -> float:
 def energy_of_rotation(discs: Discs, masses: Floats, radii: Floats) -> float:
     """Sum of m a^2 spin^2 / 4 [mass length^2/time^2], 0 of discs that do not spin; masses, radii: shape (N,)."""
 
-    def term(part: Part) -> float:
+    def term(part: Chunk) -> float:
         if part.state.spin is None:
             return 0.0
         return float((part.of(masses) * (part.of(radii) * part.spin) ** 2).sum())
@@ -340,11 +340,11 @@ def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
     """
     masses = masses_of("pressure", scene, discs)
 
-    def mass_and_flow(part: Part) -> Floats:
+    def mass_and_flow(part: Chunk) -> Floats:
         mass = part.of(masses)
         return np.array([mass.sum(), *(mass[:, None] * part.velocity).sum(axis=0)])
 
-    def squares(part: Part) -> Floats:
+    def squares(part: Chunk) -> Floats:
         mass, (x, y) = part.of(masses), (part.velocity - drift).T
         return np.array(
             [(mass * x * x).sum(), (mass * y * y).sum(), (mass * x * y).sum()]

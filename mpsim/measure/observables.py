@@ -19,7 +19,7 @@ from mpsim.core.state import Discs, State, count_of
 from mpsim.errors import InputError
 from mpsim.measure import moments
 from mpsim.measure.correlation import close_pairs, lengths_of, to_nearest_image
-from mpsim.measure.moments import SAME_BOX, Part, checked_positions, masses_of, one_of_each, placed, radii_of
+from mpsim.measure.moments import SAME_BOX, Chunk, checked_positions, masses_of, one_of_each, placed, radii_of
 from mpsim.scene.scene import Scene
 
 TOUCHING = 8
@@ -143,7 +143,7 @@ def potential_energy(state: Discs, scene: Scene) -> float:
     masses = masses_of(name, scene, state)
     own = None if acceleration is None else one_of_each(name, "acceleration", acceleration, state)
 
-    def work(part: Part) -> NDArray[np.float64]:
+    def work(part: Chunk) -> NDArray[np.float64]:
         moment = part.of(masses)[:, None] * part.position
         of_gravity = 0.0 if gravity is None else (moment @ gravity).sum()
         return np.array([of_gravity, 0.0 if own is None else (moment * part.of(own)).sum()])
@@ -231,7 +231,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
         each = radii_of(name, scene, state)
     else:
         each = one_of_each(name, "radius", checks.finite_array("radii", radii, (None,), "(N,)"), state)
-    whole, numbers = Part(slice(None), state), np.flatnonzero(state.present)
+    whole, numbers = Chunk(slice(None), state), np.flatnonzero(state.present)
     position = whole.position
     radii = whole.of(each)
     diameter = 2 * float(radii.max(initial=0.0))
@@ -267,7 +267,7 @@ def speed_kurtosis(state: Discs) -> float:
     """
     unit = _moving_unit("speed_kurtosis", state)
 
-    def powers(part: Part) -> NDArray[np.float64]:
+    def powers(part: Chunk) -> NDArray[np.float64]:
         squares = _squares(part, unit)
         return np.array([len(squares), squares.sum(), (squares**2).sum()])
 
@@ -298,7 +298,7 @@ def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistrib
     ([0.0, 0.5, 0.5], 0.334701)
     """
     unit = _moving_unit("speed_distribution", state)
-    squares = np.sort(_squares(Part(slice(None), state), unit))
+    squares = np.sort(_squares(Chunk(slice(None), state), unit))
     mean_square, speed = float(squares.mean()), unit * np.sqrt(squares)
     edges = _edges(bins, float(speed[-1]))
     below = -np.expm1(-((edges / unit) ** 2) / mean_square)
@@ -399,7 +399,7 @@ def _moving_unit(name: str, discs: Discs) -> float:
     return unit
 
 
-def _squares(part: Part, unit: float) -> NDArray[np.float64]:
+def _squares(part: Chunk, unit: float) -> NDArray[np.float64]:
     """Squared speeds in units of a velocity, shape (K,)."""
     return ((part.velocity / unit) ** 2).sum(axis=1)
 

@@ -492,7 +492,9 @@ def _label_front(axes: Axes, table: Tradeoff, measure: str, front: Sequence[Row]
     for row in front:
         colour = FAMILIES.get(family(row.settings), OTHER)[0]
         error, cost = _place(row, measure)
-        point = Point(error, cost, axes.transData) if error else Point(ZERO, cost, axes.get_yaxis_transform())
+        point = (
+            PicturePoint(error, cost, axes.transData) if error else PicturePoint(ZERO, cost, axes.get_yaxis_transform())
+        )
         taken.append(_label(axes, short_label(row.settings), point, colour, taken, line))
 
 
@@ -514,7 +516,7 @@ def _along(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate(found)
 
 
-class Point(NamedTuple):
+class PicturePoint(NamedTuple):
     """A place in a picture, in the coordinates of a transform."""
 
     x: float
@@ -522,7 +524,9 @@ class Point(NamedTuple):
     transform: Transform
 
 
-def _label(axes: Axes, text: str, point: Point, colour: str, taken: Sequence[Bbox], line: NDArray[np.float64]) -> Bbox:
+def _label(
+    axes: Axes, text: str, point: PicturePoint, colour: str, taken: Sequence[Bbox], line: NDArray[np.float64]
+) -> Bbox:
     """Write one name where it overlaps least, around its point; returns the box that it fills."""
     name = axes.annotate(
         text,

@@ -28,7 +28,7 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class Shown:
+class SentPicture:
     """A picture for the pages.
 
     Attributes:
@@ -48,7 +48,7 @@ class Shown:
 class Audience(Protocol):
     """The pages. The thread of the source calls these methods; they must return at once."""
 
-    def show(self, picture: Shown) -> None:
+    def show(self, picture: SentPicture) -> None:
         """Take a picture, which replaces the one before."""
         ...
 
@@ -104,7 +104,7 @@ class Broadcast:
         self._serial += 1
         first = self._stage(0, discs, colours, plain)
         other = None if second is None else self._stage(1, second, colours, plain)
-        self._audience.show(Shown(self._serial, first.packed, first.radii, self.scene.capsules, other))
+        self._audience.show(SentPicture(self._serial, first.packed, first.radii, self.scene.capsules, other))
 
     def _stage(self, stage: int, discs: InPlace, colours: NDArray[np.uint8] | None, plain: bool) -> Stage:
         scene, count = self.scene, len(discs.number)

@@ -27,7 +27,7 @@ from mpsim.output import animation
 from mpsim.scene import scenefile, settings
 from mpsim.scene.scene import Scene
 from mpsim.viewer import wire
-from mpsim.viewer.broadcast import Shown
+from mpsim.viewer.broadcast import SentPicture
 from mpsim.viewer.colouring import ABSORBED, FASTEST
 
 # --- Makes a film of the latest pictures of a view, as GIF or MP4
@@ -66,11 +66,11 @@ class Film:
     """Keeps the pictures of the last seconds. It starts afresh when a second stage begins or ends."""
 
     def __init__(self) -> None:
-        self._kept: deque[Shown] = deque()
+        self._kept: deque[SentPicture] = deque()
         self._extent = (0.0, 0.0)
         self._next = 0.0
 
-    def add(self, picture: Shown, now: float) -> None:
+    def add(self, picture: SentPicture, now: float) -> None:
         """Keep a picture, if it is time for one; now: time of a clock [s]."""
         if now < self._next:
             return
@@ -90,18 +90,18 @@ class Film:
         held = {id(each): each for picture in self._kept for each in _buffers(picture)}
         return sum(each.nbytes if isinstance(each, np.ndarray) else len(each) for each in held.values())
 
-    def pictures(self) -> list[Shown]:
+    def pictures(self) -> list[SentPicture]:
         """The kept pictures, the oldest first."""
         return list(self._kept)
 
 
-def _buffers(picture: Shown) -> Iterator[bytes | bytearray | NDArray[np.float64]]:
+def _buffers(picture: SentPicture) -> Iterator[bytes | bytearray | NDArray[np.float64]]:
     yield from (picture.packed, picture.radii, picture.capsules)
     if picture.second is not None:
         yield from (picture.second.packed, picture.second.radii)
 
 
-def gif(pictures: Sequence[Shown]) -> bytes:
+def gif(pictures: Sequence[SentPicture]) -> bytes:
     """Encode pictures as a GIF that repeats forever.
 
     Raises:
@@ -117,7 +117,7 @@ def gif(pictures: Sequence[Shown]) -> bytes:
     return file.getvalue()
 
 
-def mp4(pictures: Sequence[Shown]) -> bytes:
+def mp4(pictures: Sequence[SentPicture]) -> bytes:
     """Encode pictures as an MP4 (H.264).
 
     Raises:
@@ -142,7 +142,7 @@ def mp4(pictures: Sequence[Shown]) -> bytes:
         return path.read_bytes()
 
 
-def _frames(pictures: Sequence[Shown]) -> tuple[list[Image.Image], int]:
+def _frames(pictures: Sequence[SentPicture]) -> tuple[list[Image.Image], int]:
     """Draw every n-th picture, with n such that drawing takes a few seconds at most; returns the drawings and n.
 
     Raises:
@@ -156,7 +156,7 @@ def _frames(pictures: Sequence[Shown]) -> tuple[list[Image.Image], int]:
     return [_drawn(shown) for shown in pictures[::step]], step
 
 
-def _drawn(shown: Shown) -> Image.Image:
+def _drawn(shown: SentPicture) -> Image.Image:
     """Draw one picture: one stage, or both side by side."""
     first = _stage(shown.packed, shown.radii, shown.capsules)
     if shown.second is None:

@@ -34,7 +34,7 @@ numbered by their order in the file."""
 
 
 @dataclass(frozen=True)
-class Moment:
+class RecordedFrame:
     """One frame of a recording.
 
     Attributes:
@@ -109,7 +109,7 @@ class Recording:
         self._seen = now
         return True
 
-    def at(self, index: int) -> Moment:
+    def at(self, index: int) -> RecordedFrame:
         """The frame of an index, 0 <= index < len.
 
         Raises:
@@ -137,7 +137,7 @@ class Recording:
         radii[numbers], present[numbers] = frame.radius, True
         # Without a scene no wall is drawn, and measures take the box of the first frame, though a wall may have moved.
         state = State(position, velocity, present=present, box=None if self._corner else discs.box)
-        return Moment(frame.frame, frame.known.get("time", nan), state, radii)
+        return RecordedFrame(frame.frame, frame.known.get("time", nan), state, radii)
 
     def close(self) -> None:
         """Close the file."""
@@ -213,7 +213,7 @@ class Playback(Source):
         self._follow = recording.follow
         self._playing = playing and not self._follow
         self._index = 0
-        self._moment: Moment | None = None  # the frame at the index, read when it is needed
+        self._moment: RecordedFrame | None = None  # the frame at the index, read when it is needed
         self._shown = self._gauged = -1  # indices
         self._radii = np.zeros(0)
         self._next_picture = self._next_gauges = self._next_file = 0.0
@@ -336,13 +336,13 @@ class Playback(Source):
             self._shown, self._next_picture = self._index, now + PICTURE_SECONDS
             self._show(self._moment)
 
-    def _show(self, moment: Moment) -> None:
+    def _show(self, moment: RecordedFrame) -> None:
         if not np.array_equal(moment.radii, self._radii):
             self._radii = moment.radii
             self._broadcast.forget_radii()
         self._broadcast.show(moment.state, moment.radii, moment.frame, moment.time)
 
-    def _tell_gauges(self, moment: Moment) -> None:
+    def _tell_gauges(self, moment: RecordedFrame) -> None:
         self._broadcast.scale = scale_of(moment.state)
         numbers = self._gauges.of(moment.state)
         meter = Meter(0.0)  # nothing runs, so it has no rates

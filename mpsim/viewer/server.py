@@ -24,7 +24,7 @@ from typing import Any, Protocol
 from mpsim.core.optional_packages import imported
 from mpsim.errors import InputError, MpsimError, ResourceError
 from mpsim.viewer import keep, link, wire
-from mpsim.viewer.broadcast import Shown
+from mpsim.viewer.broadcast import SentPicture
 from mpsim.viewer.source import Source
 
 # --- Decides which requests a view answers: those with its token, addressed to this machine, from its own page
@@ -254,7 +254,7 @@ class Client:
         self.silent: bool = False
         self._connection = connection
         self._texts: dict[str, str] = {}
-        self._picture: Shown | None = None
+        self._picture: SentPicture | None = None
         self._radii: list[bytes | None] = [None, None]  # of each stage
         self._in_flight: int | None = None
         self._sent_again = 0  # pictures up to this number may be acknowledged late, and more than once
@@ -279,7 +279,7 @@ class Client:
         self._texts[kind] = text
         self._news.set()
 
-    def show(self, picture: Shown) -> None:
+    def show(self, picture: SentPicture) -> None:
         """Send a picture when the page is ready for it; it replaces a waiting one."""
         self._picture = picture
         self._news.set()
@@ -369,7 +369,7 @@ class Downloads:
         """Cancel the films that wait, and end the threads."""
         self._drawing.shutdown(cancel_futures=True)
 
-    def show(self, picture: Shown) -> None:
+    def show(self, picture: SentPicture) -> None:
         """Keep a picture for films."""
         self._film.add(picture, time.monotonic())
 
@@ -431,7 +431,7 @@ class Pages(ABC):
         self._source: Source | None = None
         self._clients: dict[Client, asyncio.Task[None]] = {}
         self._texts: dict[str, str] = {}
-        self._picture: Shown | None = None
+        self._picture: SentPicture | None = None
         self._downloads = Downloads()
         self._spent = 0.0  # processor time of the thread that was already charged [s]
         self._loop: asyncio.AbstractEventLoop | None = None  # set by `start`
@@ -461,7 +461,7 @@ class Pages(ABC):
 
     # --- called by other threads
 
-    def show(self, picture: Shown) -> None:
+    def show(self, picture: SentPicture) -> None:
         """Pass a picture to the pages."""
         self.from_outside(self._show, picture)
 
@@ -488,7 +488,7 @@ class Pages(ABC):
     async def _until_the_end(self) -> None:
         """Serve pages until `_end` is set."""
 
-    def _show(self, picture: Shown) -> None:
+    def _show(self, picture: SentPicture) -> None:
         self._picture = picture
         self._downloads.show(picture)
         for client in self._clients:

@@ -87,7 +87,7 @@ class Header:
     stage: int = 0
 
 
-class Picture(NamedTuple):
+class UnpackedPicture(NamedTuple):
     """An unpacked picture.
 
     Attributes:
@@ -155,7 +155,7 @@ def pack_radii(radii: NDArray[np.float64], header: Header) -> bytes:
     return _header(RADII, 0, len(each), header) + each.tobytes()
 
 
-def unpack(message: bytes | bytearray | memoryview) -> Picture:
+def unpack(message: bytes | bytearray | memoryview) -> UnpackedPicture:
     """A picture from its bytes.
 
     Raises:
@@ -164,7 +164,7 @@ def unpack(message: bytes | bytearray | memoryview) -> Picture:
     header, count = _unpacked(message, PICTURE, 5)
     places = np.frombuffer(message, "<u2", 2 * count, HEADER.size).reshape(count, 2)
     position = places * (np.array(header.extent) / STEPS)
-    return Picture(header, position, np.frombuffer(message, np.uint8, count, HEADER.size + 4 * count))
+    return UnpackedPicture(header, position, np.frombuffer(message, np.uint8, count, HEADER.size + 4 * count))
 
 
 def unpack_radii(message: bytes | bytearray | memoryview) -> NDArray[np.float32]:

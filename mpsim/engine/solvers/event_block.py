@@ -27,7 +27,7 @@ from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
 from mpsim.kernels.events.boundary import COARSE, Box
 from mpsim.kernels.events.cells import plan_cells
-from mpsim.kernels.events.features.capsules import Capsules
+from mpsim.kernels.events.features.capsules import CellCapsules
 from mpsim.kernels.events.features.edges import Wall
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.kernels.events.solver import worst_overlap
@@ -256,11 +256,11 @@ def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: N
     return State(**found, present=~absorbed, box=scene.box_at(time))
 
 
-def _capsules(scene: Scene, cells: tuple[int, int]) -> Capsules:
+def _capsules(scene: Scene, cells: tuple[int, int]) -> CellCapsules:
     """The scene's capsules, listed by cells."""
     capsule = OBSTACLES.arrays(scene)["capsule"]
     lists, shift = lists_of_cells(capsule, (scene.width, scene.height), scene.largest_radius, cells)
-    return Capsules(capsule, lists.near, lists.listed, int(lists.grid[1]), shift)
+    return CellCapsules(capsule, lists.near, lists.listed, int(lists.grid[1]), shift)
 
 
 # --- Snapshots of the exact solver: their content, and checks of it
@@ -440,7 +440,7 @@ class System(NamedTuple):
     features: Any
 
 
-class Plan(NamedTuple):
+class BlockPlan(NamedTuple):
     """What says which arrays a block has, and what stands in those that do not change.
 
     Attributes:

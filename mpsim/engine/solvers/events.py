@@ -30,7 +30,7 @@ from mpsim.engine.solvers.base import (
     count_in,
 )
 from mpsim.engine.solvers.event_block import (
-    Plan,
+    BlockPlan,
     System,
     contact_time_of,
     crushed,
@@ -460,10 +460,12 @@ class EventSolver(Solver):
         return max(self.choice.workers)
 
     @property
-    def _plan(self) -> Plan:
+    def _plan(self) -> BlockPlan:
         """What says which arrays a block has now."""
         guards = self._contact_time, self._crushing_speed
-        return Plan(self._scene, self._settings.dt, self._units, *guards, self.origin, self._most_workers, self.logging)
+        return BlockPlan(
+            self._scene, self._settings.dt, self._units, *guards, self.origin, self._most_workers, self.logging
+        )
 
 
 @contextlib.contextmanager

@@ -31,8 +31,8 @@ from mpsim.engine.solvers.mpi_part import (
     Asked,
     Border,
     DiscsByNumber,
-    Part,
     Range,
+    Subdomain,
     answers_to_one,
     borders_of,
     dealt,
@@ -40,8 +40,16 @@ from mpsim.engine.solvers.mpi_part import (
     refuse_giants,
 )
 from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator, raised_together
-from mpsim.engine.solvers.speeds import Fastest, Speeds, Walls, disc_too_fast, fastest_in, sides_at, speeds_together
-from mpsim.engine.solvers.speeds import Part as SpeedsOfPart
+from mpsim.engine.solvers.speeds import (
+    BoxSides,
+    DiscSpeeds,
+    Fastest,
+    Speeds,
+    disc_too_fast,
+    fastest_in,
+    sides_at,
+    speeds_together,
+)
 from mpsim.engine.solvers.stepped import SteppedSolver, disc_at
 from mpsim.engine.workers.shared import Grid, resident_bytes
 from mpsim.errors import BusyError, DivergedError, InputError
@@ -159,7 +167,7 @@ def speeds_on_ranks(
         if ranks.rank == 0:
             numbers = np.append(numbers, range(count, len(radii)))
             velocity = np.append(velocity, new.velocity, 0)
-    part = SpeedsOfPart.of(numbers, velocity, radii[numbers], Walls(sides, scene.periodic, scene.largest_radius))
+    part = DiscSpeeds.of(numbers, velocity, radii[numbers], BoxSides(sides, scene.periodic, scene.largest_radius))
     return speeds_together(part, ranks.all_of, radii if present is None else radii[present], sides)
 
 
@@ -193,7 +201,7 @@ class MpiSolver(OnRanks):
         self._fastest = Fastest()
         self._workers = 1  # of each rank, itself included
         self._ranks: Communicator | None = None
-        self._part: Part | None = None
+        self._part: Subdomain | None = None
         self._last_frame = 0
         self._half_done = False
         self._tolerated, self._is_uneven = math.inf, False
@@ -241,7 +249,7 @@ class MpiSolver(OnRanks):
 
     def _enter(
         self,
-        records: Callable[[Part, Grid], NDArray[Any]],
+        records: Callable[[Subdomain, Grid], NDArray[Any]],
         brought: NewDiscs,
         first: int,
         progress: tuple[int, int],
@@ -261,7 +269,7 @@ class MpiSolver(OnRanks):
                 f"{ranks.size}. Start fewer: mpiexec -n {grid.columns}."
             )
         if self._part is None:
-            self._part = Part(scene, self._settings, self.choice.processes.start_method, self._workers)
+            self._part = Subdomain(scene, self._settings, self.choice.processes.start_method, self._workers)
         part, self._numbered = self._part, None
         given = records(part, grid)
         column = given["cell"] // (grid.rows + 2)
@@ -282,7 +290,7 @@ class MpiSolver(OnRanks):
         now = Present(self._radii, self._grid, None, self.substeps, self._speed_limit, self.origin)
         self._held().configure(now)
 
-    def _held(self) -> Part:
+    def _held(self) -> Subdomain:
         assert self._part is not None  # likewise
         return self._part
 
@@ -308,7 +316,7 @@ class MpiSolver(OnRanks):
         self._half_done = False
         return done
 
-    def _begin_command(self, part: Part, frames: int) -> None:
+    def _begin_command(self, part: Subdomain, frames: int) -> None:
         """Deal own columns to the workers, and write zeros where they count."""
         self._control.frames = frames
         part.deal(any(border.is_left for border in self._borders))
@@ -316,7 +324,7 @@ class MpiSolver(OnRanks):
         team["collisions"] = team["fastest"] = team["frame"] = 0
         self._begin_counts(part.arrays, frames)
 
-    def _balance(self, part: Part, ranks: Communicator) -> None:
+    def _balance(self, part: Subdomain, ranks: Communicator) -> None:
         """Deal the columns anew where one rank has far more discs than others: all know how many each column has."""
         if ranks.size == 1 or self._control.in_order == 0:
             return
@@ -352,7 +360,7 @@ class MpiSolver(OnRanks):
         """The rank that has each of some columns."""
         return np.searchsorted(self._firsts, column, side="right") - 1
 
-    def _run(self, part: Part, ranks: Communicator) -> Slice:
+    def _run(self, part: Subdomain, ranks: Communicator) -> Slice:
         """Run the command that stands in `control`."""
         started, frame = time.monotonic(), 0
         part.arrays["team"]["frame"] = 0
@@ -371,7 +379,7 @@ class MpiSolver(OnRanks):
     def half_done(self) -> bool:
         return self._half_done
 
-    def _slice(self, part: Part, ranks: Communicator, frames: int) -> Slice:
+    def _slice(self, part: Subdomain, ranks: Communicator, frames: int) -> Slice:
         """What all ranks took and counted."""
         arrays, own = part.arrays, slice(self._workers)
         tally = arrays["tally"][own, :frames] if self.tallied else None
@@ -383,7 +391,7 @@ class MpiSolver(OnRanks):
         counted = self._totals(np.concatenate(tallies)) if self.tallied else None
         return Slice(np.concatenate(times), sum(collisions), counted)
 
-    def _step(self, part: Part, ranks: Communicator, frame: int, step: int) -> None:
+    def _step(self, part: Subdomain, ranks: Communicator, frame: int, step: int) -> None:
         """A step of this rank that has begun, and the beginning of the next one of this command, where there is one."""
         part.take_in(self._migrated(part, ranks, frame))
         ahead = frame if step + 1 < self.substeps else frame + 1
@@ -397,7 +405,7 @@ class MpiSolver(OnRanks):
                 self._resolve_borders(borders, part, ranks, frame)
             part.run(records.ODD, records.NO_FRAME if turn + 1 < self._settings.passes else ahead)
 
-    def _migrated(self, part: Part, ranks: Communicator, frame: int) -> NDArray[Any]:
+    def _migrated(self, part: Subdomain, ranks: Communicator, frame: int) -> NDArray[Any]:
         """Give away the discs that have left own columns; returns those that have come."""
         began = time.perf_counter_ns()
         leaving = part.emigrants()
@@ -417,7 +425,7 @@ class MpiSolver(OnRanks):
         part.arrays["times"][0, frame, records.WAIT] += time.perf_counter_ns() - began
         return arrived
 
-    def _resolve_borders(self, borders: list[Border], part: Part, ranks: Communicator, frame: int) -> None:
+    def _resolve_borders(self, borders: list[Border], part: Subdomain, ranks: Communicator, frame: int) -> None:
         """The brackets at some borders."""
         began = time.perf_counter_ns()
         given = [(border.other, int(border.is_periodic), part.column_at(border)) for border in borders]
@@ -426,7 +434,7 @@ class MpiSolver(OnRanks):
         for border, (_, _, own), beyond in zip(borders, given, taken, strict=True):
             part.resolve_at(records.ODD if border.is_odd else records.EVEN, border, len(own), beyond)
 
-    def _diverged(self, part: Part, ranks: Communicator) -> DivergedError:
+    def _diverged(self, part: Subdomain, ranks: Communicator) -> DivergedError:
         """The exception for a disc that is not finite, the one of the least number."""
         own = [disc_at(part.live, int(slot)) for slot in part.team["bad_slot"] if slot >= 0]
         disc, values = min(each for told in ranks.all_of(own) for each in told)
@@ -488,7 +496,7 @@ class MpiSolver(OnRanks):
         self._half_done = True
         self.count, self._radii, self._masses = len(radii), radii, masses
 
-        def records(part: Part, grid: Grid) -> NDArray[Any]:
+        def records(part: Subdomain, grid: Grid) -> NDArray[Any]:
             """Own discs, and of one rank the new ones."""
             added = part.records_of(new, first, grid)
             return np.concatenate([part.in_grid(own, grid), added[: len(added) * (self._shared().rank == 0)]])

@@ -108,7 +108,7 @@ SPARE, FEWEST = 1.25, 256
 """Discs for which there is room: so many times those of the start, and at least so many more."""
 
 
-class Part:
+class Subdomain:
     """The block of one rank and its workers: arrays of its discs, and columns by id of all discs.
 
     Args:
@@ -542,7 +542,9 @@ class DiscsByNumber:
         ask: what each rank answers, by `own`.
     """
 
-    def __init__(self, part: Part, scene: Scene, box: Box, count: int, ask: Callable[[Asked], list[tuple[Any, Rows]]]):
+    def __init__(
+        self, part: Subdomain, scene: Scene, box: Box, count: int, ask: Callable[[Asked], list[tuple[Any, Rows]]]
+    ):
         self._part = part
         self._scene = scene
         self._box = box

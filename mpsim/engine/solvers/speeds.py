@@ -82,7 +82,7 @@ def speeds_of(
     if not len(velocity):
         return Speeds()
     sides, numbers = sides_at(scene, time), np.arange(len(velocity))
-    part = Part.of(numbers, velocity, radius, Walls(sides, scene.periodic, float(radius.max())))
+    part = DiscSpeeds.of(numbers, velocity, radius, BoxSides(sides, scene.periodic, float(radius.max())))
     largest = part.largest_square
     mean_square = mean_from(part.counted(largest, len(radius)), largest, len(radius))
     return _with_means(part.fastest, mean_square, radius, sides, [(0, len(radius))])
@@ -93,16 +93,16 @@ def speeds_at_start(scene: Scene) -> Speeds:
     if not scene.count:
         return Speeds()
     radii, sides, pieces = scene.radii, sides_at(scene, 0.0), list(scene.pieces())
-    walls, fastest, squares = Walls(sides, scene.periodic, float(radii.max())), (), 0.0
+    walls, fastest, squares = BoxSides(sides, scene.periodic, float(radii.max())), (), 0.0
     for first, velocity in scene.velocities_in_pieces():
         last = first + len(velocity)
-        part = Part.of(np.arange(first, last), velocity, radii[first:last], walls)
+        part = DiscSpeeds.of(np.arange(first, last), velocity, radii[first:last], walls)
         fastest, squares = faster_of(fastest, part.fastest), squares + float(part.squares.sum())
     return _with_means(fastest, squares / len(radii), radii, sides, pieces)
 
 
 def speeds_together(
-    part: "Part", all_of: Callable[[Any], list[Any]], radius: NDArray[np.float64], sides: tuple[float, float]
+    part: "DiscSpeeds", all_of: Callable[[Any], list[Any]], radius: NDArray[np.float64], sides: tuple[float, float]
 ) -> Speeds:
     """Speeds of discs of which each of several processes has a part: what `speeds_of` finds of all of them.
 
@@ -120,7 +120,7 @@ def speeds_together(
     return _with_means(fastest, mean_square, radius, sides, ranges(count))
 
 
-class Walls(NamedTuple):
+class BoxSides(NamedTuple):
     """What discs may be too close to: sides of the box [length], which of them are periodic, and the largest radius."""
 
     sides: tuple[float, float]
@@ -128,7 +128,7 @@ class Walls(NamedTuple):
     largest_radius: float
 
 
-class Part(NamedTuple):
+class DiscSpeeds(NamedTuple):
     """What is known of the speeds of some discs.
 
     Attributes:
@@ -144,8 +144,8 @@ class Part(NamedTuple):
 
     @classmethod
     def of(
-        cls, numbers: NDArray[np.int64], velocity: NDArray[Any], radius: NDArray[np.float64], walls: Walls
-    ) -> "Part":
+        cls, numbers: NDArray[np.int64], velocity: NDArray[Any], radius: NDArray[np.float64], walls: BoxSides
+    ) -> "DiscSpeeds":
         """Of the discs of these numbers, rising, velocities of shape (K, 2) and radii of shape (K,)."""
         if not len(numbers):
             return cls((), np.zeros(0), 0.0)

@@ -72,7 +72,7 @@ INLINE = 64
 
 
 @dataclass
-class Source:
+class ArraySource:
     """Where the arrays of a scene file may come from.
 
     Attributes:
@@ -99,7 +99,7 @@ class Source:
 
 
 def array(
-    name: str, value: Any, shapes: tuple[tuple[int | None, ...], ...], meaning: str, source: Source
+    name: str, value: Any, shapes: tuple[tuple[int | None, ...], ...], meaning: str, source: ArraySource
 ) -> NDArray[np.float64]:
     """Numbers, or those of a file given by name, as a float64 array of one of the shapes (None: any length).
 
@@ -116,7 +116,7 @@ def array(
     return checks.finite_array(name, numbers, fitting[0] if fitting and numbers.size else shapes[-1], meaning)
 
 
-def from_file(name: str, path: str, source: Source) -> NDArray[Any]:
+def from_file(name: str, path: str, source: ArraySource) -> NDArray[Any]:
     """The array in a .npy or .csv file in the scene file's folder or below.
 
     Raises:
@@ -361,9 +361,9 @@ def array_of(*shapes: tuple[int | None, ...], meaning: str, unit: str | None = N
     return checked(check)
 
 
-def source_of(info: ValidationInfo) -> Source:
+def source_of(info: ValidationInfo) -> ArraySource:
     """Where arrays may come from: the context of the validation."""
-    assert isinstance(info.context, Source)
+    assert isinstance(info.context, ArraySource)
     return info.context
 
 
@@ -399,7 +399,7 @@ Tables = tuple[tuple[str, str, type[Table]], ...]
 """Of each kind of a table its name in the annotation, its title in the docs, its class."""
 
 
-class Part:
+class FeatureTables:
     """The tables of one feature.
 
     Attributes:
@@ -435,7 +435,7 @@ class Part:
         raise NotImplementedError
 
 
-class SinglePart(Part):
+class SinglePart(FeatureTables):
     """The table of a feature that a scene has once: its keys are the fields of the feature's class."""
 
     several = False
@@ -596,7 +596,7 @@ def _are_too_many(tables: list[Any]) -> bool:
     return False
 
 
-class ObstaclesPart(Part):
+class ObstaclesPart(FeatureTables):
     """Discs, discs on a lattice, and chains of walls."""
 
     argument = "obstacles"
@@ -734,7 +734,7 @@ class EmitterTable(Table):
         return [Emitter(**dict(zip(each, row, strict=True))) for row in rows]
 
 
-class EmittersPart(Part):
+class EmittersPart(FeatureTables):
     """Where discs enter."""
 
     argument = "emitters"
@@ -762,7 +762,7 @@ class EmittersPart(Part):
 
 # --- The list of all features in scene files
 
-PARTS: tuple[Part, ...] = (
+PARTS: tuple[FeatureTables, ...] = (
     ObstaclesPart(),
     EmittersPart(),
     *(SinglePart(feature) for feature in FEATURES if feature.keys),

@@ -26,8 +26,8 @@ from mpsim.scene.scenefile.parts import (
     MOST_PROBLEMS,
     MOST_TABLES,
     PARTS,
+    ArraySource,
     Files,
-    Source,
     array_lines,
     pairs,
 )
@@ -218,7 +218,7 @@ def load(source: str | os.PathLike[str]) -> SceneFile:
     path = _find(source)
     label = os.fspath(source) if path.parent != PACKAGED else f"scenes/{path.name}"
     tables = _parsed(path, label)
-    arrays = Source(path.parent)
+    arrays = ArraySource(path.parent)
     logger.info("mpsim: reading %s", path)
     try:
         table = schema.SceneTable.model_validate(tables, context=arrays)

@@ -143,7 +143,7 @@ else:
     _Own = pydantic.create_model("_Own", __base__=_Places, **{name: _key_of(each) for name, each in PER_DISC.items()})
 
 
-class Discs(_Own):
+class DiscGroup(_Own):
     """A group of discs: initial positions and velocities, radii, masses."""
 
     velocity: Annotated[
@@ -158,7 +158,7 @@ class Discs(_Own):
     ] = None
 
     @model_validator(mode="after")
-    def _fits_together(self) -> "Discs":
+    def _fits_together(self) -> "DiscGroup":
         if (self.position is None) == (self.places is None):
             got = "neither" if self.position is None else "both"
             raise InputError(f"discs must have either position or places; got {got}.")
@@ -243,7 +243,7 @@ class _SceneTable(_Physics):
     compressed: Annotated[
         Compressed | None, Field(description="the start is compressed to a higher packing, in a smaller box")
     ] = None
-    discs: Annotated[list[Discs], Field(description="groups of discs")] = []  # noqa: RUF012 - pydantic copies it
+    discs: Annotated[list[DiscGroup], Field(description="groups of discs")] = []  # noqa: RUF012 - pydantic copies it
 
     @model_validator(mode="after")
     def _box_is_given_once(self) -> "_SceneTable":
@@ -272,7 +272,7 @@ LEVELS: dict[str, list[type[Table]]] = {
     "about": [About],
     "settings": [SettingsTable],
     "compressed": [Compressed],
-    "discs": [Discs],
+    "discs": [DiscGroup],
     **{part.argument: [table for _, _, table in part.tables] for part in PARTS},
 }
 """Tables by their key."""
@@ -289,7 +289,7 @@ def reference() -> str:
         ("The file itself", SceneTable),
         ("`[about]`", About),
         ("`[compressed]`", Compressed),
-        ("`[[discs]]`", Discs),
+        ("`[[discs]]`", DiscGroup),
     ]
     for part in PARTS:
         parts += [(title, table) for _, title, table in part.tables]
@@ -414,7 +414,7 @@ def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | No
 
 
 def _group(
-    discs: Discs, box: tuple[float, float], taken: Taken, periodic: tuple[bool, bool], variation: int | None
+    discs: DiscGroup, box: tuple[float, float], taken: Taken, periodic: tuple[bool, bool], variation: int | None
 ) -> Arguments:
     """One group of discs as arguments of Scene, which is also added to `taken`."""
     rng = np.random.default_rng(discs.seed if variation is None else [discs.seed, variation])
@@ -434,7 +434,7 @@ def _group(
     return {"position": position, "velocity": velocity, **own}
 
 
-def _own(discs: Discs, count: int) -> Arguments:
+def _own(discs: DiscGroup, count: int) -> Arguments:
     """What features have of each disc of a group: a number for all, or one each; vectors as rows; None if not given."""
     own: Arguments = {}
     for name in PER_DISC:
@@ -448,7 +448,7 @@ def _own(discs: Discs, count: int) -> Arguments:
     return own
 
 
-def _places(discs: Discs, box: tuple[float, float]) -> NDArray[np.float64]:
+def _places(discs: DiscGroup, box: tuple[float, float]) -> NDArray[np.float64]:
     """Given centres, or those on a lattice."""
     if discs.position is not None:
         return discs.position

@@ -14,7 +14,7 @@ from mpsim.kernels.events.flight import INFINITY, time_to_circle, time_to_come_d
 from mpsim.kernels.events.records import FIRST_CAPSULE
 
 
-class Capsules(NamedTuple):
+class CellCapsules(NamedTuple):
     """Capsules, and which of them are near each cell.
 
     capsule: shape (K, 5), including images through a periodic border: ax, ay, bx, by, radius [length].

@@ -13,21 +13,21 @@ from mpsim.kernels.events.records import counts, mixed_real
 # a^2 / 2, so that a tangential impulse J changes the slip of the surfaces by 3 J / m_eff.
 
 
-class Friction(NamedTuple):
+class ImpactFriction(NamedTuple):
     """Of two discs, or of a disc and a wall: largest ratio of tangential to normal impulse, and restitution."""
 
     coefficient: float
     tangential_restitution: float
 
 
-def friction_of(scene: Any) -> Friction | None:
+def friction_of(scene: Any) -> ImpactFriction | None:
     """Of two discs."""
-    return Friction(scene.friction, scene.tangential_restitution) if scene.friction > 0 else None
+    return ImpactFriction(scene.friction, scene.tangential_restitution) if scene.friction > 0 else None
 
 
-def wall_friction_of(scene: Any) -> Friction | None:
+def wall_friction_of(scene: Any) -> ImpactFriction | None:
     """Of a disc and a wall."""
-    return Friction(scene.wall_friction, scene.tangential_restitution) if scene.wall_friction > 0 else None
+    return ImpactFriction(scene.wall_friction, scene.tangential_restitution) if scene.wall_friction > 0 else None
 
 
 @inlined
