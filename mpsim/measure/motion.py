@@ -1,4 +1,20 @@
-"""Functions of time correlations, and the multiple-tau scheme that collects them."""
+"""Functions of time correlations, and the multiple-tau scheme that collects them.
+
+Level 0 keeps the last `points` samples and correlates each new one with all of them: lags 0, 1, ..., points - 1.
+Level 1 gets every second sample, or two neighbours merged into one, and so on: level l has lags of k 2^l samples,
+with k from points / 2 to points - 1. Lags are then spaced evenly on a logarithmic scale, and each doubling of the
+longest one costs `points` samples of memory.
+
+    level 0   o o o o o o o o o o o o o o o o      lags 0 1 2 3 4 5 6 7
+    level 1    o   o   o   o   o   o   o   o               8  10  12  14
+    level 2        o       o       o       o              16  20  24  28      (points = 8)
+
+Sums of products are kept separately for parts of the run; errors follow from the scatter of the parts: see
+`BlockSums`.
+
+Source: Ramirez, Sukumaran, Vorselaars & Likhtman, J. Chem. Phys. 133, 154103 (2010), with m = 2; from the hardware
+correlators of light scattering (Schaetzel, 1985).
+"""
 
 from __future__ import annotations
 
@@ -14,21 +30,6 @@ from mpsim.errors import InputError, NotRecordedError
 from mpsim.measure.statistics import FEWEST_BLOCKS, Measure, average_beside, energy_in_bath
 
 # --- The multiple-tau scheme: correlations at lags from one sample to millions, in bounded memory, as samples arrive
-#
-# Level 0 keeps the last `points` samples and correlates each new one with all of them: lags 0, 1, ..., points - 1.
-# Level 1 gets every second sample, or two neighbours merged into one, and so on: level l has lags of k 2^l samples,
-# with k from points / 2 to points - 1. Lags are then spaced evenly on a logarithmic scale, and each doubling of the
-# longest one costs `points` samples of memory.
-#
-#     level 0   o o o o o o o o o o o o o o o o      lags 0 1 2 3 4 5 6 7
-#     level 1    o   o   o   o   o   o   o   o               8  10  12  14
-#     level 2        o       o       o       o              16  20  24  28      (points = 8)
-#
-# Sums of products are kept separately for parts of the run; errors follow from the scatter of the parts: see
-# `BlockSums`.
-#
-# Source: Ramirez, Sukumaran, Vorselaars & Likhtman, J. Chem. Phys. 133, 154103 (2010), with m = 2; from the hardware
-# correlators of light scattering (Schaetzel, 1985).
 
 Floats = NDArray[np.float64]
 

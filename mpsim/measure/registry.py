@@ -1,4 +1,12 @@
-"""The registry of all quantities that runs and studies measure, and their averages during a run."""
+"""The registry of all quantities that runs and studies measure, and their averages during a run.
+
+A pressure has a kinetic and a collisional part. The first needs velocities, which are sampled along the run; the
+second is counted.
+
+A run measures by three kinds of functions. *Counted* ones take sums that the kernels keep for each frame on request:
+impulses on walls and between discs, overlaps. *Sampled* ones are functions of a state; the run averages their values
+at fixed frames. *Drifts* compare the final state with the initial one and with the counts in between.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -42,9 +50,6 @@ from mpsim.scene.scene import Scene
 # --- The registry of all quantities that runs and studies measure, those of the counts of kernels, and drifts
 
 # --- Measures from counts of the kernels in each frame: impulses on walls and between discs, collisions, overlaps
-#
-# A pressure has a kinetic and a collisional part. The first needs velocities, which are sampled along the run; the
-# second is counted.
 
 
 @dataclass(frozen=True)
@@ -310,10 +315,6 @@ MOMENTUM_DRIFT = Drift(_momenta, _momentum_drift)
 
 
 # --- The registry of all quantities that runs and trade-off studies can measure
-#
-# A run measures by three kinds of functions. *Counted* ones take sums that the kernels keep for each frame on request:
-# impulses on walls and between discs, overlaps. *Sampled* ones are functions of a state; the run averages their values
-# at fixed frames. *Drifts* compare the final state with the initial one and with the counts in between.
 
 Error = Literal["relative", "difference", "mean", "largest", "depth", "distribution", "short"]
 """How a trade-off study takes the error of an observable from runs of a candidate and of the reference.

@@ -1,4 +1,10 @@
-"""Means with their standard errors, the start of the stationary part of a series, and fitted orders."""
+"""Means with their standard errors, the start of the stationary part of a series, and fitted orders.
+
+The mean of n samples has the variance S(0) / n, where S is the spectral density, S(0) the sum of all
+autocovariances. These may be positive (a slow quantity) or negative (impulses on a wall: a disc that has just hit
+one returns only after it has crossed the box). S is even in the frequency, so that near 0 it deviates from S(0) only
+quadratically; averages over blocks of length B have an error of order 1/B.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +22,6 @@ from mpsim.core.text import RELATIVE_ROUNDING, with_error
 from mpsim.errors import InputError
 
 # --- Error of the mean of a correlated series, from its spectrum at low frequencies
-#
-# The mean of n samples has the variance S(0) / n, where S is the spectral density, S(0) the sum of all
-# autocovariances. These may be positive (a slow quantity) or negative (impulses on a wall: a disc that has just hit
-# one returns only after it has crossed the box). S is even in the frequency, so that near 0 it deviates from S(0) only
-# quadratically; averages over blocks of length B have an error of order 1/B.
 
 LEAST = 16
 """Smallest number of ordinates of the periodogram in a fit: S(0) is then known to 38 %, its root to 19 %."""

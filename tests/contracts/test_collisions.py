@@ -47,7 +47,7 @@ def assert_same(found, method, count=COUNT):
 
 
 @pytest.mark.parametrize(
-    ("workers", "cuts"), [(1, (1,) * 6 + (18,)), pytest.param(3, (5, 1, 18), marks=pytest.mark.slow)]
+    ("workers", "cuts"), [(1, (1,) * 6 + (18,)), pytest.param(3, (5, 1, 18), marks=pytest.mark.long)]
 )
 def test_stepped_collisions_are_the_same_on_any_workers(workers, cuts):
     assert_same(logged(cuts, **GRID | {"method": "parallel", "workers": workers}), "grid")

@@ -139,7 +139,7 @@ def test_the_guard_is_told_once_in_a_simulation():
         assert first.guarded > 1 < sim.run(frames=1).guarded, "and the second time there is no warning"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scene_at_rest_is_told_while_it_runs():
     """Its frames would take millions of bounces each."""
     with simulate(ball(3, wall_restitution=0.3), method="event", dt=1.0) as sim, warnings.catch_warnings():

@@ -47,7 +47,7 @@ def table():
     return tradeoff(heap(), [MODEL, FINE, COARSE], replicas=2, contact_time=CONTACT_TIME)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_table_against_the_model_says_so_and_never_that_it_is_exact(table):
     assert [row.failure for row in table.rows] == [None] * 3
     words = (
@@ -126,7 +126,7 @@ def test_settings_of_which_mpsim_warns_are_not_recommended_where_others_meet_the
         sim.run(until=1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_real_answer_stays_inside_its_budgets_in_a_long_run():
     scene, budgets = gas(20, 0.3), {"overlap": 0.05, "trajectory": 0.2}
     found = tune(scene, budgets, until=5, replicas=2, candidates=[Settings(method="grid", contact="push")])

@@ -129,7 +129,7 @@ def assert_always_whole(results, figures, what):
     assert results["left"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_writer_killed_at_any_line_or_byte_leaves_a_whole_checkpoint(figures):
     what = {"line": "at every 7th line of our own code", "byte": "after every 300 bytes"}
     assert_always_whole(killed_writers({"line": 7, "byte": 300}), figures, what)

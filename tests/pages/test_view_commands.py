@@ -497,7 +497,7 @@ def test_a_search_that_cannot_begin_says_why_and_the_run_goes_on():
         page.step_to(2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of time steps that the search tries
 def test_a_search_is_stopped_and_another_one_sets_both_stages():
     with paused(gas(20, 0.2), GRID, beside=mpsim.Settings(method="grid", contact="push", dt=0.005)) as page:

@@ -32,7 +32,7 @@ def over_claimed(found, errors=None):
     return scatter / np.sqrt(np.mean(np.square(errors)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_errors_of_wall_pressure_at_low_packing_are_those_of_other_starts():
     """40 starts know a scatter to 11 %, and each run its error to some 30 %."""
     found, series = runs(0.02, "walls", 200, 40, ["collision_rate"], sensors=("left", "right", "bottom", "top"))
