@@ -92,6 +92,8 @@ class Observers:
 
     def observe(self, sim: Simulation, collisions: int) -> None:
         """Call the observers whose frame this is."""
+        if not self._observers:
+            return
         with self._timed():
             for each in self._observers:
                 if sim.frame % each.every == 0:
