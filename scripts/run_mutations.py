@@ -35,28 +35,18 @@ MACHINE_CODE = Path(tempfile.gettempdir()) / "mpsim-mutations"
 FAMILIES = {
     "contacts": [
         "kernels/frame/contacts",
-        "kernels/frame/flight",
-        "kernels/features/boundary",
+        "kernels/frame/motion",
+        "kernels/features/edges",
         "kernels/features/capsules",
     ],
-    "laws": ["kernels/frame/laws", "kernels/features/friction", "kernels/bouncing", "kernels/frame/motion"],
-    "sort": [
-        "kernels/frame/counting_sort",
-        "kernels/frame/incremental_sort",
-        "kernels/frame/sorting",
-        "kernels/frame/sharing",
-    ],
-    "events": [
-        "kernels/events/calendar",
-        "kernels/events/cells",
-        "kernels/events/impacts",
-        "kernels/events/prediction",
-    ],
-    "windows": ["kernels/events/windows", "kernels/events/tiles"],
-    "checkpoint": ["engine/checkpoint", "engine/checkpoint_validation", "engine/checkpointer", "core/archive"],
-    "changes": ["engine/changes", "engine/journal", "engine/parameters", "engine/insertion"],
-    "statistics": ["measure/statistics", "measure/run_averages", "measure/moments", "measure/multiple_tau"],
-    "readers": ["output/xyz", "output/lammps", "output/gsd", "output/text_frames", "scene/scenefile/reading"],
+    "laws": ["kernels/frame/laws", "kernels/features/friction", "kernels/geometry", "kernels/frame/motion"],
+    "sort": ["kernels/frame/sorting"],
+    "events": ["kernels/events/calendar", "kernels/events/cells", "kernels/events/impacts"],
+    "windows": ["kernels/events/windows"],
+    "checkpoint": ["engine/checkpoint", "core/archive"],
+    "changes": ["engine/changes", "engine/journal", "engine/parameters"],
+    "statistics": ["measure/statistics", "measure/registry", "measure/moments", "measure/motion"],
+    "readers": ["output/xyz", "output/gsd", "scene/scenefile/reading"],
 }
 """Modules in which faults are drawn, by subject."""
 
