@@ -159,13 +159,20 @@ def html_table(table: "Tradeoff") -> str:
     return f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
 
 
+ASIDE = ("ran", "bytes per disc", "energy drift", "momentum drift")
+"""Columns that a page does without."""
+
+
 def markdown_table(table: "Tradeoff") -> str:
-    """The table for a page of the docs."""
+    """The table for a page of the docs, with the exact solver and what "auto" has chosen."""
     heads = header(table)
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    kept = [column for column, head in enumerate(heads) if not head.startswith(ASIDE)]
+    lines = [f"| {' | '.join(heads[column] for column in kept)} |", f"|{'---|' * len(kept)}"]
     for row in table.rows:
-        texts = [" ".join(cell.split()).replace("|", "\\|") for cell in cells(row, table.measures)]
-        lines.append(f"| {' | '.join(texts + [''] * (len(heads) - len(texts)))} |")
+        if row.settings.method in ("auto", "event"):
+            texts = [" ".join(cell.split()).replace("|", "\\|") for cell in cells(row, table.measures)]
+            texts += [""] * (len(heads) - len(texts))
+            lines.append(f"| {' | '.join(texts[column] for column in kept)} |")
     return "\n".join([*lines, "", title(table), *reasons(table)])
 
 
