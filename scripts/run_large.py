@@ -28,19 +28,6 @@ from mpsim.output.xyz import XyzWriter
 
 PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
 
-MARKS = {
-    "Scene.random": 100.0,
-    "Simulation and first frame": 30.0,
-    "save": 25.0,
-    "save, replacing a checkpoint": 25.0,
-    "resume": 25.0,
-    "state": 4.0,
-    "state and digest": 8.0,
-    "XYZ frame": 60.0,
-    "GSD frame": 10.0,
-}
-"""Goals, in frames."""
-
 FRAMES = 20
 
 
@@ -117,14 +104,12 @@ def table(discs: int, frame: float, block: int, meter: Meter) -> str:
     lines = [
         f"{discs:,} discs; a frame takes {frame / discs * 1e9:.1f} ns per disc on two workers, and the block has "
         f"{block / discs:.0f} bytes per disc.\n",
-        "| | s | µs per disc | frames | goal | peak memory, bytes per disc |",
-        "|---|---|---|---|---|---|",
+        "| | µs per disc | frames | peak memory, bytes per disc |",
+        "|---|---|---|---|",
     ]
     for name, seconds in meter.seconds.items():
-        goal = f"{MARKS[name]:.0f}" if name in MARKS else ""
         lines.append(
-            f"| {name} | {seconds:.2f} | {seconds / discs * 1e6:.3f} | {seconds / frame:.1f} | {goal} | "
-            f"{meter.peaks[name] / discs:.0f} ({meter.peaks[name] / block:.1f} blocks) |"
+            f"| {name} | {seconds / discs * 1e6:.3f} | {seconds / frame:.1f} | {meter.peaks[name] / discs:.0f} |"
         )
     return "\n".join(lines)
 

@@ -228,8 +228,7 @@ def times_table(discs: int, found: dict[str, list[tuple[float, Sent]]]) -> list[
         quartiles = np.percentile(times / discs * 1e9, [50, 25, 75])
         lines.append(
             f"| {discs:,} | {kind} | {quartiles[0]:.2f} ({quartiles[1]:.2f} to {quartiles[2]:.2f}) | "
-            f"{np.median(alone['grid'] / times):.2f} | {np.median(alone['1 rank'] / times):.2f} | "
-            f"{np.median(times / alone['2 workers']):.2f} |"
+            f"{np.median(alone['grid'] / times):.2f} |"
         )
     return lines
 
@@ -288,19 +287,21 @@ def draw(model: Model, points: dict[int, dict[int, NDArray[np.float64]]], path: 
         save_figure(figure, path)
 
 
+COUNTS = ("| discs | per frame and rank | formula | measured |", "|---|---|---|---|")
+
+
 def report(sizes: list[int], picture: Path) -> str:
     """All tables, in Markdown, and the picture."""
     times = [
-        "| discs | | ns per disc and frame | speed relative to grid | speed relative to one rank "
-        "| time relative to 2 workers |"
+        "| discs | | ns per disc and frame | speed relative to grid |",
+        "|---|---|---|---|",
     ]
-    times += ["|---|---|---|---|---|---|"]
-    counts = ["| discs | per frame and rank | formula | measured |", "|---|---|---|---|"]
+    counts: list[str] = []
     disc, step, exchange, points = 0.0, math.inf, math.inf, {}
     for discs in sizes:
         found = measured(discs)
         times += times_table(discs, found)
-        counts += sent_table(discs, found["2 ranks"][0][1])
+        counts = sent_table(discs, found["2 ranks"][0][1])
         points[discs] = efficiencies(found)
         grid, rank = (float(np.median([seconds for seconds, _ in found[kind]])) for kind in ("grid", "1 rank"))
         disc, step = grid / discs, min(step, max(rank - grid, 0.0))
@@ -317,7 +318,7 @@ def report(sizes: list[int], picture: Path) -> str:
     )
     rows = ["| discs | 16 ranks | 256 | 4,096 | ranks at 50 % efficiency |", "|---|---|---|---|---|"]
     shown = f"![efficiency against ranks](pictures/{PICTURE})"
-    blocks = ["\n".join(lines) for lines in (times, counts, [*rows, *model_table(model)])]
+    blocks = ["\n".join(lines) for lines in (times, [*COUNTS, *counts], [*rows, *model_table(model)])]
     return "\n\n".join([*blocks[:2], said, blocks[2], shown, made_by(machine())])
 
 

@@ -204,8 +204,7 @@ def strong(sizes: Sequence[int], most: int, barriers: float, line: float) -> lis
         for workers in powers(most):
             share = largest_share(timings[0].column, workers)
             predicted = None if model is None else model.seconds(discs, workers, share)
-            fetched = None if model is None else model.fetched(workers)
-            rows.append(row(discs, workers, timings[0].seconds, measured.get(workers), predicted, share, fetched))
+            rows.append(row(discs, workers, timings[0].seconds, measured.get(workers), predicted))
     return rows
 
 
@@ -215,8 +214,7 @@ def weak(most: int) -> list[str]:
     rows: list[str] = []
     for workers in powers(min(most, usable_cores())):
         timing = first if workers == 1 else time_frames(EACH * workers, (workers,))[0]
-        share = largest_share(timing.column, workers)
-        rows.append(row(timing.discs, workers, first.seconds * workers, timing, None, share, None))
+        rows.append(row(timing.discs, workers, first.seconds * workers, timing, None))
     return rows
 
 
@@ -226,21 +224,17 @@ def row(
     one: float,
     timing: Timing | None,
     predicted: float | None,
-    share: float,
-    fetched: float | None,
 ) -> str:
     """A row of the table. one: the time of a frame of as many discs on one process, or so many times fewer's [s]."""
 
-    def words(seconds: float | None) -> str:
-        if seconds is None:
-            return " | "
-        return f"{seconds / discs * 1e9:.2f} | {one / seconds / workers:.2f}"
+    def efficiency(seconds: float | None) -> str:
+        return "" if seconds is None else f"{one / seconds / workers:.2f}"
 
-    waited = "" if timing is None else f"{100 * timing.wait / timing.seconds:.0f} %"
-    measured = words(None if timing is None else timing.seconds)
-    lines = "" if fetched is None else f"{fetched:.0f}"
-    imbalance = f"{100 * (share - 1):.1f} %"
-    return f"| {discs:,} | {workers} | {measured} | {waited} | {imbalance} | {lines} | {words(predicted)} |"
+    measured = " | | "
+    if timing is not None:
+        waited = 100 * timing.wait / timing.seconds
+        measured = f"{timing.seconds / discs * 1e9:.2f} | {efficiency(timing.seconds)} | {waited:.0f} %"
+    return f"| {discs:,} | {workers} | {measured} | {efficiency(predicted)} |"
 
 
 def powers(most: int) -> list[int]:
@@ -249,9 +243,8 @@ def powers(most: int) -> list[int]:
 
 
 HEAD = [
-    "| discs | workers | ns a disc and frame | efficiency | waiting | largest share beyond the mean | "
-    "model: lines fetched | model: ns | model: efficiency |",
-    "|---|---|---|---|---|---|---|---|---|",
+    "| discs | workers | ns a disc and frame | efficiency | waiting | model: efficiency |",
+    "|---|---|---|---|---|---|",
 ]
 
 

@@ -33,9 +33,6 @@ from mpsim.studies.ensemble import SavedResults
 LONGEST = 2.0
 """Seconds of processor time to refuse anything."""
 
-FELT = 0.05
-"""Seconds from which on a refusal has a row of its own among the figures."""
-
 SPARE = 2**30
 """Bytes of address space beyond what the process has already."""
 
@@ -58,15 +55,25 @@ spent = []
 """Seconds that the refusals of the running test took."""
 
 
+@pytest.fixture(scope="module")
+def slowest(figures):
+    """Among the figures is the slowest refusal of all."""
+    found = []
+    yield found
+    if found:
+        seconds, what = max(found)
+        quantity = f"{len(found)} tests of hostile input; the slowest: {what}"
+        figures.note("R21", "files", quantity, f"refused in {LONGEST:g} s", f"{seconds:.2f} s at most")
+
+
 @pytest.fixture(autouse=True)
-def seconds_noted(request, figures):
-    """Among the figures are the refusals that can be felt."""
+def seconds_noted(request, slowest):
+    """What the refusals of a test took at most."""
     spent.clear()
     yield
-    if spent and max(spent) >= FELT:
+    if spent:
         test, _, case = request.node.name.removesuffix("]").partition("[")
-        what = case or test.removeprefix("test_").replace("_", " ")
-        figures.note("R21", "files", what, f"refused in {LONGEST:g} s", f"{max(spent):.2f} s")
+        slowest.append((max(spent), case or test.removeprefix("test_").replace("_", " ")))
 
 
 def in_time(call):

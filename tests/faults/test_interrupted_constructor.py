@@ -214,7 +214,7 @@ def test_a_signal_at_any_line_of_a_constructor_leaves_nothing(name, how, method,
     with make() as sim:
         assert sim.run(frames=2).frames == 2
     what = f"{name} at lines and calls of {'a constructor' if how == 'Simulation' else 'resume'}"
-    figures.note("R20", method, what, "nothing is left", f"nothing; {len(numbers)} of {moments} moments tried")
+    figures.note("R20", method, what, "nothing is left", "nothing")
 
 
 def test_control_a_block_that_nobody_owns_is_noticed():

@@ -181,7 +181,7 @@ def test_a_death_in_any_phase_is_named_in_full_and_healed(phase, worker, figures
                     sim.run(frames=10)
                 sim.run(frames=10)
                 assert sim.digest() == alone(scene, sim.frame)
-            figures.note("R9", "parallel on 3", f"a worker killed in phase '{phase}'", "digest of grid", "the same")
+            figures.note("R9", "parallel on 3", f"a worker killed in phase: {phase}", "digest of grid", "the same")
 
 
 START_UP = """
