@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.binding import Binding
-from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import joined
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 KINDS = ("discs", "walls", "obstacles")
 """What a disc can collide with; `kind` of a table is an index of these."""
