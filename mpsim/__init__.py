@@ -18,7 +18,7 @@ from mpsim.core import state
 from mpsim.core.state import State
 from mpsim.core.units import Units
 from mpsim.core.version import __version__ as __version__
-from mpsim.engine.collision_observers import Collisions, Sensor
+from mpsim.engine.observers import Collisions, Sensor
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import (

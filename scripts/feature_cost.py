@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from benchmark import DT, WrongAnswerError
 
-from mpsim.engine.collision_observers import Collisions
+from mpsim.engine.observers import Collisions
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import FastWarning, InputError
 from mpsim.features import FEATURES

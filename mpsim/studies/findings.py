@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.engine.collision_observers import Collisions
+from mpsim.engine.observers import Collisions
 from mpsim.engine.simulation import Simulation
 from mpsim.measure.reference import compressibility, enskog_rate
 from mpsim.scene.scene import Scene

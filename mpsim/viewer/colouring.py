@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.state import State
-from mpsim.engine.collision_observers import Collisions
+from mpsim.engine.observers import Collisions
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import InPlace
 from mpsim.errors import InputError

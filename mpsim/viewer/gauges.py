@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mpsim import measure
 from mpsim.core.state import State
-from mpsim.engine.collision_observers import Collisions
+from mpsim.engine.observers import Collisions
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
