@@ -35,7 +35,7 @@ LEFT = {"slow": "takes seconds; run with --slow", "long": "takes minutes; run wi
 
 SLOW_EXAMPLES = {
     "mpsim.studies.tune.tune",
-    "mpsim.scene.compression.Compresses.compressed",
+    "mpsim.scene.scene.Scene.compressed",
     "mpsim.measure.time_correlations.Correlations",
 }
 """Examples of docstrings that compile several kernels."""
