@@ -85,17 +85,18 @@ def rows_of_frames(record: dict[str, Any], packing: float, step: float) -> tuple
                     counts.append(f"{cell['count']:,}")
             rows.append(f"| {title_of(key)} | " + " | ".join(texts) + " |")
     every = ", ".join(f"{cell['count']:,}" for cell in cells)
-    found = {which: ", ".join(dict.fromkeys(counts)) for which, counts in reasons.items()}
+    missing = {which: ", ".join(dict.fromkeys(counts)) for which, counts in reasons.items()}
     return rows, [
         f"{title} with {'any number of' if counts == every else counts} discs: {why}"
-        for (title, why), counts in found.items()
+        for (title, why), counts in missing.items()
     ]
 
 
 def frames_section(record: dict[str, Any]) -> list[str]:
-    """Tables of ns per disc and frame at the longest step, the main packing first."""
+    """Tables of ns per disc and frame at the longest step, the main packing first, without thinner ones."""
     every = list(dict.fromkeys((cell["packing"], cell["step"]) for cell in record["cells"]))
-    kinds = [kind for kind in every if kind[1] == max(step for _, step in every)]
+    longest_step = max(step for _, step in every)
+    kinds = [kind for kind in every if kind[1] == longest_step and kind[0] >= every[0][0]]
     lines = []
     for packing, step in kinds:
         lines += [f"### Packing {packing:g}, v·dt = {step:g} diameters", ""]
