@@ -36,8 +36,7 @@ from mpsim.measure.time_correlations import Correlations
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.findings import Findings, findings
-from mpsim.studies.sweep import sweep
-from mpsim.studies.sweep_runs import Sweep
+from mpsim.studies.sweep import Sweep, sweep
 from mpsim.studies.tradeoff import Tradeoff, tradeoff
 from mpsim.studies.tune import Tuned, tune
 

@@ -1,71 +1,847 @@
 """Sweeps: a function, or a scene that is run, at every point of a grid of parameters, through any executor."""
 
+# Values of grids and results are of any type, and are checked as the program runs.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnnecessaryIsInstance=false
+# pyright: reportUnnecessaryComparison=false
+
 from __future__ import annotations
 
+import csv
 import dataclasses
 import functools
 import hashlib
 import inspect
+import io
+import itertools
+import json
+import math
+import numbers
 import os
 import pickle
+import platform
 import re
 import sys
 import threading
+import time
+import traceback
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sized
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path, PurePath
+from typing import Any, cast
 
-from mpsim.core import checks
+import numba
+import numpy as np
+
+from mpsim.core import checks, files
 from mpsim.core.deferred_signals import terminated_by_exit
+from mpsim.core.files import CSV, JSON, FileLock, written
 from mpsim.core.machine import usable_cores
-from mpsim.core.progress import Show, checked_progress, shown
+from mpsim.core.optional_packages import imported
+from mpsim.core.progress import checked_progress, shown
+from mpsim.core.state import State
+from mpsim.core.text import json_text
+from mpsim.core.version import __version__
 from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
-from mpsim.errors import InputError, MpsimError, SweepWarning, level_of_caller
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import InputError, MpsimError, OutputError, SweepWarning, level_of_caller, reason_of
 from mpsim.measure import registry
+from mpsim.measure.statistics import Measure
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Recommends, Settings, settings_for
-from mpsim.studies import sweep_runs
-from mpsim.studies.ensemble import Submissions, checked_executor
-from mpsim.studies.sweep_runs import (
-    OWN,
-    RUN_FIELDS,
-    RUN_OPTIONS,
-    Point,
-    SceneRun,
-    Sweep,
-    SweepFile,
-    SweepRow,
-    canonical,
-    checked_units,
-    described,
-    failed_elsewhere,
-    points_of,
-    run_point,
-)
+from mpsim.studies.ensemble import Submissions, checked_executor, checked_path
+from mpsim.studies.replicas import Stopped
 
-# --- The task of a sweep: a function or a scene, checked before anything runs
+# --- The points of a sweep: combinations of the values of a grid, and the seed of each
+#
+# The text of a point is JSON of its values, sorted by name, and contains nothing else. So neither the order of names
+# and values nor other values of the grid change the seed of a point, or its row in a file.
+
+MOST_POINTS = 10_000_000
+"""More runs than this are taken for a mistake: their rows would not fit into memory."""
+
+MOST_SEEDS = 1_000_000
+
+VALUES = "None, True or False, numbers, texts, or tuples, lists, dictionaries and dataclasses of these"
+"""What a grid may hold, in words."""
 
 
 @dataclass(frozen=True)
-class Options:
-    """How scenes are run, as given by the caller of `sweep`.
+class Point:
+    """One run of a sweep.
 
     Attributes:
-        until, frames, measures, settings: its arguments.
+        values: by the names of the grid, as they were given.
+        plain: the same as plain values, which identify the point.
+        run: number of the run at this point; 0 without seeds.
+        seed: derived from both; None without seeds.
     """
 
-    until: float | None
-    frames: int | None
-    measures: Iterable[str] | None
-    settings: Settings | None
+    values: dict[str, Any]
+    plain: dict[str, Any]
+    run: int
+    seed: int | None
 
     @property
-    def given(self) -> bool:
-        """Whether any of them is."""
-        return any(each is not None for each in (self.until, self.frames, self.measures, self.settings))
+    def key(self) -> tuple[str, int]:
+        """What distinguishes the run from all others."""
+        return text_of(self.plain), self.run
+
+
+def text_of(plain: Mapping[str, Any]) -> str:
+    """Plain values by name as a text, the same for every order of the names.
+
+    >>> text_of({"packing": 0.1, "count": 2})
+    '{"count":2,"packing":0.1}'
+    """
+    return json.dumps(plain, sort_keys=True, separators=(",", ":"))
+
+
+def seed_of(plain: Mapping[str, Any], run: int) -> int:
+    """The seed of a run: the first 63 bits of BLAKE2b of the point's text, a space, and the number of the run.
+
+    >>> seed_of({"packing": 0.1}, 0), seed_of({"packing": 0.1}, 1)
+    (1570410355820327519, 8174789766741869874)
+    """
+    digest = hashlib.blake2b(f"{text_of(plain)} {run}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "big") >> 1
+
+
+def points_of(grid: Any, seeds: Any) -> list[Point]:
+    """All runs of a grid: every combination of its values, the last name changing fastest, and each of its seeds.
+
+    Raises:
+        InputError: if the grid or the seeds break a rule.
+    """
+    if not isinstance(grid, Mapping):
+        raise InputError(
+            f"grid must be a dictionary of lists by the name of a parameter; got {checks.brief(grid)}. "
+            "Write {'packing': [0.1, 0.3]}."
+        )
+    if not grid:
+        raise InputError("grid must hold at least one parameter; got none. Write {'packing': [0.1, 0.3]}.")
+    values = {name: _listed(name, each) for name, each in cast("Mapping[Any, Any]", grid).items()}
+    plain = {name: [canonical(f"grid[{name!r}]", each) for each in values[name]] for name in values}
+    for name, each in values.items():
+        _demand_different(name, each, plain[name])
+    runs = _checked_seeds(seeds)
+    number = math.prod(map(len, values.values())) * len(runs or (0,))
+    if number > MOST_POINTS:
+        raise InputError(
+            f"grid must have at most {MOST_POINTS:,} runs, those of all seeds together; got {number:,}. "
+            "Sweep over fewer values, or over some of the parameters at a time."
+        )
+    points: list[Point] = []
+    for combination in zip(itertools.product(*values.values()), itertools.product(*plain.values()), strict=True):
+        here, there = (dict(zip(values, each, strict=True)) for each in combination)
+        if runs is None:
+            points.append(Point(here, there, 0, None))
+        else:
+            points += [Point(here, there, run, seed_of(there, run)) for run in runs]
+    return points
+
+
+def _listed(name: Any, values: Any) -> list[Any]:
+    """The values of one name of a grid, both checked."""
+    if not isinstance(name, str) or not name.isidentifier():
+        raise InputError(f"grid must have names of parameters as its keys; got {checks.brief(name)}.")
+    if isinstance(values, str | bytes | Mapping | Scene) or not isinstance(values, Iterable):
+        raise InputError(
+            f"grid[{name!r}] must be a list of values; got {checks.brief(values)}. Write [value] for a single one."
+        )
+    too_many = isinstance(values, Sized) and len(values) > MOST_POINTS
+    found: list[Any] = [] if too_many else list(itertools.islice(values, MOST_POINTS + 1))
+    if too_many or len(found) > MOST_POINTS:
+        raise InputError(f"grid[{name!r}] must have at most {MOST_POINTS:,} values; got more. Sweep over fewer.")
+    if not found:
+        raise InputError(f"grid[{name!r}] must hold at least one value; got none. Give one, or leave the name out.")
+    return found
+
+
+def _demand_different(name: str, values: list[Any], plain: list[Any]) -> None:
+    texts = [text_of({"value": each}) for each in plain]
+    if len(set(texts)) < len(texts):
+        index = next(index for index, text in enumerate(texts) if text in texts[:index])
+        raise InputError(
+            f"grid[{name!r}] must hold different values; got {checks.brief(values[index])} more than once (numbers "
+            "that are equal count as one, as do lists and tuples). Leave one out, or ask for more seeds."
+        )
+
+
+def _checked_seeds(seeds: Any) -> list[int] | None:
+    """Numbers of the runs at each point; None without seeds."""
+    if seeds is None:
+        return None
+    remedy = "4 makes four runs at each point, 0 to 3."
+    if isinstance(seeds, str | bytes | Mapping) or not isinstance(seeds, Iterable):
+        return list(range(checks.whole("seeds", seeds, 1, MOST_SEEDS, remedy)))
+    found = [checks.whole("a number in seeds", each, 0, 2**63 - 1, remedy) for each in seeds]
+    if not found or len(set(found)) < len(found):
+        raise InputError(
+            f"seeds must be a number of runs, or different numbers of them; got {checks.brief(found)}. {remedy}"
+        )
+    return found
+
+
+def canonical(name: str, value: Any) -> Any:
+    """A value as JSON can hold it, the same for values that are equal: 1 and 1.0, a list and a tuple.
+
+    Fields of a dataclass that have their default are left out, so that a new one changes no point.
+
+    Args:
+        name: of the value, for the error.
+        value: one of VALUES, a NumPy array or scalar, a member of an enumeration, a path, a Scene or a State.
+
+    Raises:
+        InputError: if it is something else.
+
+    >>> canonical("x", (1.0, np.float32(0.5), True, None, float("inf")))
+    [1, 0.5, True, None, {'float': 'inf'}]
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, Enum):
+        return {"enum": f"{_name_of_type(value)}.{value.name}"}
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    if isinstance(value, float) and math.isfinite(value):
+        return int(value) if value == int(value) else float(value)
+    return str(value) if isinstance(value, str) else _of_compound(name, value)
+
+
+def _of_compound(name: str, value: Any) -> Any:
+    if isinstance(value, float):
+        return {"float": repr(float(value))}
+    if isinstance(value, list | tuple):
+        return [canonical(name, each) for each in value]
+    if isinstance(value, Mapping) and all(isinstance(each, str) for each in value):
+        return {"dict": {each: canonical(name, part) for each, part in value.items()}}
+    if isinstance(value, PurePath):
+        return {"path": str(value)}
+    if isinstance(value, Scene | State):
+        return {type(value).__name__: value.digest()}
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = [each for each in dataclasses.fields(value) if each.compare]
+        parts = {each.name: canonical(name, getattr(value, each.name)) for each in fields}
+        defaults = {
+            each.name: canonical(name, each.default) for each in fields if each.default is not dataclasses.MISSING
+        }
+        return {
+            "dataclass": _name_of_type(value),
+            **{each: part for each, part in parts.items() if each not in defaults or defaults[each] != part},
+        }
+    raise InputError(
+        f"{name} must hold {VALUES}; got {checks.brief(value)}, a {type(value).__name__}. Sweep over its name or "
+        "number, and make the object in the function."
+    )
+
+
+def _name_of_type(value: object) -> str:
+    return f"{type(value).__module__}.{type(value).__qualname__}"
+
+
+# --- One run of a sweep, wherever the executor runs it
+#
+# Whatever goes wrong in a run becomes part of its outcome. An outcome holds only plain values, so it can always be
+# sent back, and a failed run does not end the others.
+
+MEASURES = ("pressure", "collision_rate", "kinetic_energy", "overlap")
+"""What a run measures if nothing is asked for, as far as its scene can have it."""
+
+RUN_OPTIONS = ("until", "frames")
+
+RUN_FIELDS: tuple[str, ...] = (*(field.name for field in dataclasses.fields(Settings)), *RUN_OPTIONS)
+"""Names of a grid that vary how a scene is run."""
+
+LONGEST_FAILURE = 1000
+"""Characters of an error in words that are kept: its beginning."""
+
+LONGEST_TRACEBACK = 4000
+"""Characters of a traceback that are kept: its end."""
+
+_ENERGY = "mass length^2/time^2"
+UNITS = {
+    "dt": "time",
+    "until": "time",
+    "pressure": "mass/time^2",
+    "pressure_virial": "mass/time^2",
+    "pressure_xx": "mass/time^2",
+    "pressure_yy": "mass/time^2",
+    "pressure_xy": "mass/time^2",
+    "collision_rate": "1/time",
+    "contact_rate": "1/time",
+    "energy_drift": "1/time",
+    "momentum_drift": "1/time",
+    "overlap": "length",
+    "largest_overlap": "length",
+    "kinetic_energy": _ENERGY,
+    "temperature": _ENERGY,
+    "speed_kurtosis": "1",
+    "frames": "1",
+    "collisions": "1",
+}
+"""Units of what a run of a scene takes and gives, in those of the scene."""
+
+
+@dataclass(frozen=True)
+class SceneRun:
+    """How each point of a sweep becomes a run of a scene.
+
+    Attributes:
+        make: gives the scene of a point; None where the argument `scene` is one.
+        settings: of the runs, where the grid does not vary them; None: those that the scene of a point recommends.
+        until, frames: length of a run [time], where the grid does not vary it; None: the scene's duration.
+        measures: names; None: MEASURES, as far as the scene can have them.
+        own: names of the grid that vary settings and length.
+    """
+
+    make: Callable[..., Any] | None
+    settings: Settings | None
+    until: float | None
+    frames: int | None
+    measures: tuple[str, ...] | None
+    own: frozenset[str]
+
+    def __call__(self, stop: threading.Event | None = None, **arguments: Any) -> dict[str, Scalar]:
+        """Measures of the run with their errors, and how many frames and collisions it had."""
+        scene = self._scene({name: value for name, value in arguments.items() if name not in self.own})
+        varied = {name: value for name, value in arguments.items() if name in self.own}
+        length = self.length(varied, scene)
+        settings = self.settings_of(varied, scene)
+        names = registry.checked(MEASURES, None) if self.measures is None else self.measures
+        if self.measures is None:
+            names = tuple(name for name in names if registry.refusal(name, scene) is None)
+
+        def stop_if_asked(done: int, of: int) -> None:
+            if stop is not None and stop.is_set():
+                raise Stopped
+
+        with Simulation(scene, settings) as sim:
+            report = sim.run(**length, measures=names, progress=stop_if_asked)
+        found: dict[str, Scalar] = {}
+        for name in names:
+            measure = report.measures[name]
+            found |= {name: float(measure.value), f"{name}_error": float(measure.error)}
+        found |= {"frames": report.frames, "collisions": int(report.collisions)}
+        return {name: value for name, value in found.items() if name not in varied}
+
+    def settings_of(self, varied: Mapping[str, Any], scene: Scene | None = None) -> Settings:
+        """The settings of a point, of one process unless they ask for more: the bits are the same.
+
+        scene: of the point; None: it is not made yet.
+
+        Raises:
+            InputError: if a value breaks a rule of Settings, or the method runs on ranks.
+        """
+        changes = {name: value for name, value in varied.items() if name not in RUN_OPTIONS}
+        settings = dataclasses.replace(settings_for(scene or Recommends(), self.settings), **changes)
+        if capabilities_of(settings).on_ranks:
+            raise InputError(
+                f"method must be one that runs in a process, as each run of a sweep does; got {settings.method!r}. Use "
+                "'grid', which has the same bits."
+            )
+        return settings if settings.workers else dataclasses.replace(settings, workers=1)
+
+    def length(self, varied: Mapping[str, Any], scene: Scene | None) -> dict[str, Any]:
+        """The length of a run, as an argument of `Simulation.run`; scene: None if it is not made yet.
+
+        Raises:
+            InputError: if there is none, or there are two.
+        """
+        given = {"until": self.until, "frames": self.frames} | {n: v for n, v in varied.items() if n in RUN_OPTIONS}
+        chosen = {name: value for name, value in given.items() if value is not None}
+        if not chosen and scene is None:
+            return {}
+        if not chosen and scene is not None and scene.duration is not None:
+            return {"until": scene.duration}
+        if len(chosen) != 1:
+            raise InputError(
+                "a sweep of runs must have their length, as one of until and frames; got "
+                f"{' and '.join(chosen) or 'neither'}, and a scene without duration. Say until=... [time], or let the "
+                "grid vary it."
+            )
+        return chosen
+
+    def _scene(self, arguments: dict[str, Any]) -> Scene:
+        scene = arguments["scene"] if self.make is None else self.make(**arguments)
+        if not isinstance(scene, Scene):
+            raise WrongResult(
+                f"a function whose scenes are to be run must return an mpsim.Scene; got {type(scene).__name__}. "
+                "Return one, or leave out until, frames, measures and settings."
+            )
+        return scene
+
+
+class WrongResult(InputError):  # noqa: N818 - said of what a function returned
+    """A function returned what cannot be a row of a table."""
+
+
+def run_point(
+    function: Callable[..., Any], arguments: dict[str, Any], taken: frozenset[str], stop: threading.Event | None = None
+) -> dict[str, Any]:
+    """The outcome of one run.
+
+    Args:
+        function: that gives the results of a point by name.
+        arguments: its arguments by name.
+        taken: names that results must not have.
+        stop: ends a SceneRun early, by the exception Stopped.
+
+    Returns:
+        "values" (results by name), or "failure" and "traceback", and "wrong" if the results were of a wrong kind;
+        "seconds" and "versions" always.
+    """
+    started = time.perf_counter()
+    outcome: dict[str, Any]
+    try:
+        call = functools.partial(function, stop=stop) if isinstance(function, SceneRun) else function
+        outcome = {"values": scalars(call(**arguments), taken)}
+    except Stopped:
+        raise
+    except WrongResult as error:
+        outcome = {"failure": f"InputError: {error}", "traceback": "", "wrong": True}
+    except (Exception, SystemExit) as error:
+        text = "".join(traceback.format_exception(error))
+        outcome = {"failure": described(error), "traceback": _encodable(text[-LONGEST_TRACEBACK:])}
+    return {**outcome, "seconds": time.perf_counter() - started, "versions": versions()}
+
+
+def described(error: BaseException) -> str:
+    """An error in words: its class, and the beginning of its text if it has one.
+
+    >>> described(ValueError("too small")), described(KeyError())
+    ('ValueError: too small', 'KeyError')
+    """
+    try:
+        text = str(error)
+    except Exception:
+        text = "its text cannot be had"
+    if len(text) > LONGEST_FAILURE:
+        text = f"{text[:LONGEST_FAILURE]} ... ({len(text):,} characters)"
+    return f"{type(error).__name__}: {_encodable(text)}" if text else type(error).__name__
+
+
+def _encodable(text: str) -> str:
+    """A text that every file can hold: lone surrogates, as in names of files that are not UTF-8, are written out."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """Versions, in this process, of everything that may change a result."""
+    python = platform.python_version()
+    return {"mpsim": __version__, "numpy": np.__version__, "numba": numba.__version__, "python": python}
+
+
+def scalars(result: Any, taken: frozenset[str]) -> dict[str, Scalar]:
+    """What a function returned, as plain values by name. A Measure becomes its value, and its error beside it.
+
+    Raises:
+        WrongResult: if it is not a mapping from names to scalars, or a name is taken.
+
+    >>> scalars({"pressure": Measure(2.5, 0.5, 20), "count": np.int32(7)}, frozenset())
+    {'pressure': 2.5, 'pressure_error': 0.5, 'count': 7}
+    """
+    if not isinstance(result, Mapping):
+        scene = " To run scenes, say how long: until=... or frames=..." if isinstance(result, Scene) else ""
+        raise WrongResult(
+            "the result of the function must be a dictionary of numbers, texts or truth values by name; got "
+            f"{checks.brief(result)}, a {type(result).__name__}. Return {{'name': value}}.{scene}"
+        )
+    found: dict[str, Scalar] = {}
+    items: Mapping[Any, Any] = result
+    for name, value in items.items():
+        if isinstance(value, Measure):
+            found |= {name: float(value.value), f"{name}_error": float(value.error)}
+        else:
+            found[name] = _scalar(name, value)
+    for name in found:
+        if not isinstance(name, str) or not name:
+            raise WrongResult(f"the names of results must be texts; got {checks.brief(name)}. Use a word.")
+        if name in taken or name in OWN:
+            raise WrongResult(
+                f"the names of results must not be those of parameters, or of {', '.join(OWN)}; got {name!r}. "
+                "Choose another name."
+            )
+    return found
+
+
+def _scalar(name: Any, value: Any) -> Scalar:
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, np.number | np.bool_ | np.str_) and not isinstance(value, np.complexfloating):
+        value = value.item()
+    if isinstance(value, str):
+        return _encodable(value)
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    if isinstance(value, numbers.Real | np.floating):
+        return float(value)
+    raise WrongResult(
+        f"the result {name!r} must be a number, a text, True, False or None; got {checks.brief(value)}, a "
+        f"{type(value).__name__}. Return one name for each number, or keep arrays in a file of your own."
+    )
+
+
+def failed_elsewhere(error: BaseException) -> dict[str, Any]:
+    """The outcome of a run that the executor could not bring back."""
+    return {"failure": described(error), "traceback": "", "seconds": math.nan, "versions": versions()}
+
+
+# --- The file of a sweep: a header, and one line of JSON for each finished run
+#
+# A line is written by one system call when its run is done. So Ctrl-C leaves complete lines, and a kill leaves at most
+# one incomplete line, which the next sweep removes with a warning. Only one sweep at a time may use the file.
+
+FORMAT = "mpsim sweep 1"
+
+MOST_BYTES = 2**32
+"""Largest size of a file: some ten million runs."""
+
+_BEGIN = '{"format": "mpsim sweep '
+"""With this every file begins: text that does not is no sweep, and is left alone."""
+
+
+class SweepFile:
+    """The finished runs of a sweep, in memory and, if there is a path, in a file.
+
+    Args:
+        path: of the file, or None.
+        title: of what the runs are: "function", "parameters", "seeded" and further facts, plain values.
+        source: digest of the source of the function; if the file has another one, a warning is raised.
+
+    Attributes:
+        outcomes: of the finished runs, as `run_point` gives them, by the key of their points.
+
+    Raises:
+        InputError: if the file is one of another sweep, is damaged, cannot be written to, or is in use.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None, title: dict[str, Any], source: str | None):
+        self.outcomes: dict[tuple[str, int], dict[str, Any]] = {}
+        self._path: Path | None = None
+        self._descriptor = -1
+        if path is not None:
+            self._open(checked_path(path), title, source)
+
+    def __enter__(self) -> SweepFile:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def put(self, point: Point, outcome: dict[str, Any]) -> None:
+        """Add the outcome of a run, in the file as well.
+
+        Raises:
+            OutputError: if it cannot be written; the file is as it was before.
+        """
+        self.outcomes[point.key] = outcome
+        if self._path is not None:
+            kept = {name: value for name, value in outcome.items() if name != "wrong"}
+            self._append({"point": point.plain, "run": point.run, "seed": point.seed, **kept})
+
+    def close(self) -> None:
+        """Hand the file to the disk, and to the next sweep."""
+        if self._descriptor >= 0:
+            descriptor, self._descriptor = self._descriptor, -1
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+                self._lock.release()
+
+    def _open(self, path: Path, title: dict[str, Any], source: str | None) -> None:
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+        try:
+            self._descriptor = os.open(path, flags, 0o666)
+            self._lock = FileLock(path)
+        except OutputError:
+            os.close(self._descriptor)
+            raise InputError(
+                f"path must be a file that no other sweep has; {path} is being written by another one, of this process "
+                "or another. Wait for its end, or give another path."
+            ) from None
+        except OSError as error:
+            raise InputError(
+                f"path must be a file that can be written to; got {str(path)!r} ({error.strerror}). Give another path."
+            ) from None
+        self._path = path
+        try:
+            whole = self._read(path, title, source)
+            os.ftruncate(self._descriptor, whole)
+            if not whole:
+                self._append({"format": FORMAT, **title, "source": source})
+        except BaseException:
+            self.close()
+            raise
+
+    def _read(self, path: Path, title: dict[str, Any], source: str | None) -> int:
+        """Take what is there; returns the length of its whole lines, in bytes."""
+        try:
+            content = files.content(path, MOST_BYTES)
+        except (OSError, ValueError) as error:
+            raise _unreadable(path, reason_of(error)) from None
+        if content and not (content.startswith(_BEGIN.encode()) or _BEGIN.encode().startswith(content)):
+            raise _unreadable(path, f"it does not begin with {_BEGIN}")
+        whole, _, torn = content.rpartition(b"\n")
+        if torn:
+            warnings.warn(
+                f"the last line of {path} was cut off, as by a kill, and is dropped: its run is repeated.",
+                SweepWarning,
+                stacklevel=level_of_caller(),
+            )
+        if not whole:
+            return 0
+        first, *lines = whole.split(b"\n")
+        head = _value(path, 1, first)
+        _demand_same(path, head, title)
+        if not lines:
+            return 0  # the head is written anew, for a function that was put right before any run was done
+        _warn_if_changed(path, head, title, source)
+        for number, line in enumerate(lines, start=2):
+            self._take(path, number, _value(path, number, line))
+        return len(whole) + 1
+
+    def _take(self, path: Path, number: int, row: dict[str, Any]) -> None:
+        try:
+            key = text_of(dict(row["point"])), int(row["run"])
+            seconds, versions = float(row["seconds"]), dict(row["versions"])
+            outcome: dict[str, Any] = {"seconds": seconds, "versions": versions}
+            if "failure" in row:
+                outcome |= {"failure": str(row["failure"]), "traceback": str(row["traceback"])}
+            else:
+                outcome["values"] = dict(row["values"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise _unreadable(path, f"line {number} is not a row: {type(error).__name__} {error}") from None
+        self.outcomes[key] = outcome
+
+    def _append(self, line: dict[str, Any]) -> None:
+        content = (json.dumps(line) + "\n").encode()
+        before = os.fstat(self._descriptor).st_size
+        try:
+            written = 0
+            while written < len(content):
+                written += os.write(self._descriptor, content[written:])
+        except OSError as error:
+            os.ftruncate(self._descriptor, before)
+            raise OutputError(
+                f"the file of a sweep must have room on its disk; {self._path} cannot be written ({error.strerror}). "
+                "Make room and call again: the runs that it holds are not repeated."
+            ) from error
+
+
+def _value(path: Path, number: int, line: bytes) -> dict[str, Any]:
+    try:
+        value = json.loads(line)
+        if not isinstance(value, dict):
+            raise ValueError("it is not a JSON object")
+    except (ValueError, RecursionError) as error:
+        raise _unreadable(path, f"line {number}: {error}") from None
+    return value
+
+
+def _demand_same(path: Path, head: dict[str, Any], title: dict[str, Any]) -> None:
+    """Refuse the file of another sweep, by the first fact in which it differs."""
+    for name, wanted in {"format": FORMAT, **title}.items():
+        found = head.get(name)
+        if found != json.loads(json.dumps(wanted)):
+            has, asked = (f"{name} {json.dumps(each, ensure_ascii=False):.200}" for each in (found, wanted))
+            raise InputError(
+                f"path must be a file of the same sweep, or none yet; {path} has {has}, and this sweep {asked}. Give "
+                "another path, or remove the file."
+            )
+
+
+def _warn_if_changed(path: Path, head: dict[str, Any], title: dict[str, Any], source: str | None) -> None:
+    """Warn of rows that may be those of another function of the same name."""
+    if source is not None and head.get("source") not in (None, source):
+        warnings.warn(
+            f"the source of {title['function']} has changed since {path} was begun: its rows come from the earlier "
+            "version. Remove the file, or give another path, to run them again.",
+            SweepWarning,
+            stacklevel=level_of_caller(),
+        )
+
+
+def _unreadable(path: Path, reason: str) -> InputError:
+    return InputError(
+        f"path must be a file of an earlier sweep, or none yet; {path} cannot be read as one ({reason:.200}). Give "
+        "another path, or remove the file."
+    )
+
+
+# --- The result of a sweep: a table with one row for each run
+
+TABLE = "the table of a sweep"
+
+VERSIONS = ("mpsim", "numpy", "numba", "python")
+"""What has versions in each row."""
+
+OWN: tuple[str, ...] = ("run", "seed", "wall_seconds", "failure", *(f"{name}_version" for name in VERSIONS))
+"""Columns that every sweep has, besides those of the grid and of the results."""
+
+Scalar = bool | int | float | str | None
+
+
+@dataclass(frozen=True)
+class SweepRow:
+    """One run of a sweep.
+
+    Attributes:
+        point: values of the parameters, as the grid gave them.
+        run: number of the run at this point, from 0 on.
+        seed: that the run was given; None without seeds.
+        values: its results by name; empty if it failed.
+        failure: why it failed, as "ValueError: ..."; None if it did not.
+        traceback: the last lines of the traceback of a failure; "" without any.
+        wall_seconds: time that it took [s]; NaN if that is unknown.
+        versions: of mpsim, numpy, numba and python, where it ran.
+    """
+
+    point: dict[str, Any]
+    run: int
+    seed: int | None
+    values: dict[str, Scalar]
+    failure: str | None = None
+    traceback: str = ""
+    wall_seconds: float = math.nan
+    versions: dict[str, str] = field(default_factory=dict[str, str])
+
+    def record(self) -> dict[str, Scalar]:
+        """The row as plain values by column name; what is not a number, text or truth value is given as its repr."""
+        found: dict[str, Scalar] = {name: plain(value) for name, value in self.point.items()}
+        found |= {"run": self.run, "seed": found.get("seed", self.seed), **self.values}
+        found["wall_seconds"] = self.wall_seconds
+        versions = {f"{name}_version": self.versions.get(name) for name in VERSIONS}
+        return {**found, "failure": self.failure, **versions}
+
+
+@checks.known_names_of_methods
+@dataclass(frozen=True, repr=False)
+class Sweep:
+    """The rows of a sweep, in the order of the grid: its last name changes fastest, and the runs of a point in it.
+
+    Attributes:
+        function: what was run, by name.
+        parameters: names of the grid.
+        rows: one for each run, failed ones included.
+        units: units by the name of a column, where known; "1" means dimensionless.
+
+    >>> import mpsim
+    >>> def area(width, height):
+    ...     return {"area": width * height}
+    >>> table = mpsim.sweep(area, {"width": [1.0, 2.0], "height": [3.0, 0.0]}, units={"area": "length^2"})
+    >>> table
+    <Sweep: 4 runs of area over width, height>
+    >>> [(row.point["width"], row.point["height"], row.values["area"]) for row in table.rows]
+    [(1.0, 3.0, 3.0), (1.0, 0.0, 0.0), (2.0, 3.0, 6.0), (2.0, 0.0, 0.0)]
+    >>> table.to_csv().splitlines()[0].split(",")[:5]
+    ['width', 'height', 'run', 'seed', 'area [length^2]']
+    """
+
+    function: str
+    parameters: tuple[str, ...]
+    rows: tuple[SweepRow, ...]
+    units: dict[str, str] = field(default_factory=dict[str, str])
+
+    @property
+    def results(self) -> tuple[str, ...]:
+        """Names of the results, in the order in which the rows have them."""
+        return tuple(dict.fromkeys(name for row in self.rows for name in row.values))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of the table: parameters, run, seed, results, wall_seconds, failure, versions."""
+        return tuple(dict.fromkeys((*self.parameters, *OWN[:2], *self.results, *OWN[2:])))
+
+    @property
+    def failed(self) -> tuple[SweepRow, ...]:
+        """The rows whose run failed."""
+        return tuple(row for row in self.rows if row.failure is not None)
+
+    @property
+    def versions(self) -> dict[str, tuple[str, ...]]:
+        """Versions of mpsim, numpy, numba and python that made the rows: one of each, unless a file mixes several."""
+        found = {name: {row.versions[name] for row in self.rows if name in row.versions} for name in VERSIONS}
+        return {name: tuple(sorted(each)) for name, each in found.items()}
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """The table as CSV, one line for each run; also written to `path`, if given.
+
+        The header of a column whose unit is known is "name [unit]". Missing results of failed runs are empty.
+
+        Raises:
+            InputError: if the path has the ending of another format.
+            OutputError: if the file cannot be written.
+        """
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        columns = self.columns
+        writer.writerow([f"{name} [{self.units[name]}]" if name in self.units else name for name in columns])
+        for row in self.rows:
+            record = row.record()
+            writer.writerow([record.get(name) for name in columns])
+        return written(text.getvalue(), path, TABLE, CSV)
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """The table as JSON: function, parameters, units, versions, and rows of plain values; also written to `path`.
+
+        Numbers that are not finite become null.
+
+        Raises:
+            InputError: if the path has the ending of another format.
+            OutputError: if the file cannot be written.
+        """
+        values = {"function": self.function, "parameters": self.parameters, "units": self.units}
+        values |= {"versions": self.versions, "rows": [row.record() for row in self.rows]}
+        return written(json_text(values) + "\n", path, TABLE, JSON)
+
+    def to_pandas(self) -> Any:
+        """The table as a pandas.DataFrame, one line for each run; its `attrs` hold units and versions.
+
+        Raises:
+            OutputError: if pandas is not installed.
+        """
+        pandas = imported("pandas", "a DataFrame", "sweep", "use to_csv or to_json, which need nothing")
+        records = [row.record() for row in self.rows]
+        frame = pandas.DataFrame({name: [record.get(name) for record in records] for name in self.columns})
+        versions = {name: list(each) for name, each in self.versions.items()}
+        frame.attrs = {"function": self.function, "units": dict(self.units), "versions": versions}
+        return frame
+
+    def __repr__(self) -> str:
+        failed = f", {len(self.failed)} failed" if self.failed else ""
+        return f"<Sweep: {len(self.rows)} runs of {self.function} over {', '.join(self.parameters)}{failed}>"
+
+
+def plain(value: Any) -> Scalar:
+    """A value of the grid as a table shows it."""
+    found: Any = cast("Any", value).item() if isinstance(value, np.generic) else value
+    return found if found is None or isinstance(found, bool | int | float | str) else repr(found)
+
+
+def checked_units(units: Any, known: Mapping[str, str]) -> dict[str, str]:
+    """Units by the name of a column: the known ones, and those given by the caller."""
+    if units is None:
+        return dict(known)
+    given = cast("Mapping[Any, Any]", units)
+    if not isinstance(units, Mapping) or not all(isinstance(each, str) for pair in given.items() for each in pair):
+        raise InputError(
+            f"units must be a dictionary of texts by the name of a column; got {checks.brief(units)}. "
+            "Write {'pressure': 'mass/time^2'}."
+        )
+    return {**known, **given}
+
+
+# --- The task of a sweep: a function or a scene, checked before anything runs
 
 
 @dataclass(frozen=True)
@@ -98,18 +874,6 @@ class Task:
             arguments["seed"] = point.seed
         return run_point, self.call, arguments, self.taken, *stop
 
-    def demand_picklable(self, executor: Executor | None, point: Point) -> None:
-        """Refuse what pickle cannot send, if the executor is one of Python's that use pickle.
-
-        Raises:
-            InputError: naming the function.
-        """
-        if isinstance(executor, ProcessPoolExecutor):
-            try:
-                pickle.dumps((self.call, point.values))
-            except (pickle.PicklingError, AttributeError, TypeError, RecursionError) as error:
-                raise self.unpicklable(error) from error
-
     def unpicklable(self, error: BaseException) -> InputError:
         """The error for a function, or values, that cannot be sent to another process."""
         return InputError(
@@ -118,11 +882,15 @@ class Task:
         )
 
 
-def task_of(function: Any, points: list[Point], options: Options) -> Task:
+def task_of(function: Any, points: list[Point], how: dict[str, Any]) -> Task:
     """What is done at each of the points.
 
+    Args:
+        function, points: of the sweep.
+        how: until, frames, measures and settings, as `sweep` was given them.
+
     Raises:
-        InputError: if the function, its arguments, or the options break a rule.
+        InputError: if the function, its arguments, or what is in `how` break a rule.
     """
     names, seeded = tuple(points[0].values), points[0].seed is not None
     for name in names:
@@ -133,16 +901,16 @@ def task_of(function: Any, points: list[Point], options: Options) -> Task:
             )
     title: dict[str, Any] = {"parameters": sorted(names), "seeded": seeded}
     if isinstance(function, Scene | str | os.PathLike):
-        return _scene_task(function, names, points, options, title)
+        return _scene_task(function, names, points, how, title)
     if not callable(function):
         raise InputError(
             "function must be a function, an mpsim.Scene, or the name or path of one; got "
             f"{checks.brief(function)}. Give a function that returns a dictionary."
         )
-    return _function_task(function, names, points, options, title)
+    return _function_task(function, names, points, how, title)
 
 
-def _scene_task(function: Any, names: tuple[str, ...], points: list[Point], options: Options, title: Any) -> Task:
+def _scene_task(function: Any, names: tuple[str, ...], points: list[Point], how: dict[str, Any], title: Any) -> Task:
     if isinstance(function, Scene):
         scene, name = function, repr(function)[1:-1]
     else:
@@ -158,34 +926,34 @@ def _scene_task(function: Any, names: tuple[str, ...], points: list[Point], opti
             )
     if points[0].seed is not None and not scene.can_redraw:
         scene.redrawn(points[0].seed)  # which raises
-    run = _scene_run(None, names, points, options, scene)
+    run = _scene_run(None, names, points, how, scene)
     title = {"function": f"scene {scene.digest()}", **title, "runs": _facts(run, scene)}
     return Task(name, run, scene, title, frozenset(names))
 
 
-def _function_task(function: Any, names: tuple[str, ...], points: list[Point], options: Options, title: Any) -> Task:
+def _function_task(function: Any, names: tuple[str, ...], points: list[Point], how: dict[str, Any], title: Any) -> Task:
     parameters = _parameters(function)
     own: tuple[str, ...] = ()
-    if options.given or any(name in RUN_OPTIONS and name not in parameters for name in names):
+    makes_scenes = any(each is not None for each in how.values())
+    if makes_scenes or any(name in RUN_OPTIONS and name not in parameters for name in names):
         own = tuple(name for name in names if name in RUN_FIELDS and name not in parameters)
-    makes_scenes = options.given or bool(own)
     name = getattr(_inner(function), "__qualname__", type(function).__qualname__)
     _demand_arguments(name, parameters, [each for each in names if each not in own], points[0].seed is not None)
-    call = _scene_run(function, own, points, options, None) if makes_scenes else function
+    call = _scene_run(function, own, points, how, None) if makes_scenes or own else function
     title = {"function": _identity(function), **title}
     title["runs"] = _facts(call, None) if isinstance(call, SceneRun) else None
     return Task(name, call, None, title, frozenset(names))
 
 
 def _scene_run(
-    make: Callable[..., Any] | None, own: tuple[str, ...], points: list[Point], options: Options, scene: Scene | None
+    make: Callable[..., Any] | None, own: tuple[str, ...], points: list[Point], how: dict[str, Any], scene: Scene | None
 ) -> SceneRun:
-    settings = settings_for(scene or Recommends(), options.settings)  # checked, also where scenes are made later
-    if scene is None and options.settings is None:
+    settings = settings_for(scene or Recommends(), how["settings"])  # checked, also where scenes are made later
+    if scene is None and how["settings"] is None:
         settings = None
-    until = None if options.until is None else checks.non_negative("until", options.until, "[time]")
-    frames = None if options.frames is None else _frames(options.frames)
-    measures = None if options.measures is None else registry.checked(options.measures, scene)
+    until = None if how["until"] is None else checks.non_negative("until", how["until"], "[time]")
+    frames = None if how["frames"] is None else _frames(how["frames"])
+    measures = None if how["measures"] is None else registry.checked(how["measures"], scene)
     run = SceneRun(make, settings, until, frames, measures, frozenset(own))
     run.settings_of({})
     for name in own:
@@ -385,15 +1153,34 @@ def sweep(
     """
     checked_executor(executor)
     points = points_of(grid, seeds)
-    task = task_of(function, points, Options(until, frames, measures, settings))
-    named = checked_units(units, sweep_runs.UNITS if isinstance(task.call, SceneRun) else {})
+    how = {"until": until, "frames": frames, "measures": measures, "settings": settings}
+    task = task_of(function, points, how)
+    named = checked_units(units, UNITS if isinstance(task.call, SceneRun) else {})
     show = checked_progress(progress, "progress(done, of, what)")
     retry_failed = checks.truth("retry_failed", retry_failed)
-    task.demand_picklable(executor, points[0])
+    if isinstance(executor, ProcessPoolExecutor):
+        try:
+            pickle.dumps((task.call, points[0].values))
+        except (pickle.PicklingError, AttributeError, TypeError, RecursionError) as error:
+            raise task.unpicklable(error) from error
     with terminated_by_exit(), SweepFile(path, task.title, source_of(function)) as file, shown(show) as say:
-        missing = [point for point in points if _is_missing(file.get(point), retry_failed)]
-        _Running(task, file, len(points), say).run(missing, executor)
-        rows = tuple(_row(point, file.get(point)) for point in points)
+        known_runs = file.outcomes
+        missing = [p for p in points if p.key not in known_runs or (retry_failed and "failure" in known_runs[p.key])]
+        done, failed, any_good = len(points) - len(missing), 0, len(missing) < len(points)
+
+        def take(point: Point, outcome: dict[str, Any]) -> None:
+            nonlocal done, failed, any_good
+            if "wrong" in outcome and not any_good:
+                raise InputError(outcome["failure"].partition(": ")[2])
+            any_good = any_good or "values" in outcome
+            file.put(point, outcome)
+            done, failed = done + 1, failed + ("failure" in outcome)
+            say(done, len(points), f"runs, {failed} failed" if failed else "runs")
+
+        say(done, len(points), "runs")
+        if missing:
+            _run(task, missing, executor, take, file)
+        rows = tuple(_row(point, known_runs[point.key]) for point in points)
     units_here = {*points[0].values, *OWN, *(name for row in rows for name in row.values)}
     known = {name: unit for name, unit in named.items() if name in units_here}
     known |= {"wall_seconds": "s"}
@@ -401,94 +1188,59 @@ def sweep(
     return Sweep(task.name, tuple(points[0].values), rows, known)
 
 
-class _Running:
-    """The runs of a sweep that a file lacks; `of` is the number of all."""
-
-    def __init__(self, task: Task, file: SweepFile, of: int, show: Show):
-        self._task, self._file, self._of, self._show = task, file, of, show
-        self._done = self._failed = 0
-        self._good = False
-        self._broken: BaseException | None = None
-        self._lost = 0
-
-    def run(self, missing: list[Point], executor: Executor | None) -> None:
-        """Run them, in threads without an executor."""
-        self._done = self._of - len(missing)
-        self._good = self._done > 0
-        self._show_progress()
-        if not missing:
-            return
-        stop = threading.Event()
-        threads, extra = None, ()
-        if executor is None:
-            executor = threads = ThreadPoolExecutor(usable_cores(), "mpsim-sweep")
-            extra = (stop,)  # an event cannot be sent to another process
-        tasks = ((point, self._task.submission(point, *extra)) for point in missing)
-        submitted = Submissions(executor, tasks)
+def _run(
+    task: Task,
+    missing: list[Point],
+    executor: Executor | None,
+    take: Callable[[Point, dict[str, Any]], None],
+    file: SweepFile,
+) -> None:
+    """Run points, in threads without an executor, and `take` each outcome; an interrupt keeps those that are done."""
+    stop = threading.Event()
+    threads, extra = None, ()
+    if executor is None:
+        executor = threads = ThreadPoolExecutor(usable_cores(), "mpsim-sweep")
+        extra = (stop,)  # an event cannot be sent to another process
+    submitted = Submissions(executor, ((point, task.submission(point, *extra)) for point in missing))
+    lost: list[BrokenExecutor] = []
+    try:
+        for point, future in submitted.finished():
+            take(point, _outcome(task, future, lost))
+    finally:
+        stop.set()
+        submitted.cancel()
         try:
-            for point, future in submitted.finished():
-                self._take(point, self._outcome(future))
+            if threads is not None:
+                threads.shutdown(cancel_futures=True)
         finally:
-            stop.set()
-            submitted.cancel()
-            try:
-                if threads is not None:
-                    threads.shutdown(cancel_futures=True)
-            finally:
-                for point, future in submitted.left():
-                    self._file.put(point, future.result())
-        self._warn_if_broken()
-
-    def _outcome(self, future: Future[Any]) -> dict[str, Any]:
-        """What a future holds: the outcome of a run, or why the executor could not bring it back."""
-        try:
-            error = future.exception()
-        except CancelledError as cancelled:
-            error = cancelled
-        if error is None:
-            return future.result()
-        if isinstance(error, KeyboardInterrupt):
-            raise error
-        if isinstance(error, BrokenExecutor):
-            self._broken, self._lost = error, self._lost + 1
-        elif isinstance(error, pickle.PicklingError) or _NO_PICKLE.search(str(error)):
-            raise self._task.unpicklable(error) from error
-        return sweep_runs.failed_elsewhere(error)
-
-    def _take(self, point: Point, outcome: dict[str, Any]) -> None:
-        if "wrong" in outcome and not self._good:
-            raise InputError(outcome["failure"].partition(": ")[2])
-        self._good = self._good or "values" in outcome
-        self._file.put(point, outcome)
-        self._done, self._failed = self._done + 1, self._failed + ("failure" in outcome)
-        self._show_progress()
-
-    def _show_progress(self) -> None:
-        self._show(self._done, self._of, f"runs, {self._failed} failed" if self._failed else "runs")
-
-    def _warn_if_broken(self) -> None:
-        if self._broken is not None:
-            warnings.warn(
-                f"the executor broke, and {self._lost} runs failed with it: {sweep_runs.described(self._broken):.200} "
-                "The other rows are kept. Call again with a new executor and the same path to run these.",
-                SweepWarning,
-                stacklevel=level_of_caller(),
-            )
+            for point, future in submitted.left():
+                file.put(point, future.result())
+    if lost:
+        warnings.warn(
+            f"the executor broke, and {len(lost)} runs failed with it: {described(lost[-1]):.200} The other rows are "
+            "kept. Call again with a new executor and the same path to run these.",
+            SweepWarning,
+            stacklevel=level_of_caller(),
+        )
 
 
-def _is_missing(outcome: dict[str, Any] | None, retry_failed: bool) -> bool:
-    return outcome is None or (retry_failed and "failure" in outcome)
+def _outcome(task: Task, future: Future[Any], lost: list[BrokenExecutor]) -> dict[str, Any]:
+    """What a future holds: the outcome of a run, or why the executor could not bring it back."""
+    try:
+        error = future.exception()
+    except CancelledError as cancelled:
+        error = cancelled
+    if error is None:
+        return future.result()
+    if isinstance(error, KeyboardInterrupt):
+        raise error
+    if isinstance(error, BrokenExecutor):
+        lost.append(error)
+    elif isinstance(error, pickle.PicklingError) or _NO_PICKLE.search(str(error)):
+        raise task.unpicklable(error) from error
+    return failed_elsewhere(error)
 
 
-def _row(point: Point, outcome: dict[str, Any] | None) -> SweepRow:
-    found = outcome or {}
-    return SweepRow(
-        point.values,
-        point.run,
-        point.seed,
-        found.get("values", {}),
-        found.get("failure"),
-        found.get("traceback", ""),
-        found["seconds"],
-        found["versions"],
-    )
+def _row(point: Point, outcome: dict[str, Any]) -> SweepRow:
+    values, failure, text = outcome.get("values", {}), outcome.get("failure"), outcome.get("traceback", "")
+    return SweepRow(point.values, point.run, point.seed, values, failure, text, outcome["seconds"], outcome["versions"])

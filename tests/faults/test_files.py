@@ -58,7 +58,6 @@ WRITERS = {
     "times.parquet": REPORT.to_parquet,
     "sweep.csv": SWEPT.to_csv,
     "sweep.json": SWEPT.to_json,
-    "sweep.parquet": SWEPT.to_parquet,
     "picture.png": picture,
     "animation.gif": animation,
     "frames.xyz": trajectory,
