@@ -25,26 +25,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core import archive, checks, files
-from mpsim.core.archive import (
-    DAMAGE,
-    ArrayFile,
-    Arrays,
-    content_of,
-    digest_of_piece,
-    laid_out,
-    piece_of,
-    pieces_of,
-    write_around,
-    write_at,
-    write_contents,
-)
-from mpsim.core.columns import Array, of_each_disc
+from mpsim.core import checks, files
+from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, ArrayWriter
+from mpsim.core.columns import Array, chunks_of, of_each_disc
 from mpsim.core.deferred_signals import Noted
-from mpsim.core.team import Alone, Team
 from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed, parameters_after
 from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
-from mpsim.engine.solvers import event_block
 from mpsim.engine.solvers.base import MOST_STEPS, count_in, demand
 from mpsim.engine.solvers.methods import METHODS, choose
 from mpsim.engine.step_limits import MOST_SUBSTEPS
@@ -58,117 +44,8 @@ from mpsim.errors import (
 )
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.properties import has_masses, has_radii
-from mpsim.kernels.events.boundary import COARSE
-from mpsim.kernels.events.records import ENTRIES, FINE
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings, settings_from
-
-# --- Reads checkpoints of older formats
-
-TALLY, SEEN = "solver.tally", "solver.seen"
-
-
-def in_this_format(arrays: Arrays, version: int) -> Arrays:
-    """Arrays of a file of a format."""
-    for since, convert in _CONVERSIONS:
-        if version <= since:
-            arrays = convert(arrays)
-    return arrays
-
-
-def digest_at_once(header: bytes, arrays: Arrays) -> str:
-    """The digest of a file up to format 6: over the text of its header and the bytes of all its arrays."""
-    digest = hashlib.blake2b(header, digest_size=16)
-    for name in sorted(arrays):
-        array = arrays[name]
-        content: Any = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
-        digest.update(f"{name} {array.dtype.str} {array.shape or (1,)}".encode())
-        digest.update(content)
-    return digest.hexdigest()
-
-
-def _with_virials(arrays: Arrays) -> Arrays:
-    """The exact solver counted no virials by component, and does from there on."""
-    end = 5  # of the entries that were there already, four walls and the virial; in `seen` the collisions follow them
-    shapes = {TALLY: (end,), SEEN: (end + 1,)}
-    counts = {name: arrays[name] for name, shape in shapes.items() if name in arrays and arrays[name].shape == shape}
-    return arrays | {name: np.insert(array, end, [0.0, 0.0]) for name, array in counts.items()}
-
-
-def _without_lists(arrays: Arrays) -> Arrays:
-    """The exact solver kept its lists of cells, which follow from the discs."""
-    return {name: array for name, array in arrays.items() if name not in ("solver.cell_head", "solver.cell_next")}
-
-
-def _with_discs_first(arrays: Arrays) -> Arrays:
-    """Solvers that step had two columns in the order of their block: components first."""
-    if "solver.position" not in arrays:
-        return arrays
-    columns = {name: arrays[name] for name in ("solver.image", "solver.exits") if name in arrays}
-    return arrays | {name: array.T for name, array in columns.items() if array.ndim == 2}
-
-
-def _in_fixed_point(arrays: Arrays) -> Arrays:
-    """The exact solver counted in real numbers, now in whole multiples of a unit."""
-    shapes = {TALLY: (ENTRIES,), SEEN: (ENTRIES + 1,)}
-    found = {name: arrays[name] for name, shape in shapes.items() if name in arrays and arrays[name].shape == shape}
-    if len(found) < len(shapes) or not all(np.isfinite(array).all() for array in found.values()):
-        return arrays
-    most = max(float(np.abs(array[:ENTRIES]).max()) for array in found.values())
-    unit = math.ldexp(COARSE, math.frexp(most)[1])
-    parts = {name: np.concatenate([_parts(array[:ENTRIES], unit), array[ENTRIES:]]) for name, array in found.items()}
-    counts = {name: array.astype(np.int64) for name, array in parts.items()}
-    return arrays | counts | {"solver.units": np.array([unit, unit])}
-
-
-def _parts(values: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-    """Numbers as coarse and fine parts; see kernels/events/records.py."""
-    coarse = np.floor(values / unit)
-    return np.concatenate([coarse, (values / unit - coarse) * 2.0**FINE])
-
-
-_CONVERSIONS: tuple[tuple[int, Callable[[Arrays], Arrays]], ...] = (
-    (1, _with_virials),
-    (5, _without_lists),
-    (5, _in_fixed_point),
-    (6, _with_discs_first),
-)
-"""For files up to this format, one after the other."""
-
-
-# --- The digest of a checkpoint, computed from digests of pieces of its arrays
-
-AT_ONCE = 6
-"""The last format in which the digest is over all bytes one after the other, which only one process can make."""
-
-
-def digest_of(header: dict[str, Any], arrays: Arrays) -> str:
-    """Hex digest over header and arrays, names, dtypes and shapes included, as the format of the header has it."""
-    if int(header["format"]) <= AT_ONCE:
-        return digest_at_once(_plain_text(header), arrays)
-    return joined_digest(
-        header,
-        arrays,
-        {
-            name: [digest_of_piece(content_of(array, rows)) for rows in pieces_of(array.shape)]
-            for name, array in arrays.items()
-        },
-    )
-
-
-def joined_digest(header: dict[str, Any], arrays: Mapping[str, Array], digests: Mapping[str, list[bytes]]) -> str:
-    """The digest over header and arrays, from those of their pieces, which may be taken by different processes."""
-    digest = hashlib.blake2b(_plain_text(header), digest_size=16)
-    for name in sorted(arrays):
-        digest.update(f"{name} {arrays[name].dtype.str} {arrays[name].shape}".encode())
-        digest.update(b"".join(digests[name]))
-    return digest.hexdigest()
-
-
-def _plain_text(header: dict[str, Any]) -> bytes:
-    """A header without its digest, in an order of its own."""
-    return json.dumps({name: header[name] for name in header if name != "digest"}, sort_keys=True).encode()
-
 
 # --- The scene of a checkpoint: plain values in its header, and arrays
 
@@ -229,14 +106,16 @@ def _on_lattice(lattice: dict[str, Any], values: dict[str, Any]) -> Scene:
     return scene
 
 
-FORMAT = 7
-"""Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the image flags and
-virials by component, one of format 2 is that of smooth discs, one of format 3 has sizes of each disc even if equal,
-one of format 4 no lattice, in one of format 5 the exact solver counts impulses in real numbers, in one of format 6 some
-columns have their components first, the digest is over all at once, and nothing has been changed between frames."""
+FORMAT = 8
+"""Version of the format. Only files of this one are read."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
+
+DIGEST = "digest"
+"""Name of the last array, a digest over all that stands before it."""
+
+_DIGEST_BYTES = 16
 
 _START = b"PK\x03\x04"
 _NAME_AT = 30
@@ -256,9 +135,6 @@ VERSIONS: dict[str, str] = {"python": platform.python_version(), "numpy": np.__v
 SIZES = ("radii", "masses")
 """Arrays of a solver that are written as one number, shape (), where all discs have the same; the header has the number
 of discs."""
-
-ALONE: Team = Alone()
-"""One process, which writes all of a file."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -360,46 +236,44 @@ def write(
     settings: Settings,
     run: dict[str, Any],
     arrays: Mapping[str, Array],
-    team: Team = ALONE,
     changed: Changed = UNCHANGED,
 ) -> Path:
     """Write a checkpoint; the file that was there is kept beside it as <name>.previous.
 
     Args:
-        path, scene, settings, run: as read back; the same in all processes that write.
-        arrays: of the solver, which may be read in chunks, by all processes at once.
-        team: the processes that write, each its share. The first one makes the file, and renames it when all have
-            written and flushed theirs.
+        path, scene, settings, run, changed: as read back.
+        arrays: of the solver, which are read in chunks.
 
     Raises:
-        OutputError: if one of them cannot write; on all, and what was there before is still there.
+        OutputError: if it cannot be written; what was there before is still there.
     """
     target = place_of(path)
     header, everything = _packed(scene, settings, run, arrays, changed)
-    with _as_output_error(target), contextlib.ExitStack() as replacing:
-        file: Any = None  # of the first process
-
-        def begin() -> int:
-            nonlocal file
-            _check_place(target)
-            replacing.enter_context(_kept_as_previous(target))
-            file = replacing.enter_context(files.atomic_write(target))
-            return len(_text_of(header))
-
-        length = team.once(begin)  # others may have other versions of what is named in the header
-        top, *members = laid_out({HEADER: np.zeros(length, np.uint8), **everything})
-        with archive.begun(team, file) as joint:
-            pieces = write_contents(joint, team, members, everything)
-
-        def end() -> None:
-            digests = {name: [piece.digest for piece in found] for name, found in pieces.items()}
-            text = _text_of(header | {"digest": joined_digest(header, everything, digests)})
-            write_at(file.fileno(), text, top.begin)
-            write_around(file.fileno(), [top, *members], {HEADER: [piece_of(text)], **pieces})
-            replacing.close()
-
-        team.once(end)
+    with _as_output_error(target):
+        _check_place(target)
+        with _kept_as_previous(target), files.atomic_write(target) as file, ArrayWriter(file) as out:
+            out.add(HEADER, np.frombuffer(header, np.uint8))
+            digest = hashlib.blake2b(header, digest_size=_DIGEST_BYTES)
+            for name, array in everything.items():
+                digest.update(_title(name, array))
+                out.add(name, array, digest.update)
+            out.add(DIGEST, np.frombuffer(digest.digest(), np.uint8))
     return target
+
+
+def digest_of(header: bytes, arrays: Arrays) -> bytes:
+    """Digest over header and arrays, names, dtypes and shapes included."""
+    digest = hashlib.blake2b(header, digest_size=_DIGEST_BYTES)
+    for name, array in arrays.items():
+        digest.update(_title(name, array))
+        for chunk in chunks_of(array):
+            content: Any = chunk.reshape(-1).view(np.uint8)
+            digest.update(content)
+    return digest.digest()
+
+
+def _title(name: str, array: Array) -> bytes:
+    return f"{name} {array.dtype.str} {array.shape}".encode()
 
 
 def read(path: str | os.PathLike[str], check: Check, mapped: bool = False) -> Checkpoint:
@@ -408,7 +282,7 @@ def read(path: str | os.PathLike[str], check: Check, mapped: bool = False) -> Ch
     mapped: whether arrays stay in the pages of the file.
 
     Raises:
-        CheckpointError: if there is none, or none that is whole, or it is of a newer version, or it cannot be read for
+        CheckpointError: if there is none, or none that is whole, or it is of another format, or it cannot be read for
             a reason that is no damage, such as a missing right: the one before is not taken then.
     """
     target = place_of(path)
@@ -437,7 +311,7 @@ def method_of(path: str | os.PathLike[str]) -> str | None:
     with contextlib.suppress(_DamagedError, CheckpointError, *_NO_STATE):
         own = place_of(path)
         with _damage_reported(own), files.opened(own) as file, ArrayFile(file) as archive:
-            return str(_header_of(archive)["settings"]["method"])
+            return str(_header_of(archive)[1]["settings"]["method"])
     return None
 
 
@@ -489,8 +363,8 @@ class _DamagedError(Exception):
 
 def _packed(
     scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array], changed: Changed
-) -> tuple[dict[str, Any], dict[str, Array]]:
-    """The header of a file, without its digest, and its arrays."""
+) -> tuple[bytes, dict[str, Array]]:
+    """The header of a file, as text, and its arrays."""
     plain, parts = scene_parts(scene)
     everything: dict[str, Array] = {f"scene.{name}": value for name, value in parts.items()}
     once = {name: np.asarray(sizes[0]) for name in SIZES if _are_equal(sizes := np.asarray(arrays[name]))}
@@ -505,8 +379,8 @@ def _packed(
         "run": run,
         "discs": len(arrays["radii"]),
     }
-    header = json.loads(json.dumps(header)) | {"digest": "0" * 32}  # as it will be read
-    length = len(_text_of(header))
+    text = json.dumps(header).encode()
+    length = len(text)
     if length > MOST_HEADER:
         number = {each.argument: len(each.of(scene)) for each in FEATURES if each.kinds and each.several}
         counts = " and ".join(f"{count:,} {name}" for name, count in number.items())
@@ -514,11 +388,7 @@ def _packed(
             f"{' and '.join(number)} must take at most {MOST_HEADER:,} bytes of a checkpoint's header, or it could not "
             f"be read again; got {length:,} bytes for {counts}. Use fewer; one Polyline takes the place of many."
         )
-    return header, everything
-
-
-def _text_of(header: dict[str, Any]) -> bytes:
-    return json.dumps(header).encode()
+    return text, everything
 
 
 def _are_equal(sizes: NDArray[np.float64]) -> bool:
@@ -622,21 +492,25 @@ def _unpacked(path: Path, mapped: bool = False, verified: tuple[int, ...] = ()) 
         verified: `_identity` of the file of which the digest is known to be right.
     """
     with _damage_reported(path), files.opened(path) as file, ArrayFile(file) as archive:
-        header = _header_of(archive)
-        format_version, said = int(header["format"]), str(header["digest"])
-        if format_version <= FORMAT:
+        text, header = _header_of(archive)
+        format_version = int(header["format"])
+        if format_version == FORMAT:
             take = archive.map if mapped else archive.read
-            arrays = {name: take(name) for name in archive.names if name != HEADER}
-            if _identity(file.fileno()) != verified and digest_of(header, arrays) != said:
+            arrays = {name: take(name) for name in archive.names if name not in (HEADER, DIGEST)}
+            digest = archive.read(DIGEST).tobytes()
+            if _identity(file.fileno()) != verified and digest_of(text, arrays) != digest:
                 raise _DamagedError("its content does not match its digest")
-            return header, in_this_format(arrays, format_version)
+            return header | {"digest": digest.hex()}, arrays
+    is_newer = format_version > FORMAT
     raise CheckpointError(
-        f"the checkpoint {str(path)!r} is of format {format_version}; this version of mpsim reads up to {FORMAT}. Use "
-        "a newer mpsim."
+        f"the checkpoint {str(path)!r} must be of format {FORMAT}, which this version of mpsim reads; it is of format "
+        f"{format_version}, {'of a newer version' if is_newer else 'from a development version'}. "
+        f"{'Use a newer mpsim.' if is_newer else 'Start again from its scene.'}"
     )
 
 
-def _header_of(archive: ArrayFile) -> dict[str, Any]:
+def _header_of(archive: ArrayFile) -> tuple[bytes, dict[str, Any]]:
+    """The header as text, and what it says."""
     if HEADER not in archive.names:
         raise ValueError("it is not a checkpoint of mpsim")
     text = archive.read(HEADER)
@@ -645,7 +519,7 @@ def _header_of(archive: ArrayFile) -> dict[str, Any]:
     header = json.loads(text.tobytes())
     if not isinstance(header, dict):
         raise ValueError("its header is not a table")
-    return header
+    return text.tobytes(), header
 
 
 def _verified(path: Path, check: Check, mapped: bool) -> Checkpoint:
@@ -684,9 +558,6 @@ def _named(prefix: str, arrays: Arrays) -> Arrays:
 
 # --- Checks whether the state in a checkpoint is possible for its scene
 
-NOT_IN_ALL_FILES = {"image", "winding", event_block.CRUSHING_SPEED}
-"""Arrays that older files lack: counts of periods those of format 1, which count from there on."""
-
 
 def check(found: Checkpoint) -> None:
     """Raise ValueError for a checkpoint in which no simulation can have been, saying why."""
@@ -696,11 +567,7 @@ def check(found: Checkpoint) -> None:
     demand(scene.count <= count <= LARGEST_COUNT, f"it has {count} discs; its scene has {scene.count}")
     solver = METHODS[choose(count, settings).method].solver
     shapes = solver.snapshot_shapes(scene, settings, count)
-    missing = shapes.keys() - arrays.keys()
-    demand(
-        arrays.keys() <= shapes.keys() and missing <= NOT_IN_ALL_FILES,
-        f"it holds arrays {sorted(arrays)}; needed are {sorted(shapes)}",
-    )
+    demand(arrays.keys() == shapes.keys(), f"it holds arrays {sorted(arrays)}; needed are {sorted(shapes)}")
     for name, array in arrays.items():
         dtype, shape = shapes[name]
         demand(

@@ -18,7 +18,6 @@ from mpsim.core.checks import ReadOnly
 from mpsim.core.columns import GivenColumns
 from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import State
-from mpsim.core.team import Team
 from mpsim.engine import changes, checkpoint, report, step_limits
 from mpsim.engine import checkpoint as checkpoint_file
 from mpsim.engine.access import Access, exclusive, reading
@@ -532,7 +531,7 @@ class Simulation(Changing):
         solver = coordinator.open_solver()
         solver.demand_alike("arguments of run", given)
         progress = checked_progress(progress, "progress(done, of_frames)")
-        if progress is True and not solver.jointly(lambda team: team.rank == 0):
+        if progress is True and not solver.is_first:
             progress = None  # of several ranks the first one shows it
         frames = report.frames_wanted(frames, until, self.settings.dt, self.frame, self.time, solver.origin)
         skipped = report.frames_skipped(start, measures, frames, self.settings.dt, self.frame, solver.origin)
@@ -584,7 +583,7 @@ class Simulation(Changing):
             solver = self._coordinator.open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
             start, changed = self._coordinator.start_of_all, self._coordinator.changed
-        return solver.jointly(lambda team: checkpoint_file.write(path, *start, run, arrays, team, changed))
+        return solver.once(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
 
     @classmethod
     def resume(
@@ -716,14 +715,6 @@ class Simulation(Changing):
     @property
     def _solver(self) -> Solver:
         return self._coordinator.solver
-
-
-def jointly(sim: Simulation, act: Callable[[Team], Result]) -> Result:
-    """What an act gives that all processes of a simulation do together, each reading discs of its own.
-
-    They read at the same time, as often as each other, also if one of them wants none.
-    """
-    return sim._coordinator.open_solver().jointly(act)  # pyright: ignore[reportPrivateUsage]
 
 
 def read_in_place(sim: Simulation, read: Callable[[InPlace], Result]) -> Result:

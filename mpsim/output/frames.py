@@ -8,12 +8,10 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim.core import archive, checks
-from mpsim.core.archive import JointFile
+from mpsim.core import checks
 from mpsim.core.binding import Binding
 from mpsim.core.columns import ChunkedArray, Column, in_state
 from mpsim.core.state import Box, State, in_chunks, in_frame, present_in
-from mpsim.core.team import Alone
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.solvers.mpi_ranks import communicator_of
@@ -87,10 +85,6 @@ class FirstRank:
     def __init__(self, comm: Any = None):
         self.comm: Any = comm
         self._ranks = None if comm is None else communicator_of(comm)
-
-    def opened(self, path: Path) -> JointFile:
-        """A file made by the first rank, opened by all that write to it."""
-        return archive.opened(Alone() if self._ranks is None else self._ranks, path)
 
     def once(self, act: Callable[[], Result]) -> Result:
         """The result of a call made by the first rank; an error that it raises is raised on all ranks."""

@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks, files
-from mpsim.core.archive import JointFile
 from mpsim.core.files import FileLock
-from mpsim.engine.simulation import Simulation, jointly
+from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller, reason_of
 from mpsim.features.edges import BoundaryName
 from mpsim.measure.correlation import lengths_of, to_nearest_image
 from mpsim.output.frames import FirstRank, Frame, Given, Ownership, Reader, Writer, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
-from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter, write_jointly
+from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter
 from mpsim.scene.scene import Scene
 
 # --- Checks that a trajectory file belongs to a simulation before it is continued
@@ -133,17 +132,13 @@ logger: logging.Logger = logging.getLogger("mpsim")
 
 
 class Format(NamedTuple):
-    """A format of trajectories that is written: its usual ending, without the dot, and what writes it.
-
-    is_joint: whether ranks write it together.
-    """
+    """A format of trajectories that is written: its usual ending, without the dot, and what writes it."""
 
     name: str
     writer: Callable[[Path, str], Writer]
-    is_joint: bool = False
 
 
-XYZ, GSD = Format("xyz", XyzWriter, is_joint=True), Format("gsd", GsdWriter)
+XYZ, GSD = Format("xyz", XyzWriter), Format("gsd", GsdWriter)
 
 ENDINGS: dict[str, Format] = {".xyz": XYZ, ".extxyz": XYZ, ".gsd": GSD}
 """Formats that are written, by the endings of their files."""
@@ -235,20 +230,6 @@ class FrameFile:
             raise unwritable(self._path, error) from error
         self.last = now.frame
         return True
-
-    def begin_of(self, sim: Simulation, now: Frame, every: int) -> int | None:
-        """Where in the file ranks write the present frame together; None if it is there. Arguments as for `append`."""
-        assert isinstance(self._writer, XyzWriter)
-        return self._writer.end if self._is_due(sim, now, every) else None
-
-    def note(self, frame: int) -> None:
-        """Count a frame that was written jointly."""
-        self.last = frame
-
-    def cut(self, end: int) -> None:
-        """Cut off the remains of a failed frame."""
-        assert isinstance(self._writer, XyzWriter)
-        self._writer.cut(end)
 
     def close(self) -> None:
         """Close the file. May be called again."""
@@ -475,8 +456,8 @@ class Trajectory:
             mode: "x" for a new file only, "w" to replace an existing file, "a" to continue one, as after
                 `Simulation.resume`: frames later than the simulation's present one, written after its checkpoint, are
                 dropped and written again with the same bits.
-            comm: for method="mpi", the communicator of the simulation: all its ranks make this call. They write
-                extended XYZ together; GSD is written by the first rank.
+            comm: for method="mpi", the communicator of the simulation: all its ranks make this call. The first one
+                writes the file.
 
         Raises:
             InputError: naming the argument, its rule and the value received.
@@ -509,11 +490,8 @@ class TrajectoryWriter:
         self._ownership = Ownership("trajectory", self.path, advice, comm is not None)
         self._first_rank = FirstRank(comm)
         self._file: FrameFile | None = None  # of the first rank
-        self._joint: JointFile | None = None  # of ranks that write together
         try:
             self._first_rank.once(lambda: self._open(mode))
-            if comm is not None and ENDINGS[self.path.suffix.lower()].is_joint:
-                self._joint = self._first_rank.opened(self.path)
         except BaseException:
             self._first_rank.close()
             raise
@@ -525,28 +503,12 @@ class TrajectoryWriter:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
         self._ownership.bind_or_check(sim)
-        if self._joint is not None and not sim.scene.absorbing:
-            self.frames += self._append_jointly(sim, self._joint)
-        else:  # numbers of discs that have gaps are not those of lines
-            self.frames += sim.once(lambda: self._held().append(sim, frame_of(sim), self.every))
+        self.frames += sim.once(lambda: self._held().append(sim, frame_of(sim), self.every))
         self.seconds += time.perf_counter() - started
 
     def _held(self) -> FrameFile:
         assert self._file is not None  # of the first rank, as `_ownership` has looked
         return self._file
-
-    def _append_jointly(self, sim: Simulation, file: JointFile) -> bool:
-        """Write the present frame on all ranks, unless the file has it. Returns whether it was written."""
-        begin = sim.once(lambda: self._held().begin_of(sim, frame_of(sim), self.every))
-        if begin is None:
-            return False
-        try:
-            jointly(sim, lambda team: write_jointly(file, team, frame_of(sim), begin))
-        except OSError as error:
-            self._first_rank.alone(lambda: self._held().cut(begin))
-            raise unwritable(self.path, error) from error
-        self._first_rank.alone(lambda: self._held().note(sim.frame))
-        return True
 
     def __enter__(self) -> TrajectoryWriter:
         return self
@@ -557,13 +519,6 @@ class TrajectoryWriter:
     def close(self) -> None:
         """Close the file. May be called again."""
         self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
-        if self._joint is not None:
-            try:
-                self._joint.sync()
-            except OSError as error:
-                raise unwritable(self.path, error) from error
-            finally:
-                self._joint.close()
         if self._file is not None:
             self._file.close()
         self._first_rank.close()

@@ -20,9 +20,7 @@ import orjson
 from numpy.typing import NDArray
 
 from mpsim.core import files
-from mpsim.core.archive import JointFile
 from mpsim.core.columns import IMAGE, MASS, Column, in_state, ranges
-from mpsim.core.team import Team, raise_first
 from mpsim.errors import TrajectoryError, TrajectoryWarning, level_of_caller
 from mpsim.kernels.output import join_rows
 from mpsim.output.frames import ROUNDING, Frame, Given, kind_of
@@ -481,26 +479,24 @@ class XyzWriter:
 
     def __init__(self, path: Path, mode: str):
         self._path = path
-        self._file = path.open({"a": "ab", "x": "xb", "w": "wb"}[mode])
+        self._file = path.open({"a": "ab", "x": "xb", "w": "wb"}[mode], buffering=0)
 
     def write(self, frame: Frame) -> None:
-        """Append a frame, and pass it to the operating system."""
-        for part in text_of(frame):
-            self._file.write(part)
-        self._file.flush()
+        """Append a frame, and pass it to the operating system; one that fails is cut off again."""
+        begin = os.fstat(self._file.fileno()).st_size
+        try:
+            for part in text_of(frame):
+                rest = memoryview(part)
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+        except BaseException:
+            self._file.truncate(begin)
+            self._file.seek(begin)
+            raise
 
     def truncate(self, frames: int) -> None:
         """Cut the file after its first frames, and after the last complete one."""
         self._file.truncate(scan(self._path, skip_frame).offsets[frames])
-
-    @property
-    def end(self) -> int:
-        """The end of the file, where the next frame begins."""
-        return os.fstat(self._file.fileno()).st_size
-
-    def cut(self, end: int) -> None:
-        """Cut off the remains of a failed frame."""
-        self._file.truncate(end)
 
     def close(self) -> None:
         """Close the file, after forcing its content to the disk."""
@@ -553,33 +549,6 @@ class XyzReader(TextReader):
             origin = numbers[0], numbers[1]
         number = _number_of(keys, index)
         return self._given.frame(where, number, box, origin, periodic, position, self._path, known)
-
-
-def write_jointly(file: JointFile, team: Team, frame: Frame, begin: int) -> None:
-    """Write a frame at a position; all processes call it, and those that write make the lines of some discs at a time.
-
-    frame: read in chunks, by all at once, each its own, so that none has to hold the text of its share.
-
-    Raises:
-        Exception: on all processes, the one that any of them gets while it writes.
-    """
-    at, parts, order, failed = begin, ranges(len(frame.position), PART), sorted(file.writers), list[Exception]()
-    own, head = order.index(team.rank) if team.rank in order else len(parts), _head_of(frame)
-    team.once(lambda: file.write(head, begin))  # before all lines: killed at any moment, they leave the head of a frame
-    at += len(head)
-    for turn in range(file.rounds(len(parts))):
-        text = b""
-        if (part := own + turn * len(order)) < len(parts):
-            text = _text_of_rows(frame, *parts[part])
-        else:  # the others read now; and what is asked for again would not be read again
-            frame.position[turn + 1 : turn + 1]
-        lengths = team.all_of(len(text))
-        try:
-            file.write(text, at + sum(lengths[: team.rank]))
-        except Exception as error:  # the others go on to read
-            failed.append(error)
-        at += sum(lengths)
-    team.on_all(lambda: raise_first(failed))
 
 
 def text_of(frame: Frame) -> Iterator[Any]:

@@ -64,8 +64,9 @@ def killing_at_byte(limit):
 
 def naively(path):
     with path.open("wb", buffering=0) as file:
-        for first in range(0, len(whole), 100):
-            file.write(whole[first : first + 100])
+        rest = whole
+        while rest:
+            rest = rest[file.write(rest[:100]) :]
 
 def attempt(kill, limit):
     # The frame that is found after a kill, 0 for none; or None where the writer came to its end.

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.columns import EXITS, MASS, Column, kept_sizes
 from mpsim.core.state import Box, State, part_of
-from mpsim.core.team import Alone, Team
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
 from mpsim.engine.workers.shared import ArraySpec
 from mpsim.errors import InputError
@@ -655,13 +654,10 @@ class Solver(ABC):
         """
         return act()
 
-    def jointly(self, act: Callable[[Team], Result]) -> Result:
-        """What an act gives that all processes do which share the simulation, and are a team.
-
-        In it each may read discs of all of them, whenever the others read some: the same arrays of a snapshot, but each
-        the rows that it wants.
-        """
-        return act(Alone())
+    @property
+    def is_first(self) -> bool:
+        """Whether this process is the first of those that share the simulation."""
+        return True
 
     # --- what a report says
 

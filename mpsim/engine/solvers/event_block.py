@@ -328,8 +328,7 @@ def put_back(scene: Scene, arrays: dict[str, Any], snapshot: Snapshot) -> None:
         records.numbers(arrays[name])[...] = snapshot[name]
     arrays["event"]["number"] = np.arange(len(arrays["order"]))
     for saved, name in _saved_columns(scene).items():
-        if saved in snapshot:  # counts of periods are not in files of older versions
-            arrays[name][...] = snapshot[saved]
+        arrays[name][...] = snapshot[saved]
     for name, values in (("radius", snapshot["radii"]), ("mass", snapshot["masses"])):
         if name in arrays:
             arrays[name][...] = values[arrays["order"]]

@@ -22,7 +22,6 @@ from mpsim.core import columns
 from mpsim.core.columns import kept_sizes
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
-from mpsim.core.team import Team
 from mpsim.core.version import __version__
 from mpsim.engine.feature_arrays import columns_of, given_in
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Slice, Snapshot
@@ -70,7 +69,6 @@ class OnRanks(SteppedSolver):
     _ranks: Communicator | None = None
     _numbered: DiscsByNumber | None = None
     _acts_once: bool = False  # this is the first rank, and the others wait for what it asks
-    _each_asks: bool = False  # each rank asks for discs of its own
 
     @abstractmethod
     def _by_number(self) -> DiscsByNumber:
@@ -106,25 +104,20 @@ class OnRanks(SteppedSolver):
         ranks = self._shared()
         self._acts_once = ranks.rank == 0
         try:
-            return ranks.once(act, self._by_number().own)
+            with interrupts_held_back():  # no rank may leave it before the others
+                return ranks.once(act, self._by_number().own)
         finally:
             self._acts_once, self._numbered = False, None
 
-    def jointly(self, act: Callable[[Team], Result]) -> Result:
-        self._each_asks = True
-        try:
-            with interrupts_held_back():
-                return act(self._shared())
-        finally:
-            self._each_asks, self._numbered = False, None
+    @property
+    def is_first(self) -> bool:
+        return self._shared().rank == 0
 
     def _told_of(self, asked: Asked) -> list[Any]:
         """What each rank has of a range."""
         ranks, own = self._shared(), self._by_number().own
         if self._acts_once:
             return ranks.ask(asked, own)
-        if self._each_asks:
-            return ranks.each_to_each([own(of_one) for of_one in ranks.all_of(asked)])
         return answers_to_one(ranks.all_of((asked, own(asked))))
 
 

@@ -190,10 +190,6 @@ class Communicator:
         self.raise_any(self.all_of(error))
         return cast(Result, result)
 
-    def each_to_each(self, values: list[Any]) -> list[Any]:
-        """Give each rank the value of its number; returns what each has given this one."""
-        return self._comm.alltoall(values)
-
     def demand_alike(self, what: str, given: object) -> None:
         """Refuse what differs on some ranks.
 
