@@ -235,7 +235,9 @@ def draft_of(path: Path) -> Iterator[Path]:
 
     If the block raises, it is removed. So are drafts in the folder that killed processes of this machine have left.
     """
-    draft = _draft_for(path)
+    _remove_leftovers(path.parent)
+    who = f"{os.getpid()}-{socket.gethostname()}"
+    draft = path.with_name(f".mpsim-{who}-{secrets.token_hex(16)}.tmp{path.suffix[:_LONGEST_ENDING]}")
     try:
         yield draft
         draft.replace(path)
@@ -248,25 +250,6 @@ def draft_of(path: Path) -> Iterator[Path]:
         # After the renaming there is no draft, except where both names were links to one file: that renames nothing.
         with contextlib.suppress(OSError):
             draft.unlink()
-
-
-@contextlib.contextmanager
-def scratch_beside(path: Path) -> Iterator[BinaryIO]:
-    """A new file of a random name beside `path`, open for writing, that is removed at the end of the block."""
-    scratch = _draft_for(path)
-    try:
-        with open(scratch, "xb") as file:
-            yield file
-    finally:
-        with contextlib.suppress(OSError):
-            scratch.unlink()
-
-
-def _draft_for(path: Path) -> Path:
-    """A random name beside `path`, after drafts that killed processes have left there are removed."""
-    _remove_leftovers(path.parent)
-    who = f"{os.getpid()}-{socket.gethostname()}"
-    return path.with_name(f".mpsim-{who}-{secrets.token_hex(16)}.tmp{path.suffix[:_LONGEST_ENDING]}")
 
 
 def check_target(path: Path) -> int | None:

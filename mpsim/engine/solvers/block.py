@@ -484,7 +484,7 @@ class BlockSolver(SteppedSolver):
         arrays = self._block.arrays
         self._control.done, self._control.steps = frames, steps
         for column in columns.COLUMNS:
-            if column.name in snapshot:  # in files of older versions there is no image, and it counts from there on
+            if column.name in snapshot:
                 column.put(arrays[column.name], snapshot[column.name])
         self._configure()
 

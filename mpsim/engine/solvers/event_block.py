@@ -334,14 +334,9 @@ def put_back(scene: Scene, arrays: dict[str, Any], snapshot: Snapshot) -> None:
             arrays[name][...] = values[arrays["order"]]
 
 
-def crushing_speed_in(scene: Scene, snapshot: Snapshot) -> float | None:
-    """The crushing speed of a snapshot [length/time]; None without a wall that moves.
-
-    Files of older versions do not hold it: there it follows from the discs as they are now.
-    """
-    if CRUSHING_SPEED in snapshot:
-        return float(snapshot[CRUSHING_SPEED][0])
-    return crushing_speed_of(scene, records.of_numbers(records.DISC, snapshot["disc"])["velocity"])
+def crushing_speed_in(snapshot: Snapshot) -> float | None:
+    """The crushing speed of a snapshot [length/time]; None without a wall that moves."""
+    return float(snapshot[CRUSHING_SPEED][0]) if CRUSHING_SPEED in snapshot else None
 
 
 def shapes(scene: Scene, count: int) -> Shapes:
@@ -366,7 +361,7 @@ def check(scene: Scene, arrays: Snapshot, dt: float) -> None:
     flight = ("position", "velocity", "last_update")
     demand(all(np.isfinite(disc[name]).all() for name in flight), "position, velocity and their time must be finite")
     for saved in _saved_columns(scene):
-        demand(saved not in arrays or np.isfinite(arrays[saved]).all(), f"{saved} must be finite")
+        demand(np.isfinite(arrays[saved]).all(), f"{saved} must be finite")
     times = np.stack([disc["collision_time"], disc["crossing_time"], disc["last_contact"]])
     demand(not np.isnan(times).any(), "times of events must not be NaN")
     demand((times[:2] >= 0).all(), "no event may lie before the present lap")

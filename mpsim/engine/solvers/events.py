@@ -428,7 +428,7 @@ class EventSolver(Solver):
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
         impulse, virial = snapshot["units"].tolist()
         self.choice, self._units = choice, (impulse, virial)
-        self._crushing_speed = event_block.crushing_speed_in(self._scene, snapshot)
+        self._crushing_speed = event_block.crushing_speed_in(snapshot)
         block = self._plan.room(count_in(snapshot))
         with block.closed_on_error():
             block.create()
