@@ -48,6 +48,7 @@ class ArrayWriter:
         >>> file = io.BytesIO()
         >>> with ArrayWriter(file) as out:
         ...     out.add("position", np.ones((2, 2)))
+        >>> _ = file.seek(0)
         >>> np.load(file)["position"].tolist()
         [[1.0, 1.0], [1.0, 1.0]]
         """
