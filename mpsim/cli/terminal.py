@@ -106,7 +106,7 @@ class Whole(click.IntRange):
 class OneOf(click.Choice[str]):
     """One of some words; the error suggests one that is similar.
 
-    >>> Choice(("warn", "substep")).convert("substp", None, None)
+    >>> OneOf(("warn", "substep")).convert("substp", None, None)
     Traceback (most recent call last):
         ...
     click.exceptions.BadParameter: 'substp' is not one of 'warn', 'substep'. Did you mean 'substep'?
