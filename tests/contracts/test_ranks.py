@@ -54,16 +54,16 @@ WRONG = """
 import json, sys
 import numpy as np
 from mpi4py import MPI
-from mpsim.engine.solvers.mpi_part import Part
+from mpsim.engine.solvers.mpi_part import Subdomain
 from support.ranks import found
 
-right, before = Part.column_at, {{}}
+right, before = Subdomain.column_at, {{}}
 
 def wrong(part, border):
     sent = right(part, border).copy()
     return {wrong}
 
-Part.column_at = wrong
+Subdomain.column_at = wrong
 told = found("bare", method="mpi")
 if MPI.COMM_WORLD.rank == 0:
     print(json.dumps(told))
