@@ -83,7 +83,7 @@ def test_a_session_that_is_saved_and_resumed_has_the_same_bits_and_is_replayed_f
         assert third.digest() == journal.digest
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_session_has_the_same_bits_on_workers_and_is_replayed_by_another_method_of_the_same_bits():
     digest, _, _, journal = alone("grid")
     for workers in (2, 3):

@@ -17,7 +17,7 @@ from support.tiles import assert_played_on_tiles, on_tiles
 import mpsim
 from mpsim.measure import kinetic_energy
 
-pytestmark = [pytest.mark.compiled, pytest.mark.slow]
+pytestmark = [pytest.mark.compiled, pytest.mark.long]
 
 FILE = Path(__file__).parent / "million.json"
 FRAMES, DT = 54, 8.0

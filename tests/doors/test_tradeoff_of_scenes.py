@@ -79,7 +79,7 @@ def test_tune_against_the_model_neither_calls_it_exact_nor_verified():
 # --- grains that come to rest, emitters, scenes that change
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_grains_that_come_to_rest_have_a_stepped_reference_and_all_that_means_something():
     """The exact solver follows each of the countless bounces in which a disc at rest hovers."""
     scene = Scene.random(count=8, packing=0.3, seed=2, **GRAINS)
