@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import interrupts_held_back
@@ -23,6 +23,7 @@ from mpsim.errors import BusyError, ForkedError, level_of_caller
 
 if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation
+    from mpsim.engine.solvers.base import Solver
 
 # --- Delays warnings and log lines until the simulation holds no lock, because a handler may wait for a reader
 
@@ -107,8 +108,6 @@ class Notices:
             except Warning as warning:
                 error.add_note(f"{type(warning).__name__}: {warning}")
 
-
-# --- Access to a simulation from one process and one thread at a time; its end, when it is left open
 
 # --- Access to a simulation: only from the process that made it, and from one thread at a time
 #
@@ -356,14 +355,6 @@ def _name_of(thread: int) -> str:
 # --- Closes simulations that were left open: on garbage collection, at the end of the program, in a fork
 
 
-class Closable(Protocol):
-    """What must be closed: a solver."""
-
-    def close(self) -> None:
-        """Give back workers and block. May be called again, and whatever of them there is."""
-        ...
-
-
 _end = threading.RLock()
 """Held for good by the thread that ends the program: others that come to it stop there."""
 
@@ -379,9 +370,9 @@ class Closing:
         solvers: what then is closed: the solver, and while another takes its place that one, too.
     """
 
-    def __init__(self, simulation: Any, solver: Closable, access: Access):
+    def __init__(self, simulation: Any, solver: Solver, access: Access):
         self.alive: bool = True
-        self.solvers: list[Closable] = [solver]
+        self.solvers: list[Solver] = [solver]
         self._access = access
         self._reference: object = weakref.ref(simulation, self)
         with _end:

@@ -47,8 +47,6 @@ from mpsim.measure.statistics import (
 )
 from mpsim.scene.scene import Scene
 
-# --- The registry of all quantities that runs and studies measure, those of the counts of kernels, and drifts
-
 # --- Measures from counts of the kernels in each frame: impulses on walls and between discs, collisions, overlaps
 
 

@@ -34,8 +34,6 @@ from mpsim.output.frames import Frame
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-# --- Draws discs at true radius, with periodic images, obstacles and moving walls
-
 # --- Colour scales from the numbers in a picture, with arrows for values outside
 
 PERCENTILES = (2.0, 98.0)

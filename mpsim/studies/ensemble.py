@@ -115,8 +115,6 @@ class Submissions(Generic[Key]):
                 yield key, future
 
 
-# --- Runs of many candidates on one scene: accuracy runs through an executor, timings one by one, results in a file
-
 # --- Saved results of a trade-off study: by key, in memory and in a file
 
 FORMAT = 3

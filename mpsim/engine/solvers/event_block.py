@@ -22,7 +22,7 @@ from mpsim.features.capsules import lists_of_cells
 from mpsim.features.edges import kinds_of
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.properties import has_radii
-from mpsim.kernels import records as shared
+from mpsim.kernels import records as stepped
 from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
 from mpsim.kernels.events.boundary import COARSE, Box
@@ -64,7 +64,7 @@ ROUNDING = 1e-12
 def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
     """Raise InputError for what the exact solver cannot do exactly, by name."""
     refusals = {
-        **{law.not_exact: word == settings.law for word, law in shared.LAWS.items() if law.not_exact},
+        **{law.not_exact: word == settings.law for word, law in stepped.LAWS.items() if law.not_exact},
         "precision='float32'": settings.precision != "float64",
         **{kind.not_exact: True for kind in kinds_of(scene.boundary) if kind.not_exact},
         **{feature.not_exact: feature.is_in(scene) for feature in FEATURES if feature.not_exact},

@@ -43,7 +43,6 @@ from mpsim.engine.solvers.event_block import (
 from mpsim.engine.solvers.event_tiles import Windows
 from mpsim.engine.workers.shared import SharedBlock, resident_bytes
 from mpsim.errors import DivergedError, StalledError
-from mpsim.kernels import records as shared
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, cells, records, solver
 from mpsim.kernels.events.cells import link_cells
@@ -123,12 +122,12 @@ class EventSolver(Solver):
         times = np.zeros((1 + self._most_workers, frames), np.int64)
         totals = np.zeros(frames if self.tallied else 0, records.TOTALS)
         done = self._run_kernel(times, totals, stop - self.origin.time)
-        by_phase = np.zeros((self._most_workers, done, len(shared.PHASES)), np.int64)
+        by_phase = np.zeros((self._most_workers, done, len(stepped.PHASES)), np.int64)
         if self._windows is None:
-            by_phase[0, :, shared.MOVE] = times[0, :done]
+            by_phase[0, :, stepped.MOVE] = times[0, :done]
         else:
-            by_phase[:, :, shared.MOVE] = times[1:, :done]
-            by_phase[:, :, shared.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
+            by_phase[:, :, stepped.MOVE] = times[1:, :done]
+            by_phase[:, :, stepped.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
         contacts = int(self._system.store.counter.pairs) - before
         return Slice(by_phase, contacts, self._tally(totals[:done], seen) if self.tallied else None)
 

@@ -101,8 +101,6 @@ def keep_inside(discs, i, features, parameters, control, tally, frame):
         bounce(discs, i, features, parameters, control, tally, frame)
 
 
-# --- Motion of a slice of discs over one step: acceleration, flight, walls, and the check of speeds
-
 # --- Flight over one step, straight or along exact parabolas: by blocks that meet no boundary, else disc by disc
 #
 # An accelerated disc ends a step with v + a dt, and its mean velocity in it is that minus a dt / 2.

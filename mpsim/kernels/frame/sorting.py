@@ -11,8 +11,6 @@ from mpsim.kernels.machine import LANES, RUN, add_to_lanes, changed_lanes, copy_
 from mpsim.kernels.records import WAIT, Discs
 from mpsim.kernels.waiting import barrier
 
-# --- How workers share a frame: phases, cells, and discs that move between them
-
 # --- Discs copied from one place to another: one by one, in runs, or exchanged
 
 

@@ -38,8 +38,6 @@ from mpsim.features.obstacles import (
 from mpsim.scene.scene import Scene
 from mpsim.scene.starts import LATTICES, lattice_sites
 
-# --- Rules of the keys of a scene file: Python arguments, arrays from files, sizes; and values as TOML
-
 # --- Largest scene file and arrays that are read
 #
 # They bound what is processed item by item in Python; long arrays of numbers belong in .npy files.
@@ -386,8 +384,6 @@ Positive = Annotated[float, plain(checks.positive, "[length]")]
 Region = Annotated[tuple[float, float, float, float], checked(_region)]
 Spacing = Annotated[float, plain(checks.positive, "[length]")]
 
-
-# --- Features in scene files: their tables, how they are made and written
 
 # --- A feature in scene files: its tables, how its values are made from them, and how it is written
 
