@@ -192,6 +192,12 @@ def test_what_has_hardly_changed_has_a_lower_bound(place):
     assert block_average(series).settled, "the control"
 
 
+def test_changes_within_rounding_are_none():
+    ones = np.random.default_rng(3).integers(0, 2, 1000)
+    assert not block_average(1e12 - ones).settled
+    assert block_average(1e12 - 2 * ones).settled, "the control"
+
+
 def settled(slow, memories, seeds=40):
     """Part of the measures of 2000 samples of white noise, on a component of so many correlation times."""
     found = []

@@ -1,6 +1,7 @@
 """Discs, walls and parameters changed between two frames: what is refused, what follows, and what the journal holds."""
 
 import math
+import os
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache
@@ -485,4 +486,12 @@ def test_a_session_file_that_is_none_is_refused_by_name(old, new, text, session,
     assert old in text_of
     path.write_text(text_of.replace(old, new, 1))
     with pytest.raises(InputError, match=text):
+        mpsim.Simulation.replay(path)
+
+
+def test_a_session_file_that_is_too_large_is_refused_unread(session):
+    path = session.with_name("large.toml")
+    path.touch()
+    os.truncate(path, 2**28 + 1)
+    with pytest.raises(InputError, match="it has 268,435,457 bytes, and at most 268,435,456 are read"):
         mpsim.Simulation.replay(path)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from support.scenes import simulate
-from support.tiles import always_tiled, windows_of
+from support.tiles import always_tiled, on_tiles, tallies, windows_of
 
 import mpsim
 
@@ -57,6 +57,18 @@ def test_tiles_have_the_bits_and_counts_of_the_whole(name, tiling):
     assert found == expected
     assert windows["windows"] > windows["as_one"] + windows["again"], "tiles that agree are taken over"
     assert expected[1] > 40
+
+
+def test_a_window_of_several_frames_counts_each_of_them():
+    counted = {}
+    for tiling in ((1, 1), (2, 1)):
+        with on_tiles(strip("walls"), tiling, halo=10, dt=0.01) as sim:
+            counted[tiling] = tallies(sim, 12)
+            if tiling != (1, 1):
+                windows = windows_of(sim)
+                assert 0 < windows["windows"] - windows["as_one"] < 6, "each of several frames"
+    assert counted[2, 1].tobytes() == counted[1, 1].tobytes()
+    assert (counted[1, 1]["collisions"] > 0).sum() > 6
 
 
 def test_a_halo_that_is_too_thin_is_noticed_and_played_again():
