@@ -119,62 +119,6 @@ def test_a_checkpoint_goes_from_ranks_to_workers_and_back(name, tmp_path):
     assert resumed.out.split()[-1] == whole
 
 
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # whose disc waits
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [((2, 2), (1, 1)), ((1, 1), (2, 2)), ((4, 1), (2, 2)), ((2, 2), (8, 1)), ((1, 4), (3, 1))],
-    ids=lambda each: f"{each[0]} x {each[1]}",
-)
-def test_a_checkpoint_goes_to_half_and_to_twice_as_many_ranks_and_workers(before, after, tmp_path):
-    """Ranks, and workers of each."""
-    path = tmp_path / "ranks.mpsim"
-    for (number, workers), what in ((before, "save"), (after, "resume")):
-        done = on_ranks(number, str(path), what, "doors", str(workers), script=SAVED)
-        assert done.code == 0, done.err
-    assert done.out.split()[-1] == alone("doors")["digest"]
-
-
-WRITING = """
-import sys, warnings, mpsim
-from mpi4py import MPI
-from support.ranks import CASES, tell
-
-warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
-folder, ending, begun = sys.argv[1:]
-path, comm, case = f"{folder}/ranks.{ending}", MPI.COMM_WORLD, CASES["doors"]()
-with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi"), comm=comm) as sim:
-    if begun == "begun":
-        sim.run(frames=20)
-    with mpsim.Trajectory.write(path, 10, mode="a" if begun == "begun" else "x", comm=comm) as out:
-        sim.run(frames=40 if begun == "new" else 20, observe=out)
-        assert out.frames == (5 if begun == "new" else 2), out.frames
-    try:
-        mpsim.Trajectory.write(path, comm=comm)
-    except mpsim.errors.OutputError as error:
-        tell(f"refused: {'exists already' in str(error)}")
-"""
-
-
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
-@pytest.mark.long
-@pytest.mark.parametrize("ending", ["xyz", "gsd"])
-def test_ranks_write_the_trajectory_of_one_process(ending, tmp_path):
-    case, alone_path, path = CASES["doors"](), tmp_path / f"alone.{ending}", tmp_path / f"ranks.{ending}"
-    settings = mpsim.Settings(**case.settings, method="grid")
-    with mpsim.Simulation(case.scene, settings) as sim, mpsim.Trajectory.write(alone_path, 10) as out:
-        sim.run(frames=40, observe=out)
-    done = on_ranks(2, str(tmp_path), ending, "new", script=WRITING)
-    assert done.code == 0, done.err
-    assert done.out.count("refused: True") == 2
-    assert path.read_bytes() == alone_path.read_bytes()
-    again = on_ranks(2, str(tmp_path), ending, "begun", script=WRITING)
-    assert again.code == 0, again.err
-    with mpsim.Trajectory(path) as one, mpsim.Trajectory(alone_path) as other:
-        assert [each.frame for each in one] == [0, 10, 20, 30, 40]
-        assert [each.state.digest() for each in one] == [each.state.digest() for each in other]
-
-
 def test_the_command_line_runs_on_ranks_and_speaks_once():
     done = on_ranks(2, "run", "gas", "--method", "mpi", "--frames", "50", "--json", program="mpsim")
     assert done.code == 0, done.err

@@ -183,35 +183,6 @@ def test_measures_of_more_than_a_chunk_of_discs_are_the_same_on_workers(name):
     assert found[0] == found[1]
 
 
-FAST = """
-import json, sys, warnings, mpsim
-from mpi4py import MPI
-from support.ranks import CASES
-
-warnings.simplefilter("ignore")
-case = CASES["fast"]()
-given = case.settings | dict(method=sys.argv[1], on_fast="substep", dt=0.02)
-with mpsim.Simulation(case.scene, mpsim.Settings(**given)) as sim:
-    found = []
-    for _ in range(4):
-        sim.run(frames=16)
-        speeds = sim._coordinator.solver.speeds()
-        exact = [value.hex() for value in (speeds.speed, speeds.mean_speed, speeds.collision_rate)]
-        found.append([sim.substeps, speeds.disc, exact])
-    sim.add([1.0, 1.0], [900.0, 0.0])
-    sim.run(frames=16)
-    found.append([sim.substeps, sim.digest()])
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(found))
-"""
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("number", [2, 3])
-def test_speeds_are_looked_at_to_the_last_bit_and_so_are_the_sub_steps_that_follow(number):
-    assert told_by_script(number, "mpi", script=FAST) == told_by_script(1, "grid", script=FAST)
-
-
 PATHS = """
 import sys, mpsim
 from mpi4py import MPI

@@ -15,8 +15,6 @@ pytestmark = pytest.mark.slow
 
 LARGE = {"count": 200_001, "packing": 0.4, "radius": 0.5, "boundary": "periodic", "seed": 3}
 """Of four chunks, the last one of a few thousand discs; with image flags."""
-WALLED = LARGE | {"boundary": "walls"}
-"""The same without flags, by kernels that other tests of ranks need as well."""
 
 WRITTEN = """
 import hashlib, json, sys, warnings, mpsim
@@ -89,24 +87,6 @@ def test_a_checkpoint_has_the_same_bytes_on_any_number_of_ranks(name, numbers, t
             assert sim.digest() == digest
     files = {told[each][1] for each in numbers if not each[1]}
     assert len(files) == 1, "whole files, to the byte"
-
-
-def test_another_disc_is_another_file(tmp_path):
-    """The control: the digest is over each chunk, and so are the sums of the file."""
-    alone(tmp_path / "one", "large", WALLED)
-    velocity = np.load(tmp_path / "one")["solver.velocity"].tobytes()
-    content = bytearray((tmp_path / "one").read_bytes())
-    begin = content.index(velocity)
-    for disc in (0, 70_000, 200_000):
-        changed = bytearray(content)
-        changed[begin + 8 * disc] ^= 1
-        (tmp_path / "one").write_bytes(changed)
-        with zipfile.ZipFile(tmp_path / "one") as file:
-            assert file.testzip() == "solver.velocity.npy"
-        with pytest.raises(mpsim.CheckpointError, match=r"Bad CRC-32|its digest"):
-            mpsim.Simulation.resume(tmp_path / "one")
-    (tmp_path / "one").write_bytes(content)
-    mpsim.Simulation.resume(tmp_path / "one").close()
 
 
 FRAMES = """

@@ -1,16 +1,12 @@
 """Machines that lack or forbid something: a sentence that says what, nothing lost, or no need of it."""
 
-import contextlib
 import errno
-import json
 import os
 import re
 import resource
 import subprocess
 import sys
 
-import numba
-import numpy as np
 import pytest
 from support.processes import assert_clean, run_script
 from support.scenes import gas, simulate
@@ -36,19 +32,6 @@ def saved(tmp_path):
 
 def frames(path):
     return [mpsim.Simulation.resume(each).frame for each in (path, f"{path}.previous")]
-
-
-def test_a_checkpoint_asks_no_installed_package_for_its_version(saved, tmp_path, monkeypatch):
-    sim, path = saved
-    other = tmp_path / "numpy-9.9.9.dist-info"
-    other.mkdir()
-    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 9.9.9\n")
-    for search in ([str(tmp_path), *sys.path], []):  # upgraded while it runs; uninstalled, or frozen
-        monkeypatch.setattr(sys, "path", search)
-        sim.save(path)
-        with np.load(path) as file:
-            versions = json.loads(file["mpsim_checkpoint"].tobytes())["versions"]
-        assert (versions["numpy"], versions["numba"]) == (np.__version__, numba.__version__)
 
 
 @pytest.mark.parametrize(
@@ -113,145 +96,6 @@ with mpsim.Simulation(scene, mpsim.Settings(method="parallel")) as sim:
     assert (tmp_path / "m.mpsim").read_bytes() == b""
 
 
-IN_NO_FOLDER = """
-import os, tempfile
-folder = tempfile.mkdtemp()
-os.chdir(folder)
-os.rmdir(folder)
-import mpsim
-scene = mpsim.Scene.random(count=50, packing=.2, radius=.5)
-with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
-    report = sim.run(frames=2)
-    acts = {
-        "save": lambda: sim.save("x.mpsim"),
-        "resume": lambda: mpsim.Simulation.resume("x.mpsim"),
-        "run": lambda: sim.run(frames=1, checkpoint="x.mpsim"),
-        "journal": lambda: sim.journal.save("x.toml"),
-        "state": lambda: sim.state.save("x.npz"),
-        "scene": lambda: scene.save("x.toml"),
-        "load": lambda: mpsim.Scene.load("./x.toml"),
-        "csv": lambda: report.to_csv("x.csv"),
-        "write": lambda: mpsim.Trajectory.write("x.xyz", 1).__enter__(),
-        "read": lambda: mpsim.Trajectory("x.xyz"),
-        "sweep": lambda: mpsim.sweep(lambda x: {"y": x}, {"x": [1]}, path="x.jsonl"),
-        "tradeoff": lambda: mpsim.tradeoff(scene, [sim.settings], until=0.1, path="x.json"),
-    }
-    for name, act in acts.items():
-        try:
-            act()
-            print(name, "done")
-        except mpsim.MpsimError as error:
-            print(name, error)
-"""
-
-
-def test_a_removed_current_folder_is_named_at_every_door():
-    outcome = run_script(IN_NO_FOLDER, warm=True)
-    assert_clean(outcome)
-    found = dict(line.split(" ", 1) for line in outcome.out.splitlines())
-    assert len(found) == 12, outcome
-    assert "done" not in found.values()
-    assert all("'x." in text for text in found.values())
-    for name in ("save", "resume", "run"):
-        assert "needs the current folder, which has been removed. Give an absolute path, or " in found[name]
-
-
-STARTED = """
-import os, signal, sys
-import psutil
-import mpsim
-{before}
-scene, settings = mpsim.Scene.lattice(count=100, packing=.2, radius=.5), mpsim.Settings(method="parallel", workers=2)
-for _ in range(2):
-    try:
-        with mpsim.Simulation(scene, settings) as sim:
-            print(sim.run(frames=2).workers)
-    except mpsim.errors.ResourceError as error:
-        print(error)
-    {between}
-print([each.status() for each in psutil.Process().children() if each.status() == "zombie"])
-"""
-"""Two simulations with a worker."""
-
-KILLED = """
-    for server in [each for each in psutil.Process().children() if "forkserver" in " ".join(each.cmdline())]:
-        server.kill()
-"""
-
-
-@pytest.mark.slow
-def test_a_fork_server_that_was_killed_is_started_again():
-    outcome = run_script(STARTED.format(before="", between=KILLED.strip()), bound=170)
-    assert_clean(outcome)
-    assert outcome.out.splitlines()[:2] == ["2", "2"]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("before", "says"),
-    [
-        ("", r"Python's fork server, .*ended.* (ulimit -u)"),
-        ("import tempfile; os.chdir(f := tempfile.mkdtemp()); os.rmdir(f)", "The current folder, "),
-        ("import tempfile; tempfile.tempdir = '/nowhere'", "(TMPDIR"),
-    ],
-    ids=["a limit in the fork server", "no current folder", "no temporary folder"],
-)
-def test_what_keeps_a_worker_from_starting_is_named(before, says, tmp_path):
-    (tmp_path / "sitecustomize.py").write_text(
-        "import os, sys\nif 'forkserver' in ' '.join(sys.orig_argv):\n"
-        "    def fork():\n        raise BlockingIOError(11, 'no')\n    os.fork = fork\n"
-    )
-    env = {"PYTHONPATH": os.pathsep.join([*([] if before else [str(tmp_path)]), os.environ.get("PYTHONPATH", "")])}
-    outcome = run_script(STARTED.format(before=before, between="pass"), env=env, bound=150)
-    assert outcome.code == 0, outcome
-    refusals = outcome.out.splitlines()[:2]
-    for text in refusals:
-        assert text.startswith("worker 1 could not be started: "), outcome
-        assert all(part in text for part in says.split(".*")), text
-        assert ("ulimit -u" in text) == (not before)
-
-
-FULL = ["unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o size=32k tmpfs "$0" && exec "$@"']
-
-COMPILED = """
-import logging, mpsim
-logging.basicConfig()
-for _ in range(2):
-    print(mpsim.Scene.random(count=30, packing=0.5, radius=0.5, seed=1).digest())
-"""
-
-
-@pytest.mark.long
-def test_a_full_disk_under_the_cache_is_logged_and_compiled_without(tmp_path):
-    ran = subprocess.run([*FULL, str(tmp_path), "true"], capture_output=True, text=True, check=False)
-    if ran.returncode:
-        pytest.skip(f"no private mount can be made here: {ran.stderr}")
-    command = [sys.executable, "-c", COMPILED]
-    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    ran = subprocess.run([*FULL, str(tmp_path), *command], env=env, capture_output=True, text=True, check=False)
-    assert ran.returncode == 0, ran.stderr
-    assert "a file of the kernel cache cannot be written ([Errno 28] No space left on device)" in ran.stderr
-    digest = mpsim.Scene.random(count=30, packing=0.5, radius=0.5, seed=1).digest()
-    assert ran.stdout.split() == [digest, digest]
-
-
-@pytest.mark.parametrize("method", ["naive", "event"])
-def test_a_run_without_a_free_descriptor_returns_its_report(method):
-    """A run that began needs none; what the report says of memory is all that is lost."""
-    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with simulate(SCENE, method=method) as sim, simulate(SCENE, method=method) as other, contextlib.ExitStack() as held:
-        expected = other.run(frames=10, measures="kinetic_energy").measures["kinetic_energy"], other.digest()
-        held.callback(resource.setrlimit, resource.RLIMIT_NOFILE, limits)
-        lowest_free = os.open(os.devnull, os.O_RDONLY)
-        held.callback(os.close, lowest_free)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (lowest_free + 1, limits[1]))
-        with pytest.raises(OSError, match="Too many"):
-            os.open(os.devnull, os.O_RDONLY)
-        report = sim.run(frames=10, measures="kinetic_energy")
-        assert (report.measures["kinetic_energy"], sim.digest()) == expected
-    assert report.memory_bytes == (0,)
-
-
 REAPED = """
 import os, signal
 import mpsim
@@ -305,24 +149,3 @@ def test_a_limit_of_file_sizes_concerns_no_method_of_one_process(method):
             simulate(SCENE, method="parallel", workers=2)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def test_a_resource_tracker_that_was_killed_complains_of_no_block():
-    """It was started anew without the name of the block, and printed a traceback when that was taken off its list."""
-    script = """
-import os, signal
-from multiprocessing import resource_tracker
-import mpsim
-scene = mpsim.Scene.random(count=9, packing=.2, radius=.5)
-with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
-    sim.run(frames=1)
-    tracker = resource_tracker._resource_tracker._pid
-    os.kill(tracker, signal.SIGKILL)
-    os.waitpid(tracker, 0)
-print([name for name in os.listdir("/dev/shm") if name.startswith(f"mpsim-{os.getpid()}-")])
-"""
-    env = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    ran = subprocess.run([sys.executable, "-c", script], env=env, capture_output=True, text=True, check=False)
-    assert (ran.returncode, ran.stdout) == (0, "[]\n"), ran.stderr
-    assert "process died unexpectedly" in ran.stderr, "the control: Python has started another"
-    assert "Error" not in ran.stderr

@@ -137,20 +137,6 @@ def test_what_takes_long_to_import_waits_until_it_is_needed():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-@pytest.mark.long
-def test_named_scenes_are_there_when_mpsim_is_imported_from_an_archive(tmp_path):
-    with zipfile.ZipFile(tmp_path / "m.zip", "w") as archive:
-        for each in (TOP / "mpsim").rglob("*"):
-            if each.is_file() and "__pycache__" not in each.parts:
-                archive.write(each, each.relative_to(TOP))
-    code = (
-        f"import sys; sys.path.insert(0, {str(tmp_path / 'm.zip')!r}); import mpsim; assert 'm.zip' in mpsim.__file__"
-    )
-    assert run(sys.executable, "-c", f"{code}; print(mpsim.Scene.load('pi'))", folder=tmp_path) == (
-        f"{mpsim.Scene.load('pi')}\n"
-    )
-
-
 @pytest.mark.parametrize("module", [mpsim, mpsim.measure], ids=lambda module: module.__name__)
 def test_dir_shows_what_is_public(module):
     assert {name for name in dir(module) if not name.startswith("__")} == set(module.__all__)

@@ -1,13 +1,12 @@
 """The cache of machine code: never stale, not needed to be writable; and importing mpsim compiles nothing."""
 
-import contextlib
 import os
 import shutil
 import subprocess
 import sys
 
 import pytest
-from support.processes import Script, assert_clean, run_script
+from support.processes import assert_clean, run_script
 from support.script_server import PACKAGE_PARENT
 
 IMPORT_WITHIN = 2.0
@@ -95,19 +94,6 @@ def test_truncated_cache_files_are_replaced(tmp_path, small_cache):
     outcome = run_script(PLACE, env={"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, bound=90)
     assert (outcome.code, outcome.out) == (0, expected), outcome.err
     assert "Traceback" not in outcome.err, outcome.err
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-def test_many_first_runs_at_once_on_one_cold_cache_agree(tmp_path, figures):
-    text, env = RUN.format(method="grid"), {"NUMBA_CACHE_DIR": str(tmp_path)}
-    with contextlib.ExitStack() as stack:
-        scripts = [stack.enter_context(Script(text, env=env)) for _ in range(8)]
-        outcomes = [script.finish(500) for script in scripts]
-    for outcome in outcomes:
-        assert_clean(outcome)
-    assert len({outcome.out for outcome in outcomes}) == 1
-    figures.note("R16", "grid", "8 first runs at the same time, empty cache", "one digest, no warning", "one digest")
 
 
 COMPILING = """

@@ -150,25 +150,6 @@ sim.run(frames=2)
         assert outcome.err == ""
 
 
-@pytest.mark.long
-def test_a_program_read_from_standard_input_works():
-    """As a notebook's cells do: there is no file that a new process could import as the main module."""
-    outcome = run_script("""
-import subprocess, sys
-code = '''
-import mpsim
-scene = mpsim.Scene.random(count=500, packing=0.5, radius=0.5, seed=1)
-for start in ("spawn", "forkserver"):
-    with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=2), start_method=start) as sim:
-        print(sim.run(frames=5).workers)
-'''
-done = subprocess.run([sys.executable, "-W", "error"], input=code, capture_output=True, text=True)
-print(done.stdout + done.stderr, end="")
-""")
-    assert_clean(outcome)
-    assert outcome.out == "2\n2\n"
-
-
 DAEMONS = """
 import os, random, sys, tempfile, threading, time
 import mpsim
@@ -220,32 +201,6 @@ def test_nothing_is_said_whatever_a_daemon_thread_is_doing_at_the_end(method, re
     text = DAEMONS.format(method=method, acts=acts, rounds=rounds)
     outcome = run_script(text, bound=60 + 30 * rounds, warm=True)
     assert_clean(outcome)
-
-
-@pytest.mark.slow
-def test_the_end_of_a_program_waits_for_no_thread_that_runs_and_for_none_that_it_has_stopped():
-    """A thread took the lock again and again; that of the callbacks of a pool had stopped inside a run for good."""
-    outcome = run_script(
-        """
-        import atexit, multiprocessing, threading, time
-        began = []
-        atexit.register(lambda: print(time.perf_counter() - began[0] < 5))  # runs after that of mpsim
-        from support.scenes import lattice, simulate
-
-        sims, begun = [simulate(lattice(12, 12), method="grid") for _ in range(3)], threading.Event()
-        pool = multiprocessing.get_context("fork").Pool(1)
-        pool.apply_async(int, callback=lambda _: sims[0].run(frames=2000, progress=lambda *_: begun.set()))
-        begun.wait()
-        again = lambda: [sims[1].run(frames=1) for _ in iter(int, 1)]
-        threading.Thread(target=again, daemon=True).start()
-        time.sleep(0.2)
-        atexit.register(lambda: print(sims[2].run(frames=5).frames))
-        began.append(time.perf_counter())
-        """,
-        flags=(),  # else the pool complains that nobody has closed it
-    )
-    assert_clean(outcome)
-    assert outcome.out == "5\nTrue\n"
 
 
 LEFT_OPEN = """

@@ -312,39 +312,6 @@ def test_workers_end_with_their_coordinator_although_a_fork_of_it_lives_on():
         assert_nothing_left_of(script.pid)
 
 
-MASKED = """
-import multiprocessing, signal, sys
-from support.scenes import digest_after, lattice, simulate
-
-def masked(queue):
-    queue.put(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))
-
-def work(seed):
-    return digest_after(lattice(12, 12), 20, method="parallel", workers=2)
-
-if __name__ == "__main__":
-    with simulate(lattice(9, 9), method="parallel", workers=2, start_method="forkserver") as sim:
-        sim.run(frames=2)
-    context = multiprocessing.get_context("forkserver")
-    queue = context.Queue()
-    process = context.Process(target=masked, args=(queue,))
-    process.start()
-    print(queue.get())
-    process.join()
-    expected = digest_after(lattice(12, 12), 20, method="grid")
-    with multiprocessing.get_context("fork").Pool(2) as pool:
-        print({digest == expected for digest in pool.map(work, range(4))})
-"""
-
-
-@pytest.mark.long
-def test_processes_that_the_fork_server_starts_for_the_program_get_ctrl_c_and_its_pools_run_simulations():
-    """The server was started while Ctrl-C was blocked for the sake of a worker; all that it started inherited it."""
-    outcome = run_script(MASKED, flags=("-W", "error", "-W", "ignore:This process:DeprecationWarning"))
-    assert outcome.code == 0, outcome.err
-    assert outcome.out == "False\n{True}\n"
-
-
 def test_a_daemonic_process_runs_on_one_worker_and_logs_it():
     outcome = run_script(
         """

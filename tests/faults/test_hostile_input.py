@@ -19,7 +19,6 @@ from click.testing import CliRunner
 from support.seconds import quickest
 
 import mpsim
-from mpsim.cli import run
 from mpsim.cli.app import main
 from mpsim.cli.run import RunFolder
 from mpsim.core.archive import MOST_DIRECTORY
@@ -27,7 +26,6 @@ from mpsim.core.machine import usable_cores
 from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile.parts import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
-from mpsim.studies import ensemble
 from mpsim.studies.ensemble import SavedResults
 
 LONGEST = 2.0
@@ -116,32 +114,32 @@ SCENES = {
     "a key of 50,000 parts behind a text": (
         lambda: "x = {a = '''b'''', " + "c." * 50_000 + "c = 1}\n", "at most 16 parts"
     ),
-    "escaped quotation marks without an end": (lambda n: 'x = "' + '\\"' * 25_000 * n, "must be TOML"),
-    "escaped quotation marks in threes": (lambda n: 'x = """\n' + '\\"""\n' * 8_500 * n, "must be TOML"),
-    "a backslash at the end": (lambda n: 'x = """\n' + '\\"""\n' * 8_500 * n + "\\", "must be TOML"),
-    "quotation marks in threes": (lambda n: "x = " + '"""\\' * 12_500 * n, "must be TOML"),
+    "escaped quotation marks without an end": (lambda: 'x = "' + '\\"' * 25_000, "must be TOML"),
+    "escaped quotation marks in threes": (lambda: 'x = """\n' + '\\"""\n' * 8_500, "must be TOML"),
+    "a backslash at the end": (lambda: 'x = """\n' + '\\"""\n' * 8_500 + "\\", "must be TOML"),
+    "quotation marks in threes": (lambda: "x = " + '"""\\' * 12_500, "must be TOML"),
     "single quotation marks": (lambda: "x = " + "'''a''" * 170_000, "must be TOML"),
     "tables in tables": (lambda: "x = " + "{a = " * 30_000 + "1" + "}" * 30_000, "nested too deeply"),
     "lists in lists": (lambda: "x = " + "[" * 30_000 + "]" * 30_000, "nested too deeply"),
     "300,000 unknown keys": (lambda: "".join(f"k{i} = 1\n" for i in range(300_000)), "bytes, and at most 1,048,576"),
     "very many unknown keys": (
-        lambda n: "".join(f"k{i} = 1\n" for i in range(3500 * n)), "at least (3,4|69,9)00 more"
+        lambda: "".join(f"k{i} = 1\n" for i in range(3500)), "at least 3,400 more"
     ),
-    "very many unknown tables": (lambda n: "".join(f"[k{i}]\n" for i in range(3500 * n)), "at least (3,4|69,9)00 more"),
+    "very many unknown tables": (lambda: "".join(f"[k{i}]\n" for i in range(3500)), "at least 3,400 more"),
     "800,000 pegs": (lambda: "[[obstacles]]\nposition=[1,1]\nradius=1\n" * 800_000, "bytes, and at most 1,048,576"),
     "10,001 pegs": (lambda: "[[obstacles]]\nposition=[1,1]\nradius=1\n" * 10_001, "at most 10,000 tables; got 10,001"),
     "empty obstacles": (lambda: "obstacles = " + many("{},", 10_001), "obstacles must be at most 10,000 tables"),
-    "bad obstacles": (lambda n: "obstacles = " + many("{radius=-1},", 500 * n), "at least (19,)?900 more"),
-    "pegs outside": (lambda n: "obstacles = " + many("{position=[1,9],radius=1},", 500 * n), "and at least 1 more"),
+    "bad obstacles": (lambda: "obstacles = " + many("{radius=-1},", 500), "at least 900 more"),
+    "pegs outside": (lambda: "obstacles = " + many("{position=[1,9],radius=1},", 500), "and at least 1 more"),
     "the last peg outside": (
-        lambda n: "obstacles = [" + "{position=[1,1],radius=1}," * (500 * n - 1) + "{position=[1,9],radius=1}]\n",
-        r"obstacles\[(499|9999)\] must lie in the box",
+        lambda: "obstacles = [" + "{position=[1,1],radius=1}," * 499 + "{position=[1,9],radius=1}]\n",
+        r"obstacles\[499\] must lie in the box",
     ),
     "emitters outside": (
-        lambda n: "emitters = " + many("{position=[1,9],velocity=[0,1],interval=1,radius=1},", 500 * n),
+        lambda: "emitters = " + many("{position=[1,9],velocity=[0,1],interval=1,radius=1},", 500),
         "and at least 1 more",
     ),
-    "groups outside": (lambda n: "discs = " + many("{position=[[1,9]],radius=1},", 500 * n), r"must lie in \[1, 9\]"),
+    "groups outside": (lambda: "discs = " + many("{position=[[1,9]],radius=1},", 500), r"must lie in \[1, 9\]"),
     "a lattice of a million pegs": (
         lambda: "[[obstacles]]\nplaces='square'\nspacing=0.008\nradius=1e-5\nregion=[0,0,9,8]\n",
         "spacing must leave at most 1,000,000 obstacles in the region; got 1,1",
@@ -151,11 +149,11 @@ SCENES = {
         "obstacles must be at most 1,000,000; got more",
     ),
     "a wall of one point": (
-        lambda n: "[[obstacles]]\npoints = " + many("[1,1],", 7500 * n),
+        lambda: "[[obstacles]]\npoints = " + many("[1,1],", 7500),
         "neighbours at different places",
     ),
     "many lines of no points": (
-        lambda n: f"[[obstacles]]\npoints = [[1,1],[2,2]]\nlengths = [{'2,-2,' * 5000 * n}2]\n", "whole numbers >= 2"
+        lambda: f"[[obstacles]]\npoints = [[1,1],[2,2]]\nlengths = [{'2,-2,' * 5000}2]\n", "whole numbers >= 2"
     ),
     "a line longer than its points": (
         lambda: "[[obstacles]]\npoints = [[1,1],[2,2]]\nlengths = [1e300, 1e300]\n", "add up to 2, the rows of points"
@@ -173,23 +171,16 @@ SCENES = {
     "a key of a megabyte": (lambda: f"{'w' * 1_000_000} = 1\n", r"w{50,60}\.\.\. must be a key"),
     "a gravity of 401 digits": (lambda: f"gravity = {10**400}\n", "gravity must be two numbers"),
     "numbers in 200 lists": (lambda: f"gravity = {'[' * 200}1{']' * 200}\n", "gravity.*must"),
-    "a row too short": (lambda n: "[[discs]]\nradius=1\nposition=[" + "[1,1]," * 7500 * n + "[1]]\n", "1 to 2"),
+    "a row too short": (lambda: "[[discs]]\nradius=1\nposition=[" + "[1,1]," * 7500 + "[1]]\n", "1 to 2"),
 }  # fmt: skip
 
 
-LARGE = [name for name, (make, _) in SCENES.items() if make.__code__.co_argcount]
-"""Whose lengths grow to what a file may have."""
-
-
-@pytest.mark.parametrize(
-    ("name", "times"),
-    [*((name, 1) for name in SCENES), *(pytest.param(name, 20, marks=pytest.mark.long) for name in LARGE)],
-)
-def test_a_hostile_scene_file_is_refused(name, times, tmp_path):
+@pytest.mark.parametrize("name", SCENES)
+def test_a_hostile_scene_file_is_refused(name, tmp_path):
     make, expected = SCENES[name]
     head = HEAD.replace("10.0", f"0x{'f' * 6000}") if name == "a width of 6,000 digits" else HEAD
     path = tmp_path / "scene.toml"
-    path.write_text(head + (make(times) if name in LARGE else make()))
+    path.write_text(head + make())
     refused(scenefile.load, path, match=expected)
 
 
@@ -403,16 +394,6 @@ def test_records_that_are_none_are_refused(tmp_path):
     record = {"format": 1, "scene": "gas", "status": "done", "settings": {"method": "grid"}, **dict.fromkeys(keys, 1)}
     path.write_text(json.dumps(record))
     refused(RunFolder.open, tmp_path, match="run.json must hold trajectory")
-
-
-@pytest.mark.long
-def test_records_of_very_many_empty_lists_are_refused(tmp_path):
-    """Which take most time to read for their length: 4 s for 64 MiB."""
-    assert ensemble.MOST_BYTES == run.MOST_BYTES == 2**23
-    for count, match in ((2**23 // 3, "8,388,61[0-9] bytes, and at most 8,388,608 are read"), (2_750_000, "must")):
-        (tmp_path / "run.json").write_text("[" + "[]," * count + "[]]")
-        refused(SavedResults, tmp_path / "run.json", "scene", match=match)
-        refused(RunFolder.open, tmp_path, match=match)
 
 
 def test_a_table_with_a_cell_of_a_megabyte_is_refused(tmp_path):

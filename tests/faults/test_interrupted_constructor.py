@@ -10,10 +10,9 @@ import os
 import signal
 import sys
 import threading
-from pathlib import Path
 
 import pytest
-from support.processes import blocks_of, run_script
+from support.processes import blocks_of
 from support.scenes import lattice, simulate
 from support.selection import long_but
 
@@ -217,21 +216,6 @@ def test_a_signal_at_any_line_of_a_constructor_leaves_nothing(name, how, method,
     figures.note("R20", method, what, "nothing is left", "nothing")
 
 
-def test_control_a_block_that_nobody_owns_is_noticed():
-    """A constructor that makes the block before anybody knows of it."""
-    path = Path("/dev/shm") / f"mpsim-{os.getpid()}-0123abcd"
-
-    def construct():
-        path.touch()
-        path.unlink()
-
-    before, moments = resources(), moments_of(construct)
-    try:
-        assert any(pressed_at(number, construct) != before for number in range(1, moments + 1))
-    finally:
-        path.unlink(missing_ok=True)
-
-
 MORE = lattice(8, 8, pitch=2.0).position + 1.0
 """Places between those of discs, more than the block has room for."""
 
@@ -299,29 +283,3 @@ def test_an_exception_as_pages_are_reserved_leaves_no_block_while_its_traceback_
         simulate(lattice(9, 9), method="grid")
     assert blocks_of(os.getpid()) == set()
     del caught
-
-
-@pytest.mark.long
-def test_a_program_that_is_interrupted_while_it_makes_simulations_ends_without_a_word_of_the_tracker():
-    outcome = run_script(
-        """
-        import os, signal, threading
-        import mpsim
-        from support.scenes import lattice
-
-        mpsim.Simulation(lattice(9, 9), mpsim.Settings(method="grid")).close()  # Ctrl-C in an import may be lost
-        pressed = 0
-        for number in range(30):
-            timer = threading.Timer(0.0003 * number, os.kill, (os.getpid(), signal.SIGINT))
-            try:
-                timer.start()
-                for _ in range(1000):
-                    with mpsim.Simulation(lattice(9, 9), mpsim.Settings(method="grid")):
-                        pass
-            except KeyboardInterrupt:
-                pressed += 1
-        print(pressed)
-        """,
-        flags=(),  # of files that other libraries had open a warning would tell
-    )
-    assert (outcome.code, outcome.out, outcome.err) == (0, "30\n", "")

@@ -87,15 +87,3 @@ def test_the_frame_of_an_overflow_inside_a_long_run_does_not_depend_on_the_worke
         write(sim, 5, vx=1e30)
         sim.run(frames=20)
         assert np.isfinite(sim.state.position).all()
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-def test_a_bad_disc_is_named_alike_a_hundred_times_on_more_workers_than_cores(figures):
-    """Workers that are late in leaving one command's barrier must still come to the next one's, bad state or not."""
-    several = {disc: {"vx": np.nan} for disc in (280, 211, 23, 100, 24)}
-    for _ in range(100):
-        error = error_of(several, "parallel", 5)
-        assert (error.particle, error.frame) == (23, BEFORE)
-    what = "NaN in 5 of 300 discs, 100 times"
-    figures.note("R17", "parallel on 5", what, "the lowest disc is named", "100 of 100")

@@ -182,48 +182,6 @@ def test_what_ranks_cannot_do_is_one_error_on_all():
         assert words in told[0][name][1], name
 
 
-@pytest.mark.long
-def test_an_error_of_a_command_on_all_ranks_is_told_once_and_one_of_a_rank_ends_the_job(tmp_path):
-    """The controls: each of them with an exit code, and nobody left waiting."""
-    on_all = on_ranks(2, "run", "gas", "--method", "mpi", "--workers", "3000", program="mpsim", bound=BOUND)
-    assert on_all.code == 2
-    narrow = mpsim.Scene(width=3, height=30, position=[[1.5, 5]], velocity=[[0, 0]], radius=1.4)
-    narrow.save(tmp_path / "narrow.toml")
-    refused = on_ranks(2, "run", str(tmp_path / "narrow.toml"), "--method", "mpi", program="mpsim", bound=BOUND)
-    assert refused.code == 2
-    assert refused.err.count("ranks must be at most as many as the grid has columns") == 1, refused.err
-    script = """
-        import sys
-        from mpi4py import MPI
-        from mpsim.engine.simulation import Simulation
-        from mpsim.cli.app import main
-
-        run = Simulation.run
-
-        def fail(sim, *args, **settings):
-            if MPI.COMM_WORLD.rank == 1 and "checkpoint" in settings:
-                raise MemoryError("of rank one")
-            return run(sim, *args, **settings)
-
-        Simulation.run = fail
-        main(["run", "gas", "--method", "mpi", "--frames", "100000", "--out", sys.argv[1]])
-    """
-    lacking = """
-        import sys
-        from mpi4py import MPI
-        from mpsim.cli.app import main
-
-        main(["run", "gas" if MPI.COMM_WORLD.rank == 0 else "no-such.toml", "--method", "mpi", "--frames", "100000"])
-    """
-    missing = on_ranks(2, script=lacking, bound=BOUND)
-    assert missing.code != 0
-    assert "mpsim: rank 1: " in missing.err, missing.err
-    alone = on_ranks(2, str(tmp_path / "run"), script=script, bound=BOUND)
-    assert alone.code != 0
-    assert "mpsim: rank 1: MemoryError: of rank one" in alone.err, alone.err
-    assert_goes_on(tmp_path / "run", 5)
-
-
 def is_free(out):
     """Whether nobody writes to the folder of a run any more."""
     try:

@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from support.checkpoints import frame_in
 from support.ranks import on_ranks, told_by_script
 
 import mpsim
@@ -96,43 +95,6 @@ def test_what_fails_on_one_rank_is_an_error_on_all_and_what_was_there_is_untouch
     assert told["after"][0] == ["saved"] * 2
     assert digest_in(path) == told["after"][1]
     assert digest_in(tmp_path / "run.previous") == kept[1]
-
-
-KILLED = (
-    HEAD
-    + """
-from mpsim.core.archive import ArrayWriter
-
-with mpsim.Simulation(scene, settings) as sim:
-    for _ in range(2):
-        sim.run(frames=1)
-        sim.save(path)
-    sim.run(frames=1)
-    add = ArrayWriter.add
-
-    def killed(self, name, array, *see):
-        if name == "solver.velocity":
-            array[0:1]  # of the other ranks, too
-            os.kill(os.getpid(), signal.SIGKILL)
-        add(self, name, array, *see)
-
-    ArrayWriter.add = killed
-    sim.save(path)
-"""
-)
-
-
-@pytest.mark.long
-def test_the_first_rank_killed_while_it_writes_leaves_the_checkpoint_of_before(tmp_path):
-    """What it leaves behind the next writer removes."""
-    path = tmp_path / "run"
-    done = on_ranks(2, str(path), json.dumps(LATTICE), script=KILLED, bound=120)
-    assert done.code != 0
-    assert [each for each in tmp_path.iterdir() if ".tmp" in each.name], "the kill came while the file was written"
-    assert (frame_in(path), frame_in(tmp_path / "run.previous")) == (2, 1)
-    with mpsim.Simulation.resume(path, method="grid") as sim:
-        sim.save(path)
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["run", "run.previous"]
 
 
 # --- trajectories

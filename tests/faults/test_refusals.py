@@ -175,41 +175,6 @@ def test_whatever_the_system_answers_is_named(monkeypatch):
     assert left() == before
 
 
-WITHOUT_PROCESSES = """
-import os, resource
-import psutil
-import mpsim
-from support.processes import blocks_of
-
-scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
-scene.overlaps_at_start()  # which loads a kernel from the cache of who starts this
-os.setgid(65534), os.setuid(65534), resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))
-before = psutil.Process().num_fds()
-for method in ("naive", "grid", "parallel", "event"):
-    try:
-        mpsim.Simulation(scene, mpsim.Settings(method=method, workers=2))
-    except mpsim.errors.ResourceError as error:
-        print(type(error).__name__, error)
-print(psutil.Process().num_fds() - before, blocks_of(os.getpid()))
-"""
-
-
-@pytest.mark.long
-@pytest.mark.skipif(os.getuid() != 0, reason="only root can become a user without processes")
-def test_no_process_for_the_resource_tracker_is_an_error_that_says_so():
-    """The first simulation of a program starts it, whatever the method. It was an error about /dev/shm."""
-    outcome = run_script(WITHOUT_PROCESSES)
-    assert_clean(outcome)
-    *refusals, rest = outcome.out.splitlines()
-    assert len(refusals) == len(METHODS)
-    for text in refusals:
-        assert text.startswith("ResourceError the resource tracker, a process of Python that removes shared memory ")
-        assert "Resource temporarily unavailable" in text
-        assert "(ulimit -u)" in text
-        assert "/dev/shm" not in text
-    assert rest == "0 set()", "descriptors leak, or blocks"
-
-
 # --- a /dev/shm of one's own
 
 

@@ -3,22 +3,18 @@
 import contextlib
 import itertools
 import json
-import math
 import os
 import signal
 import statistics
-import subprocess
 import sys
 import threading
 import time
 from multiprocessing.process import BaseProcess
-from pathlib import Path
 
 import pytest
 from support.checkpoints import frame_in
-from support.commands import mpsim_command
 from support.compare import assert_inside_and_finite, assert_same_bits, overlapping_pairs
-from support.processes import Script, assert_clean, assert_nothing_left_of, blocks_of, is_gone, run_script
+from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone
 from support.scenes import gas, lattice, simulate, split, state_after
 from support.selection import long_but, slow_but
 
@@ -130,86 +126,6 @@ def test_a_storm_of_interrupts_leaves_nothing_behind(start, figures):
     figures.note("R8", f"parallel on 3, {start}", deed, "nothing is left", "nothing")
 
 
-WHILE_LOADING = """
-import signal
-from numba.core.registry import cpu_target
-import mpsim
-from support.scenes import lattice
-
-engine = cpu_target.target_context.codegen()._engine._ee
-load = engine._object_cache_getbuffer
-
-def interrupt_and_load(module):
-    print("loading")
-    signal.raise_signal(signal.SIGINT)
-    return load(module)
-
-engine._object_cache_getbuffer = interrupt_and_load
-mpsim.Simulation(lattice(9, 9), mpsim.Settings(method="parallel", workers=2))
-print("made")
-"""
-
-
-@pytest.mark.slow
-def test_ctrl_c_while_kernels_are_loaded_is_one_keyboard_interrupt():
-    """Numba loads machine code from a callback of LLVM, in which Python throws a KeyboardInterrupt away."""
-    outcome = run_script(WHILE_LOADING)
-    assert "loading" in outcome.out, "the moment was not hit, which tests nothing"
-    assert "made" not in outcome.out, f"Ctrl-C was lost:\n{outcome.err}"
-    assert (outcome.code, outcome.err.count("Traceback")) == (-signal.SIGINT, 1), outcome.err
-
-
-@pytest.mark.long
-def test_ctrl_c_while_the_command_is_imported_is_no_traceback():
-    """The import takes a second or more. The control: a program of one's own that imports mpsim keeps its handler."""
-    program = Path(sys.executable).with_name("mpsim")
-    for delay in (0.15, 0.4):
-        with subprocess.Popen([program, "show", "gas"], stderr=subprocess.PIPE, stdout=subprocess.PIPE) as run:
-            time.sleep(delay)
-            run.send_signal(signal.SIGINT)
-            errors = run.communicate(timeout=60)[1]
-        assert run.returncode in (-signal.SIGINT, 130)
-        assert b"Traceback" not in errors
-    handler = "import signal, mpsim.cli.app; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
-    assert run_script(handler, warm=True).out == "True\n"
-
-
-PRESSED = """
-import os, signal
-import mpsim
-from mpsim.cli.app import main
-
-run, sent = mpsim.Simulation.run, []
-
-def pressed(sim, *given, progress=None, **named):
-    def show(done, of):
-        if done >= 50 and not sent:
-            sent.append(done)
-            os.killpg(0, signal.SIGINT)
-    return run(sim, *given, progress=show, **named)
-
-mpsim.Simulation.run = pressed
-main({words!r}, prog_name="mpsim")
-"""
-
-
-@pytest.mark.slow
-def test_ctrl_c_stops_all_workers_of_a_command_and_leaves_a_run_that_goes_on(tmp_path):
-    whole, out = tmp_path / "whole", tmp_path / "run"
-    settings = ("run", "gas", "--frames", "400", "--every", "50", "--quiet", "--method")
-    words = (*settings, "parallel", "--workers", "2", "--out", str(out))
-    outcome = run_script(PRESSED.format(words=words), bound=150, warm=True)
-    assert outcome.code == 130, outcome.err
-    frame = json.loads((out / "run.json").read_text())["frame"]
-    assert outcome.out == ""
-    assert outcome.err == f"Interrupted at frame {frame} of 400. Continue with: mpsim resume {out}\n"
-    assert 50 <= frame < 400
-    for words in ((*settings, "grid", "--out", str(whole)), ("resume", str(out), "--workers", "1", "--quiet")):
-        assert mpsim_command(*words).exit_code == 0
-    for name in ("trajectory.xyz", "final.npz"):
-        assert (out / name).read_bytes() == (whole / name).read_bytes()
-
-
 # --- Ctrl-C after which a simulation goes on
 
 
@@ -248,22 +164,6 @@ def test_an_interrupted_simulation_is_whole_and_goes_on_with_the_same_bits(metho
 
 def interrupted(done, of):
     raise KeyboardInterrupt
-
-
-@pytest.mark.slow
-def test_a_frame_that_was_interrupted_counts_whole():
-    """What the walls got before Ctrl-C belongs to the frame: the pressure is per time of whole frames."""
-    names = ["pressure", "collision_rate", "momentum_drift"]
-    with begin(SMALL, "event", dt=50.0) as whole, begin(SMALL, "event", dt=50.0) as sim:
-        expected = whole.run(frames=2, measures=names).measures
-        with pytest.raises(KeyboardInterrupt):
-            sim.run(frames=2, measures=names, progress=interrupted)
-        assert sim.frame == 0 < sim.time
-        found = sim.run(frames=2, measures=names).measures
-    for name in ("pressure", "collision_rate"):
-        assert found[name].value == expected[name].value
-    assert math.isnan(found["momentum_drift"].value), "no state of the start of that frame is known"
-    assert expected["momentum_drift"].value < 1e-12
 
 
 def pressed_while_running(sim, delay):
@@ -380,29 +280,6 @@ def test_a_handler_of_the_user_gets_the_ctrl_c_that_comes_while_a_worker_starts(
     assert caught == [signal.SIGINT]
 
 
-@pytest.mark.long
-def test_a_worker_that_is_started_while_signals_wait_has_them():
-    """A fork server that started with SIGCHLD blocked, as a user handles it, would not tell of the end of a worker."""
-    outcome = run_script(
-        """
-        import os, signal
-        import mpsim, psutil
-        from support.scenes import lattice, simulate
-
-        signal.signal(signal.SIGCHLD, lambda *_: None)
-        with simulate(lattice(20, 20), method="parallel", workers=2, on_worker_death="raise") as sim:
-            print(psutil.Process(sim.pids[0]).ppid() != os.getpid())
-            os.kill(sim.pids[0], signal.SIGKILL)
-            try:
-                sim.run(frames=10**6)
-            except mpsim.WorkerDiedError as death:
-                print(death.exitcode)
-        """
-    )
-    assert_clean(outcome)
-    assert outcome.out == "True\n-9\n"
-
-
 # --- SIGTERM
 
 TERMINATED = """
@@ -488,36 +365,6 @@ def test_the_handler_of_sigterm_is_back_after_a_run_and_none_is_lost_that_comes_
             assert signal.getsignal(signal.SIGTERM) is mine
             assert frame_in(place) == sim.frame
     assert caught == []
-
-
-IN_C = """
-import faulthandler, signal
-import mpsim
-from support.scenes import gas, lattice, simulate
-
-dump = open({dump!r}, "w+b", buffering=0)
-faulthandler.register(signal.SIGTERM, file=dump)
-with simulate(lattice(4, 4), method="grid") as sim:
-    sim.run(frames=3, checkpoint={path!r})
-    try:
-        sim.run(frames=10**9, checkpoint={path!r}, progress=lambda *_: signal.raise_signal(signal.SIGTERM))
-    except SystemExit as end:
-        print(end.code, dump.seek(0, 2))
-given = [mpsim.Settings(dt=0.1, method="grid")]
-mpsim.tradeoff(gas(20, 0.3), given, until=2.0, replicas=2, measures=["overlap"])
-signal.raise_signal(signal.SIGTERM)
-print(dump.seek(0, 2) > 0)
-dump.close()
-"""
-
-
-@pytest.mark.slow
-def test_a_handler_in_c_is_back_after_a_run_and_a_search_of_settings(tmp_path):
-    """Python knows nothing of it."""
-    paths = {"path": str(tmp_path / "run"), "dump": str(tmp_path / "dump")}
-    outcome = run_script(IN_C.format(**paths), warm=True)
-    assert_clean(outcome)
-    assert outcome.out == "143 0\nTrue\n"
 
 
 # --- handlers that use a simulation
@@ -701,24 +548,3 @@ def test_a_signal_ends_a_search_of_long_runs_within_seconds_and_leaves_nothing(c
         assert outcome.code == -signal.SIGINT, outcome.err
         assert outcome.err.count("Traceback") == 1, outcome.err
         assert outcome.err.rstrip().endswith("KeyboardInterrupt")
-
-
-@pytest.mark.long
-def test_a_killed_trade_leaves_a_file_to_go_on_from(tmp_path):
-    path = tmp_path / "kept.json"
-    text = "from mpsim.studies import ensemble\nsaved_results.SAVE_EVERY = 0.0\n"  # else it is seconds
-    text += SEARCH.format(call=TRADE.format(until=5, path=str(path)))
-    # Warnings are no errors here: CPython's resource tracker inherits the flag, and with it gives up all blocks after
-    # the first whose thread was killed between announcing and making it.
-    with Script(text, flags=()) as script:
-        while not script.line().startswith("5 "):
-            pass
-        script.send(signal.SIGKILL)
-        assert script.finish(10).code == -signal.SIGKILL
-        assert_nothing_left_of(script.pid)
-    assert len(kept_in(path)) >= 4
-    resumed = trade(path)
-    assert [row.errors for row in resumed.rows] == [row.errors for row in trade(None).rows]
-    more = mpsim.tradeoff(gas(20, 0.3), [*CANDIDATES, mpsim.Settings(dt=0.02, method="grid")], until=5, replicas=2,
-                          path=path)  # fmt: skip
-    assert len(more.rows) == 3, "further candidates use the reference that is there"

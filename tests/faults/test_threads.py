@@ -12,7 +12,7 @@ from functools import cache
 
 import pytest
 from support.compare import overlapping_pairs
-from support.processes import blocks_of, run_script
+from support.processes import blocks_of
 from support.scenes import ALONE, digest_after, lattice, simulate
 from support.selection import long_but
 
@@ -268,15 +268,6 @@ def test_whatever_a_callback_raises_the_next_thread_can_continue(error):
 # --- warnings, and lines of the log
 
 
-def blocked(method="grid"):
-    """An emitter whose place is occupied before frame 5, and free later."""
-    scene = mpsim.Scene(
-        width=20, height=10, position=[(2.0, 2.0)], velocity=[(0.0, 20.0)], radius=0.1,
-        emitters=mpsim.Emitter((2.0, 2.0), (50.0, 0.0), every=5),
-    )  # fmt: skip
-    return simulate(scene, method=method, dt=0.0008)
-
-
 class Waiting:
     """Waits, each time that it is called, for a thread that reads; `frames` is what it has read."""
 
@@ -324,54 +315,3 @@ def test_nothing_is_added_as_often_as_the_warning_of_it_is_an_error():
             sim.add((2.4, 1.2), (1000.0, 0.0))
             sim.run(frames=5)
         assert (sim.count, len(given)) == (83, 1), "once it has been given it is not given again"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", long_but(["grid", "event"], "event"))
-def test_a_warning_of_an_emitter_may_wait_or_be_an_error_and_changes_no_bit(method, monkeypatch):
-    """An error ends the run at the end of a frame."""
-    with blocked(method) as sim, warnings.catch_warnings():
-        warnings.simplefilter("always")
-        with monkeypatch.context() as patch:
-            patch.setattr(warnings, "showwarning", hook := Waiting(sim))
-            sim.run(frames=50)
-        assert hook.calls == len(hook.frames) == 1
-        undisturbed = sim.count, sim.digest()
-    assert undisturbed[0] > 1, "the control: discs have entered"
-    with blocked(method) as sim:
-        for _ in range(2):  # it was not given: an error came in its place
-            with pytest.raises(mpsim.errors.EmitterWarning, match="occupied before frame"):
-                sim.run(frames=50 - sim.frame)
-            assert 5 <= sim.frame < 50
-        with pytest.warns(mpsim.errors.EmitterWarning) as given:
-            sim.run(frames=50 - sim.frame)
-        assert (sim.count, sim.digest(), len(given)) == (*undisturbed, 1)
-
-
-# --- other interpreters
-
-
-@pytest.mark.long
-def test_a_subinterpreter_is_refused_by_name():
-    """NumPy only warns there, and the first kernel took the process down."""
-    outcome = run_script(
-        """
-        try:
-            import _interpreters as interpreters
-        except ImportError:
-            import _xxsubinterpreters as interpreters
-        import sys
-
-        other = interpreters.create("legacy") if sys.version_info >= (3, 13) else interpreters.create(isolated=False)
-        text = f"import sys; sys.path[:] = {sys.path!r}; import mpsim"
-        try:
-            run = interpreters.exec if sys.version_info >= (3, 13) else interpreters.run_string
-            print(run(other, text))
-        except Exception as error:
-            print(error)
-        interpreters.destroy(other)
-        """,
-        flags=(),
-    )
-    assert outcome.code == 0, outcome.err
-    assert "mpsim cannot be imported in a subinterpreter" in outcome.out

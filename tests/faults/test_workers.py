@@ -4,7 +4,6 @@ import functools
 import itertools
 import logging
 import os
-import random
 import signal
 import threading
 import time
@@ -14,9 +13,9 @@ from pathlib import Path
 import psutil
 import pytest
 from support.internals import peek
-from support.killing import Killer, often, repeat_until_killed
+from support.killing import often, repeat_until_killed
 from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone, wait_until
-from support.scenes import crowd, gas, lattice, split, struck, zoo
+from support.scenes import gas, lattice, split
 from support.selection import long_but
 
 import mpsim
@@ -229,12 +228,10 @@ STEPS = {
     "change": lambda sim: sim.change(passes=2, dt=0.005),
     "set": lambda sim: sim.set(7, velocity=(1.0, 1.0)),
 }
-REMOVAL = {"remove": lambda sim: sim.remove([3, 44]), "nothing": lambda sim: None}
-"""For which new kernels are compiled."""
 
 
-def stepwise(sim, steps, before=lambda sim: None):
-    for act in steps.values():
+def stepwise(sim, before=lambda sim: None):
+    for act in STEPS.values():
         sim.run(frames=5)
         before(sim)
         act(sim)
@@ -243,8 +240,7 @@ def stepwise(sim, steps, before=lambda sim: None):
     return sim.digest(), sim.count, [change.what for change in sim.journal]
 
 
-@pytest.mark.parametrize("steps", [STEPS, pytest.param(REMOVAL, marks=pytest.mark.long)], ids=["all but", "removal"])
-def test_workers_that_die_before_and_after_each_change_are_replaced_and_change_nothing(steps, caplog):
+def test_workers_that_die_before_and_after_each_change_are_replaced_and_change_nothing(caplog):
     """One, all at once, or one that was stopped for a while: a line of the log each time."""
     turns = itertools.cycle([lambda pids: kill(pids[0]), lambda pids: kill(*pids), stop_and_kill])
 
@@ -253,11 +249,11 @@ def test_workers_that_die_before_and_after_each_change_are_replaced_and_change_n
             next(turns)(sim.pids)
 
     with mpsim.Simulation(ROOMY, mpsim.Settings(method="grid")) as sim:
-        expected = stepwise(sim, steps)
+        expected = stepwise(sim)
     with caplog.at_level(logging.WARNING, "mpsim"), begin(ROOMY, on_worker_death="restart") as sim:
-        assert stepwise(sim, steps, hit) == expected
+        assert stepwise(sim, hit) == expected
         assert len(sim.pids) == 2
-    assert len(caplog.records) >= len(steps)
+    assert len(caplog.records) >= len(STEPS)
     assert all("on new workers" in record.getMessage() for record in caplog.records)
 
 
@@ -407,45 +403,6 @@ def test_a_survivor_that_is_stopped_does_not_keep_the_others_from_going_on():
         assert is_gone(stopped)
 
 
-def doors():
-    return zoo("emitters absorbing piston gravity", count=30, side=40.0)
-
-
-def growing():
-    start = crowd(190, 0.2)
-    emitter = mpsim.Emitter((100, 100), (20, 5), every=10)
-    return mpsim.Scene(
-        width=200, height=200, position=start.position, velocity=start.velocity, radius=0.5, emitters=emitter
-    )
-
-
-RUNS = {
-    "frames that a fast disc has divided": (struck, 200, {"dt": 0.05, "on_fast": "substep"}),
-    "emitters and exits": (doors, 1500, {}),
-    "one that becomes parallel on the way": (growing, 6000, {"method": "auto"}),
-}
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.OverlapWarning")
-@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
-@pytest.mark.parametrize("what", RUNS)
-def test_all_that_a_run_counts_goes_back_too(what):
-    make, frames, settings = RUNS[what]
-
-    def result(sim):
-        sim.run(frames=frames)
-        return sim.substeps, sim.count, sim.absorbed.sum(), sim.digest()
-
-    def experiment(killing):
-        with begin(make(), on_worker_death="restart", **settings) as sim, killing(sim):
-            assert result(sim) == expected
-
-    with begin(make(), workers=1, **settings) as sim:
-        expected = result(sim)
-    repeat_until_killed(experiment, lambda: random.uniform(0.03, 0.15), most=4)
-
-
 # --- slow ones
 
 
@@ -496,19 +453,6 @@ def test_workers_that_share_one_core_are_slow_and_right(figures):
     figures.note("R13", "parallel on 3", "all pinned to one core", "digest of grid", what)
 
 
-@pytest.mark.slow
-def test_a_coordinator_held_up_between_waking_workers_and_giving_the_command_still_gets_them():
-    """A busy machine may take its core away at that moment; the workers must not go to sleep for good."""
-    with begin(lattice(20, 20), workers=2) as sim:
-        pool = sim._solver._pool  # a moment that no signal hits for certain
-        wake = pool.wake
-        for pause in (0.005, 0.02, 0.1):
-            pool.wake = lambda pause=pause: (wake(), time.sleep(pause))
-            time.sleep(0.05)
-            sim.run(frames=2)
-        assert sim.digest() == alone(lattice(20, 20), 6)
-
-
 @pytest.mark.long
 @pytest.mark.timeout(300)
 def test_a_worker_stopped_for_good_ends_the_run_and_is_ended_too():
@@ -520,23 +464,3 @@ def test_a_worker_stopped_for_good_ends_the_run_and_is_ended_too():
     ):
         sim.run(frames=10)
     assert_over(sim, pids)
-
-
-@pytest.mark.long
-@pytest.mark.timeout(1800)
-def test_a_hundred_deaths_at_random_moments_change_nothing(figures):
-    deaths, runs, given_up, phases = 0, 0, 0, set()
-    while deaths < 100:
-        killers = []
-        try:
-            killing = lambda sim, killers=killers: killers.append(Killer(sim, often)) or killers[0]  # noqa: E731
-            found = killed_at_random(killing, random.choice([2, 3]))
-        except mpsim.WorkerDiedError:  # as it must, where a busy machine has taken no snapshot between so many
-            assert killers[0].deaths > 5
-            given_up += 1
-            continue
-        assert found == undisturbed()
-        deaths, runs, phases = deaths + killers[0].deaths, runs + 1, phases | killers[0].phases
-    assert given_up <= runs, f"{given_up} runs were given up, and {runs} healed"
-    what = f"the same in {runs} runs with {deaths} deaths, in phases {', '.join(sorted(phases))}"
-    figures.note("R9", "parallel on 2 and 3", "workers killed at random", "digest and measures of grid", what)
