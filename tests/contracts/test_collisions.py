@@ -1,14 +1,11 @@
 """Collisions are the same rows on any number of workers and tiles, however a run is cut, and change no bit of it."""
 
 import functools
-import os
-import signal
 
 import numpy as np
 import pytest
 from support.internals import solver_of
 from support.scenes import simulate
-from support.tiles import always_tiled, on_tiles, windows_of
 
 import mpsim
 from mpsim.engine.solvers import base
@@ -16,8 +13,6 @@ from mpsim.engine.solvers import base
 pytestmark = pytest.mark.plain
 
 COUNT, FRAMES = 25, 24
-MANY = 1500
-"""Discs in a box that is divided."""
 GRID, EVENT = {"method": "grid", "dt": 0.05, "substeps": 2}, {"method": "event", "dt": 0.125}
 STOP_AT = {"grid": GRID, "event": EVENT}
 
@@ -52,23 +47,6 @@ def assert_same(found, method, count=COUNT):
 def test_stepped_collisions_are_the_same_on_any_workers(workers, cuts):
     assert_same(logged(cuts, **GRID | {"method": "parallel", "workers": workers}), "grid")
     assert len(whole("grid")[0]) > COUNT
-
-
-def on_some_tiles(tiling, workers, cuts=(FRAMES,)):
-    seen = mpsim.Collisions()
-    with always_tiled(*tiling), on_tiles(scene(MANY), tiling, workers=workers, dt=EVENT["dt"]) as sim:
-        for frames in cuts:
-            sim.run(frames=frames, observe=seen)
-        found = windows_of(sim)
-        assert found["windows"] > found["as_one"], found
-        return seen.table, sim.digest()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("tiling", "workers", "cuts"), [((2, 2), 2, (1,) * FRAMES), ((3, 2), 3, (5, 1, 18))])
-def test_exact_collisions_are_the_same_on_any_tiles_and_workers(tiling, workers, cuts):
-    assert_same(on_some_tiles(tiling, workers, cuts), "event", MANY)
-    assert len(whole("event", MANY)[0]) > 5 * MANY
 
 
 @pytest.mark.parametrize("method", STOP_AT)
@@ -113,33 +91,6 @@ def test_a_log_that_is_too_small_loses_nothing(room_for):
     room_for(2)
     for settings in (GRID, EVENT):
         assert_same(logged(**settings), settings["method"])
-
-
-@pytest.mark.long
-def test_a_log_of_tiles_or_workers_that_is_too_small_loses_nothing(room_for):
-    whole("grid")
-    whole("event", MANY)
-    room_for(15)
-    assert_same(logged(**GRID | {"method": "parallel", "workers": 2}), "grid")
-    assert_same(on_some_tiles((2, 2), 2), "event", MANY)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("method", ["parallel", "event"])
-def test_collisions_of_a_run_that_heals_come_once(method):
-    seen, killed = mpsim.Collisions(), []
-
-    def kill(done, _):
-        if done >= FRAMES // 2 and not killed:
-            killed.append(sim.pids[0])
-            os.kill(sim.pids[0], signal.SIGKILL)
-
-    settings = (EVENT if method == "event" else GRID) | {"method": method, "workers": 2, "on_worker_death": "restart"}
-    count = MANY if method == "event" else COUNT
-    with always_tiled(2, 2), simulate(scene(count), **settings) as sim:
-        sim.run(frames=FRAMES, observe=seen, progress=kill)
-        assert killed
-        assert_same((seen.table, sim.digest()), "event" if method == "event" else "grid", count)
 
 
 @pytest.mark.parametrize("method", STOP_AT)

@@ -7,8 +7,8 @@ library nor the random numbers of NumPy can change a digest. Only an intended ch
 
 and say in the changelog that runs of the new version do not continue those of the old one.
 
-Every feature alone runs as plain Python here, which has the bits of the machine code (twins/test_plain_python): each
-set of features is a compilation of its own, some seconds.
+Every feature alone runs as plain Python here, where an index out of bounds is an error; test_golden_compiled.py has the
+same digests by machine code. Each set of features is a compilation of its own, some seconds.
 """
 
 import dataclasses

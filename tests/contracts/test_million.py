@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.scenes import lattice
-from support.tiles import assert_played_on_tiles, on_tiles
+from support.tiles import on_tiles
 
 import mpsim
 from mpsim.measure import kinetic_energy
@@ -23,9 +23,6 @@ FILE = Path(__file__).parent / "million.json"
 FRAMES, DT = 54, 8.0
 DRIFT = 1e-12
 """Of the energy; a random walk of a million roundings would come to a tenth of it."""
-
-TILED = [((2, 1), 1), ((2, 1), 2), ((3, 1), 3)]
-"""Tiles along x and y, and workers."""
 
 
 def gas() -> mpsim.Scene:
@@ -56,21 +53,3 @@ def test_a_million_collisions_have_the_pinned_bits(pinned):
     assert pinned["collisions"] > 1_000_000
     with on_tiles(gas(), (1, 1), dt=DT) as sim:
         assert outcome(gas(), sim) == pinned
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("tiling", "workers"), TILED)
-def test_tiles_and_workers_have_the_same(tiling, workers, pinned):
-    with on_tiles(gas(), tiling, workers, dt=DT) as sim:
-        assert outcome(gas(), sim) == pinned
-        assert_played_on_tiles(sim)
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
-def test_losses_of_a_rounding_in_each_collision_would_show():
-    scene = gas()
-    lossy = mpsim.Scene(width=scene.width, height=scene.height, position=scene.position, velocity=scene.velocity,
-                        radius=0.5, boundary=("periodic", "walls"), restitution=1 - 1e-14)  # fmt: skip
-    with on_tiles(lossy, (1, 1), dt=DT) as sim, pytest.raises(AssertionError, match="abs"):
-        outcome(lossy, sim)

@@ -7,6 +7,7 @@ from functools import cache
 import pytest
 from support.pages import ROOT
 from support.ranks import CASES, found, on_ranks, told_by_script
+from support.scenes import gas, simulate
 from support.selection import long_but
 
 import mpsim
@@ -242,3 +243,30 @@ def test_a_session_with_every_change_has_the_bits_of_one_process(workers):
     on_two, alone_there = told_by_script(2, str(workers), script=SESSION)
     assert on_two == alone_there
     assert on_two[0] == on_two[5]
+
+
+CORRELATIONS = """
+import json, sys, mpsim
+from mpi4py import MPI
+from support.scenes import gas
+
+folder, comm = sys.argv[1], MPI.COMM_WORLD
+scene = gas(60, 0.3, seed=2, boundary="periodic")
+found = mpsim.Correlations(every=2, wave_numbers=[1.0], path=f"{folder}/c.npz")
+with mpsim.Simulation(scene, mpsim.Settings(dt=0.05, method="mpi", contact="push"), comm=comm) as sim:
+    sim.run(frames=40, observe=found, checkpoint=f"{folder}/run")
+told = comm.gather([function.value.tolist() for function in (found.msd, found.velocity, found.scattering(1.0))])
+if comm.rank == 0:
+    print(json.dumps(told))
+"""
+
+
+@pytest.mark.long
+def test_each_rank_has_the_correlations_of_one_process_and_one_of_them_writes_the_file(tmp_path):
+    """As JSON: what the ranks gathered, and what is in the file of the first one."""
+    alone = mpsim.Correlations(every=2, wave_numbers=[1.0])
+    with simulate(gas(60, 0.3, seed=2, boundary="periodic"), dt=0.05, method="grid") as sim:
+        sim.run(frames=40, observe=alone)
+    expected = [function.value.tolist() for function in (alone.msd, alone.velocity, alone.scattering(1.0))]
+    assert told_by_script(2, str(tmp_path), script=CORRELATIONS) == [expected] * 2
+    assert mpsim.Correlations.load(tmp_path / "c.npz").msd.value.tolist() == expected[0]

@@ -1,7 +1,6 @@
 """No rank needs all discs: starts, frames, digests, measures, files and ranges of discs take a rank's share."""
 
 import pytest
-from support.measured import LARGE, measured
 from support.ranks import CASES, on_ranks, told_by_script
 
 import mpsim
@@ -171,16 +170,6 @@ def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures)
     assert beyond.pop("trajectory") < AS_TEXT, beyond
     assert beyond.pop("resume") < AT_A_TIME + MAPPED * count, beyond
     assert max(beyond.values()) < AT_A_TIME, beyond
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", LARGE)
-def test_measures_of_more_than_a_chunk_of_discs_are_the_same_on_workers(name):
-    found = []
-    for method, workers in (("grid", None), ("parallel", 2)):
-        with mpsim.Simulation(LARGE[name](), mpsim.Settings(dt=0.02, method=method, workers=workers)) as sim:
-            found.append(measured(sim))
-    assert found[0] == found[1]
 
 
 PATHS = """

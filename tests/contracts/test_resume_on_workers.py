@@ -90,20 +90,3 @@ def test_another_process_and_a_thread_go_on_with_the_same_bits(tmp_path):
     outcome = run_script(ELSEWHERE.format(path=str(tmp_path / "run")), warm=True)
     assert_clean(outcome)
     assert [outcome.out.strip()] == found == [expected]
-
-
-@pytest.mark.long
-@pytest.mark.timeout(900)
-def test_a_thousand_frames_after_a_dense_checkpoint_agree_on_any_number_of_workers(tmp_path, figures):
-    scene = gas(20_000, 0.7, seed=1)
-    with simulate(scene, method="grid", dt=0.02) as sim:
-        assert sim.run(frames=100).collisions > 100_000
-        sim.save(tmp_path / "run")
-        sim.run(frames=1000)
-        expected = sim.state
-    for workers in (1, 2, 3, 8):
-        with mpsim.Simulation.resume(tmp_path / "run", workers=workers) as sim:
-            sim.run(frames=1000, checkpoint=tmp_path / "other", checkpoint_every=73)
-            assert_same_bits(sim.state, expected, f"on {workers} workers")
-    figures.note("R1", "parallel on 1, 2, 3, 8", "20,000 discs, 1000 frames after a resume",
-                 "that of an uninterrupted run", "the same")  # fmt: skip

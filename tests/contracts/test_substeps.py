@@ -1,11 +1,9 @@
 """on_fast="substep": the same bits however a run is cut, saved, restored or shared out."""
 
-import numpy as np
 import pytest
 from support.scenes import gas, simulate, struck
 
 import mpsim
-from mpsim.engine import step_limits
 
 pytestmark = pytest.mark.plain
 
@@ -109,57 +107,3 @@ def test_frames_divided_at_once_are_the_same_in_pieces_on_workers_and_after_a_re
         with mpsim.Simulation.resume(path, workers=workers) as sim:
             sim.run(frames=JUMPED - stop)
             assert sim.digest() == leaps[1]
-
-
-@pytest.mark.long
-def test_without_the_alert_the_bits_are_others(leaps, monkeypatch):
-    """The control: what is compared above depends on where frames are divided."""
-    monkeypatch.setattr("mpsim.engine.step_limits.SUBSTEP_LIMIT", 1e9)
-    with simulate(struck(), method="grid", **JUMPS) as sim:
-        sim.run(frames=JUMPED)
-        assert sim.digest() != leaps[1]
-
-
-# --- any run
-
-
-def wild(seed):
-    """A scene in which speeds change, and settings for it: a field, a piston, an emitter or a fast disc."""
-    rng = np.random.default_rng(seed)
-    start, kind = gas(20, float(rng.choice([0.1, 0.3])), seed=seed), seed % 4
-    width, height, velocity = start.width, start.height + 3, start.velocity.copy()
-    features = [
-        {"gravity": (0.0, -float(rng.choice([1, 40, 400])))},
-        {"piston": mpsim.Piston("right", speed=-float(rng.choice([0.5, 3, 20])), stop=0.7 * width)},
-        {"emitters": mpsim.Emitter((1.0, height - 1), (float(rng.choice([4, 30])), 0.0), interval=0.2, limit=5)},
-        {},
-    ][kind]
-    velocity[0] *= rng.choice([10, 50]) if kind == 3 else 1
-    scene = mpsim.Scene(width=width, height=height, position=start.position, velocity=velocity, radius=0.5, **features)
-    contact = str(rng.choice(["push", "impact"]))
-    return scene, {"dt": float(rng.choice([0.02, 0.05, 0.1, 0.3])), "contact": contact}, int(rng.integers(1, 60))
-
-
-def resumed_differently(seed, path, monkeypatch, every):
-    """Whether the run of `wild(seed)` ends elsewhere if it is saved at a frame and resumed with looks so far apart."""
-    scene, settings, at = wild(seed)
-    with substepped(scene, **settings) as sim:
-        sim.run(frames=at)
-        sim.save(path)
-        sim.run(frames=60 - at)
-        whole = sim.digest()
-    with monkeypatch.context() as patch:
-        patch.setattr(step_limits, "ADAPT_EVERY", every)
-        with mpsim.Simulation.resume(path) as sim:
-            sim.run(frames=60 - at)
-            return sim.digest() != whole
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore:.* occupied at time:mpsim.errors.EmitterWarning")
-def test_any_run_is_resumed_at_any_frame_with_the_same_bits(tmp_path, monkeypatch):
-    def differ(seeds, every):
-        return [seed for seed in seeds if resumed_differently(seed, tmp_path / "run", monkeypatch, every)]
-
-    assert not differ(range(400), step_limits.ADAPT_EVERY)
-    assert len(differ(range(40), 7)) > 4, "the control: looks at other frames"

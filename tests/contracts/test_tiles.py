@@ -1,7 +1,6 @@
 """The exact solver finds the same bits in whatever tiles it plays the box, on any number of workers."""
 
 import functools
-import itertools
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from support.tiles import (
 )
 
 import mpsim
-from mpsim.core.machine import usable_cores
 
 pytestmark = [pytest.mark.compiled, pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -40,6 +38,7 @@ SCENES = {
     "losses": {"restitution": 0.9, "wall_restitution": 0.8, "boundary": "periodic"},
     "rough": {**ROUGH, "spin": (INDEX % 5 - 2) / 2},
     "absorbing": {"absorbing": ("left", "top"), "gravity": (0.25, -1.0)},
+    "thermal walls": {"thermal_walls": mpsim.ThermalWalls(left=4.0, right=4.0, bottom=4.0, top=4.0, seed=5)},
     "everything": everything(COUNT),
 }  # fmt: skip
 TILINGS = [(2, 1), (1, 2), (2, 2), (3, 2), (4, 1)]
@@ -78,15 +77,6 @@ def test_every_tiling_and_number_of_workers_finds_the_same_bits(name, figures):
     figures.note("R1", "event in tiles, on up to 5", name, "state and counts of one tile", "the same")
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", SCENES)
-def test_sixteen_tiles_have_the_same_bits_on_all_cores_of_the_machine(name):
-    for workers in {5, 7, min(usable_cores(), 16)}:
-        with on_tiles(scene_of(name), (4, 4), workers, dt=DT) as sim:
-            assert_as_a_whole(sim, name, f"{name} on {workers} workers")
-            assert_played_on_tiles(sim)
-
-
 @pytest.mark.parametrize("dt", long_but([0.001, 3.0], 3.0))
 def test_frames_far_shorter_and_far_longer_than_a_window_have_the_same_bits(dt):
     frames = 2000 if dt < 1 else 3
@@ -94,16 +84,6 @@ def test_frames_far_shorter_and_far_longer_than_a_window_have_the_same_bits(dt):
         assert_as_a_whole(sim, "walls", f"frames of {dt}", frames, dt)
         played = windows_of(sim)["windows"]
         assert played < frames / 10 if dt < 1 else played > 2 * frames
-
-
-@pytest.mark.long
-def test_measures_are_the_same_on_any_number_of_workers():
-    names, found = ["pressure", "pressure_xx", "collision_rate", "kinetic_energy"], []
-    for tiling, workers in (((1, 1), 1), ((2, 2), 1), ((2, 2), 3)):
-        with on_tiles(scene_of("walls"), tiling, workers, dt=DT) as sim:
-            report = sim.run(frames=FRAMES, measures=names)
-            found.append((report.collisions, {name: repr(each) for name, each in report.measures.items()}))
-    assert found[0] == found[1] == found[2]
 
 
 def test_laps_and_windows_are_cut_by_commands_without_a_trace():
@@ -130,28 +110,6 @@ def test_a_scene_that_the_solver_divides_by_itself_has_the_same_bits(packing, bo
             assert_same_bits(sim.state, expected, f"20,000 discs on {workers} workers")
             assert_played_on_tiles(sim)
     figures.note("R1", "event on 2 and 3", f"20,000 discs, packing {packing}, {boundary}", "digest of 1", "the same")
-
-
-def in_a_corner(count=900):
-    """All discs in one tile of a box that is empty elsewhere; they spread into the others."""
-    side = int(count**0.5)
-    places = 1.25 * np.array(list(itertools.product(range(side), range(side)))) + 0.75
-    velocity = np.random.default_rng(5).normal(size=(count, 2)) + 3.0
-    return mpsim.Scene(width=90, height=90, position=places, velocity=velocity, radius=0.5)
-
-
-@pytest.mark.long
-def test_discs_that_all_begin_in_one_tile_outgrow_the_room_of_others():
-    scene = in_a_corner()
-    with on_tiles(scene, (1, 1), dt=0.25) as sim:
-        report = sim.run(frames=80)
-        expected = sim.state
-    assert ((expected.position > 45).sum(axis=0) > 300).all(), "too few have come to the other tiles"
-    with on_tiles(scene, (2, 2), 2, dt=0.25) as sim:
-        found = sim.run(frames=80)
-        assert_same_bits(sim.state, expected, "from one tile")
-        assert found.collisions == report.collisions
-        assert_played_on_tiles(sim)
 
 
 def cradle(count=60, side=61.0):
@@ -219,30 +177,6 @@ def test_a_halo_too_thin_is_noticed_by_the_comparison_and_by_nothing_else():
     with on_tiles(scene_of("walls"), (2, 1), dt=DT, halo=20) as sim:
         play_without_comparing(sim, FRAMES, parts=32)
         assert_same_bits(sim.state, expected, "by hand where the halo is wide, as the solver plays them")
-
-
-# --- what has once been wrong
-
-
-def thrown_away():
-    """Disc i moves towards j, which a heavy one throws far away before they meet; so i meets m instead."""
-    spacing, each, (x, y) = 10.0, 30, (140.0, 150.0)
-    places = (np.stack(np.meshgrid(range(each), range(each)), -1).reshape(-1, 2) + 0.5) * spacing
-    i, j, m, beside, heavy = [x, y - 2.5], [x, y], [x, y + 2.5], [x, y - 3.55], [x - 11.5, y]
-    velocity, mass = np.zeros((len(places) + 5, 2)), np.ones(len(places) + 5)
-    velocity[-2:], mass[-1] = [[0, 1], [30, 0]], 1000
-    places = np.concatenate([places, [i, j, m, beside, heavy]])
-    size = each * spacing
-    return mpsim.Scene(width=size, height=size, position=places, velocity=velocity, radius=0.5, mass=mass)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("tiling", [(2, 1), (2, 2)])
-def test_a_partner_that_was_thrown_out_of_the_halo_is_found_out(tiling):
-    scene = thrown_away()
-    with on_tiles(scene, (1, 1), dt=0.1) as whole, on_tiles(scene, tiling, dt=0.1, halo=4) as sim:
-        assert whole.run(frames=60).collisions == sim.run(frames=60).collisions > 2
-        assert_same_bits(sim.state, whole.state, f"thrown away in {tiling}")
 
 
 # --- random scenes, and physics that must not notice tiles

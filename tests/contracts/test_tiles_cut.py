@@ -54,23 +54,6 @@ def test_a_run_that_is_resumed_in_other_tiles_on_other_workers_has_the_same_bits
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", SCENES)
-def test_discs_that_are_added_on_the_way_have_the_same_bits(name):
-    states = []
-    for tiling, workers in (((1, 1), 1), ((2, 2), 1), ((2, 2), 3)):
-        with on_tiles(scene_of(name), tiling, workers, dt=DT) as sim, always_tiled(*tiling):
-            sizes = {"radius": [0.375], "mass": [2.0]} if name == "everything" else {}
-            for frames in (5, 1, 9):
-                sim.run(frames=frames)
-                sim.add([first_free_place(sim.state)], [[2.0, 1.0]], **sizes)
-            sim.run(frames=9)
-            assert sim.count == COUNT + 3
-            states.append(sim.state)
-    assert_same_bits(states[1], states[0], "added, one process")
-    assert_same_bits(states[2], states[0], "added, three workers")
-
-
-@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 @pytest.mark.parametrize("dt", [0.05, 1.7])
 def test_emitters_that_stop_inside_frames_have_the_same_bits(dt, tmp_path):
@@ -154,28 +137,6 @@ def test_a_window_that_is_played_in_many_commands_has_the_same_bits_and_counts(w
         assert_same_bits(sim.state, expected, f"{workers} workers")
         assert found.tobytes() == counted.tobytes(), "other counts"
         assert windows_of(sim)["as_one"] == 0, "one worker has found them"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("stop", [DT / 8, DT / 2])
-def test_a_stop_or_an_end_inside_a_window_that_was_left_plans_anew(stop, no_time):
-    with on_tiles(scene_of("walls"), TILING, dt=DT) as sim, on_tiles(scene_of("walls"), (1, 1), dt=DT) as whole:
-        leave_a_window(sim)
-        for each in (sim, whole):
-            solver = solver_of(each)
-            while not solver.reached(stop):
-                solver.advance(FRAMES, 1, stop)
-        assert sim.time == whole.time == stop
-        assert_same_bits(sim.state, whole.state, f"at {stop}")
-    fine = {"dt": DT / 128}
-    with on_tiles(scene_of("walls"), TILING, **fine) as sim, on_tiles(scene_of("walls"), (1, 1), **fine) as whole:
-        leave_a_window(sim)
-        assert plan_of(sim)["frames"] > 5, "a window of more frames"
-        for frames in (1, 2):
-            sim.run(frames=frames)
-            whole.run(frames=frames)
-            assert (sim.frame, sim.time) == (whole.frame, whole.time)
-            assert_same_bits(sim.state, whole.state, f"{frames} frames")
 
 
 def test_a_checkpoint_of_a_window_that_was_left_goes_on_with_the_same_bits(tmp_path, as_a_whole, no_time):

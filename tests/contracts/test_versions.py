@@ -1,6 +1,7 @@
 """The versions that pyproject.toml allows are those that are tested and that the pages name; modules import by name."""
 
 import ast
+import importlib
 import re
 import sys
 from importlib.metadata import version
@@ -9,14 +10,18 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
-from support.scripts import fixture_of
 
 import mpsim
 
 TOP = Path(__file__).parents[2]
 HERE = f"{sys.version_info[0]}.{sys.version_info[1]}"
 
-script = fixture_of("run_versions")
+
+@pytest.fixture(scope="module")
+def script():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(TOP / "scripts")
+        return importlib.import_module("run_versions")
 
 
 def rows_of_page():

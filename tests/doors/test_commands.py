@@ -1,7 +1,6 @@
 """The command `mpsim`: exit codes 0 done, 1 failed, 2 wrong usage or input; what it prints; help."""
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -265,15 +264,3 @@ def test_bench_and_warmup_tell_numbers():
     assert result.stdout.endswith(" kernels compiled or loaded\n")
     (found,) = json.loads(mpsim_command("warmup", "gas", "--method", "grid", "--quiet", "--json").stdout)
     assert (found["scene"], found["kernels"]) == ("gas", 0), "the second time nothing is missing"
-
-
-@pytest.mark.long
-def test_compiling_is_a_line_once_and_nothing_under_quiet(tmp_path):
-    """Where nobody watches; on a terminal it is a spinner that goes."""
-    found = []
-    for words in (["-v", "run"], ["run", "--quiet"]):
-        run = [sys.executable, "-m", "mpsim", *words, "cradle", "--method", "naive", "--frames", "2"]
-        env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / words[0]), "NUMBA_DISABLE_JIT": "0"}
-        found.append(subprocess.run(run, capture_output=True, text=True, timeout=150, check=True, env=env).stderr)
-    assert found[0].count("compiling the loops for this scene, once; about ") == 1, found[0]
-    assert found[1] == ""

@@ -224,18 +224,6 @@ def test_the_largest_of_thirteen_differences_is_no_difference_by_being_the_large
     assert np.mean([naive(table) for table in range(40)]) > 0.15, "the control"
 
 
-@pytest.mark.long
-def test_no_window_is_seen_to_differ_by_being_the_largest_of_many(errors_of):
-    cooling = 1 / (1 + 5 * TIME) ** 2
-
-    def draw(seed, n):
-        return cooling * (1 + 0.05 * random(*seed, n).normal(size=PIECES))
-
-    found = [each.largest for each in many(errors_of, "pressure", draw)]
-    assert all(found)
-    assert beyond(found)[0] < 0.09
-
-
 # --- scenes that change with time
 
 

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import warnings
 
 import numpy as np
 import pytest
@@ -137,17 +136,6 @@ def test_the_guard_is_told_once_in_a_simulation():
         with pytest.warns(GuardWarning, match="This is said once; report.guarded counts"):
             first = sim.run(frames=1)
         assert first.guarded > 1 < sim.run(frames=1).guarded, "and the second time there is no warning"
-
-
-@pytest.mark.long
-def test_a_scene_at_rest_is_told_while_it_runs():
-    """Its frames would take millions of bounces each."""
-    with simulate(ball(3, wall_restitution=0.3), method="event", dt=1.0) as sim, warnings.catch_warnings():
-        warnings.simplefilter("error", GuardWarning)
-        sim.run(frames=2)  # it still bounces
-        with pytest.raises(GuardWarning, match="come to rest"):
-            sim.run(frames=10_000)
-        assert sim.frame < 20
 
 
 def test_a_contact_time_that_throws_discs_at_rest_higher_than_their_radius_is_refused():

@@ -13,8 +13,6 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:Setting the shape:DeprecationWarning"),
 ]
 
-NOTES = ['a "quoted" word', "it's one", "Lattice=9 9", "pbc='F F F'", "a=b {c} [d]", "back\\slash", "Time=7", "{}", "T"]
-
 
 @pytest.fixture(scope="module")
 def ase():
@@ -56,55 +54,3 @@ def test_ase_and_freud_read_what_mpsim_writes(name, tmp_path, ase):
             away = box.unwrap(theirs.particles.position, theirs.particles.image)[:, :2]
             assert away + np.add(page.origin, np.divide(page.box, 2)) == pytest.approx(page.unwrapped, abs=2e-5)
             assert len(freud.locality.AABBQuery.from_system(theirs).points) == len(page.ids)
-
-
-def some_atoms(rng, ase):
-    """Atoms in a plane, with columns and keys of all kinds."""
-    count = int(rng.integers(1, 7))
-    place = np.column_stack([rng.normal(size=(count, 2)) * 10.0 ** rng.integers(-2, 3), np.full(count, rng.normal())])
-    atoms = ase.Atoms(f"Ar{count}", place, cell=[*rng.uniform(1, 99, 2), rng.choice([1, 20])])
-    atoms.pbc = [(1, 1, 0), (0, 0, 0), (1, 0, 0)][rng.integers(3)]
-    if rng.random() < 0.7:
-        atoms.set_masses(rng.uniform(0.5, 9, count))
-        if rng.random() < 0.7:
-            atoms.set_velocities(np.column_stack([rng.normal(size=(count, 2)), np.zeros(count)]))
-    if rng.random() < 0.5:
-        atoms.arrays["radius"] = rng.uniform(0.1, 1, count)
-    if rng.random() < 0.5:
-        atoms.arrays["id"] = 1 + np.arange(count)
-    if rng.random() < 0.3:
-        atoms.arrays["velo"] = np.column_stack([rng.normal(size=(count, 2)), np.zeros(count)])
-    for name, values in (("note", rng.choice(["a", "b"], count)), ("heavy", rng.random(count) < 0.5)):
-        if rng.random() < 0.3:
-            atoms.arrays[name] = values
-    for key in rng.choice(["note", "run_id", "stress_free", "Time", "energy_a"], 2, replace=False):
-        atoms.info[str(key)] = float(rng.normal()) if key == "Time" else str(rng.choice(NOTES))
-    if rng.random() < 0.3:
-        atoms.set_constraint(ase.constraints.FixAtoms([0]))
-    if rng.random() < 0.3:
-        forces = rng.normal(size=(count, 3))
-        atoms.calc = ase.calculators.singlepoint.SinglePointCalculator(atoms, energy=1.5, forces=forces)
-    return atoms
-
-
-def test_extended_xyz_that_ase_reads_is_the_same_in_mpsim(tmp_path, ase):
-    path = tmp_path / "a.xyz"
-    for seed in range(28):
-        rng = np.random.default_rng(seed)
-        ase.io.write(path, [some_atoms(rng, ase) for _ in range(3)], format="extxyz")
-        for frame, atoms in zip(mpsim.Trajectory(path), ase.io.read(path, index=":"), strict=True):
-            assert frame.position.tolist() == atoms.positions[:, :2].tolist()
-            assert frame.box == tuple(atoms.cell.lengths()[:2])
-            assert frame.periodic == tuple(atoms.pbc[:2].tolist())
-            assert frame.known.get("time") == (float(atoms.info["Time"]) if "Time" in atoms.info else None)
-            arrays = atoms.arrays
-            for name, theirs in (("mass", "masses"), ("radius", "radius"), ("ids", "id")):
-                assert (name in frame.known) == (theirs in arrays)
-                if theirs in arrays:
-                    assert frame.known[name].tolist() == arrays[theirs].tolist()
-            if "velo" in arrays:
-                assert frame.velocity.tolist() == arrays["velo"][:, :2].tolist()
-            elif "masses" in arrays and "momenta" in arrays:
-                assert frame.velocity.tolist() == atoms.get_velocities()[:, :2].tolist()
-            else:
-                assert "velocity" not in frame.known

@@ -335,17 +335,6 @@ def test_plot_draws_what_a_run_recorded(whole, tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["other.PDF"]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("name", "sides"), [("tall", (4, 12)), ("flat", (24, 4))])
-def test_the_picture_of_a_tall_box_has_the_box_beside_the_curves(name, sides, tmp_path):
-    pair = {"position": [[1, 1], [3, 3]], "velocity": [[1, 0], [0, 1]], "radius": 0.5}
-    mpsim.Scene(width=sides[0], height=sides[1], **pair).save(tmp_path / "a.toml")
-    mpsim_command("run", tmp_path / "a.toml", "--method", "naive", *SHORT, "--out", tmp_path / "run")
-    mpsim_command("plot", tmp_path / "run")
-    with Image.open(tmp_path / "run" / "plot.png") as picture:
-        assert (picture.size[0] < picture.size[1] * 1.2) == (name == "tall")
-
-
 def test_animate_writes_an_animation_once(tmp_path, monkeypatch):
     path, few = tmp_path / "a.gif", ("--pixels", 100, "--method", "grid")
     words = ("--seconds", 0.6, "--until", 0.3, "--fps", 5, "--theme", "dark", "--colour", "parity")

@@ -14,13 +14,11 @@ import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from enum import Enum
-from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
 from support.executors import process_pool
-from support.processes import assert_clean, run_script
 from support.scenes import gas as drawn
 from support.swept import deadly, double, gas, noted
 
@@ -397,33 +395,6 @@ def test_processes_give_the_same_rows_refuse_what_pickle_cannot_send_and_may_die
     with process_pool(1) as executor:
         again = sweep(deadly, {"x": [1, 2, 4, 5]}, executor=executor, path=tmp_path / "kept")
     assert [row.values["y"] for row in again.rows] == [2, 4, 8, 10]
-
-
-MPI = """
-import json
-from mpi4py.futures import MPIPoolExecutor
-import mpsim
-from support.swept import gas
-
-if __name__ == "__main__":
-    with MPIPoolExecutor() as executor:
-        table = mpsim.sweep(gas, {"packing": [0.1, 0.3]}, 2, executor, "kept")
-        print(json.dumps([(row.point, row.run, row.seed, row.values) for row in table.rows]))
-        try:
-            mpsim.sweep(lambda x: {"y": x}, {"x": [1]}, executor=executor)
-        except mpsim.InputError as error:
-            print(error)
-"""
-
-
-@pytest.mark.long
-def test_mpi_gives_the_same_rows_on_ranks_of_its_own(expected):
-    mpiexec = str(Path(sys.executable).with_name("mpiexec"))
-    outcome = run_script(MPI, prefix=(mpiexec, "-n", "2"), flags=("-W", "error", "-m", "mpi4py.futures"))
-    assert_clean(outcome)
-    rows, unpicklable = outcome.out.splitlines()
-    assert [tuple(row) for row in json.loads(rows)] == expected
-    assert unpicklable.startswith("function and the values of the grid must be what pickle can send"), unpicklable
 
 
 # --- the table

@@ -257,31 +257,6 @@ def lone(velocity, **features):
     return Scene(width=5, height=5, position=[[2, 2]], velocity=[velocity], radius=0.5, **features)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("scene", "reference"),
-    [
-        (lone([1, 0.3]), "the exact solver"),
-        (gas(10, 0.3, restitution=0.9, gravity=(0.5, -1)), "the exact solver"),
-        (gas(10, 0.3, acceleration=((0.0, -1.0),) * 10), "two passes at dt=.*is not usable: .*acceleration per disc"),
-        (
-            Scene(width=5, height=5, position=[[2, 2], [2.5, 2]], velocity=[[0, 0], [1, 1]], radius=0.5),
-            "two passes at dt=.*finest affordable.*is not usable: .*discs 0 and 1 overlap",
-        ),
-    ],
-    ids=["one disc", "lossy under gravity", "acceleration", "overlapping"],
-)
-def test_every_scene_has_a_table_and_says_what_it_is_compared_with(scene, reference):
-    found = tradeoff(scene, [COARSE], until=4, replicas=2)
-    assert found.rows[0].failure is None
-    assert all(np.isfinite(each.value) == each.measurable for each in found.rows[0].errors.values())
-    assert any(each.measurable for each in found.rows[0].errors.values())
-    assert re.match(reference, found.reference), found.reference
-    if "acceleration" in reference:
-        with pytest.raises(mpsim.InputError, match=r"candidates\[1\] \(event\) cannot run this scene: .*acceleration"):
-            tradeoff(scene, [COARSE, EXACT], until=1)
-
-
 # --- starts
 
 

@@ -3,16 +3,14 @@
 import csv
 import io
 import json
-import math
 import re
 from pathlib import Path
 
 import pytest
-from support.campaign import PIECES, MadeUp
 from support.scenes import gas
 
 import mpsim
-from mpsim import Emitter, Scene, Settings, tradeoff, tune
+from mpsim import Scene, Settings, tradeoff, tune
 from mpsim.errors import NotMeasurableError
 
 pytestmark = pytest.mark.compiled
@@ -96,37 +94,6 @@ def test_grains_that_come_to_rest_have_a_stepped_reference_and_all_that_means_so
 
 
 @pytest.mark.long
-def test_a_gas_that_changes_asks_for_a_duration_and_is_compared_in_windows():
-    cooling = {"count": 20, "packing": 0.3, "radius": 0.5, "restitution": 0.8}
-    with pytest.raises(NotMeasurableError, match=r"still changes with time .*until=..., or Scene\(duration=...\)"):
-        tune(Scene.random(**cooling), {"collision_rate": 0.1}, candidates=[Settings(method="event")])
-    found = tune(Scene.random(**cooling, duration=15.0), {"collision_rate": 0.3}, candidates=[GRID], replicas=4)
-    error = found.errors["collision_rate"]
-    assert (found.verified, found.until) == (True, 15)
-    assert error.error > 0
-    assert error.largest is not None
-    assert "mean over windows, 0 to 15" in str(found)
-    assert max(each.row.settings.dt for each in found.tried) <= 15 / 16, "no step is longer than a piece"
-
-
-@pytest.mark.long
-def test_settings_of_which_mpsim_warns_are_not_recommended_where_others_meet_the_budget():
-    """Long steps meet the budget too, but discs may pass through each other: the answer has a shorter one."""
-    scene = Scene.random(count=20, packing=0.1, radius=0.5, duration=30.0, seed=1)
-    found = tune(scene, {"overlap": 0.45}, candidates=[Settings(method="grid", contact="push")], replicas=4)
-    warned = [each for each in found.tried if each.warning]
-    assert warned, "the control: there are such steps"
-    assert found.warning == ""
-    assert found.errors["overlap"].inside(0.45)
-    assert all("inside all budgets, but mpsim warns: in frame 0 disc" in each.verdict for each in warned)
-    assert warned[0].verdict in str(found)
-    with mpsim.Simulation(scene, found.settings) as sim:  # where a warning is an error
-        sim.run(until=30)
-    with pytest.warns(mpsim.FastWarning), mpsim.Simulation(scene, warned[0].row.settings) as sim:
-        sim.run(until=1)
-
-
-@pytest.mark.long
 def test_a_real_answer_stays_inside_its_budgets_in_a_long_run():
     scene, budgets = gas(20, 0.3), {"overlap": 0.05, "trajectory": 0.2}
     found = tune(scene, budgets, until=5, replicas=2, candidates=[Settings(method="grid", contact="push")])
@@ -137,37 +104,6 @@ def test_a_real_answer_stays_inside_its_budgets_in_a_long_run():
     reflect = Settings(law="reflect", contact="push", method="grid")
     with pytest.raises(mpsim.errors.BudgetError, match=r"no candidate stays inside momentum_drift 1e-06\. The best of"):
         tune(scene, {"momentum_drift": 1e-6}, until=2, replicas=2, candidates=[reflect])
-
-
-@pytest.mark.long
-def test_the_same_start_is_displaced_by_a_thousandth_of_a_diameter_and_nothing_overlaps():
-    """Discs that touch each other and the piston inside the box, and an emitter whose discs touch a peg."""
-    rows = [[0.5 + k, 0.5 + row] for k in range(4) for row in range(2)]
-    scene = Scene(
-        width=12, height=8, position=rows, velocity=[[1, 0.5]] * 8, radius=0.5,
-        piston=mpsim.Piston("right", -0.1, 3.5, start=7.0), obstacles=mpsim.FixedDisc((2.5, 5), 0.5),
-        emitters=Emitter((3.5, 5), (1, 0), interval=100.0, limit=1),
-    )  # fmt: skip
-    starts = []
-
-    class Asking(MadeUp):
-        def submit(self, run, start, settings, /, *rest):
-            starts.append(start)
-            return super().submit(run, start, settings, *rest)
-
-    made = Asking(lambda settings, number: {"overlap": [0.1 + 0.01 * (len(starts) % 3)] * PIECES})
-    tradeoff(scene, COARSE, 0.5, "overlap", starts="same", executor=made, replicas=10)
-    assert len({start.digest() for start in starts[:20]}) == 20
-    for start in starts:
-        assert start.overlaps_at_start() == ""
-        assert abs(start.position - scene.position).max() <= 1e-3
-        assert start.position[:, 0].max() <= 7.0 - 0.5
-        assert (start.velocity**2).sum() == pytest.approx((scene.velocity**2).sum(), rel=1e-12)
-        (emitter,) = start.emitters
-        assert math.dist(emitter.position, (2.5, 5)) >= 1
-        assert math.dist(emitter.position, (3.5, 5)) <= 2e-3
-    assert len({start.emitters[0].position for start in starts[:20]}) > 5, "displaced, but not into the peg"
-    assert any((start.position != scene.position).any() for start in starts)
 
 
 # --- named scenes

@@ -231,17 +231,3 @@ def test_forged_checkpoints(request, tmp_path, figures):
     assert 0 < good < times
     what, good = f"{times} forged checkpoints", f"{good} valid states"
     figures.note("F3", "runs", what, "no other error than CheckpointError", good)
-
-
-def test_the_fuzzer_sees_what_escapes():
-    """The controls: an error of another kind, and memory."""
-
-    def careless(rng):
-        if rng.random() < 0.1:
-            raise KeyError("escaped")
-        return True
-
-    with pytest.raises(KeyError, match="escaped"):
-        count_good(FEW, 1, careless)
-    with pytest.raises(AssertionError, match="took"):
-        count_good(1, 1, lambda rng: bool(bytearray(2 * MEMORY)))

@@ -3,14 +3,12 @@
 import json
 
 import pytest
-from support.commands import library_digest, mpsim_command
-from support.processes import run_script, wait_until
+from support.processes import run_script
 from support.ranks import on_ranks
 from support.scenes import gas
 from support.selection import long_but
 
 import mpsim
-from mpsim.cli.run import RunFolder
 
 pytestmark = pytest.mark.slow
 
@@ -180,71 +178,6 @@ def test_what_ranks_cannot_do_is_one_error_on_all():
     for name, (kind, words) in WORDS.items():
         assert told[0][name][0] == kind, (name, told[0][name])
         assert words in told[0][name][1], name
-
-
-def is_free(out):
-    """Whether nobody writes to the folder of a run any more."""
-    try:
-        with RunFolder.claim(out):
-            return True
-    except mpsim.InputError:
-        return False
-
-
-def assert_goes_on(out, frames):
-    """The run in a folder goes on in one process, for so many frames, to the bits of a run that never stopped."""
-    assert wait_until(lambda: is_free(out), 30), "ranks that are killed may end after mpiexec"
-    resumed = mpsim_command("resume", out, "--method", "grid", "--frames", frames, "--quiet")
-    assert resumed.exit_code == 0, resumed.stderr
-    frame = json.loads((out / "run.json").read_text())["frame"]
-    assert f"digest {library_digest(frame)}\n" in resumed.stdout
-    assert mpsim.Trajectory(out / "trajectory.xyz")[-1].frame == frame // 10 * 10
-
-
-ENDED = """
-import os, resource, signal, sys
-from mpi4py import MPI
-from mpsim.cli.app import main
-from mpsim.engine.simulation import Simulation
-
-run = Simulation.run
-
-def until_it_ends(sim, *args, progress=None, **others):
-    def at(done, of):
-        if done > 30 and MPI.COMM_WORLD.rank == {rank}:
-            {act}
-        progress(done, of)
-    return run(sim, *args, progress=None if progress is None else at, **others)
-
-Simulation.run = until_it_ends
-try:
-    main(["run", "gas", "--method", "mpi", "--frames", "10000000", "--every", "10", "--quiet", "--out", sys.argv[1]])
-except SystemExit as end:
-    MPI.Finalize()  # which waits for the other
-    os._exit(end.code)  # not by `-m mpi4py`, which has a word of its own
-"""
-
-FULL_DISK = "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("rank", "act", "code", "status", "told"),
-    [
-        (1, "os.kill(os.getpid(), signal.SIGINT)", 130, "interrupted", "Interrupted at frame "),
-        (1, "os.kill(os.getpid(), signal.SIGTERM)", 143, "ended early", "Ended by SIGTERM at frame "),
-        (0, FULL_DISK, 1, "ended early", "with room on its disk; got File too large."),
-    ],
-    ids=["Ctrl-C", "SIGTERM", "full disk"],
-)
-def test_a_run_on_ranks_that_ends_early_says_so_once_and_goes_on(rank, act, code, status, told, tmp_path):
-    out = tmp_path / "run"
-    done = on_ranks(2, str(out), script=ENDED.format(rank=rank, act=act), bound=BOUND)
-    assert (done.code, done.out) == (code, ""), done.err
-    assert done.err.count(told) == 1, done.err
-    assert len(done.err.splitlines()) == 1, done.err
-    assert json.loads((out / "run.json").read_text())["status"] == status
-    assert_goes_on(out, 5)
 
 
 LOSING = """

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from support.ranks import on_ranks, told_by_script
+from support.ranks import told_by_script
 
 import mpsim
 
@@ -95,71 +95,3 @@ def test_what_fails_on_one_rank_is_an_error_on_all_and_what_was_there_is_untouch
     assert told["after"][0] == ["saved"] * 2
     assert digest_in(path) == told["after"][1]
     assert digest_in(tmp_path / "run.previous") == kept[1]
-
-
-# --- trajectories
-
-FRAMES = (
-    HEAD
-    + """
-from mpsim.output import xyz
-
-what = cases[0]
-
-def disturbed_text(frame):
-    for number, part in enumerate(text(frame)):
-        if number == 3:
-            if what == "killed":
-                os.kill(os.getpid(), signal.SIGKILL)
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        yield part
-
-with mpsim.Simulation(scene, settings) as sim, mpsim.Trajectory.write(path, comm=comm) as out:
-    sim.run(frames=1, observe=out)
-    text = xyz.text_of
-    xyz.text_of = disturbed_text
-    try:
-        sim.run(frames=1, observe=out)
-    except mpsim.errors.OutputError as error:
-        tell(error)
-    xyz.text_of = text
-    sim.run(frames=0, observe=out)
-    sim.run(frames=1, observe=out)
-    if comm.rank == 0:
-        print(out.frames)
-"""
-)
-
-
-def frames_of(path):
-    with mpsim.Trajectory(path) as found:
-        return [(each.frame, each.state.digest()) for each in found]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("what", ["full", "killed"])
-def test_a_frame_that_the_first_rank_cannot_write_is_an_error_on_all_and_costs_that_frame(what, tmp_path):
-    path, settings = tmp_path / "run.xyz", mpsim.Settings(dt=0.02, method="grid", precision="float32")
-    with (
-        mpsim.Simulation(mpsim.Scene.lattice(**LATTICE), settings) as sim,
-        mpsim.Trajectory.write(tmp_path / "whole.xyz") as out,
-    ):
-        sim.run(frames=3, observe=out)
-    whole = frames_of(tmp_path / "whole.xyz")
-    done = on_ranks(2, str(path), json.dumps(LATTICE), what, script=FRAMES, bound=120)
-    if what == "full":
-        assert done.code == 0, done.err
-        one, other, frames = done.out.splitlines()
-        assert one == other
-        assert "got No space left on device. What was written before is complete." in one
-        assert frames == "4", "it is written once there is room again"
-        assert frames_of(path) == whole
-        return
-    assert done.code != 0
-    with pytest.warns(mpsim.errors.TrajectoryWarning, match="ends in the middle of a frame"):
-        assert frames_of(path) == whole[:2]
-    with mpsim.Simulation(mpsim.Scene.lattice(**LATTICE), settings) as sim:
-        sim.run(frames=1)
-        with mpsim.Trajectory.write(path, mode="a") as out:
-            sim.run(frames=2, observe=out)
-    assert frames_of(path) == whole

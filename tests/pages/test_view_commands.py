@@ -194,13 +194,6 @@ def test_collisions_are_those_since_the_start_and_go_back_with_the_run():
         assert page.gauges_at(0)["collisions"] == 0
 
 
-def test_314_collisions_make_pi():
-    settings = mpsim.Settings(method="event", dt=1.0)
-    with paused(mpsim.Scene.load("pi"), settings) as page:
-        page.step_to(42)
-        assert page.gauges_at(42)["collisions"] == 314
-
-
 # --- colours
 
 
@@ -515,16 +508,3 @@ def test_a_search_is_stopped_and_another_one_sets_both_stages():
             assert sim.settings.dt == page.last["scene"]["dt"]
         page.step_to(3)
         page.hear_until(lambda v: v.last["pair"].get("time") == pytest.approx(3 * v.last["scene"]["dt"]))
-
-
-@pytest.mark.long
-def test_how_long_two_correct_solvers_agree_is_found_meanwhile():
-    with paused(gas(50, 0.4), GRID, beside=EVENT) as page:
-        page.hear_until(lambda v: v.frame >= 0 and v.last["pair"]["second"])
-        for frame in range(1, 200):
-            page.step_to(frame)
-            if page.last["pair"]["lyapunov_time"]:
-                break
-            page.hear_for(0.2)
-        assert 0.05 < page.last["pair"]["lyapunov_time"] < 2.0
-        assert page.last["pair"]["agree_until"] == pytest.approx(20 * page.last["pair"]["lyapunov_time"])

@@ -141,31 +141,6 @@ def test_pages_may_hold_16_discs_at_a_time():
         assert page.do("hold", id=3, x=x, y=y)["note"] is None, "it is held already"
 
 
-@pytest.mark.long
-def test_pages_may_add_10000_discs():
-    corner = mpsim.Scene(width=120, height=120, position=[[119, 119]], velocity=[[0, 0]], radius=0.5)
-    with paused(corner, PLAIN) as page:
-        for row in range(101):
-            places = [[1 + 1.1 * k, 1 + 1.1 * row] for k in range(100)]
-            page.say("stroke", places=places, same=row > 0)
-        page.hear_until(lambda v: "pages may add at most 10000 discs" in (v.last.get("hands", {}).get("note") or ""))
-        page.hear_until(lambda v: len(v.picture.colour) == 10_001)
-        assert "pages may add at most 10000 discs" in page.do("add", x=117.0, y=119.0, same=False)["note"]
-
-
-@pytest.mark.long
-def test_pages_may_draw_1000_walls():
-    corner = mpsim.Scene(width=40, height=40, position=[[39, 39]], velocity=[[0, 0]], radius=0.5)
-    with paused(corner, PLAIN) as page:
-        for k in range(1001):
-            x, y = 1 + 1.5 * (k % 25), 0.5 + 0.9 * (k // 25)
-            page.say("wall", ax=x, ay=y, bx=x + 1.1, by=y)
-            if k % 100 == 0:
-                page.settle()
-        page.hear_until(lambda v: "pages may draw at most 1,000 walls" in (v.last["hands"]["note"] or ""))
-        assert len(page.last["scene"]["capsules"]) == 1000
-
-
 REFUSED = [
     ("hold", {"id": 99, "x": 1.0, "y": 1.0}, "id must be the number of a disc, from 0 to 19; got 99"),
     ("hold", {"id": 3, "x": -4.0, "y": 1.0}, "one radius from the walls"),

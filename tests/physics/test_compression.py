@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 from support.scenes import simulate
 
@@ -56,32 +55,3 @@ def test_few_discs_jam_in_the_densest_packing_in_a_square(count, distance):
     starts = [mpsim.Scene.random(count=count, packing=0.2, radius=0.5, seed=seed) for seed in range(4)]
     found = max(jammed_at(scene, densest + 0.02) for scene in starts)
     assert densest - 3e-6 < found < densest, f"{found}, expected {densest}"
-
-
-@pytest.mark.long
-def test_equal_discs_can_end_in_the_densest_crystal():
-    """In a box that suits it, from a fluid; some starts jam with defects."""
-    size = {"width": 15.0, "height": 18 * math.sqrt(3) / 2, "boundary": "periodic"}
-    found = []
-    for seed in range(1, 6):
-        scene = mpsim.Scene.random(count=120, radius=0.5, seed=seed, **size)
-        try:
-            dense = scene.compressed(0.9068, rate=0.01)
-        except mpsim.InputError:
-            continue
-        found.append(dense)
-        break
-    (dense,) = found
-    order = [mpsim.measure.hexatic_order(mpsim.State(each.position, each.velocity), each) for each in (scene, dense)]
-    assert dense.packing == pytest.approx(0.9068, rel=1e-12)
-    assert order[1].whole > 0.9999
-    assert order[0].whole < 0.5, "negative control: the fluid that it was"
-
-
-@pytest.mark.long
-def test_discs_of_two_sizes_jam_at_the_published_packing():
-    """Half of them 1.4 times as large: at some 0.842 (O'Hern et al., Phys. Rev. E 68, 011306, 2003)."""
-    radius = np.repeat([0.5, 0.7], 500)
-    scene = mpsim.Scene.random(count=1000, packing=0.4, radius=radius, boundary="periodic", seed=1)
-    assert jammed_at(scene, 0.9) == pytest.approx(0.842, abs=0.01)
-    assert jammed_at(scene, 0.9, rate=1.0) < 0.83, "negative control: too fast"

@@ -114,24 +114,3 @@ def test_scattering_is_gaussian_at_long_waves(figures):
     assert long.value[reached].min() < 0.9
     assert np.abs(short.value[reached] - np.exp(-(0.2**2) * squares[reached] / 4)).max() > 1e-3
     assert np.abs(short.value[-5:]).max() < 0.05
-
-
-@pytest.mark.long
-@pytest.mark.timeout(900)
-def test_errors_of_one_run_tell_how_much_runs_differ(figures):
-    """120 independent gases: their scatter about the common mean is that of the stated errors."""
-    chosen = []
-    for seed in range(120):
-        found = mpsim.Correlations(start=10 / RATE)
-        with simulate(gas(32, PACKING, seed=100 + seed, boundary="periodic"), method="event", dt=0.2 / RATE) as sim:
-            sim.run(until=400 / RATE, observe=found)
-        chosen.append([found.velocity[3], found.msd[10], found.diffusion()])
-    for name, column in zip(("velocity", "msd", "diffusion"), zip(*chosen, strict=True), strict=True):
-        known = [each for each in column if each.settled]
-        assert len(known) > 90  # in a few runs velocities by chance seem correlated still
-        mean = np.mean([each.value for each in known])
-        found = np.array([each.deviation(mean) for each in known])
-        assert 0.75 < found.std() < 1.25, f"{name}: {found.std()}"
-        figures.note(
-            "errors", "exact", f"{name}: scatter of 120 runs over the stated error", 1, f"{found.std():.2f}", ""
-        )

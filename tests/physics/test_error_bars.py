@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mpsim
-from mpsim.measure import block_errors, reference
+from mpsim.measure import reference
 
 pytestmark = pytest.mark.plain
 
@@ -33,19 +33,6 @@ def over_claimed(found, errors=None):
 
 
 @pytest.mark.long
-def test_errors_of_wall_pressure_at_low_packing_are_those_of_other_starts():
-    """40 starts know a scatter to 11 %, and each run its error to some 30 %."""
-    found, series = runs(0.02, "walls", 200, 40, ["collision_rate"], sensors=("left", "right", "bottom", "top"))
-    assert 0.65 < over_claimed([run["pressure"] for run in found]) < 1.5
-    assert 0.65 < over_claimed([run["collision_rate"] for run in found]) < 1.5
-    blocks = []
-    for walls, run in zip(series, found, strict=True):
-        hits = np.sum(walls, axis=0)
-        blocks.append(block_errors(hits).max() / hits.mean() * run["pressure"].value)
-    assert over_claimed([run["pressure"] for run in found], blocks) < 0.3, "the control: blocks miss what alternates"
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("boundary", ["walls", "periodic"])
 @pytest.mark.parametrize("packing", [0.02, 0.3, 0.6])
 @pytest.mark.parametrize("collisions", [200, 2000])
@@ -63,24 +50,6 @@ def test_errors_are_those_of_other_starts(packing, boundary, collisions):
         assert all(run["pressure"].upper for run in found)
     ratios = {name: over_claimed([run[name] for run in found]) for name in names}
     assert all(0.7 < ratio < 1.4 for ratio in ratios.values()), ratios
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("method", ["event", "grid"])
-def test_a_wall_shows_the_pressure_of_its_own_direction(method):
-    scene = mpsim.Scene.random(count=100, packing=0.3, radius=0.5, seed=1, boundary=("periodic", "walls"))
-    settings = mpsim.Settings(method=method, dt=0.02 if method == "grid" else 0.2)
-    with mpsim.Simulation(scene, settings) as sim:
-        sim.run(until=20)
-        found = sim.run(until=820, measures=["pressure", "pressure_virial", "pressure_xx", "pressure_yy"]).measures
-    wall, across, along, both = (found[n] for n in ("pressure", "pressure_yy", "pressure_xx", "pressure_virial"))
-    assert all(measure.settled for measure in found.values())
-    assert abs(wall.value - across.value) < 4 * np.hypot(wall.error, across.error)
-    assert wall.value - both.value > 4 * np.hypot(wall.error, both.error), "the control: the mean is another number"
-    assert across.value - along.value > 4 * np.hypot(across.error, along.error)
-    width, height, free = scene.width, scene.height, scene.height - 1
-    mean = (width * height * along.value + free * width * across.value) / (width * height + free * width)
-    assert mean == pytest.approx(both.value, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -239,14 +208,3 @@ def test_errors_in_a_weak_bath_know_how_slowly_it_changes_the_energy(bath, memor
     rms = {name: rms_deviation([run[name] for run in found]) for name in found[0]}
     assert all(0.4 < each < 1.45 for each in rms.values()), rms
     assert rms_deviation(control) > 2.5, "the control: an error from the series alone"
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
-def test_errors_in_a_bath_of_many_memories_are_settled():
-    found, _ = runs_in_bath({"thermostat": mpsim.Thermostat(1.0, 0.5)}, before=4, time=100)
-    for name in ("contact_rate", "pressure_xx", "kinetic_energy", "velocity"):
-        settled = [run[name] for run in found if run[name].settled]
-        assert len(settled) > 20, name
-        assert 0.65 < rms_deviation(settled) < 1.45, name
-    assert rms_deviation([run["pressure"] for run in found]) < 1.45, "upper bounds among them"

@@ -152,23 +152,6 @@ def test_no_disc_passes_a_thin_wall_at_less_than_its_radius_in_a_frame_or_a_thir
         assert (beyond > 0) == (factor == 4)
 
 
-@pytest.mark.long
-def test_a_crowd_does_not_press_discs_through_a_thin_wall_unless_the_step_is_long(figures):
-    """Walls are met right after the move; what neighbours do to a disc comes later in the step."""
-    base = Scene.random(count=400, packing=0.6, radius=0.5, seed=3)
-    left, through = base.position[:, 0] < base.width / 2 - 0.5, {}
-    scene = Scene(width=base.width, height=base.height, radius=0.5, position=base.position[left],
-                  velocity=base.velocity[left],
-                  obstacles=Polyline([(base.width / 2, 0), (base.width / 2, base.height)]))  # fmt: skip
-    for h in (0.05, 0.2):
-        with simulate(scene, method="grid", dt=h, contact="impact") as sim:
-            sim.run(until=50.0)
-            through[h] = int((sim.state.position[:, 0] > base.width / 2).sum())
-    assert through[0.05] == 0
-    assert through[0.2] > 5, "the control"
-    figures.note("P7", "impact", "crowd beside a thin wall: got through, h = 0.05", 0, 0, f"h = 0.2: {through[0.2]}")
-
-
 # --- across borders
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 import mpsim
 from mpsim.kernels import records
-from support.arrays import parameters_of
 
 
 def _arrays(sim: mpsim.Simulation) -> dict[str, Any]:
@@ -58,9 +57,3 @@ def peek(sim: mpsim.Simulation, worker: int) -> tuple[str, int]:
     """Phase and frame (frames finished since the start) that a worker is in at this moment."""
     mine, control = _arrays(sim)["team"][worker], _arrays(sim)["control"]
     return records.PHASES[int(mine.phase)], int(control.done + mine.frame)
-
-
-def parameters(restitution=1.0, dt=1.0):
-    values = parameters_of(np.float64, 10, 10, dt=dt)
-    values.wall_restitution = restitution
-    return values

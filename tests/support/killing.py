@@ -9,18 +9,16 @@ import threading
 import pytest
 
 import mpsim
-from support.internals import peek
 from support.processes import is_gone
 
 
 class Killer(threading.Thread):
-    """Thread that calls `deed` with the present workers every now and then, until told to stop; counts the deaths."""
+    """Thread that kills one of the present workers every now and then, until told to stop; counts the deaths."""
 
-    def __init__(self, sim, pause, deed=None, most=10**9):
+    def __init__(self, sim, pause, most=10**9):
         super().__init__(daemon=True)
-        self.deaths, self.phases = 0, set()
+        self.deaths = 0
         self._sim, self._pause, self._most = sim, pause, most
-        self._deed = deed or self._kill_one
         self._end = threading.Event()
 
     def __enter__(self):
@@ -36,28 +34,14 @@ class Killer(threading.Thread):
             try:
                 pids = [pid for pid in self._sim.pids if not is_gone(pid)]
                 if pids:
-                    self._deed(pids)
+                    os.kill(random.choice(pids), signal.SIGKILL)
+                    self.deaths += 1
             except (ProcessLookupError, TypeError, ValueError, LookupError, mpsim.errors.ClosedError):
                 continue  # it is being replaced at this moment
-
-    def _kill_one(self, pids):
-        worker = random.randrange(len(pids))
-        phase = peek(self._sim, worker + 1)[0]
-        os.kill(pids[worker], signal.SIGKILL)
-        self.deaths += 1
-        self.phases.add(phase)
 
 
 def often():
     return random.uniform(0.02, 0.25)
-
-
-def slowed(pause, start):
-    """Pauses as much longer as this machine needs longer than 0.1 s to start workers.
-
-    Else, on a busy one, new workers would die at once so often that the run is given up, as it should be.
-    """
-    return lambda: max(start / 0.1, 1.0) * pause()
 
 
 def repeat_until_killed(experiment, pause, least=1, **killer):
