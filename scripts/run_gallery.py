@@ -21,7 +21,7 @@ from rich.console import Console
 
 import mpsim
 from mpsim.output.animation import Picture, pictures_until
-from mpsim.output.drawing import LIGHT, STYLE, scale_of_run
+from mpsim.output.drawing import LIGHT, STYLE, ColourScale, percentile_scale, sampled, speeds_of
 from mpsim.scene.scenefile import SceneFile, load, names
 from mpsim.scene.settings import frames_between_pictures, settings_for
 from mpsim.studies.findings import Promise, promise_of
@@ -55,6 +55,18 @@ def frames_between(found: SceneFile, settings: mpsim.Settings) -> int:
     return every
 
 
+def scale_of_run(found: SceneFile, pictures: int, every: int) -> ColourScale:
+    """The scale of the speeds of all pictures, with a number of frames between two: the run is simulated for it."""
+    speeds: list[np.ndarray] = []
+    with mpsim.Simulation(found.scene, settings_for(found.scene, None)) as sim:
+        for number in range(pictures):
+            if number:
+                sim.run(frames=every)
+            state = sim.state
+            speeds.append(sampled(speeds_of(state.velocity[state.present])))
+    return percentile_scale(np.concatenate(speeds), "log" if found.name in LOGARITHMIC else "linear")
+
+
 def show(found: SceneFile, folder: Path) -> None:
     """Write <name>.gif, and <name>.png: the last picture where the whole is shown, else one of the course."""
     scene, settings = found.scene, settings_for(found.scene, None)
@@ -64,7 +76,7 @@ def show(found: SceneFile, folder: Path) -> None:
         number = min(number, pictures_until(scene.duration, every, settings))
     still = number - 1 if found.name in WHOLE else round(STILLS.get(found.name, 0.67) * number)
     promise, mark = promise_of(found.name, scene, settings), MARKS.get(found.name)
-    scale = scale_of_run(scene, settings, number, every, "log" if found.name in LOGARITHMIC else "linear")
+    scale = scale_of_run(found, number, every)
     images: list[Image.Image] = []
     with mpsim.Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE):
         film, large = (Picture(sim, pixels, scale=scale) for pixels in (PIXELS, STILL_PIXELS))

@@ -34,8 +34,7 @@ from run_bench import machine
 import mpsim
 from mpsim.engine.simulation import read_in_place
 from mpsim.scene import scenefile
-from mpsim.viewer import wire
-from mpsim.viewer.broadcast import SentPicture
+from mpsim.viewer import protocol
 from mpsim.viewer.colouring import scale_of
 from mpsim.viewer.server import Admission, Server, listening, page_files
 from mpsim.viewer.session import Session
@@ -112,11 +111,11 @@ class Album:
             if serial == 4:  # the first ones allocate
                 started = time.process_time()
             before = time.thread_time()
-            header = wire.Header(serial, 0, 0.0, scene.box, (scene.width, scene.height), self._scale)
-            radii = radii or wire.pack_radii(scene.radii, header)
-            packed = read_in_place(self._sim, functools.partial(wire.pack, header))
+            header = protocol.Header(serial, 0, 0.0, scene.box, (scene.width, scene.height), self._scale)
+            radii = radii or protocol.pack_radii(scene.radii, header)
+            packed = read_in_place(self._sim, functools.partial(protocol.pack, header))
             self.seconds.append(time.thread_time() - before)
-            self._server.show(SentPicture(serial, packed, radii, scene.capsules))
+            self._server.show(protocol.SentPicture(serial, scene.capsules, (protocol.Stage(packed, radii),)))
         self._asked.acquire()
         return (time.process_time() - started) / (pictures - 3)
 
@@ -225,7 +224,7 @@ def seconds_to_first_picture() -> float:
             where, origin = address[0].replace("http", "ws", 1) + "socket", address[0].rsplit("/", 2)[0]
             with connect(where, origin=origin, compression=None, max_size=None) as socket:  # pyright: ignore[reportArgumentType]
                 socket.send('{"do": "visible", "value": true}')
-                while not (isinstance(message := socket.recv(), bytes) and message[5] == wire.PICTURE):
+                while not (isinstance(message := socket.recv(), bytes) and message[5] == protocol.PICTURE):
                     pass
                 return time.perf_counter() - started
         finally:

@@ -16,8 +16,8 @@ from mpsim.scene import scenefile
 from mpsim.scene.settings import Settings
 
 if TYPE_CHECKING:
-    from mpsim.viewer.link import Link
     from mpsim.viewer.playback import Recording
+    from mpsim.viewer.share_url import Link
 
 VIEW_EXAMPLES = """\b
 Examples:
@@ -70,15 +70,15 @@ def view(
     can open the page, unless --host is given. Then anyone who can reach that address and knows the token in it can
     open the page; the connection is not encrypted.
     """
-    from mpsim.viewer import link, live  # noqa: PLC0415 - other commands need no server
+    from mpsim.viewer import live, share_url  # noqa: PLC0415 - other commands need no server
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
     where: dict[str, Any] = {"host": host, "port": port, "browser": browser, "playing": not paused}
     given = {"box": box, "boundary": boundary, "radius": radius}
     given = {name: value for name, value in given.items() if value is not None}
-    if given and (link.is_link(scene) or not _is_recording(scene)):
+    if given and (share_url.is_link(scene) or not _is_recording(scene)):
         raise click.UsageError(f"--{next(iter(given))} can be given only with the file of a trajectory. Leave it out.")
-    if link.is_link(scene):
+    if share_url.is_link(scene):
         asked = _link(scene, beside, options)
         live.view(asked, name=asked.scene, **{**where, "playing": not paused and "wait" not in asked.seen})
         return
@@ -129,9 +129,9 @@ def _recording(path: str, given: dict[str, Any], options: dict[str, Any]) -> "Re
 
 def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":
     """What an address asks for, replaced by the options that were given."""
-    from mpsim.viewer import link  # noqa: PLC0415 - as above
+    from mpsim.viewer import share_url  # noqa: PLC0415 - as above
 
-    query = link.query_of(text)
+    query = share_url.query_of(text)
     if not query:
         raise click.BadParameter(
             f"{text!r} must have a scene behind a question mark, as in '?scene=gas&dt=0.005'. "
@@ -139,7 +139,7 @@ def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":
             param_hint="SCENE",
         )
     try:
-        asked = link.read(query)
+        asked = share_url.read(query)
     except InputError as error:  # of a name in the link, which is no option
         raise click.BadParameter(str(error), param_hint="SCENE, a link") from None
     given = {name: value for name, value in options.items() if value is not None}
@@ -151,9 +151,9 @@ def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":
 
 def _beside(first: Settings, text: str) -> Settings:
     """Settings of a second simulation: those of the first, changed as a text says."""
-    from mpsim.viewer import link  # noqa: PLC0415 - as above
+    from mpsim.viewer import share_url  # noqa: PLC0415 - as above
 
     try:
-        return link.beside_of(first, text)
+        return share_url.beside_of(first, text)
     except InputError as error:
         raise click.BadParameter(str(error), param_hint="--beside") from None

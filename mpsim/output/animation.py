@@ -5,10 +5,11 @@ from __future__ import annotations
 import base64
 import contextlib
 import dataclasses
-import io
+import itertools
 import math
 import os
 import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PosixPath
@@ -16,9 +17,8 @@ from typing import IO, Any, NamedTuple
 
 import matplotlib
 import numpy as np
-from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -38,19 +38,16 @@ from mpsim.output.drawing import (
     STYLE,
     THEMES,
     ColourScale,
+    MovingDiscs,
     ScaleName,
     Theme,
     ThemeName,
-    closed_off,
+    capsules_at,
     colour_bar,
-    colour_discs,
-    draw_discs,
     figure_around,
-    on_scale,
     percentile_scale,
     sampled,
     speeds_of,
-    with_images,
 )
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings, frames_between_pictures, settings_for
@@ -146,35 +143,23 @@ class Picture:
         if colour is not None:
             checks.choice("colour", colour, KINDS)
         scene = self._scene = sim.scene
-        self._sim, self._colour, self._theme = sim, colour, theme
+        self._sim, self._colour = sim, colour
         inches = pixels / DPI / max(scene.width, scene.height)
         size = scene.width * inches, scene.height * inches
         with matplotlib.rc_context(theme.style, fname=STYLE):
             self.figure: Figure = figure_around(scene, size, beside=(1.2, 0.5), below=(0.4, 1.4), theme=theme)
             self.axes: Axes = self.figure.add_subplot()
-            self._kind = KINDS[colour](sim, self.axes, scale) if colour is not None else None
-            self._discs = self._draw(scene.position, scene.radii)
-            if self._kind is not None:
-                bar = colour_bar(self.axes, self._discs, scene, self._kind.label, self._kind.scale.outside)
-                if self._kind.ticks is not None:
-                    bar.set_ticks(list(self._kind.ticks), labels=list(self._kind.ticks.values()))
+            kind = KINDS[colour](sim, self.axes, scale) if colour is not None else None
+            shades = (None, None) if kind is None else (kind.scale, kind.colours)
+            self._moving = MovingDiscs(self.axes, scene, scene.position, scene.radii, *shades, theme=theme)
+            if kind is not None:
+                bar = colour_bar(self.axes, self._moving.discs, scene, kind.label, kind.scale.outside)
+                if kind.ticks is not None:
+                    bar.set_ticks(list(kind.ticks), labels=list(kind.ticks.values()))
             self._title = self.axes.set_title("time 0.00")
-        self._closed = closed_off(scene, scene.box, theme)
-        if self._closed is not None:
-            self.axes.add_patch(self._closed)
         self.figure.draw_without_rendering()
         # The layout is found once; solving it again for each picture would take most of the time.
         self.figure.set_layout_engine("none")
-
-    def _draw(self, position: NDArray[np.floating], radii: NDArray[np.floating]) -> EllipseCollection:
-        """New discs: the sizes of a collection cannot change."""
-        discs = draw_discs(self.axes, position, self._scene, radii=radii, theme=self._theme)
-        if self._kind is not None:
-            colour_discs(discs, np.zeros(len(radii)), self._kind.scale)
-            if self._kind.colours is not None:
-                discs.set_cmap(self._kind.colours)
-        self._drawn = len(radii)
-        return discs
 
     def update(self) -> None:
         """Show the simulation as it is now."""
@@ -182,15 +167,8 @@ class Picture:
 
     def show(self, moment: Moment) -> None:
         """Show a moment of the simulation."""
-        if len(moment.radius) != self._drawn:
-            self._discs.remove()
-            self._discs = self._draw(moment.position, moment.radius)
-        self._discs.set_offsets(with_images(moment.position, self._scene))
-        if self._kind is not None:
-            self._discs.set_array(on_scale(moment.values, self._kind.scale))
-        closed = closed_off(self._scene, moment.walls)
-        if self._closed is not None and closed is not None:
-            self._closed.set_bounds(*closed.get_bbox().bounds)
+        capsules = capsules_at(self._scene, moment.time)
+        self._moving.show(moment.position, moment.radius, moment.values, moment.walls, capsules)
         number = int(np.count_nonzero(moment.present))
         self._title.set_text(f"time {moment.time:.2f}, {number} disc{'s' * (number != 1)}")
 
@@ -249,34 +227,40 @@ CATEGORIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", 
 """Colours of Okabe & Ito, neighbours far apart."""
 
 
-# --- Writes GIFs with one palette for all frames, without bands or flicker
+# --- Writes films: GIFs with one palette for all frames, without bands or flicker; MP4 by ffmpeg
 
 SAMPLE = 8
 """Pictures from which the palette is made."""
 
 
-class GifWriter(AbstractMovieWriter):
-    """Collects the pictures of an animation, and writes them when it ends."""
+def image_of(figure: Figure) -> Image.Image:
+    """A figure as it is now, in pixels, whatever a program has set for its own figures."""
+    canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
+    figure.dpi = DPI
+    canvas.draw()
+    size = canvas.get_width_height()
+    return Image.frombuffer("RGBA", size, bytes(canvas.buffer_rgba()), "raw", "RGBA", 0, 1).convert("RGB")
 
-    def setup(self, fig: Any, outfile: Any, dpi: float | None = None) -> None:
-        """Begin; see matplotlib."""
-        super().setup(fig, outfile, dpi)  # pyright: ignore[reportAbstractUsage] - the stubs forget its body
-        self._images: list[Image.Image] = []
 
-    def grab_frame(self, **savefig_kwargs: Any) -> None:
-        """Add the figure as it is now."""
-        file = io.BytesIO()
-        self.fig.savefig(file, dpi=self.dpi, format="rgba", **savefig_kwargs)
-        width, height = map(int, self.frame_size)
-        self._images.append(
-            Image.frombuffer("RGBA", (width, height), file.getvalue(), "raw", "RGBA", 0, 1).convert("RGB")
-        )
+def write_film(path: str | os.PathLike[str], images: Iterable[Image.Image], rate: float, instead: str) -> None:
+    """Write images as a film, in the format of the path's ending, .gif or .mp4.
 
-    def finish(self) -> None:
-        """Write the file."""
-        palette = shared_palette(self._images)
-        first, *rest = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in self._images)
-        first.save(self.outfile, format="GIF", save_all=True, append_images=rest, duration=1000 // self.fps, loop=0)
+    Args:
+        path: of the file.
+        images: one or more, of one size.
+        rate: images per second.
+        instead: what to do without an ffmpeg, for errors.
+
+    Raises:
+        OutputError: if ffmpeg, which .mp4 needs, is missing or fails.
+    """
+    if Path(path).suffix.lower() == ".mp4":
+        _write_mp4(path, iter(images), rate, instead)
+        return
+    every = list(images)
+    palette = shared_palette(every)
+    first, *rest = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in every)
+    first.save(path, format="GIF", save_all=True, append_images=rest, duration=int(1000 / rate), loop=0)
 
 
 def shared_palette(images: list[Image.Image]) -> Image.Image:
@@ -285,17 +269,36 @@ def shared_palette(images: list[Image.Image]) -> Image.Image:
     return Image.fromarray(np.concatenate([np.asarray(image) for image in chosen])).quantize(256)
 
 
-# --- Finds ffmpeg, which encodes MP4
+def _write_mp4(path: str | os.PathLike[str], images: Iterator[Image.Image], rate: float, instead: str) -> None:
+    first = next(images)
+    width, height = (side - side % 2 for side in first.size)  # H.264 needs even sides
+    taken = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-framerate", f"{rate:g}", "-i", "-"]
+    # One thread: on a shared machine it would otherwise take every core.
+    made = ["-threads", "1", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-loglevel", "error"]
+    command = [executable(instead), *taken, *made, "-y", os.fspath(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin is not None  # the pipe
+        try:
+            for image in itertools.chain([first], images):
+                process.stdin.write(image.crop((0, 0, width, height)).tobytes())
+        except BrokenPipeError:  # it has ended, and says why
+            pass
+        except BaseException:
+            process.kill()
+            raise
+        _, words = process.communicate()
+    if process.returncode:
+        raise OutputError(
+            f"an .mp4 needs an ffmpeg that encodes H.264; it ended with {process.returncode} "
+            f"({words.decode(errors='replace')[-200:]!r}). {instead[:1].upper()}{instead[1:]}."
+        )
 
 
 def executable(instead: str) -> str:
     """The path of ffmpeg: the system's, or that of the package imageio-ffmpeg, which the extra `film` installs.
 
-    Args:
-        instead: what to do without ffmpeg, for the error.
-
     Raises:
-        OutputError: if neither is found.
+        OutputError: if neither is found; `instead` says what to do without it.
     """
     found = shutil.which("ffmpeg")
     if found is not None:
@@ -402,17 +405,28 @@ def animate(
     checked_progress(progress, "progress(done, of)")
     seen = of_frames(progress if callable(progress) or is_watched() else None, "pictures")
     simulated = Simulation(scene, settings)
-    with _writing(target), simulated as sim, matplotlib.rc_context(fname=STYLE), seen as show:
-        writer = _writer_for(target, rate)
-        with _moments(sim, frames, every, colour, scale) as (moments, found):
-            picture = Picture(sim, pixels, colour, found, look)
-            with files.atomic_write(target) as file, writer.saving(picture.figure, file.name, DPI):
-                for number, moment in enumerate(moments, start=1):
-                    picture.show(moment)
-                    writer.grab_frame()
-                    if show is not None:
-                        show(number, frames)
+    with (
+        _writing(target),
+        simulated as sim,
+        seen as show,
+        _moments(sim, frames, every, colour, scale) as (moments, found),
+        files.atomic_write(target) as file,
+    ):
+        picture = Picture(sim, pixels, colour, found, look)
+
+        def images() -> Iterator[Image.Image]:
+            for number, moment in enumerate(moments, start=1):
+                picture.show(moment)
+                yield image_of(picture.figure)
+                if show is not None:
+                    show(number, frames)
+
+        write_film(file.name, images(), rate, _instead_of(target))
     return Animation(target)
+
+
+def _instead_of(target: Path) -> str:
+    return f"write {str(target.with_suffix('.gif'))!r}"
 
 
 @contextlib.contextmanager
@@ -552,7 +566,7 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
             f"an animation's path must end in .gif or .mp4; got {str(target)!r}. Use {target.stem}.gif.{still}"
         )
     if ending == ".mp4":
-        executable(f"write {str(target.with_suffix('.gif'))!r}")
+        executable(_instead_of(target))
     try:
         files.check_target(target)
     except OSError as error:
@@ -570,11 +584,3 @@ def pictures_until(end: float, every: int, settings: Settings) -> int:
     6
     """
     return int(end / (every * settings.dt) + 1e-9) + 1
-
-
-def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
-    if target.suffix.lower() == ".gif":
-        return GifWriter(fps=rate)
-    matplotlib.rcParams["animation.ffmpeg_path"] = executable(f"write {str(target.with_suffix('.gif'))!r}")
-    # One thread: on a shared machine it would otherwise take every core.
-    return FFMpegWriter(fps=rate, extra_args=["-threads", "1"])

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.collections import EllipseCollection, PatchCollection
 from matplotlib.colorbar import Colorbar
-from matplotlib.colors import LogNorm, Normalize, is_color_like
+from matplotlib.colors import Colormap, LogNorm, Normalize, is_color_like
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -32,7 +32,6 @@ from mpsim.features.edges import boundary_of
 from mpsim.measure.moments import placed
 from mpsim.output.frames import Frame
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
 
 # --- Colour scales from the numbers in a picture, with arrows for values outside
 
@@ -110,27 +109,6 @@ def sampled(values: NDArray[np.floating]) -> NDArray[np.floating]:
     return values[:: max(-(-len(values) // SAMPLE), 1)]
 
 
-def scale_of_run(
-    scene: Scene, settings: Settings, pictures: int, every: int, kind: ScaleName = "linear"
-) -> ColourScale:
-    """The scale of the speeds of all pictures of an animation: the run is simulated once for it.
-
-    Args:
-        scene, settings: what is simulated and how.
-        pictures: number of pictures, >= 1; the first shows the start.
-        every: frames from one picture to the next, >= 1.
-        kind: "linear" or "log".
-    """
-    found: list[NDArray[np.floating]] = []
-    with Simulation(scene, settings) as sim:
-        for number in range(pictures):
-            if number:
-                sim.run(frames=every)
-            state = sim.state
-            found.append(sampled(speeds_of(state.velocity[state.present])))
-    return percentile_scale(np.concatenate(found), kind)
-
-
 COARSE, FINE = (1.0, 2.0, 5.0), (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0)
 """Numbers that are written in each decade of an axis: of several decades, or of a part of one."""
 
@@ -175,6 +153,8 @@ class Theme:
 
 LIGHT = Theme(ground="white", ink="black", solid="#444444", behind="#BBBBBB", edge="#00000060")
 DARK = Theme(ground="#15181E", ink="#E6E6E6", solid="#8C929E", behind="#343A46", edge="#FFFFFF50")
+PAGE = Theme(ground="#ffffff", ink="#16191d", solid="#3a3f45", behind="#9aa3ad", edge="none")
+"""The colours of the live view, in its films and on its page."""
 
 ThemeName = Literal["light", "dark"]
 
@@ -251,6 +231,7 @@ def draw_discs(
     radii: NDArray[np.floating] | None = None,
     theme: Theme = LIGHT,
     corner: tuple[float, float] = (0.0, 0.0),
+    time: float = 0.0,
 ) -> EllipseCollection:
     """Discs at true radius in their box, with obstacles; there are no ticks, and periodic edges are dotted.
 
@@ -262,21 +243,25 @@ def draw_discs(
         radii: shape (N,) [length].
         theme: colours of obstacles, and around discs.
         corner: where the axes have the lower left corner of the box, which has no obstacles if that is not (0, 0).
+        time: at which the obstacles are shown [time].
 
     Returns:
         The discs, to be moved: `set_offsets(with_images(position, scene))`.
     """
     if not axes.collections:
-        _draw_box(axes, scene, theme, corner)
-    diameters = 2 * np.asarray(scene.radii if radii is None else radii)
-    # Sizes and colours repeat, so that each image has those of its disc.
+        _draw_box(axes, scene, corner)
+        draw_obstacles(axes, scene, capsules_at(scene, time), theme)
+    radii = np.asarray(scene.radii if radii is None else radii)
+    return ellipses(axes, with_images(position, scene) + corner, radii, colours, theme)
+
+
+def ellipses(
+    axes: Axes, places: NDArray[np.float64], radii: NDArray[np.floating], colours: Any, theme: Theme
+) -> EllipseCollection:
+    """Discs at their places, images included: sizes and colours repeat, so that each image has those of its disc."""
+    diameters = 2 * radii
     discs = EllipseCollection(
-        diameters,
-        diameters,
-        np.zeros(len(diameters)),
-        units="xy",
-        offsets=with_images(position, scene) + corner,
-        offset_transform=axes.transData,
+        diameters, diameters, np.zeros(len(radii)), units="xy", offsets=places, offset_transform=axes.transData
     )
     discs.set_facecolor(colours)
     discs.set_edgecolor(theme.edge)
@@ -285,7 +270,7 @@ def draw_discs(
     return discs
 
 
-def _draw_box(axes: Axes, scene: Scene, theme: Theme, corner: tuple[float, float]) -> None:
+def _draw_box(axes: Axes, scene: Scene, corner: tuple[float, float]) -> None:
     left, low = corner
     limits = {"xlim": (left, left + scene.width), "ylim": (low, low + scene.height)}
     axes.set(**limits, aspect="equal", xticks=[], yticks=[])
@@ -293,21 +278,36 @@ def _draw_box(axes: Axes, scene: Scene, theme: Theme, corner: tuple[float, float
     for side, axis in (("left", 0), ("right", 0), ("bottom", 1), ("top", 1)):
         axes.spines[side].set_visible(True)
         axes.spines[side].set_linestyle(":" if scene.periodic[axis] else "-")
+
+
+def capsules_at(scene: Scene, time: float) -> NDArray[np.float64]:
+    """The obstacles at a time [time], as in `Scene.capsules`: for all figures, films and pages.
+
+    It is the same object while they are at rest.
+    """
+    return scene.capsules
+
+
+def draw_obstacles(axes: Axes, scene: Scene, capsules: NDArray[np.float64], theme: Theme) -> PatchCollection | None:
+    """Obstacles, from `capsules_at`, with their periodic images, below all discs; None: there are none."""
     shifts = [
         (0.0, -length, length) if wraps else (0.0,)
         for length, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
     ]
     shapes: list[Any] = []
-    for (ax, ay, bx, by, radius), (x, y) in product(scene.capsules.tolist(), product(*shifts)):
+    for (ax, ay, bx, by, radius), (x, y) in product(capsules.tolist(), product(*shifts)):
         a, b = np.array([ax + x, ay + y]), np.array([bx + x, by + y])
         shapes += [Circle((float(end[0]), float(end[1])), radius) for end in (a, b)]
         length = float(np.hypot(*(b - a)))
         if length:
             across = radius / length * np.array([ay - by, bx - ax])
             shapes.append(Polygon([a - across, b - across, b + across, a + across]))
-    if shapes:
-        # The line is what remains of a wall without thickness.
-        axes.add_collection(PatchCollection(shapes, facecolor=theme.solid, edgecolor=theme.solid, linewidth=1))
+    if not shapes:
+        return None
+    # The line is what remains of a wall without thickness.
+    drawn = PatchCollection(shapes, facecolor=theme.solid, edgecolor=theme.solid, linewidth=1, zorder=0.9)
+    axes.add_collection(drawn)
+    return drawn
 
 
 def colour_discs(discs: EllipseCollection, values: NDArray[Any], scale: ColourScale) -> None:
@@ -353,6 +353,82 @@ def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> Rectang
     if wall.axis == 0:
         return Rectangle((low, 0), high - low, scene.height, color=theme.behind)
     return Rectangle((0, low), scene.width, high - low, color=theme.behind)
+
+
+class MovingDiscs:
+    """Discs in their box, with obstacles and walls, which move from one picture of a film to the next.
+
+    Args:
+        axes: where to draw.
+        scene: box, and obstacles at the start.
+        position, radii: of the discs at first, shape (N, 2) and (N,) [length].
+        scale: of the numbers that colour the discs; None: one colour.
+        colours: colours for that scale; None: viridis.
+        theme: other colours.
+
+    Attributes:
+        discs: those that are drawn now.
+    """
+
+    def __init__(
+        self,
+        axes: Axes,
+        scene: Scene,
+        position: NDArray[np.floating],
+        radii: NDArray[np.floating],
+        scale: ColourScale | None = None,
+        colours: Colormap | None = None,
+        theme: Theme = LIGHT,
+    ):
+        self._axes, self._scene, self._scale, self._colours, self._theme = axes, scene, scale, colours, theme
+        self._capsules = capsules_at(scene, 0.0)
+        _draw_box(axes, scene, (0.0, 0.0))
+        self._obstacles = draw_obstacles(axes, scene, self._capsules, theme)
+        self.discs: EllipseCollection = self._draw(position, radii)
+        self._closed = closed_off(scene, scene.box, theme)
+        if self._closed is not None:
+            axes.add_patch(self._closed)
+
+    def _draw(self, position: NDArray[np.floating], radii: NDArray[np.floating]) -> EllipseCollection:
+        """New discs: the sizes of a collection cannot change."""
+        self._radii = radii
+        discs = ellipses(self._axes, with_images(position, self._scene), radii, DISC_COLOUR, self._theme)
+        if self._scale is not None:
+            colour_discs(discs, np.zeros(len(radii)), self._scale)
+            if self._colours is not None:
+                discs.set_cmap(self._colours)
+        return discs
+
+    def show(
+        self,
+        position: NDArray[np.floating],
+        radii: NDArray[np.floating],
+        values: NDArray[Any],
+        walls: Box,
+        capsules: NDArray[np.float64],
+    ) -> None:
+        """Show a moment.
+
+        Args:
+            position, radii: of the discs, shape (N, 2) and (N,) [length]; NaN: not drawn.
+            values: numbers to colour by, shape (N,), if there is a scale.
+            walls: where the walls are, as in `State.box` [length].
+            capsules: obstacles, from `capsules_at`.
+        """
+        if capsules is not self._capsules:
+            self._capsules = capsules
+            if self._obstacles is not None:
+                self._obstacles.remove()
+            self._obstacles = draw_obstacles(self._axes, self._scene, capsules, self._theme)
+        if len(radii) != len(self._radii) or not np.allclose(radii, self._radii):
+            self.discs.remove()
+            self.discs = self._draw(position, radii)
+        self.discs.set_offsets(with_images(position, self._scene))
+        if self._scale is not None:
+            self.discs.set_array(on_scale(values, self._scale))
+        closed = closed_off(self._scene, walls)
+        if self._closed is not None and closed is not None:
+            self._closed.set_bounds(*closed.get_bbox().bounds)
 
 
 def checked_picture(path: str | os.PathLike[str]) -> Path:
@@ -508,7 +584,14 @@ def draw(
     with contextlib.nullcontext() if ax is not None else matplotlib.rc_context(fname=STYLE):
         axes = _own_axes(shown.scene) if ax is None else ax
         step = max(math.ceil(len(shown.number) / MOST_DISCS), 1)
-        discs = draw_discs(axes, shown.position[::step], shown.scene, radii=shown.radius[::step], corner=shown.corner)
+        discs = draw_discs(
+            axes,
+            shown.position[::step],
+            shown.scene,
+            radii=shown.radius[::step],
+            corner=shown.corner,
+            time=shown.time or 0.0,
+        )
         if values is not None:
             found = percentile_scale(values[::step], scale)
             colour_discs(discs, values[::step], found)

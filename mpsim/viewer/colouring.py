@@ -121,7 +121,7 @@ class Colouring:
     def choices(self, sim: Simulation) -> list[str]:
         """The quantities among CHOICES that this simulation has."""
         if self._has_columns is None:
-            self._has_columns = _has_columns(sim)
+            self._has_columns = has_columns(sim)
         there = {"worker": self._has_columns, "column": self._has_columns, "own": self._own is not None}
         return [name for name in CHOICES if there.get(name, True)]
 
@@ -204,7 +204,7 @@ class Colouring:
         return {"by": self.by, "choices": self.choices(sim), **self._legend}
 
 
-def _has_columns(sim: Simulation) -> bool:
+def has_columns(sim: Simulation) -> bool:
     """Whether the method sorts discs into columns, which belong to workers."""
     try:
         return sim.columns().number > 0

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from mpsim.measure import reference, temperature
 from mpsim.measure.moments import adds_discs, has_body_force, has_losses, is_heated, removes_discs
 from mpsim.measure.observables import has_periodic_field
 from mpsim.measure.registry import checked
-from mpsim.measure.statistics import ratio_average
+from mpsim.measure.statistics import Measure, ratio_average
 from mpsim.scene.scene import Scene
 
 # --- Counts pressure and largest overlap for the gauges
@@ -33,14 +32,46 @@ MOST_PARTS = 512
 """Largest number of parts; then each two of them are merged into one."""
 
 
+class MeanPressure:
+    """The mean pressure along many short runs, and its standard error.
+
+    >>> MeanPressure().read().value
+    nan
+    """
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[float, int]] = []  # sum of the pressure over the frames of each part, and their number
+        self._fewest = FEWEST_FRAMES
+        self.frames: int = 0
+
+    def note(self, report: Report) -> None:
+        """Add the report of a run, if it has a pressure: its frames join the last part, or begin a new one."""
+        measure, frames, parts = report.measures.get("pressure"), report.frames, self._parts
+        if measure is None or not math.isfinite(measure.value):
+            return
+        self.frames += frames
+        total = measure.value * frames
+        if parts and parts[-1][1] < self._fewest:
+            total, frames = total + parts[-1][0], frames + parts[-1][1]
+            parts.pop()
+        parts.append((total, frames))
+        if len(parts) >= MOST_PARTS:
+            self._parts = [(a + c, b + d) for (a, b), (c, d) in zip(parts[::2], parts[1::2], strict=True)]
+            self._fewest *= 2
+
+    def read(self) -> Measure:
+        """The mean so far [mass/time^2]; NaN until one collision contributes: zero would be no measurement."""
+        totals, frames = np.array(self._parts, float).reshape(-1, 2).T
+        return ratio_average(totals, frames) if totals.any() else Measure(math.nan, math.nan, 0, settled=False)
+
+
 class Counting:
     """Pressure and largest overlap since counting began, from the reports of many short runs.
 
     Attributes:
         wanted: whether they are to be counted.
 
-    >>> counting = Counting()
-    >>> counting.numbers()
+    >>> Counting().numbers()
     {'counting': False, 'pressure': nan, 'pressure_error': nan, 'largest_overlap': nan, 'pressure_note': None}
     """
 
@@ -50,8 +81,7 @@ class Counting:
 
     def forget(self) -> None:
         """Start afresh, for another run."""
-        self._parts: list[tuple[float, int]] = []
-        self._fewest = FEWEST_FRAMES
+        self._pressure = MeanPressure()
         self._overlap = math.nan
         self._note: str | None = None
 
@@ -67,37 +97,17 @@ class Counting:
 
     def note(self, report: Report) -> None:
         """Add the report of a run."""
-        found, frames = report.measures, report.frames
-        if "pressure" in found and math.isfinite(found["pressure"].value):
-            self._add(found["pressure"].value * frames, frames)
-        if "largest_overlap" in found:
-            self._overlap = float(np.fmax(self._overlap, found["largest_overlap"].value))
-
-    def _add(self, total: float, frames: int) -> None:
-        """Add frames to the last part, or begin a new one. total: sum of the pressure over these frames."""
-        parts = self._parts
-        if parts and parts[-1][1] < self._fewest:
-            total, frames = total + parts[-1][0], frames + parts[-1][1]
-            parts.pop()
-        parts.append((total, frames))
-        if len(parts) >= MOST_PARTS:
-            self._parts = [(a + c, b + d) for (a, b), (c, d) in zip(parts[::2], parts[1::2], strict=True)]
-            self._fewest *= 2
+        self._pressure.note(report)
+        if "largest_overlap" in report.measures:
+            self._overlap = float(np.fmax(self._overlap, report.measures["largest_overlap"].value))
 
     def numbers(self) -> dict[str, Any]:
-        """The numbers so far, by name: pressure [mass/time^2] and its standard error, overlap [diameters].
-
-        The pressure is NaN until FEWEST_FRAMES frames and one collision are counted: zero would be no measurement.
-        """
-        value = error = math.nan
-        totals, frames = np.array(self._parts, float).reshape(-1, 2).T
-        if frames.sum() >= FEWEST_FRAMES and totals.any():
-            found = ratio_average(totals, frames)
-            value, error = found.value, found.error if found.settled else math.nan
+        """The numbers so far: pressure, NaN for few frames, its standard error [mass/time^2], overlap [diameters]."""
+        found, enough = self._pressure.read(), self._pressure.frames >= FEWEST_FRAMES
         return {
             "counting": self.wanted,
-            "pressure": value,
-            "pressure_error": error,
+            "pressure": found.value if enough else math.nan,
+            "pressure_error": found.error if enough and found.settled else math.nan,
             "largest_overlap": self._overlap,
             "pressure_note": self._note,
         }
@@ -223,12 +233,12 @@ FEWEST = 20
 class Meter:
     """Counts frames, their computing time and collisions since the last reading.
 
-    >>> Meter(0.0).read(count=10, now=1.0)
-    Rates(frames_per_second=nan, collisions_per_second=nan, nanoseconds=nan)
+    >>> Meter().read(count=10, now=1.0)["nanoseconds"]
+    nan
     """
 
-    def __init__(self, now: float):
-        self.start(now)
+    def __init__(self) -> None:
+        self.start(0.0)
 
     def start(self, now: float) -> None:
         """Start afresh: the time before now does not count, because nothing ran."""
@@ -243,41 +253,25 @@ class Meter:
         phases = np.stack([report.phase_seconds[name].sum(axis=0) for name in PHASES])
         self._phases = self._phases + phases if self._phases.shape == phases.shape else phases
 
-    def workers(self) -> dict[str, Any]:
-        """The fraction of its time that each worker spent in each phase since the last reading; None: nothing ran.
+    def read(self, count: int, now: float) -> dict[str, Any]:
+        """The rates since the last reading, and the fraction of its time that each worker spent in each phase.
 
-        The last phase is waiting.
-
-        >>> Meter(0.0).workers()
-        {'phases': ('move', 'sort', 'even columns', 'odd columns', 'wait'), 'workers': None, 'waiting': nan}
-        """
-        total = float(self._phases.sum())
-        if not total > 0:
-            return {"phases": PHASES, "workers": None, "waiting": math.nan}
-        of_each = self._phases / np.maximum(self._phases.sum(axis=0), 1e-12)
-        return {"phases": PHASES, "workers": of_each.T.copy(), "waiting": float(self._phases[-1].sum()) / total}
-
-    def read(self, count: int, now: float) -> "Rates":
-        """The rates since the last reading; NaN if nothing has run."""
-        passed, frames, seconds, collisions = now - self._since, self._frames, self._seconds, self._collisions
-        self.start(now)
-        if not frames or passed <= 0:
-            return Rates(math.nan, math.nan, math.nan)
-        return Rates(frames / passed, collisions / passed, seconds * 1e9 / (frames * count) if count else math.nan)
-
-
-@dataclass(frozen=True)
-class Rates:
-    """Rates of a run.
-
-    Attributes:
-        frames_per_second, collisions_per_second: rates in real time, which includes waiting for the next frame [1/s].
+        frames_per_second, collisions_per_second: in real time, which includes waiting for the next frame [1/s].
         nanoseconds: computing time of a frame divided by the number of discs, without waiting [ns].
-    """
-
-    frames_per_second: float
-    collisions_per_second: float
-    nanoseconds: float
+        workers: None if nothing ran; the last phase is waiting.
+        """
+        passed, frames, seconds, collisions = now - self._since, self._frames, self._seconds, self._collisions
+        phases, total = self._phases, float(self._phases.sum())
+        self.start(now)
+        ran, spent = frames > 0 and passed > 0, total > 0
+        return {
+            "frames_per_second": frames / passed if ran else math.nan,
+            "collisions_per_second": collisions / passed if ran else math.nan,
+            "nanoseconds": seconds * 1e9 / (frames * count) if ran and count else math.nan,
+            "phases": PHASES,
+            "workers": (phases / np.maximum(phases.sum(axis=0), 1e-12)).T.copy() if spent else None,
+            "waiting": float(phases[-1].sum()) / total if spent else math.nan,
+        }
 
 
 class Gauges:
@@ -296,7 +290,7 @@ class Gauges:
         self.energy_note: str | None = _why_energy_changes(scene)
 
     def of(self, state: State) -> dict[str, Any]:
-        """The measures of a state by name, for `wire.text_of`."""
+        """The measures of a state by name, for `protocol.text_of`."""
         kinetic, potential = _energies(state, self._scene)
         largest = max(kinetic, self._before[0])  # as in the measure energy_drift; NaN if either is
         change = kinetic - self._before[0] + potential - self._before[1]

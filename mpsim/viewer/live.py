@@ -18,13 +18,13 @@ from mpsim.errors import InputError
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.viewer import link, wire
-from mpsim.viewer.broadcast import Audience
+from mpsim.viewer import share_url
 from mpsim.viewer.colouring import own_colours
-from mpsim.viewer.link import Link
 from mpsim.viewer.playback import Playback, Recording
-from mpsim.viewer.server import Admission, Server, listening, websockets
+from mpsim.viewer.protocol import in_utf8
+from mpsim.viewer.server import Admission, Pages, Server, listening, websockets
 from mpsim.viewer.session import Session
+from mpsim.viewer.share_url import Link
 from mpsim.viewer.source import Source
 
 # --- Makes the source of pictures for a scene, a simulation, a trajectory or a link
@@ -60,7 +60,7 @@ def source_of(
     *,
     name: str,
     playing: bool,
-    audience: Audience,
+    audience: Pages,
     colour: ArrayLike | None = None,
     beside: Settings | None = None,
 ) -> Source:
@@ -69,7 +69,7 @@ def source_of(
     Raises:
         InputError, TrajectoryError: as `Session` and `Recording`; also if colours are given with a trajectory.
     """
-    name = wire.in_utf8(name)
+    name = in_utf8(name)
     if isinstance(viewed, Trajectory):
         viewed = Recording(viewed.path, **viewed.given)
     if not isinstance(viewed, Recording):
@@ -212,7 +212,7 @@ class View:
         self._at_end: Finalize | None = None
         self.address: str = admission.address
         if isinstance(source, Link):  # the page reads the rest of the link
-            self.address += f"?{link.write(source)}&{urlencode(source.seen)}".rstrip("&")
+            self.address += f"?{share_url.write(source)}&{urlencode(source.seen)}".rstrip("&")
 
     def start(self, browser: bool) -> None:
         """Start the view and print its address; browser: also open it in a browser."""

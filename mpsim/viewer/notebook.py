@@ -13,8 +13,8 @@ from mpsim.core import checks
 from mpsim.core.optional_packages import imported
 from mpsim.errors import InputError
 from mpsim.scene.settings import Settings
-from mpsim.viewer import wire
 from mpsim.viewer.live import Viewed, demand_viewed, source_of
+from mpsim.viewer.protocol import read_action
 from mpsim.viewer.server import MOST_PAGES, Client, Pages, Refusal, widget_module
 from mpsim.viewer.source import Source
 
@@ -208,7 +208,7 @@ class NotebookPages(Pages):
                     self._named[page].send_again(self._texts)
             case {"page": str(page), "text": str(text)} if page in self._named:
                 self._heard(page)
-                self._obey(page, lambda client: self._do(client, wire.read_action(text)))
+                self._obey(page, lambda client: self._do(client, read_action(text)))
             case {"page": str(page), "keep": str(name)} if page in self._named:
                 self._heard(page)
                 self._obey(page, lambda client: self._keep(page, name))

@@ -6,25 +6,29 @@ import warnings
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core import checks
 from mpsim.core.state import State, moved_into
+from mpsim.engine.solvers.base import in_place
 from mpsim.errors import InputError, MpsimError, TrajectoryError, TrajectoryWarning
 from mpsim.features.edges import boundary_of
 from mpsim.measure.moments import SAME_BOX, placed
 from mpsim.output.frames import Frame
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
-from mpsim.viewer import wire
-from mpsim.viewer.broadcast import Audience
+from mpsim.viewer import export
 from mpsim.viewer.colouring import scale_of
-from mpsim.viewer.commands import Pace
 from mpsim.viewer.gauges import Gauges, Meter
+from mpsim.viewer.protocol import Action, command, whole
 from mpsim.viewer.session import GAUGE_SECONDS, PICTURE_SECONDS
 from mpsim.viewer.source import Source
+
+if TYPE_CHECKING:
+    from mpsim.viewer.server import Pages
 
 # --- Reads the frames of a trajectory as states for a view, together with a scene
 
@@ -189,7 +193,7 @@ def _scene_of(frame: Frame) -> Scene:
 # --- Plays a recording: play, step, move along the time line, follow a file that is still being written
 
 SPEED = 0.5
-"""Initial speed, in the units of `Pace`: 30 recorded frames a second."""
+"""Initial speed, in the units of `FrameRate`: 30 recorded frames a second."""
 
 FILE_SECONDS = 0.5
 """Time between two checks whether the file has grown [s]."""
@@ -205,7 +209,7 @@ class Playback(Source):
         audience: the pages.
     """
 
-    def __init__(self, recording: Recording, *, name: str = "", playing: bool = True, audience: Audience):
+    def __init__(self, recording: Recording, *, name: str = "", playing: bool = True, audience: "Pages"):
         super().__init__(recording.scene, audience)
         self._recording = recording
         self._name = name or recording.name
@@ -217,10 +221,8 @@ class Playback(Source):
         self._shown = self._gauged = -1  # indices
         self._radii = np.zeros(0)
         self._next_picture = self._next_gauges = self._next_file = 0.0
-        self._note: str | None = None
-        self._over = False
-        self._pace = Pace(SPEED)
-        self._pace.note(1, 0.0)  # skipped frames take no time
+        self._rate.speed = SPEED
+        self._rate.note(1, 0.0)  # skipped frames take no time
 
     # --- the thread
 
@@ -237,48 +239,58 @@ class Playback(Source):
         return len(self._recording) - 1
 
     def _resume(self) -> None:
-        self._pace.start(time.perf_counter())
+        self._rate.start(time.perf_counter())
         self._note = None
         self._tell()
 
     def _tell(self) -> None:
-        phase = "over" if self._over else "playing" if self._playing else "paused"
-        self._broadcast.tell_if_new("status", {"phase": phase, "speed": self._pace.speed, "note": self._note})
+        self._broadcast.tell_if_new("status", {"phase": self._phase, "speed": self._rate.speed, "note": self._note})
         self._tell_place()
 
     def _tell_place(self) -> None:
         count = len(self._recording)
         self._broadcast.tell_if_new("timeline", {"count": count, "index": self._index, "follow": self._follow})
 
-    def _do(self, action: wire.Action) -> None:
-        match action.name:
-            case "play":
-                if self._index == self._last:
-                    self._go(0)
-                self._playing = True
-            case "pause":
-                self._playing = self._follow = False
-            case "step":
-                self._playing = False
-                self._go(self._index + action.values["frames"])
-            case "seek":
-                self._go(action.values["index"])
-            case "follow":
-                self._go(self._last if action.values["value"] else self._index)
-                self._follow, self._playing = action.values["value"], False
-            case "speed":
-                self._pace.speed = action.values["value"]
-            case "reset":
-                self._go(0)
-            case "keep":
-                error = InputError(
-                    "a recording has no session, scene or program to keep; its file contains everything."
-                )
-                action.values["answer"].set_exception(error)
-                return
-            case name:
-                raise InputError(f"a recording cannot {name}: it only shows what was written. View the scene instead.")
+    # --- commands
+
+    def _do(self, action: Action) -> None:
+        super()._do(action)
         self._resume()
+
+    def _cannot(self, command: str) -> str:
+        return f"a recording cannot {command}: it only shows what was written. View the scene instead."
+
+    def do_play(self) -> None:
+        if self._index == self._last:
+            self._go(0)
+        self._playing = True
+
+    def do_pause(self) -> None:
+        self._playing = self._follow = False
+
+    def do_step(self, frames: int) -> None:
+        self._playing = False
+        self._go(self._index + frames)
+
+    def do_speed(self, value: float | None) -> None:
+        self._rate.speed = value
+
+    def do_reset(self) -> None:
+        self._go(0)
+
+    @command(index=whole(0, 2**31 - 1))
+    def do_seek(self, index: int) -> None:
+        """Go to a recorded frame."""
+        self._go(index)
+
+    @command(value=checks.truth)
+    def do_follow(self, value: bool) -> None:
+        """Stay at the last frame while the file grows, or not."""
+        self._go(self._last if value else self._index)
+        self._follow, self._playing = value, False
+
+    def _exported(self, what: str) -> "export.Download":
+        raise InputError("a recording has no session, scene or program to keep; its file contains everything.")
 
     def _go(self, index: int) -> None:
         """Go to an index, or the nearest one that exists, and stop following the file."""
@@ -311,7 +323,7 @@ class Playback(Source):
 
     def _play(self, now: float) -> None:
         """Advance by the frames that are due; at full speed by one frame for each picture."""
-        frames = self._pace.due(now) if self._pace.speed is not None else int(self._shown == self._index)
+        frames = self._rate.due(now) if self._rate.speed is not None else int(self._shown == self._index)
         if frames:
             self._go(self._index + frames)
         if self._index == self._last:
@@ -340,20 +352,19 @@ class Playback(Source):
         if not np.array_equal(moment.radii, self._radii):
             self._radii = moment.radii
             self._broadcast.forget_radii()
-        self._broadcast.show(moment.state, moment.radii, moment.frame, moment.time)
+        self._broadcast.show(in_place(moment.state, self.scene.box, moment.frame, moment.time, moment.radii))
 
     def _tell_gauges(self, moment: RecordedFrame) -> None:
         self._broadcast.scale = scale_of(moment.state)
         numbers = self._gauges.of(moment.state)
-        meter = Meter(0.0)  # nothing runs, so it has no rates
-        told = {"frame": moment.frame, "time": moment.time, **numbers, **vars(meter.read(0, 0.0)), **meter.workers()}
-        self._broadcast.tell("gauges", told)
+        numbers |= Meter().read(0, 0.0)  # nothing runs, so there are no rates
+        self._broadcast.tell("gauges", {"frame": moment.frame, "time": moment.time, **numbers})
 
     def _seconds_to_next(self) -> float | None:
         now = time.perf_counter()
         due = [self._next_file - now]
-        if self._playing and self._pace.speed is not None:
-            due.append(self._pace.wait(now))
+        if self._playing and self._rate.speed is not None:
+            due.append(self._rate.wait(now))
         if self._index != self._gauged:
             due.append(self._next_gauges - now)
         if self._asked and (self._index != self._shown or self._playing):
@@ -364,10 +375,6 @@ class Playback(Source):
         self._playing = self._follow = False
         self._shown = self._gauged = self._index  # a frame that cannot be read is not tried again
         self._note = str(error)
-        self._tell()
-
-    def _stopped_by(self, error: BaseException) -> None:
-        self._over, self._note = True, str(error) or type(error).__name__
         self._tell()
 
     def _release(self) -> None:

@@ -23,8 +23,8 @@ from typing import Any, Protocol
 
 from mpsim.core.optional_packages import imported
 from mpsim.errors import InputError, MpsimError, ResourceError
-from mpsim.viewer import keep, link, wire
-from mpsim.viewer.broadcast import SentPicture
+from mpsim.viewer import export, share_url
+from mpsim.viewer.protocol import MOST_BYTES, Action, SentPicture, Stage, read_action
 from mpsim.viewer.source import Source
 
 # --- Decides which requests a view answers: those with its token, addressed to this machine, from its own page
@@ -223,7 +223,20 @@ MOST_A_SECOND, BURST = 200.0, 400.0
 """Messages that a page may send: per second on average, and at most at once. A page sends one for each picture and one
 for each key press."""
 
-ORDER = ("scene", "status", "compiling", "timeline", "gauges", "hands", "link", "colours", "pair", "tune", "pass")
+ORDER = (
+    "scene",
+    "obstacles",
+    "status",
+    "compiling",
+    "timeline",
+    "gauges",
+    "hands",
+    "link",
+    "colours",
+    "pair",
+    "tune",
+    "pass",
+)
 """Kinds of messages. Waiting messages are sent in this order."""
 
 
@@ -336,22 +349,20 @@ class Client:
             picture = self._picture
             if picture is not None and self.visible and self._in_flight is None and self._can_show():
                 self._in_flight = self._last = picture.serial  # before the first await
-                if picture.second is not None:
-                    await self._send(1, picture.second.radii, picture.second.packed)
-                await self._send(0, picture.radii, picture.packed)  # the page acknowledges this one, for both
+                for number, stage in reversed(
+                    [*enumerate(picture.stages)]
+                ):  # the page acknowledges the first one, for both
+                    await self._send(number, stage)
 
-    async def _send(self, stage: int, radii: bytes, packed: bytes | bytearray) -> None:
+    async def _send(self, number: int, stage: Stage) -> None:
         """Send the picture of one stage, after its radii if these have changed."""
-        if radii is not self._radii[stage]:
-            self._radii[stage] = radii
-            await self._connection.send(radii)
-        await self._connection.send(packed)
+        if stage.radii is not self._radii[number]:
+            self._radii[number] = stage.radii
+            await self._connection.send(stage.radii)
+        await self._connection.send(stage.packed)
 
 
 # --- Files that pages download. They are made in other threads, a few at a time
-
-FILMS = {"film.gif": (keep.gif, "image/gif"), "film.mp4": (keep.mp4, "video/mp4")}
-"""Films to download: the function that makes each, and its media type. The other files are in `keep.KEEPING`."""
 
 MOST, SECONDS = 2, 8.0
 """Number of files that are made at a time, and the longest wait for one [s], less than the server's OPEN_SECONDS."""
@@ -361,7 +372,7 @@ class Downloads:
     """Makes the files that the pages of one view request."""
 
     def __init__(self) -> None:
-        self._film = keep.Film()
+        self._film = export.Film()
         self._drawing = ThreadPoolExecutor(MOST, "mpsim view: film")
         self._making = 0
 
@@ -373,13 +384,13 @@ class Downloads:
         """Keep a picture for films."""
         self._film.add(picture, time.monotonic())
 
-    async def made(self, name: str, source: Source) -> keep.Kept:
+    async def made(self, name: str, source: Source) -> export.Download:
         """A file of what the source shows.
 
         Raises:
             Refusal: if no file has this name, or it cannot be made now.
         """
-        if name not in FILMS and name not in keep.KEEPING:
+        if name not in export.FILMS and name not in export.FILES:
             raise Refusal(404, f"There is no {name[:40]!r} to keep.")
         if self._making >= MOST:
             raise Refusal(503, f"At most {MOST} files are made at a time. Try again.")
@@ -394,13 +405,11 @@ class Downloads:
         except MpsimError as error:
             raise Refusal(409, str(error)) from None
 
-    def _begin(self, name: str, source: Source) -> Future[keep.Kept]:
+    def _begin(self, name: str, source: Source) -> Future[export.Download]:
         """Start to make a file in another thread, which may continue after the request has timed out."""
-        if name not in FILMS:
-            return source.keep(name)
-        make, kind = FILMS[name]
-        pictures = self._film.pictures()
-        return self._drawing.submit(lambda: keep.Kept(make(pictures), kind))
+        if name not in export.FILMS:
+            return source.export(name)
+        return self._drawing.submit(export.film, self._film.pictures(), source.scene, name)
 
     def _end_in(self, loop: asyncio.AbstractEventLoop) -> None:
         """Count a file as made, in the thread of the pages, unless that has ended."""
@@ -516,7 +525,7 @@ class Pages(ABC):
         self._count()
         await asyncio.gather(sending, return_exceptions=True)
 
-    def _do(self, client: Client, action: wire.Action) -> None:
+    def _do(self, client: Client, action: Action) -> None:
         """Do the action that a page has sent.
 
         Raises:
@@ -623,7 +632,7 @@ class Server(Pages):
             sock=self._socket,
             process_request=self._answer,
             compression=None,
-            max_size=wire.MOST_BYTES,
+            max_size=MOST_BYTES,
             max_queue=16,
             open_timeout=OPEN_SECONDS,
             close_timeout=CLOSE_SECONDS,
@@ -685,7 +694,7 @@ class Server(Pages):
                 if not isinstance(message, str):
                     await connection.close(UNACCEPTABLE, "a page sends text, not bytes")
                     return
-                self._do(client, wire.read_action(message))
+                self._do(client, read_action(message))
         except InputError as error:
             self.source.forget(client)
             await connection.close(POLICY, _short(str(error)))
@@ -700,7 +709,7 @@ def _read_link(path: str) -> str:
         Refusal: if the link is not allowed.
     """
     try:
-        return link.checked(link.query_of(path))
+        return share_url.checked(share_url.query_of(path))
     except MpsimError as error:
         raise Refusal(409, str(error)) from None
 

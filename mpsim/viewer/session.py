@@ -1,26 +1,130 @@
-"""Runs a simulation in a view: runs frames, executes actions, makes pictures and gauges.
+"""Runs a simulation in a view: runs frames, carries out commands, makes pictures and gauges.
 
 Each picture shows the state between two frames.
 """
 
+import contextlib
+import dataclasses
 import time
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core import checks
 from mpsim.core.state import State
-from mpsim.engine.simulation import Simulation, read_in_place
-from mpsim.engine.solvers.base import InPlace
-from mpsim.errors import BusyError, MpsimError
+from mpsim.engine.simulation import Simulation, next_frame_in_passes, read_in_place
+from mpsim.engine.solvers.base import InPlace, in_place
+from mpsim.engine.solvers.grid import Pass, has_passes_by_grid
+from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
+from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
-from mpsim.viewer import wire
-from mpsim.viewer.broadcast import Audience
-from mpsim.viewer.colouring import Colouring, scale_of
-from mpsim.viewer.commands import LOOK, TURN, Allowance, Commanded, Where
-from mpsim.viewer.gauges import Counting, Gauges, Meter, bulk_pressure
-from mpsim.viewer.link import Link
+from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS, Settings, frames_between_pictures, settings_for
+from mpsim.viewer import export, share_url
+from mpsim.viewer.colouring import CHOICES, Colouring, has_columns, scale_of
+from mpsim.viewer.comparison import SNAPSHOT, Comparison, Tuning, demand_one_process
+from mpsim.viewer.edits import Interactions
+from mpsim.viewer.gauges import CollisionCount, Counting, Gauges, Meter, bulk_pressure
+from mpsim.viewer.protocol import MOST_NUMBER, Action, Check, command, one_of, whole
+from mpsim.viewer.share_url import MOST_DIVISIONS, Link
+from mpsim.viewer.source import LOOK, MOST_STEPS, TURN, Source, TimeBudget, first_speed
+from mpsim.viewer.undo import Moments
+
+if TYPE_CHECKING:
+    from mpsim.viewer.server import Pages
+
+# --- Shows one frame pass by pass, with the worker that resolves each contact
+
+
+class PassView:
+    """Shows the passes of the next frame one after the other. The simulation itself does not change meanwhile.
+
+    >>> from mpsim import Scene, Settings
+    >>> view = PassView()
+    >>> with Simulation(Scene.random(count=50, packing=0.4, radius=0.5, seed=1), Settings(method="grid")) as sim:
+    ...     names = [view.next(sim).name, view.next(sim).name]
+    ...     view.is_last
+    True
+    >>> names
+    ['even', 'odd']
+    """
+
+    def __init__(self) -> None:
+        self._passes: list[Pass] = []
+        self._shown = -1
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a pass is shown."""
+        return self._shown >= 0
+
+    @property
+    def is_last(self) -> bool:
+        """Whether the last pass of the frame is shown. Its discs are where the frame leaves them."""
+        return self.is_open and self._shown == len(self._passes) - 1
+
+    def next(self, sim: Simulation) -> Pass:
+        """The next pass. After the last pass of a frame comes the first pass of the following frame.
+
+        Raises:
+            InputError: if the method or the scene has no passes.
+        """
+        if not self.is_open or self.is_last:
+            self._passes, self._shown = next_frame_in_passes(sim), -1
+        self._shown += 1
+        return self._passes[self._shown]
+
+    def demand_end(self, digest: str) -> None:
+        """Check that the frame has ended as its last pass did; digest: that of the simulation after the frame.
+
+        Raises:
+            InputError: if not, for example because the frame was divided into more steps than the one before.
+        """
+        if self._passes[self._shown].state.digest() != digest:
+            raise InputError(
+                "the passes that were shown must end where the frame does; this frame was divided into other steps "
+                "than the one before. Show the next one."
+            )
+
+    def close(self) -> None:
+        """Stop showing passes."""
+        self._passes, self._shown = [], -1
+
+    def told(self) -> dict[str, Any]:
+        """The message for pages, for `protocol.text_of`. Its `name` is that of the pass; None: no pass is shown."""
+        if not self.is_open:
+            return {"name": None}
+        shown = self._passes[self._shown]
+        return {
+            "name": shown.name,
+            "number": shown.number + 1,
+            "of": len(self._passes),
+            "contacts": shown.contacts,
+            "columns": shown.columns,
+            "brackets": shown.brackets.tolist(),
+            "owners": shown.owners.tolist(),
+        }
+
+
+def _offer_of_passes(sim: Simulation) -> dict[str, Any] | None:
+    """The message for pages if frames have no passes but would have them with the method grid; None otherwise.
+
+    >>> from mpsim import Scene, Settings
+    >>> with Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1), Settings(method="naive")) as sim:
+    ...     _offer_of_passes(sim)["offer"]
+    'The method naive tests all pairs of discs at once, so a frame has no passes. The method grid has passes.'
+    """
+    if has_columns(sim) or not has_passes_by_grid(sim.scene, sim.settings, sim.radii):
+        return None
+    what = "method naive tests all pairs of discs at once"
+    if not capabilities_of(sim.settings).has_steps:
+        what = "exact solver resolves one collision after another"
+    return {"name": None, "offer": f"The {what}, so a frame has no passes. The method grid has passes."}
+
+
+# --- The session
 
 PICTURE_SECONDS = 0.8 * LOOK
 """Shortest time between two pictures [s]. It is a little less than LOOK; otherwise every other observation of the run
@@ -29,7 +133,7 @@ would come too early for a picture."""
 GAUGE_SECONDS = 0.4
 """Shortest time between two readings of the gauges [s]."""
 
-PAIR_SECONDS = 0.1
+COMPARISON_SECONDS = 0.1
 """Shortest time between two comparisons of two stages [s]."""
 
 FULL_SPEED, WAITING = (1 / 100, 0.5), (1 / 80, 0.1)
@@ -37,20 +141,55 @@ FULL_SPEED, WAITING = (1 / 100, 0.5), (1 / 80, 0.1)
 conflict, the time counts. FULL_SPEED is for running as fast as possible, where a picture also interrupts the run.
 WAITING is for all other speeds, where the run waits for its next frame anyway."""
 
+READING, COMPARING = (1 / 200, 5.0), (1 / 100, 2.0)
+"""The same fraction and time for the gauges, and for comparisons of two stages."""
+
 MOST_PLAIN = 50_000
 """Largest number of discs for which the first picture is made in Python, which is sooner than loading a kernel."""
 
 SLICE_SECONDS = 3e-4
 """Processor time that a picture costs by interrupting the run, when it runs as fast as possible [s]."""
 
-READING, COMPARING = (1 / 200, 5.0), (1 / 100, 2.0)
-"""The same fraction and time for the gauges, and for comparisons of two stages."""
-
 LOOK_SECONDS = 0.1
 """Time between two checks of a simulation that the user's program may be running [s]."""
 
+Where = tuple[int, int, int]
+"""The moment that a picture or a reading shows: a number that grows with each change by hand, the frame, and the number
+of discs."""
 
-class Session(Commanded):
+_NOWHERE: Where = (-1, -1, -1)
+"""No moment yet."""
+
+BESIDE: Mapping[str, Check] = {
+    "method": one_of(METHODS),
+    "contact": one_of(CONTACTS),
+    "precision": one_of(PRECISIONS),
+    "passes": whole(1, MOST_DIVISIONS),
+    "frames": whole(1, MOST_DIVISIONS),
+}
+"""Settings that can differ in a second stage, and their checks; frames: number of its frames in one of the first."""
+
+
+def _settings_beside(name: str, value: Any) -> dict[str, Any] | None:
+    """Check the changed settings of a second stage; None: no second stage."""
+    if value is None:
+        return None
+    if not isinstance(value, dict) or not value.keys() <= BESIDE.keys():
+        raise InputError(f"{name} must be an object with {', '.join(BESIDE)}, or null; got {checks.brief(value)}.")
+    return {each: BESIDE[each](f"{each} of {name}", found) for each, found in value.items()}
+
+
+def _link(name: str, value: Any) -> Link:
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be a text; got {checks.brief(value)}.")
+    return share_url.read(value)
+
+
+def _budget(name: str, value: Any) -> float:
+    return checks.between(name, value, 1 / MOST_NUMBER, MOST_NUMBER)
+
+
+class Session(Source):
     """Runs and shows one simulation, or a scene that can be restarted.
 
     Args:
@@ -65,6 +204,9 @@ class Session(Commanded):
 
     Attributes:
         error: the error that ended the session, if any.
+
+    Raises:
+        InputError: if settings need several ranks, or are given with a simulation.
     """
 
     def __init__(
@@ -76,88 +218,126 @@ class Session(Commanded):
         playing: bool = True,
         colour: NDArray[np.float64] | None = None,
         beside: Settings | None = None,
-        audience: Audience,
+        audience: "Pages",
     ):
-        super().__init__(source, settings, name, beside, audience)
+        shown = source.given if isinstance(source, Link) else source
+        super().__init__(shown if isinstance(shown, Scene) else shown.scene, audience)
+        self._owned = isinstance(shown, Scene)
+        self._sim = None if isinstance(shown, Scene) else shown
+        self._settings = _checked(settings, beside, self._sim, self.scene)
+        self._given, self._seed, self._name = self.scene, 0, name
+        self._parameters: Mapping[str, Any] = {}
+        self._has_link = self._owned and export.is_named(self.scene, name)
         # of the thread alone
         self._playing = playing
-        self._meter = Meter(time.perf_counter())
+        self._over = True  # until there is a simulation
+        self._steps = 0
+        self._rate.speed = first_speed(frames_between_pictures(self.scene, self._settings))
+        self._run = 0
+        self._edits = Interactions(self._owned)
+        self._comparison = Comparison(beside)
+        self._tuning = Tuning(self._tell_tuning_later, self._apply_later)
+        self._passes = PassView()
+        self._collisions, self._counting, self._meter = CollisionCount(), Counting(), Meter()
+        self._moments = Moments()
+        self._snapshot: int | None = None  # frame of the moment that is remembered
         self._gauges: Gauges | None = None
         self._told_dt: float | None = None
-        self._last: Where | None = None  # moment of the last observation, ...
-        self._gauged: Where | None = None  # ... of the last reading of the gauges, ...
-        self._compared: Where | None = None  # ... and of the last comparison of both stages
-        self._pictures = Allowance(PICTURE_SECONDS)
-        self._readings = Allowance(GAUGE_SECONDS)
-        self._comparisons = Allowance(PAIR_SECONDS)
-        self._counting = Counting()
         self._colouring = Colouring(colour)
+        # moments of the last observation, picture, reading of the gauges, and comparison of both stages
+        self._last = self._shown = self._gauged = self._compared = _NOWHERE
+        self._pictures = TimeBudget(PICTURE_SECONDS)
+        self._readings = TimeBudget(GAUGE_SECONDS)
+        self._comparisons = TimeBudget(COMPARISON_SECONDS)
+        if isinstance(source, Link):
+            self._take(source)
 
-    # --- the thread
+    @property
+    def _simulation(self) -> Simulation:
+        assert self._sim is not None  # otherwise it is over
+        return self._sim
+
+    # --- begin and end
 
     def _open(self) -> None:
         self._tell_scene("starting")
         if self._owned:
-            start = State(self.scene.position, self.scene.velocity, box=self.scene.box)
+            scene = self.scene
+            start = State(scene.position, scene.velocity, box=scene.box)
             self._broadcast.scale = scale_of(start)
             # before anything is compiled, or loaded
-            self._broadcast.show(start, self.scene.radii, 0, 0.0, plain=self.scene.count <= MOST_PLAIN)
+            discs = in_place(start, scene.box, 0, 0.0, scene.radii)
+            self._broadcast.show(discs, plain=scene.count <= MOST_PLAIN)
         self._begin()
 
-    def _stopped_by(self, error: BaseException) -> None:
-        self._over, self._note = True, str(error) or type(error).__name__
-        self._tell()
-
     def _begin(self) -> None:
+        """Begin at the start of the scene, or at the present frame of a given simulation."""
         self._drop()
         if self._owned:
             self._sim = Simulation(self.scene, self._settings)
             if self._parameters:
                 self._sim.change(**self._parameters)
-        assert self._sim is not None
-        state = self._sim.state
-        self._gauges, self._broadcast.scale = Gauges(self.scene, state, self._settings.law), scale_of(state)
+        sim, self._steps, self._over = self._simulation, 0, False
         self._run += 1
+        state = sim.state
+        self._gauges, self._broadcast.scale = Gauges(self.scene, state, self._settings.law), scale_of(state)
         self._counting.forget()
-        self._collisions.begin(self._sim, from_start=self._owned)
+        self._collisions.begin(sim, from_start=self._owned)
         self._colouring.begin()
-        self._shown = self._gauged = None
+        self._shown = self._gauged = _NOWHERE
         self._broadcast.forget_radii()
-        self._over = False
-        self._hands.begin(self._sim)
+        self._edits.begin(sim)
         self._passes.close()
-        self._forget_moment()
+        self._moments.forget(SNAPSHOT)
+        self._snapshot = None
         if self._owned:
-            self._trade.begin(self.scene, self._settings)
-            self._trade.changed(self._sim)
+            self._comparison.begin(self.scene, self._settings)
+            self._follow_changes()
         self._resume()
-        self._tell_trade()
+        self._tell_comparison()
         self._broadcast.tell_if_new("pass", self._passes.told())
-        self._broadcast.tell_if_new("hands", self._hands.told(self._sim))
+        self._broadcast.tell_if_new("hands", self._edits.told(sim))
         self._tell_link()
 
-    def _show_more(self, action: wire.Action) -> None:
-        if action.name == "count":
-            self._counting.wanted = action.values["value"]
-            self._counting.forget()
-        else:
-            self._colouring.choose(action.values["by"], self._demand_simulation("colour"))
-            self._shown = None
+    def _restart(self) -> None:
+        """Begin with another initial state, another second stage, or other settings."""
+        self._broadcast.tell_if_new("tune", self._tuning.told())
+        self._begin()
+        self._tell_scene(self._phase)
 
-    def _forget_own_colours(self) -> None:
-        self._colouring = Colouring(None)
+    def _take(self, link: Link) -> None:
+        """Take the scene and settings of a link; they apply from the next restart on."""
+        self._given, self._seed, self._name, self._has_link = link.given, link.seed, link.scene, True
+        self._settings, self._parameters = link.settings, link.changed
+        self._show_scene(link.given.redrawn(link.seed) if link.seed else link.given)
+        self._comparison.choose(link.beside)
+        self._rate.speed = first_speed(frames_between_pictures(self.scene, link.settings))
 
-    def _renew_gauges(self) -> None:
-        self._gauges = None
-        self._counting.forget()
-        self._colouring.begin()
+    def _show_scene(self, scene: Scene) -> None:
+        self.scene = self._broadcast.scene = scene
 
     def _resume(self) -> None:
+        """Start the clocks afresh: the time before now does not count."""
         now = time.perf_counter()
-        self._pace.start(now)
+        self._rate.start(now)
         self._meter.start(now)
         self._note = None
         self._tell()
+
+    def _drop(self) -> None:
+        """Close the simulation if it belongs to the view."""
+        if self._owned and self._sim is not None:
+            self._sim.close()
+            self._sim = None
+
+    def _release(self) -> None:
+        with contextlib.suppress(Exception):  # the first error counts
+            self._drop()
+        self._tuning.stop()
+        self._comparison.close()
+        for each in (self._edits, self._moments):
+            with contextlib.suppress(OSError):
+                each.close()
 
     def _refused(self, error: MpsimError) -> None:
         why_over = self._why_over()
@@ -165,6 +345,15 @@ class Session(Commanded):
         # a run that met the close of its program was refused as "busy", which is over by now
         self._note = why_over if why_over and isinstance(error, BusyError) else str(error)
         self._tell()
+
+    def _why_over(self) -> str | None:
+        """Why no simulation is left that could run; None where one is."""
+        try:
+            return "There is no simulation." if self._sim is None or self._sim.count < 0 else None
+        except ClosedError as error:
+            return str(error)
+
+    # --- frames
 
     def _advance(self) -> None:
         if not self._over and not self._tuning.running:
@@ -174,30 +363,29 @@ class Session(Commanded):
     def _run_due(self) -> None:
         """Run the frames that are due."""
         now = time.perf_counter()
-        self._pace.look = min(max(self._pictures.wait(now, *self._picture_share), LOOK), TURN)
-        frames = self._pace.due(now) if self._playing else min(self._steps, 1)
+        self._rate.look = min(max(self._pictures.wait(now, *self._picture_share), LOOK), TURN)
+        frames = self._rate.due(now) if self._playing else min(self._steps, 1)
         if not frames:
             return
         self._close_passes()
-        if self._hands.hold_still(self._simulation, time.perf_counter()):
+        if self._edits.hold_still(self._simulation, time.perf_counter()):
             self._changed()
         self._run_frames(frames)
         if self._steps:
             self._steps -= frames
 
     def _run_frames(self, frames: int) -> None:
-        looks = self._pace.frames_between_looks
-        measures = self._counting.measures(self._simulation)
-        sim = self._simulation
+        sim, looks = self._simulation, self._rate.frames_between_looks
+        measures = self._counting.measures(sim)
         observers = [*self._colouring.observers(looks), *self._collisions.observers(looks)]
         try:
-            reports, seconds = self._trade.run(sim, frames, looks, self._look, measures, observers)
+            reports, seconds = self._comparison.run(sim, frames, looks, self._look, measures, observers)
         except BaseException:
             self._collisions.lose()
             raise
         self._colouring.end_run(sim)
         self._collisions.end_run(sim, reports)
-        self._pace.note(frames, seconds)
+        self._rate.note(frames, seconds)
         for report in reports:
             self._meter.note(report)
             self._counting.note(report)
@@ -211,43 +399,40 @@ class Session(Commanded):
         walls_differ = sim.scene.obstacles is not self._broadcast.scene.obstacles
         if walls_differ or sim.settings.dt != self._told_dt:  # a wall was drawn, dt was changed, or this was undone
             self._broadcast.scene = sim.scene
-            self._tell_scene("playing" if self._playing else "paused")
+            self._tell_scene(self._phase)
         where = self._last = (self._run, sim.frame, sim.count)
         with self._wake:
             charged, self._charged = self._charged, 0.0
             asked = self._asked
         self._pictures.charge(charged)
         if where != self._gauged and not self._readings.wait(now, *READING):
-            spent = time.thread_time()
-            self._gauged = where
-            now_shown = (sim.state, sim.frame, sim.time) if self._owned else _now(sim)
-            self._tell_gauges(*now_shown, self._collisions.so_far(sim, collisions))
-            self._readings.use(now, time.thread_time() - spent)
-        if self._trade.pair is None:
-            self._broadcast.tell_if_new("pair", self._trade.told(sim))  # it may just have ended, and why
+            with self._readings.used(now):
+                self._gauged = where
+                now_shown = (sim.state, sim.frame, sim.time) if self._owned else _now(sim)
+                self._tell_gauges(*now_shown, self._collisions.so_far(sim, collisions))
+        if self._comparison.second is None:
+            self._broadcast.tell_if_new("pair", self._comparison.told(sim))  # it may just have ended, and why
         elif where != self._compared and not self._comparisons.wait(now, *COMPARING):
-            spent = time.thread_time()
-            self._tell_trade()
-            self._comparisons.use(now, time.thread_time() - spent)
+            with self._comparisons.used(now):
+                self._tell_comparison()
         if asked and where != self._shown and not self._pictures.wait(now, *self._picture_share):
-            now, spent = time.perf_counter(), time.thread_time()
             with self._wake:
                 self._asked = False
-            self._shown = where
-            read_in_place(sim, self._show)
-            self._broadcast.tell_if_new("colours", self._colouring.told(sim))
-            slice_cost = SLICE_SECONDS if self._picture_share is FULL_SPEED else 0.0
-            self._pictures.use(now, time.thread_time() - spent + slice_cost)
+            with self._pictures.used(time.perf_counter()):
+                self._shown = where
+                read_in_place(sim, self._show)
+                self._broadcast.tell_if_new("colours", self._colouring.told(sim))
+            self._pictures.charge(SLICE_SECONDS if self._picture_share is FULL_SPEED else 0.0)
 
     def _show(self, discs: InPlace) -> None:
         """Send a picture with the chosen colours."""
         colours = self._colouring.bytes_of(self._simulation, discs)
-        self._broadcast.show_in_place(discs, colours, self._trade.shown())
+        self._broadcast.show(discs, colours, self._comparison.shown())
 
     @property
     def _picture_share(self) -> tuple[float, float]:
         """The fraction of a core that pictures may take now, and the longest time between two of them [s]."""
-        return FULL_SPEED if self._playing and self._pace.speed is None else WAITING
+        return FULL_SPEED if self._playing and self._rate.speed is None else WAITING
 
     def _seconds_to_next(self) -> float | None:
         if self._over or self._tuning.running:
@@ -256,16 +441,245 @@ class Session(Commanded):
             return 0.0
         now, due = time.perf_counter(), list[float]()
         if self._playing:
-            due.append(self._pace.wait(now))
+            due.append(self._rate.wait(now))
         if not self._owned:
             due.append(LOOK_SECONDS)
         if self._last != self._gauged:
             due.append(self._readings.wait(now, *READING))
-        if self._trade.pair is not None and self._last != self._compared:
+        if self._comparison.second is not None and self._last != self._compared:
             due.append(self._comparisons.wait(now, *COMPARING))
         if self._asked and self._last != self._shown:
             due.append(self._pictures.wait(now, *self._picture_share))
         return min(due, default=None)
+
+    # --- commands: play
+
+    def _cannot(self, command: str) -> str:
+        return f"a simulation cannot {command}. Send it to the server."
+
+    def do_play(self) -> None:
+        self._playing = True
+        self._resume()
+
+    def do_pause(self) -> None:
+        self._playing, self._steps = False, 0
+        self._tell()
+
+    def do_step(self, frames: int) -> None:
+        self._playing, self._steps = False, min(self._steps + frames, MOST_STEPS)
+        self._resume()
+
+    def do_speed(self, value: float | None) -> None:
+        self._rate.speed = value
+        self._resume()
+
+    def do_reset(self) -> None:
+        self._demand_scene("reset")
+        self._begin()
+
+    @command(value=checks.truth)
+    def do_count(self, value: bool) -> None:
+        """Switch the counting of pressure and overlap."""
+        self._counting.wanted = value
+        self._counting.forget()
+
+    @command(by=one_of(CHOICES))
+    def do_colour(self, by: str) -> None:
+        """Choose the quantity that the colours show."""
+        self._colouring.choose(by, self._demand_simulation("colour"))
+        self._shown = _NOWHERE
+
+    @command()
+    def do_pass(self) -> None:
+        """Show the next pass of the next frame. With its last pass, the frame is run."""
+        self._playing, self._steps = False, 0
+        sim = self._demand_simulation("pass")
+        try:
+            shown = self._passes.next(sim)
+        except InputError:
+            if not self._owned or (offer := _offer_of_passes(sim)) is None:
+                raise
+            self._tell()
+            self._broadcast.tell("pass", offer)
+            return
+        if self._passes.is_last:
+            self._run_frames(1)
+            self._passes.demand_end(sim.digest())
+        else:
+            self._shown = self._run, sim.frame, sim.count
+            discs = in_place(shown.state, self.scene.box, sim.frame, sim.time, sim.radii)
+            self._broadcast.show(discs, second=self._comparison.shown())
+        self._tell()
+        self._broadcast.tell_if_new("pass", self._passes.told())
+
+    def _close_passes(self) -> None:
+        """Show the simulation itself again, instead of a pass of its next frame."""
+        if self._passes.is_open:
+            self._passes.close()
+            self._shown = _NOWHERE
+            self._broadcast.tell_if_new("pass", self._passes.told())
+
+    # --- commands: begin again in another way
+
+    @command()
+    def do_grid(self) -> None:
+        """Restart with the method grid, and show its first pass."""
+        self._demand_scene("grid")
+        self._tuning.stop()
+        self._settings = dataclasses.replace(self._settings, method="grid", workers=None)
+        self._restart()
+        self.do_pass()
+
+    @command(value=whole(0, 10**9))
+    def do_seed(self, value: int) -> None:
+        """Restart with other random positions and velocities."""
+        self._demand_scene("seed")
+        scene = self._given.redrawn(value) if value else self._given
+        self._tuning.stop()  # it searches for another initial state
+        self._seed = value
+        self._show_scene(scene)
+        self._restart()
+
+    @command(settings=_settings_beside)
+    def do_beside(self, settings: dict[str, Any] | None) -> None:
+        """Restart with another second stage."""
+        self._demand_scene("beside")
+        self._comparison.choose(settings)
+        self._restart()
+
+    @command(link=_link)
+    def do_open(self, link: Link) -> None:
+        """Restart with the scene and settings of a link."""
+        self._demand_scene("open")
+        self._take(link)
+        self._tuning.stop()
+        self._colouring = Colouring(None)  # the numbers of the program belong to another scene
+        self._broadcast.tell_if_new("tune", self._tuning.told())
+        self._open()
+        self._tell_scene(self._phase)
+
+    @command(measure=one_of(ERRORS), budget=_budget)
+    def do_tune(self, measure: str, budget: float) -> None:
+        """Search for the cheapest settings whose error is inside a budget."""
+        self._demand_scene("tune")
+        self._tuning.start(self.scene, {measure: budget})
+        self._broadcast.tell_if_new("tune", self._tuning.told())
+
+    @command()
+    def do_stop_tuning(self) -> None:
+        """Stop the search."""
+        self._demand_scene("stop_tuning")
+        self._tuning.stop()
+        self._broadcast.tell_if_new("tune", self._tuning.told())
+
+    def _tell_tuning_later(self) -> None:
+        """Report the progress of the search. Called by its thread."""
+        self.call("searching", lambda: self._broadcast.tell_if_new("tune", self._tuning.told()), replaces=True)
+
+    def _apply_later(self, number: int, settings: Settings) -> None:
+        """Restart with settings that the search of this number has found. Called by its thread."""
+        self.call("found", lambda: self._apply(number, settings))
+
+    def _apply(self, number: int, settings: Settings) -> None:
+        if number == self._tuning.number:  # otherwise that search was cancelled meanwhile
+            self._settings = settings
+            self._comparison.fit(settings.dt)
+            self._restart()
+
+    # --- commands: changes by hand, and moments to go back to
+
+    def _do(self, action: Action) -> None:
+        if self._edits.has(action.name):
+            self._edit(action)
+        else:
+            super()._do(action)
+
+    def _edit(self, action: Action) -> None:
+        """Change discs as a user asks. A refused change is reported on the page; the simulation continues."""
+        sim, undo = self._demand_simulation(action.name), self._edits.undo
+        if action.name == "undo":
+            self._broadcast.forget_radii()
+        before = undo.last
+        self._sim = self._edits.do(sim, action, time.perf_counter())
+        if action.name == "undo" and undo.last != before:  # otherwise it was refused
+            self._go_back_beside(before)
+        self._changed(undo.last if undo.last > before else None)
+
+    def _changed(self, mark: int | None = None) -> None:
+        """Note that the simulation was changed at this frame: the energy drift is measured from here.
+
+        mark: number of the moment before the change, if it was newly remembered.
+        """
+        undo = self._edits.undo
+        self._run += 1
+        self._gauges = None
+        self._counting.forget()
+        self._colouring.begin()
+        self._close_passes()
+        if mark is not None:
+            self._collisions.mark(mark)
+        self._follow_changes(mark)
+        with self._comparison.stage() as second:
+            undo.trim({} if second is None else second.bytes_of_moments)
+            if second is not None:
+                second.forget_all_but(undo.numbers)
+        self._collisions.forget_all_but((SNAPSHOT, *undo.numbers))
+        self._broadcast.tell_if_new("hands", self._edits.told(self._simulation))
+        self._tell_link()
+
+    def _follow_changes(self, mark: int | None = None) -> None:
+        """Make the changes on the second stage, too; mark: as in `_changed`."""
+        with self._comparison.stage() as second:
+            if second is not None:
+                if mark is not None:
+                    second.mark(mark)
+                second.take(self._simulation)
+
+    def _go_back_beside(self, mark: int) -> None:
+        """Take what belongs to the simulation back to the moment of this number, as that was."""
+        self._collisions.back(mark)
+        with self._comparison.stage() as second:
+            if second is not None:
+                second.back(mark)
+
+    @command()
+    def do_snapshot(self) -> None:
+        """Remember this moment, which replaces the one remembered before."""
+        sim = self._demand_simulation("snapshot")
+        self._demand_scene("snapshot")
+        self._moments.keep(SNAPSHOT, sim)
+        self._snapshot = sim.frame
+        self._collisions.mark(SNAPSHOT)
+        with self._comparison.stage() as second:
+            if second is not None:
+                second.mark(SNAPSHOT)
+        self._tell()
+
+    @command()
+    def do_return(self) -> None:
+        """Go back to the remembered moment. The history of undo starts afresh there."""
+        self._sim = sim = self._moments.back(SNAPSHOT, self._demand_simulation("return"))
+        self._steps = 0
+        self._edits.begin(sim)
+        self._go_back_beside(SNAPSHOT)
+        self._broadcast.forget_radii()
+        self._changed()
+        self._resume()
+
+    def _exported(self, what: str) -> "export.Download":
+        return export.FILES[what](self._demand_simulation("a file to keep"), self._name)
+
+    def _demand_simulation(self, what: str) -> Simulation:
+        if self._over:
+            raise InputError(f"{what} needs a simulation; this one has ended. Reset it.")
+        return self._simulation
+
+    def _demand_scene(self, what: str) -> None:
+        if not self._owned:
+            raise InputError(
+                f"{what} needs a scene to start from; this view shows a simulation that belongs to a program. "
+                "Open the view with its scene."
+            )
 
     # --- messages to pages
 
@@ -279,31 +693,37 @@ class Session(Commanded):
             can_redraw=self._owned and self._given.can_redraw,
             seed=self._seed,
         )
-        self._broadcast.tell("status", self._status(phase))
+        self._tell(phase)
 
-    def _tell(self) -> None:
-        self._broadcast.tell("status", self._status("over" if self._over else "playing" if self._playing else "paused"))
+    def _tell(self, phase: str = "") -> None:
+        status = {"phase": phase or self._phase, "speed": self._rate.speed, "note": self._note}
+        self._broadcast.tell("status", {**status, "can_remember": self._owned, "snapshot": self._snapshot})
 
-    def _status(self, phase: str) -> dict[str, Any]:
-        remembered = {"can_remember": self._owned, "snapshot": self._snapshot}
-        return {"phase": phase, "speed": self._pace.speed, "note": self._note, **remembered}
+    def _tell_link(self) -> None:
+        """Send the link to what is shown, with its present values; only scenes that come with mpsim have one."""
+        text = None
+        if self._has_link:
+            sim = self._sim
+            settings, scene = (self._settings, self.scene) if sim is None else (sim.settings, sim.scene)
+            changed = share_url.changed_of(scene, self._given)
+            text = share_url.write(Link(self._name, self._seed, settings, changed, self._comparison.settings))
+        self._broadcast.tell_if_new("link", {"text": text})
 
-    def _tell_trade(self) -> None:
+    def _tell_comparison(self) -> None:
         """Send the state of the second stage, and the comparison of both."""
         sim = self._simulation
         self._compared = (self._run, sim.frame, sim.count)
-        self._broadcast.tell_if_new("pair", self._trade.told(sim))
+        self._broadcast.tell_if_new("pair", self._comparison.told(sim))
 
     def _tell_gauges(self, state: State, frame: int, moment: float, collisions: float) -> None:
         if self._gauges is None:  # after a change by hand
             self._gauges = Gauges(self._simulation.scene, state, self._settings.law)
         self._broadcast.scale = scale_of(state)
         numbers = self._gauges.of(state)
-        workers = self._meter.workers()
-        rates = self._meter.read(numbers["discs"], time.perf_counter())
+        numbers |= self._meter.read(numbers["discs"], time.perf_counter())
         numbers |= self._counting.numbers() | {"bulk_pressure": bulk_pressure(state, self._simulation.scene)}
         numbers |= {"collisions": collisions, "with_walls": self._collisions.with_walls}
-        self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers, **vars(rates), **workers})
+        self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers})
 
 
 def _now(sim: Simulation) -> tuple[State, int, float]:
@@ -317,3 +737,23 @@ def _now(sim: Simulation) -> tuple[State, int, float]:
             break
         frame, moment, state = sim.frame, sim.time, sim.state
     return state, frame, moment
+
+
+def _checked(settings: Settings | None, beside: Settings | None, sim: Simulation | None, scene: Scene) -> Settings:
+    """The settings to run with.
+
+    Raises:
+        InputError: if settings are given with a simulation, which has its own, or need several ranks.
+    """
+    if sim is not None and settings is not None:
+        raise InputError(
+            "settings can be given only with a scene; got them with a simulation, which has its own. Leave them out."
+        )
+    if beside is not None:
+        if sim is not None:
+            raise InputError(
+                "beside needs a scene, from which both stages start; got it with a simulation. Open the view with its "
+                "scene."
+            )
+        demand_one_process(beside)
+    return demand_one_process(sim.settings if sim is not None else settings_for(scene, settings))

@@ -1,18 +1,25 @@
-"""Base class of all sources of pictures: a thread with an inbox of actions, and its line while it compiles."""
+"""Base class of all sources of pictures: a thread with an inbox of actions, and the clocks of its work."""
 
-import contextlib
+import math
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
 
+from mpsim.core import checks
 from mpsim.errors import InputError, MpsimError
 from mpsim.kernels.compiling import Announcer, announced_by
 from mpsim.scene.scene import Scene
-from mpsim.viewer import keep, wire
-from mpsim.viewer.broadcast import Audience, Broadcast
+from mpsim.viewer import export
+from mpsim.viewer.protocol import COMMANDS, Action, Broadcast, command, whole
+
+if TYPE_CHECKING:
+    from mpsim.viewer.server import Pages
 
 # --- The line on all pages while kernels are compiled: at the start, or later, as for the first disc that is removed
 
@@ -21,9 +28,7 @@ Tell = Callable[[str | None], None]
 
 
 class Listeners:
-    """Announces compilation to several listeners, and to the announcer before it.
-
-    As the compiler is one for the process, all are notified of what any of them waits for.
+    """Announces compilation to several listeners, and to the announcer before it: the process has one compiler.
 
     >>> heard, listeners = [], Listeners()
     >>> with listeners.notifying(heard.append):
@@ -56,7 +61,6 @@ class Listeners:
                     self._installed.close()
 
     def begin(self, text: str) -> None:
-        """Say what is being compiled."""
         if self._before is not None:
             self._before.begin(text)
         with self._lock:
@@ -64,7 +68,6 @@ class Listeners:
             self._tell(text)
 
     def end(self) -> None:
-        """One compilation has ended; others may be under way."""
         if self._before is not None:
             self._before.end()
         with self._lock:
@@ -81,6 +84,147 @@ LISTENERS = Listeners()
 """Those of this process."""
 
 
+# --- When frames are due, and how much time repeated work may take
+
+UNIT = 60.0
+"""Frames a second at speed 1: one for each picture of a usual screen."""
+
+LOOK = 1 / 60
+"""Shortest time between two observations of a run [s]. Each interrupts the run, which costs 0.3 ms."""
+
+TURN = 3 * LOOK
+"""Longest time for which frames are run at once [s], and so the longest wait of an action."""
+
+MOST_BEHIND = 0.1
+"""Largest delay that a simulation catches up [s]. After a longer stop, the missed frames are dropped."""
+
+MOST_FRAMES = 10_000
+"""Largest number of frames to run at once, however short they are."""
+
+SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
+"""Speeds that the page offers, as in its link.js."""
+
+SLOWEST, QUICKEST = 0.01, 1000.0
+"""Bounds of the speed, in units of UNIT frames a second."""
+
+PICTURES = 25
+"""Recommended pictures of a scene that are shown per second."""
+
+
+def first_speed(every: int | None) -> float:
+    """The speed at which a scene is first shown: one that the page offers, in units of UNIT frames a second.
+
+    Args:
+        every: frames between two recommended pictures of the scene; None: it recommends none.
+
+    >>> first_speed(None), first_speed(10)
+    (1.0, 2.0)
+    """
+    wanted = 1.0 if every is None else every * PICTURES / UNIT
+    return float(max((speed for speed in SPEEDS if speed <= wanted), default=SPEEDS[0]))
+
+
+class FrameRate:
+    """Decides which frames are due. All times are from one clock [s].
+
+    Attributes:
+        speed: in units of UNIT frames a second; None: as fast as possible.
+        look: time between two observations of a run, from LOOK to TURN [s].
+
+    >>> rate = FrameRate(speed=1.0)
+    >>> rate.start(now=10.0)
+    >>> rate.due(now=10.0), rate.due(now=10.001), round(rate.wait(now=10.001), 4)
+    (1, 0, 0.0157)
+    """
+
+    def __init__(self, speed: float | None = 1.0):
+        self.speed: float | None = speed
+        self.look: float = LOOK
+        self._next = 0.0
+        self._seconds_per_frame: float | None = None
+
+    def start(self, now: float) -> None:
+        """Start at this moment; the first frame is due at once."""
+        self._next = now
+
+    def due(self, now: float) -> int:
+        """Number of frames to run now, at most as many as fit into TURN. They then no longer count as due."""
+        if self.speed is None:
+            looks = self.frames_between_looks
+            return max(self._fitting(TURN) // looks, 1) * looks
+        rate = self.speed * UNIT
+        self._next = max(self._next, now - MOST_BEHIND)
+        if now < self._next:
+            return 0
+        frames = min(int((now - self._next) * rate) + 1, self._fitting(TURN))
+        self._next += frames / rate
+        return frames
+
+    def wait(self, now: float) -> float:
+        """Time until the next frame is due [s]."""
+        return 0.0 if self.speed is None else max(self._next - now, 0.0)
+
+    @property
+    def frames_between_looks(self) -> int:
+        """Number of frames that fit into `look`, at least one.
+
+        It is a power of two, so that it stays the same although the time of a frame varies a little.
+        """
+        return 1 << (self._fitting(self.look).bit_length() - 1)
+
+    def note(self, frames: int, seconds: float) -> None:
+        """Note how long some frames took [s]."""
+        self._seconds_per_frame = max(seconds / frames, 1e-9)
+
+    def _fitting(self, seconds: float) -> int:
+        """Number of frames that take so long; one if the time of a frame is not known yet."""
+        if self._seconds_per_frame is None:
+            return 1
+        return min(max(int(seconds / self._seconds_per_frame), 1), MOST_FRAMES)
+
+
+class TimeBudget:
+    """Limits the fraction of a core that repeated work takes, by a pause after each use. Times are from one clock [s].
+
+    Args:
+        at_least: shortest time between two uses [s].
+
+    >>> budget = TimeBudget(at_least=0.01)
+    >>> budget.use(now=10.0, cost=0.001)
+    >>> budget.charge(0.002)
+    >>> [round(budget.wait(10.0, share, at_most=0.5), 3) for share in (0.001, 0.02, 0.5)]
+    [0.5, 0.15, 0.01]
+    """
+
+    def __init__(self, at_least: float):
+        self._at_least = at_least
+        self._last = -math.inf
+        self._cost = 0.0
+
+    def use(self, now: float, cost: float) -> None:
+        """Note a use at this moment; cost: processor time that it took [s]."""
+        self._last, self._cost = now, cost
+
+    @contextmanager
+    def used(self, now: float) -> Iterator[None]:
+        """Note a use at this moment, at the cost of this block."""
+        spent = time.thread_time()
+        yield
+        self.use(now, time.thread_time() - spent)
+
+    def charge(self, cost: float) -> None:
+        """Add processor time to the cost of the last use [s]."""
+        self._cost += cost
+
+    def wait(self, now: float, share: float, at_most: float) -> float:
+        """Time until the next use [s], so that the uses take at most this fraction of a core; 0: now.
+
+        at_most: longest time between two uses [s], whatever they cost.
+        """
+        pause = min(max(self._cost / share, self._at_least), at_most)
+        return max(self._last + pause - now, 0.0)
+
+
 # --- Base class of all sources of pictures: a thread with an inbox of actions
 #
 # The thread never waits for a page. A picture is made only on request (`ask`); a slow page asks less often. While no
@@ -92,8 +236,8 @@ LISTENERS = Listeners()
 MOST_WAITING = 1000
 """Largest number of waiting actions of one page, or of the program."""
 
-REPLACING = ("play", "pause", "speed", "reset", "hold", "searching")
-"""Actions that replace a waiting one of the same name, if no other action came between; "hold" for each disc."""
+MOST_STEPS = 10_000
+"""Largest number of frames in the command `step`."""
 
 CLOSING_SECONDS = 10.0
 """Longest time that `close` waits for the thread [s]. Frames take less; compiling kernels may take longer."""
@@ -102,8 +246,21 @@ SIGNAL_SECONDS = 0.5
 """Longest time until a signal is handled that did not wake `wait` [s]."""
 
 
+class _Waiting(NamedTuple):
+    """What waits in the inbox: its sender, its name, the disc that it concerns, if any, and how it is done."""
+
+    sender: object
+    name: str
+    disc: int | None
+    act: Callable[[], None]
+
+
+def _speed(name: str, value: object) -> float | None:
+    return None if value is None else checks.between(name, value, SLOWEST, QUICKEST)
+
+
 class Source(ABC):
-    """Something that pages show and control.
+    """Something that pages show and control. Its methods `do_NAME` carry out the commands of pages.
 
     Args:
         scene: scene that it shows, as at the start.
@@ -114,11 +271,11 @@ class Source(ABC):
         error: the error that ended it, if any.
     """
 
-    def __init__(self, scene: Scene, audience: Audience):
+    def __init__(self, scene: Scene, audience: "Pages"):
         self.scene: Scene = scene
         self.error: BaseException | None = None
         self._wake = threading.Condition()
-        self._actions: deque[tuple[object, wire.Action]] = deque()  # each with its sender
+        self._inbox: deque[_Waiting] = deque()
         self._asked = self._closing = False
         self._watching = 0
         self._charged = 0.0  # processor time of sending [s]
@@ -126,6 +283,9 @@ class Source(ABC):
         self._ended = threading.Event()
         # of the thread alone
         self._broadcast = Broadcast(audience, scene)
+        self._playing = self._over = False
+        self._note: str | None = None
+        self._rate = FrameRate()
 
     # --- called by other threads
 
@@ -134,44 +294,56 @@ class Source(ABC):
         if self._thread.ident is None:
             self._thread.start()
 
-    def submit(self, action: wire.Action, sender: object = None) -> None:
-        """Put an action into the inbox; sender: the page that has sent it, None: the program.
+    def submit(self, action: Action, sender: object) -> None:
+        """Put the action of a page into the inbox.
 
         Raises:
-            InputError: if too many actions of this sender are waiting.
+            InputError: if too many actions of this page are waiting.
         """
+        waiting = _Waiting(sender, action.name, action.values.get("id"), partial(self._do, action))
+        self._put(waiting, COMMANDS[action.name].replaces)
+
+    def _put(self, new: _Waiting, replaces: bool) -> None:
+        """Put something into the inbox; replaces: in place of the same that waits, unless others came between."""
         with self._wake:
-            if action.name in REPLACING:
-                self._forget_replaced(action, sender)
-            if sum(each is sender for each, _ in self._actions) >= MOST_WAITING:
-                raise InputError(f"at most {MOST_WAITING} actions may wait; got one more, {action.name}. Wait.")
-            self._actions.append((sender, action))
+            for k in reversed(range(len(self._inbox))) if replaces else ():
+                if self._inbox[k][:2] != new[:2]:
+                    break
+                if self._inbox[k].disc == new.disc:
+                    del self._inbox[k]
+                    break
+            if sum(each.sender is new.sender for each in self._inbox) >= MOST_WAITING:
+                raise InputError(f"at most {MOST_WAITING} actions may wait; got one more, {new.name}. Wait.")
+            self._inbox.append(new)
             self._wake.notify()
 
     def forget(self, sender: object) -> None:
-        """Drop the waiting actions of a sender."""
+        """Drop the waiting actions of a page."""
         with self._wake:
-            self._actions = deque(waiting for waiting in self._actions if waiting[0] is not sender)
+            self._inbox = deque(waiting for waiting in self._inbox if waiting.sender is not sender)
 
-    def _forget_replaced(self, action: wire.Action, sender: object) -> None:
-        """Remove the waiting action that this one replaces, unless another action came between."""
-        for k in reversed(range(len(self._actions))):
-            who, waiting = self._actions[k]
-            if who is not sender or waiting.name != action.name:
-                return
-            if waiting.values.get("id") == action.values.get("id"):
-                del self._actions[k]
-                return
-
-    def keep(self, what: str) -> "Future[keep.Kept]":
-        """Request a file of what is shown; what: its name among `keep.KEEPING`.
+    def export(self, what: str) -> "Future[export.Download]":
+        """Request a file of what is shown; what: its name among `export.FILES`.
 
         Raises:
             InputError: as `submit`.
         """
-        answer: Future[keep.Kept] = Future()
-        self.submit(wire.Action("keep", {"what": what, "answer": answer}))
-        return answer
+        made: Future[export.Download] = Future()
+
+        def make() -> None:
+            if not made.set_running_or_notify_cancel():
+                return
+            try:
+                made.set_result(self._exported(what))
+            except (MpsimError, OSError) as error:
+                made.set_exception(error)
+
+        self.call("export", make)
+        return made
+
+    def call(self, name: str, act: Callable[[], None], *, replaces: bool = False) -> None:
+        """Put a call into the inbox; replaces: instead of one of this name that waits, if no other came between."""
+        self._put(_Waiting(None, name, None, act), replaces)
 
     def ask(self) -> None:
         """Request the next picture, as soon as it differs from the last one."""
@@ -191,7 +363,7 @@ class Source(ABC):
             self._wake.notify()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait for the end, at most so many seconds; returns whether it has ended.
+        """Wait for the end, at most this time [s]; returns whether it has ended.
 
         Python runs signal handlers in the main thread. A signal does not wake this thread if another thread received
         it, or if it came just before this thread went to sleep. So this thread wakes up regularly.
@@ -212,10 +384,6 @@ class Source(ABC):
 
     # --- the thread
 
-    def _show_scene(self, scene: Scene) -> None:
-        """Show another scene with the same box."""
-        self.scene = self._broadcast.scene = scene
-
     def _live(self) -> None:
         try:
             with LISTENERS.notifying(self._tell_compiling):
@@ -224,7 +392,8 @@ class Source(ABC):
                     pass
         except BaseException as error:  # `View.wait` raises it again
             self.error = error
-            self._stopped_by(error)
+            self._over, self._note = True, str(error) or type(error).__name__
+            self._tell()
         finally:
             self._release()
             self._ended.set()
@@ -236,35 +405,68 @@ class Source(ABC):
     def _turn(self) -> bool:
         """Do the waiting actions, advance, then wait for more. Returns whether to continue."""
         with self._wake:
-            actions, closing, watching = [action for _, action in self._actions], self._closing, self._watching
-            self._actions.clear()
+            acts, closing, watching = [waiting.act for waiting in self._inbox], self._closing, self._watching
+            self._inbox.clear()
         if closing:
             return False
-        for action in actions:
-            with self._noted():
-                self._do(action)
-        if watching:
-            with self._noted():
-                self._advance()
+        for act in [*acts, self._advance] if watching else acts:
+            try:
+                act()
+            except MpsimError as error:
+                self._refused(error)
         self._rest()
         return True
 
-    @contextlib.contextmanager
-    def _noted(self) -> Iterator[None]:
-        """Turn an error of mpsim into a pause and a message on the page, so that it does not end the thread."""
-        try:
-            yield
-        except MpsimError as error:
-            self._refused(error)
+    def _do(self, action: Action) -> None:
+        """Do the action of a page.
+
+        Raises:
+            InputError: if this source cannot do it.
+        """
+        act = getattr(self, f"do_{action.name}", None)
+        if act is None:
+            raise InputError(self._cannot(action.name))
+        act(**action.values)
 
     def _rest(self) -> None:
         """Wait until something is due or requested."""
         with self._wake:
-            if self._actions or self._closing:
+            if self._inbox or self._closing:
                 return
             seconds = self._seconds_to_next() if self._watching else None
             if seconds is None or seconds > 0:
                 self._wake.wait(seconds)
+
+    @property
+    def _phase(self) -> str:
+        return "over" if self._over else "playing" if self._playing else "paused"
+
+    # --- commands that every source has
+
+    @command(replaces=True)
+    @abstractmethod
+    def do_play(self) -> None:
+        """Play."""
+
+    @command(replaces=True)
+    @abstractmethod
+    def do_pause(self) -> None:
+        """Pause."""
+
+    @command(frames=whole(1, MOST_STEPS))
+    @abstractmethod
+    def do_step(self, frames: int) -> None:
+        """Pause, and advance by some frames."""
+
+    @command(replaces=True, value=_speed)
+    @abstractmethod
+    def do_speed(self, value: float | None) -> None:
+        """Play at a speed, as in `FrameRate`."""
+
+    @command(replaces=True)
+    @abstractmethod
+    def do_reset(self) -> None:
+        """Go back to the start."""
 
     # --- what each kind of source does in the thread
 
@@ -273,12 +475,12 @@ class Source(ABC):
         """Begin. An exception ends the thread."""
 
     @abstractmethod
-    def _do(self, action: wire.Action) -> None:
-        """Do an action that a page has sent.
+    def _cannot(self, command: str) -> str:
+        """Say that this source has no such command."""
 
-        Raises:
-            InputError: if this source cannot do it.
-        """
+    @abstractmethod
+    def _exported(self, what: str) -> "export.Download":
+        """A file of what is shown, or raise an error of mpsim."""
 
     @abstractmethod
     def _advance(self) -> None:
@@ -289,12 +491,12 @@ class Source(ABC):
         """Time until something is due [s]; None: nothing is due before the next action. Called with the lock held."""
 
     @abstractmethod
-    def _refused(self, error: MpsimError) -> None:
-        """Pause, and show the reason on the page."""
+    def _tell(self) -> None:
+        """Send the present status to the pages."""
 
     @abstractmethod
-    def _stopped_by(self, error: BaseException) -> None:
-        """Show on the page which error ended the thread."""
+    def _refused(self, error: MpsimError) -> None:
+        """Pause, and show the reason on the page."""
 
     @abstractmethod
     def _release(self) -> None:

@@ -9,7 +9,7 @@ from support.twins import Twin
 
 import mpsim
 from mpsim.features.obstacles import OBSTACLES
-from mpsim.viewer import keep
+from mpsim.viewer import export
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore")]
 
@@ -47,7 +47,7 @@ def run_resumed_and_kept(scene, folder, **settings):
         sim.run(frames=20)
         with mpsim.Simulation.resume(sim.save(folder / "run.mpsim")) as resumed:
             assert (resumed.scene.obstacles, resumed.digest()) == (scene.obstacles, sim.digest())
-        text = keep.program(sim, "").content.decode()
+        text = export.program(sim, "").content.decode()
         exec(compile(text, "program.py", "exec"), {})
         assert f"mpsim.{type(scene.obstacles[0]).__name__}(" in text
         return sim.state

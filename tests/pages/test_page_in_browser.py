@@ -250,7 +250,7 @@ def test_a_held_disc_follows_in_a_run_and_is_let_go_when_its_page_is_closed(tabl
 
 def test_walls_are_drawn_by_pointer_and_keys_cut_at_the_box_and_refused_on_discs(table):
     def walls():
-        return t.last("scene")["capsules"]
+        return t.last("obstacles")["capsules"]
 
     t = table()
     t.page.click("#tool-wall")

@@ -192,14 +192,14 @@ def test_a_drawn_wall_has_the_bits_of_one_that_a_program_adds_and_is_gone_after_
     with paused(scene, PLAIN) as page:
         page.step_to(5)
         for way in ("undo", "reset"):
-            assert page.last["scene"]["capsules"] == []
+            assert page.last["obstacles"]["capsules"] == []
             assert page.do("wall", ax=2.0, ay=0.0, bx=2.0, by=8.0)["note"] is None
-            page.hear_until(lambda v: v.last["scene"]["capsules"] == [[2.0, 0.0, 2.0, 8.0, 0.125]])
+            page.hear_until(lambda v: v.last["obstacles"]["capsules"] == [[2.0, 0.0, 2.0, 8.0, 0.125]])
             page.step_to(65)
             if way == "undo":
                 assert kept(page.view.address) == (65, expected, ["add_wall"])
             page.say(way)
-            page.hear_until(lambda v: v.last["scene"]["capsules"] == [] and v.phase == "paused" and v.frame < 60)
+            page.hear_until(lambda v: v.last["obstacles"]["capsules"] == [] and v.phase == "paused" and v.frame < 60)
 
 
 # --- parameters

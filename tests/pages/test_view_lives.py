@@ -42,7 +42,7 @@ def test_the_command_shows_the_folder_of_a_run_with_its_obstacles_and_its_file(t
         for name, obstacles in (("run", 1), ("trajectory.xyz", 0)):
             with Visitor(address_in(script.line()), visible=True) as page:
                 page.hear_until(lambda v: v.frame == 0 and "timeline" in v.last)
-                assert (page.last["scene"]["name"], len(page.last["scene"]["capsules"])) == (name, obstacles)
+                assert (page.last["scene"]["name"], len(page.last["obstacles"]["capsules"])) == (name, obstacles)
                 assert (page.last["timeline"]["count"], page.last["timeline"]["follow"]) == (5, False)
                 script.send(signal.SIGINT)
             assert script.line().startswith("Do not share")

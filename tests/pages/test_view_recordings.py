@@ -41,7 +41,8 @@ def test_every_frame_can_be_reached_and_is_that_of_the_file(page, path):
     assert page.last["timeline"] == {"type": "timeline", "count": 21, "index": 0, "follow": False}
     assert page.last["scene"] == {
         "type": "scene", "version": 1, "name": "run.xyz", "width": GAS.width, "height": GAS.height,
-        "periodic": [False, False], "capsules": [], "wall": None, "recording": "run.xyz", "can_reset": True,
+        "periodic": [False, False], "recording": "run.xyz", "can_reset": True,
+        "theme": {"ground": "#ffffff", "behind": "#9aa3ad", "solid": "#3a3f45"},
     }  # fmt: skip
     for index in (7, 20, 3, 10_000, 0):
         page.say("seek", index=index)

@@ -1,4 +1,4 @@
-// Decodes binary messages. mpsim/viewer/wire.py defines their format.
+// Decodes binary messages. mpsim/viewer/protocol.py defines their format.
 
 export const VERSION = 1, PICTURE = 1, RADII = 2;
 const HEADER = 96;

@@ -342,7 +342,7 @@ export function say(text, seconds = NOTE_SECONDS) {
 }
 
 let first = true;
-takers.scene.push(built);
+takers.obstacles.push(built);
 takers.hands.push((message) => {
   built();
   state.hands = message;

@@ -14,7 +14,7 @@ const NO_ANSWER = inNotebook
   : "No connection to mpsim. Is it still running? Trying again …";
 
 /** Functions of other parts of the page, called with messages of each kind, and when the connection opens. */
-export const takers = { scene: [], hands: [], timeline: [], status: [], pair: [], tune: [], pass: [], link: [] }, opened = [];
+export const takers = { scene: [], obstacles: [], hands: [], timeline: [], status: [], pair: [], tune: [], pass: [], link: [] }, opened = [];
 
 export function take(message) {
   if (message.type === "scene") {
@@ -25,6 +25,9 @@ export function take(message) {
     $("reset").title = message.can_reset ? "R" : "This simulation belongs to a program; only the program can reset it.";
     const periodic = message.periodic.every(Boolean) ? "periodic" : message.periodic.some(Boolean) ? `periodic along ${message.periodic[0] ? "x" : "y"}` : "walls";
     $("about").textContent = `box ${digits(message.width)} × ${digits(message.height)}, ${periodic}; ${message.recording ? `recording ${message.recording}` : `method ${message.method}, dt ${digits(message.dt)}`}`;
+    requestDraw();
+  } else if (message.type === "obstacles") {
+    state.obstacles = message.capsules;
     requestDraw();
   } else if (message.type === "status") {
     state.status = message;

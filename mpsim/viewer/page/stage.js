@@ -93,26 +93,22 @@ export function drawGround(canvas, picture, ratio) {
   c.setTransform(1, 0, 0, 1, 0, 0);
   c.clearRect(0, 0, canvas.width, canvas.height);
   if (!scene) return;
-  const [left, top] = camera.pixel(0, scene.height), [right, bottom] = camera.pixel(scene.width, 0);
-  c.fillStyle = "#fff";
-  c.fillRect(left, top, right - left, bottom - top);
-  const walls = picture?.walls;
-  if (scene.wall !== null && walls) {
-    const [x, y] = camera.pixel(walls[0], walls[3]), [x2, y2] = camera.pixel(walls[1], walls[2]);
-    c.fillStyle = "#9aa3ad";
-    if (scene.wall === 0) c.fillRect(left, top, x - left, bottom - top);
-    if (scene.wall === 1) c.fillRect(x2, top, right - x2, bottom - top);
-    if (scene.wall === 2) c.fillRect(left, y2, right - left, bottom - y2);
-    if (scene.wall === 3) c.fillRect(left, top, right - left, y - top);
-  }
+  const fill = (colour, x_low, x_high, y_low, y_high) => {
+    const [x, y] = camera.pixel(x_low, y_high), [x2, y2] = camera.pixel(x_high, y_low);
+    c.fillStyle = colour;
+    c.fillRect(x, y, x2 - x, y2 - y);
+    return [x, y, x2, y2];
+  };
+  const whole = [0, scene.width, 0, scene.height], [left, top, right, bottom] = fill(scene.theme.behind, ...whole);
+  fill(scene.theme.ground, ...picture?.walls ?? whole);
   c.save();
   c.beginPath();
   c.rect(left, top, right - left, bottom - top);
   c.clip();
-  c.strokeStyle = "#3a3f45";
+  c.strokeStyle = scene.theme.solid;
   c.lineCap = "round";
   const shifts = (periodic, length) => (periodic ? [0, -length, length] : [0]);
-  for (const [ax, ay, bx, by, radius] of scene.capsules)
+  for (const [ax, ay, bx, by, radius] of state.obstacles)
     for (const dx of shifts(scene.periodic[0], scene.width))
       for (const dy of shifts(scene.periodic[1], scene.height)) {
         c.lineWidth = Math.max(2 * radius * camera.scale, 1.5 * ratio);

@@ -9,7 +9,7 @@ after they have been checked here.
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, quote, urlencode
@@ -21,8 +21,9 @@ from mpsim.errors import InputError
 from mpsim.scene import scenefile
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import METHODS, Settings, settings_for
-from mpsim.viewer.pair import in_step
-from mpsim.viewer.sliders import TEMPERATURES, friction_of, longest_gravity, rate_of, temperature_of
+from mpsim.viewer.comparison import in_step
+from mpsim.viewer.edits import VALUES, longest_gravity
+from mpsim.viewer.source import QUICKEST, SLOWEST
 
 LONGEST = 1000
 """Largest number of characters of a link."""
@@ -36,9 +37,6 @@ MOST_SWEEPS = 1000
 RANGE = 100.0
 """Largest factor between a time or speed in a link and that of its scene, up or down. For gravity, the largest factor
 above the longest arrow of the page."""
-
-SLOWEST, QUICKEST = 0.01, 1000.0
-"""Bounds of the playback speed, in units of Pace.UNIT frames a second."""
 
 MOST_SEED = 1_000_000
 """Largest seed, as on the page."""
@@ -58,18 +56,8 @@ ZOOMS = (0.5, 64.0)
 SEEN = ("wait", "speed", "zoom", "x", "y", "canvas")
 """Names that concern only the display; the page reads them."""
 
-VALUES: Mapping[str, Callable[[Scene], Any]] = {
-    "gravity": lambda scene: [0.0, 0.0] if scene.gravity is None else scene.gravity.tolist(),
-    "restitution": lambda scene: scene.restitution,
-    "wall_restitution": lambda scene: scene.wall_restitution,
-    **{name: functools.partial(friction_of, name=name) for name in parameters.OF_FRICTION},
-    "piston_speed": lambda scene: None if scene.piston is None else scene.piston.speed,
-    "interval": lambda scene: rate_of(scene, "interval"),
-    "every": lambda scene: rate_of(scene, "every"),
-    **{name: functools.partial(temperature_of, name=name) for name in TEMPERATURES},
-}
-"""Parameters of the scene that a link can contain: those that a page can change. Each has a function that gives its
-value; None: the scene has no such parameter."""
+NEAR = tuple(name for name in VALUES if name != "gravity" and name != "every" and not name.endswith("restitution"))
+"""Parameters that must be near those of the scene."""
 
 NAMES = ("scene", "seed", *SETTINGS, *VALUES, "beside", *SEEN)
 
@@ -151,7 +139,7 @@ def read(query: str) -> Link:
     _demand_short_frames(settings, usual.dt)
     changed = {each: _parameter(each, texts[each]) for each in VALUES if each in texts}
     parameters.in_force(scene, settings, changed, 0.0)
-    for each in ("interval", "piston_speed", *parameters.OF_FRICTION, *TEMPERATURES):
+    for each in NEAR:
         if each in changed:
             _demand_near(each, changed[each], VALUES[each](scene))
     if "gravity" in changed:

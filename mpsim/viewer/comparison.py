@@ -1,0 +1,688 @@
+"""Speed against accuracy in a view: a second stage, how far it and the first have come apart, a search for settings.
+
+Hard discs are chaotic: any difference between two runs grows until the position of a disc in one run says nothing about
+the same disc in the other. From then on their distance means nothing, and only averages can be compared.
+"""
+
+import contextlib
+import copy
+import dataclasses
+import math
+import threading
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from mpsim.core.state import State
+from mpsim.engine.changes import ADD, PARAMETERS, WALL, Change
+from mpsim.engine.observers import Observer
+from mpsim.engine.parameters import OF_SETTINGS
+from mpsim.engine.report import Report
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.base import InPlace, in_place
+from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import ClosedError, InputError, MpsimError
+from mpsim.measure.observables import trajectory_error
+from mpsim.measure.predictability import Predictability
+from mpsim.measure.registry import refusal
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.studies.comparison import divergence
+from mpsim.studies.tradeoff import label
+from mpsim.studies.tune import tune
+from mpsim.viewer.gauges import MeanPressure
+from mpsim.viewer.undo import Moments
+
+# --- How far two stages have come apart since their common start: distance of corresponding discs, counts, times
+
+PARTED = 0.5
+"""Distance at which two runs have parted, in diameters, root mean square over all discs. A disc that has missed a
+collision is displaced by about as much. Later the distance grows to that of unrelated discs."""
+
+SATURATED = 0.01
+"""Distance above which the growth is no longer exponential, in diameters, root mean square over all discs."""
+
+
+class Counts:
+    """Contacts resolved, computing time [s], simulated time [time] and mean pressure of one stage."""
+
+    def __init__(self) -> None:
+        self.collisions: int = 0
+        self.pressure: MeanPressure = MeanPressure()
+        self._seconds = self._time = 0.0
+
+    def note(self, report: Report, duration: float) -> None:
+        """Add a run; duration: its simulated time [time]."""
+        self.collisions += report.collisions
+        self._seconds += float(report.frame_seconds.sum())
+        self._time += duration
+        self.pressure.note(report)
+
+    @property
+    def cost(self) -> float:
+        """Computing time divided by simulated time [s/time]; NaN before the first run."""
+        return self._seconds / self._time if self._time else math.nan
+
+
+def measures_of(scene: Scene, count: int) -> tuple[str, ...]:
+    """The measures that both stages take along their runs: the pressure, where it is defined."""
+    return () if refusal("pressure", scene, count) else ("pressure",)
+
+
+class Distance(NamedTuple):
+    """Distance of corresponding discs: rms and largest [diameters of the smallest disc], and the disc of the latter."""
+
+    mean: float
+    largest: float
+    disc: int
+
+
+class Difference:
+    """Compares two stages since their common start.
+
+    Args:
+        scene: scene of both.
+
+    Attributes:
+        first, second: counts and times of each.
+        parted: time at which they were first seen to have parted, or were predicted to part [time]; None: not yet.
+
+    >>> from mpsim import Scene
+    >>> scene = Scene(width=9, height=9, position=[[2, 2], [5, 5]], velocity=[[1, 0], [0, 1]], radius=0.5)
+    >>> there = State(scene.position + [[0.001, 0.0], [0.0, 0.0]], scene.velocity)
+    >>> difference = Difference(scene)
+    >>> round(difference.look(State(scene.position, scene.velocity), there, time=1.0).largest, 9), difference.parted
+    (0.001, None)
+    """
+
+    def __init__(self, scene: Scene):
+        self.first: Counts = Counts()
+        self.second: Counts = Counts()
+        self.parted: float | None = None
+        self._saturated: float | None = None  # time at which the distance was first seen to reach SATURATED
+        self._scene = scene
+
+    def look(self, one: State, other: State, time: float, agree_until: float | None = None) -> Distance | None:
+        """The distance between two states at the same time; None where it means nothing.
+
+        The states have parted for good once they are PARTED diameters apart: from then on their distance is chance.
+        Discs in a dense packing rarely leave the cages of their neighbours, so their distance may stay below PARTED.
+        Therefore states that are at least SATURATED diameters apart also count as parted after `agree_until`.
+
+        Args:
+            one, other: the states.
+            time: time of both [time].
+            agree_until: time until which two correct solvers agree, from the Lyapunov time [time]; None: not known.
+        """
+        try:
+            found = trajectory_error(one, other, self._scene)
+        except InputError:  # there are no discs, or a disc was added to only one of them
+            return None
+        diameter = 2 * self._scene.smallest_radius
+        distance = Distance(found.rms / diameter, found.largest / diameter, found.disc)
+        if self.parted is None and distance.mean >= PARTED:
+            self.parted = time
+        if self._saturated is None and distance.mean >= SATURATED:
+            self._saturated = time
+        if agree_until is not None and agree_until <= time and self._saturated is not None:
+            predicted = max(agree_until, self._saturated)
+            self.parted = predicted if self.parted is None else min(self.parted, predicted)
+        return distance if self.parted is None else None
+
+    def read(self, one: State, other: State, time: float, agree_until: float | None = None) -> dict[str, Any]:
+        """The numbers that a page shows; NaN and None are shown as dashes. The arguments are those of `look`.
+
+        `missed` is the number of collisions that the second stage has counted and the first one has not. Once the
+        stages have parted, these are different collisions, and only the fraction is meaningful.
+        """
+        first, second = self.first, self.second
+        distance = self.look(one, other, time, agree_until)
+        pressures = first.pressure.read(), second.pressure.read()
+        missed = second.collisions - first.collisions
+        return {
+            "time": time,
+            "distance": None if distance is None else distance.mean,
+            "largest": None if distance is None else distance.largest,
+            "disc": None if distance is None else distance.disc,
+            "parted": self.parted,
+            "collisions": [first.collisions, second.collisions],
+            "missed": missed if self.parted is None else None,
+            "missed_fraction": missed / second.collisions if second.collisions else math.nan,
+            "pressure": [each.value for each in pressures],
+            "pressure_error": [each.error for each in pressures],
+            "pressure_difference": pressures[0].value - pressures[1].value,
+            "difference_error": math.hypot(*(each.error for each in pressures)),
+            "cost": [first.cost, second.cost],
+            "cost_ratio": second.cost / first.cost if first.cost else math.nan,
+        }
+
+
+# --- A second stage: it starts from the same scene with other settings, and is kept at the same time as the first
+
+SNAPSHOT = 0
+"""Number of the moment that a user has marked. The moments before changes have numbers from 1."""
+
+WHOLE = 1e-9
+"""Relative deviation from a whole number that counts as rounding."""
+
+
+class Steps(NamedTuple):
+    """How the frames of the second stage correspond to those of the first.
+
+    Attributes:
+        first, second: frames of both stages at one moment, from which later frames are counted.
+        each: frames of the second stage in one frame of the first, >= 1.
+    """
+
+    first: int
+    second: int
+    each: int
+
+
+class _Mark(NamedTuple):
+    steps: Steps
+    taken: int
+    difference: Difference
+
+
+class SecondStage:
+    """The second of two stages. Both start from the scene. The first one runs, and this one follows it.
+
+    Args:
+        scene: scene of both stages.
+        settings: settings of the second stage. Its dt must be that of the first stage divided by a whole number. The
+            exact solver has no steps, so it gets the dt of the first stage.
+        dt: dt of the first stage [time], > 0.
+
+    Attributes:
+        sim: the simulation of the second stage.
+        difference: compares both stages.
+        skipped: number of changes by hand that the second stage refused, because a disc was in the way there.
+
+    Raises:
+        InputError: if dt does not fit, or the settings cannot run the scene.
+
+    >>> from mpsim import Scene
+    >>> scene = Scene.random(count=20, packing=0.2, radius=0.5, seed=1)
+    >>> with Simulation(scene, Settings(dt=0.02, method="grid")) as first:
+    ...     second = SecondStage(scene, Settings(method="event"), dt=0.02)
+    ...     seconds = second.follow(first, first.run(frames=10))
+    ...     second.sim.frame, second.sim.time == first.time
+    (10, True)
+    >>> second.close()
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, dt: float):
+        self._settings, each = in_step(settings, dt)
+        self.sim: Simulation = Simulation(scene, self._settings)
+        self.difference: Difference = Difference(scene)
+        self.skipped: int = 0
+        self._steps = Steps(0, 0, each)
+        self._taken = 0  # entries of the first one's journal
+        self._moments = Moments()
+        self._marks: dict[int, _Mark] = {}  # by the numbers of the moments
+
+    def close(self) -> None:
+        """End the second stage. May be called again."""
+        self.sim.close()
+        with contextlib.suppress(OSError):
+            self._moments.close()
+
+    def follow(self, first: Simulation, report: Report) -> float:
+        """Run until the frame of the first stage; returns the computing time [s].
+
+        report: report of the first stage since both were last at the same time.
+        """
+        steps, sim = self._steps, self.sim
+        frames = steps.second + (first.frame - steps.first) * steps.each - sim.frame
+        if frames <= 0:
+            return 0.0
+        own, duration = sim.run(frames=frames, measures=measures_of(sim.scene, sim.count)), frames * sim.settings.dt
+        self.difference.first.note(report, duration)
+        self.difference.second.note(own, duration)
+        return float(own.frame_seconds.sum())
+
+    # --- changes by hand
+
+    def take(self, first: Simulation) -> None:
+        """Apply the new changes of the first stage to this one. Both must be at the same simulated time.
+
+        Changed settings apply only to the first stage, except dt, so that both stay in step. A change that the second
+        stage refuses, for example because a disc is in the way, is skipped and counted.
+
+        Raises:
+            InputError: if an added disc or wall finds no free place here, so that the two scenes would differ.
+        """
+        for change in list(first.journal)[self._taken :]:
+            self._taken += 1
+            self._take(first, change)
+
+    def _take(self, first: Simulation, change: Change) -> None:
+        values = dict(change.values)
+        if change.what == PARAMETERS:
+            if "dt" in values:
+                self._renew_steps(first, values["dt"])
+            values = {name: value for name, value in values.items() if name not in OF_SETTINGS}
+            if not values:
+                return
+        try:
+            getattr(self.sim, change.what)(**values)
+        except ClosedError:
+            raise
+        except MpsimError as error:
+            if change.what in (ADD, WALL):
+                raise InputError(
+                    "a second stage must have the discs and walls of the first one; there was no room for one that was "
+                    f"added: {error} Reset restarts both."
+                ) from error
+            self.skipped += 1
+
+    def _renew_steps(self, first: Simulation, dt: float) -> None:
+        """Fit the frames of this stage to a new dt of the first stage, and change its own dt as little as possible."""
+        exact = not capabilities_of(self._settings).has_steps
+        own = dt if exact else fitting(self._settings.dt, dt)
+        each = round(dt / own)
+        if self.sim.settings.dt != own:
+            self.sim.change(dt=own)
+        self._steps = Steps(first.frame, self.sim.frame, each)
+
+    # --- earlier moments
+
+    def mark(self, number: int) -> None:
+        """Remember this moment under the number that it has in the first stage, which can go back to it."""
+        self._moments.keep(number, self.sim)
+        self._marks[number] = _Mark(self._steps, self._taken, copy.deepcopy(self.difference))
+
+    @property
+    def bytes_of_moments(self) -> Mapping[int, int]:
+        """Bytes of each moment, by number."""
+        return self._moments.sizes
+
+    def forget_all_but(self, numbers: Iterable[int]) -> None:
+        """Forget all moments except SNAPSHOT and these: the first stage can go back to no others."""
+        for number in self._marks.keys() - {SNAPSHOT, *numbers}:
+            self._moments.forget(number)
+            del self._marks[number]
+
+    def back(self, number: int) -> None:
+        """Go back to a moment.
+
+        Raises:
+            InputError: if it is not remembered.
+        """
+        self.sim = self._moments.back(number, self.sim)
+        mark = self._marks[number]
+        self._steps, self._taken, self.difference = mark.steps, mark.taken, copy.deepcopy(mark.difference)
+
+
+def fitting(own: float, dt: float) -> float:
+    """The dt of a second stage, rounded so that a whole number of its steps is one step of the first stage [time].
+
+    >>> fitting(0.003, dt=0.01), fitting(0.02, dt=0.01)
+    (0.0033333333333333335, 0.01)
+    """
+    return dt / max(round(dt / own), 1)
+
+
+def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:
+    """Settings of a second stage that fit the first one, and the number of its frames in one frame of the first.
+
+    Args:
+        settings: requested settings of the second stage.
+        dt: dt of the first stage [time].
+
+    Raises:
+        InputError: if they do not fit.
+
+    >>> in_step(Settings(method="grid", dt=0.005), dt=0.02)[1], in_step(Settings(method="event"), dt=0.02)[1]
+    (4, 1)
+    """
+    if not capabilities_of(settings).has_steps:
+        return dataclasses.replace(settings, dt=dt), 1
+    each = round(dt / settings.dt)
+    if each < 1 or abs(dt / settings.dt - each) > WHOLE * each:
+        raise InputError(
+            f"dt of a second stage must be that of the first one, {dt:g}, or a whole fraction of it; got "
+            f"{settings.dt:g}. Use Settings(dt={dt / max(each, 1):g})."
+        )
+    return dataclasses.replace(settings, dt=dt / each), each
+
+
+def settings_beside(first: Settings, values: Mapping[str, Any]) -> Settings:
+    """Settings of a second stage: those of the first with some changes.
+
+    Args:
+        first: settings of the first stage.
+        values: changed settings among method, contact, passes and precision; and `frames`, the number of frames of the
+            second stage in one frame of the first, >= 1.
+
+    >>> settings_beside(Settings(dt=0.02, method="grid"), {"frames": 4, "passes": 2}).dt
+    0.005
+    """
+    changed = {name: value for name, value in values.items() if name != "frames"}
+    if changed.get("method", first.method) != first.method:
+        changed["workers"] = None
+    return dataclasses.replace(first, dt=first.dt / values.get("frames", 1), **changed)
+
+
+def demand_one_process(settings: Settings) -> Settings:
+    """Settings that a view can run, unchanged.
+
+    Raises:
+        InputError: if they need several ranks.
+    """
+    if capabilities_of(settings).on_ranks:
+        raise InputError(
+            f"a view runs in one process; got method {settings.method!r}, which runs on ranks. Use method='grid', "
+            "which has the same bits."
+        )
+    return settings
+
+
+# --- Runs long work in a thread of its own, and can cancel it
+
+
+CLOSING_SECONDS = 5.0
+"""Longest time that `stop` waits for cancelled work to end."""
+
+Check = Callable[[], None]
+"""The work calls this from time to time. It raises an exception once the work was cancelled."""
+
+
+class _GivenUpError(Exception):
+    """The work was cancelled."""
+
+
+class Background:
+    """Runs one piece of work at a time.
+
+    Args:
+        name: name of the thread.
+
+    >>> found, work = [], Background("an example")
+    >>> work.start(lambda check: found.append(1))
+    >>> work.wait()
+    >>> found
+    [1]
+    """
+
+    def __init__(self, name: str):
+        self._name = name
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+
+    def start(self, work: Callable[[Check], None]) -> None:
+        """Start the work, which is called with a `Check`. Work that is still running is cancelled."""
+        self.stop()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=_do, args=(work, self._stop), name=self._name, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Cancel the work; it ends at its next check."""
+        self._stop.set()
+        self.wait(CLOSING_SECONDS)
+        self._thread = None
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait until the work ends, for at most this time [s]; None: without a limit."""
+        if self._thread is not None:
+            self._thread.join(seconds)
+
+
+def _do(work: Callable[[Check], None], stop: threading.Event) -> None:
+    def check() -> None:
+        if stop.is_set():
+            raise _GivenUpError
+
+    try:
+        work(check)
+        check()
+    except _GivenUpError:
+        pass
+
+
+# --- The comparison on a page: runs a second stage, if there is one
+
+MOST_DIVERGING = 5000
+"""Largest number of discs for which the Lyapunov time is computed, by two short exact runs."""
+
+Beside = Settings | Mapping[str, Any] | None
+"""A requested second stage: its settings, or how they differ from those of the first stage, as in `settings_beside`."""
+
+
+class _Look:
+    """An observer that calls a function during a run, with the number of collisions since the run began."""
+
+    def __init__(self, every: int, act: Callable[[int], None]):
+        self.every: int = every
+        self._act = act
+
+    def observe(self, sim: Simulation, collisions: int) -> None:
+        self._act(collisions)
+
+
+class Comparison:
+    """The second stage of a view, if there is one.
+
+    Args:
+        beside: settings of the second stage; None: there is none.
+
+    Attributes:
+        second: the second stage.
+
+    >>> scene, settings = Scene.random(count=20, packing=0.2, radius=0.5, seed=1), Settings(dt=0.02, method="grid")
+    >>> comparison = Comparison(Settings(method="event"))
+    >>> with Simulation(scene, settings) as sim:
+    ...     comparison.begin(scene, settings)
+    ...     reports, seconds = comparison.run(sim, frames=10, every=5, look=lambda collisions: None)
+    ...     told = comparison.told(sim)
+    >>> told["first"], told["second"], round(told["time"], 9), told["distance"] < 0.1
+    ('grid impact dt=0.02', 'event', 0.2, True)
+    >>> comparison.close()
+    """
+
+    def __init__(self, beside: Settings | None):
+        self.second: SecondStage | None = None
+        self._asked: Beside = beside
+        self._wanted: Beside = beside  # as requested, or with dt fitted to another first stage
+        self._settings: Settings | None = None
+        self._note: str | None = None
+        self._predictability: Predictability | None = None
+        self._diverging: Scene | None = None  # whose Lyapunov time is known, or being found
+        self._work = Background("mpsim view: divergence")
+
+    def choose(self, beside: Beside) -> None:
+        """Choose the second stage; it applies from the next restart on."""
+        self._asked = self._wanted = beside
+
+    def fit(self, dt: float) -> None:
+        """Fit the dt of the requested second stage to another first stage; it applies from the next restart on.
+
+        dt: dt of the first stage [time].
+        """
+        if isinstance(self._asked, Settings):
+            self._wanted = dataclasses.replace(self._asked, dt=fitting(self._asked.dt, dt))
+
+    @property
+    def settings(self) -> Settings | None:
+        """Settings of the second stage, or of the one that was refused; None: none was requested."""
+        return self._settings if self.second is None else self.second.sim.settings
+
+    def begin(self, scene: Scene, settings: Settings) -> None:
+        """Start the second stage with a scene; settings: those of the first stage."""
+        self._end(None)
+        self._settings = None
+        if self._wanted is None:
+            return
+        try:
+            wanted = self._wanted if isinstance(self._wanted, Settings) else settings_beside(settings, self._wanted)
+            self._settings = demand_one_process(wanted)
+            self.second = SecondStage(scene, wanted, settings.dt)
+        except MpsimError as error:
+            self._note = str(error)
+            return
+        if self._diverging is not scene and scene.count <= MOST_DIVERGING:
+            self._diverging, self._predictability = scene, None
+            self._work.start(lambda check: self._find_divergence(scene, check))
+
+    def close(self) -> None:
+        """End the second stage."""
+        self._work.stop()
+        self._end(None)
+
+    def run(
+        self,
+        sim: Simulation,
+        frames: int,
+        every: int,
+        look: Callable[[int], None],
+        measures: Collection[str] = (),
+        observers: Sequence[Observer] = (),
+    ) -> tuple[list[Report], float]:
+        """Run frames of the first stage, and the second stage up to the same time.
+
+        If there is a second stage, the run is divided: both stages are at the same time whenever `look` is called, so
+        that they can be compared.
+
+        Args:
+            sim: the first stage.
+            frames: number of frames of the first stage.
+            every: frames between two calls of `look`.
+            look: called with the number of collisions of the first stage since this call began.
+            measures: measures of the first stage, besides those for the comparison.
+            observers: observers of the first stage, called before `look`.
+
+        Returns:
+            The reports of the first stage, and the computing time of both stages [s].
+        """
+        if self.second is None:
+            report = sim.run(frames=frames, measures=measures, observe=[*observers, _Look(every, look)])
+            return [report], float(report.frame_seconds.sum())
+        reports, seconds, end = list[Report](), 0.0, sim.frame + frames
+        wanted = dict.fromkeys([*measures, *measures_of(sim.scene, sim.count)])
+        while sim.frame < end:
+            ahead = min(end - sim.frame, every - sim.frame % every)
+            reports.append(sim.run(frames=ahead, measures=wanted, observe=observers))
+            seconds += float(reports[-1].frame_seconds.sum())
+            with self.stage() as second:
+                seconds += second.follow(sim, reports[-1]) if second is not None else 0.0
+            look(sum(report.collisions for report in reports))
+        return reports, seconds
+
+    @contextlib.contextmanager
+    def stage(self) -> Iterator[SecondStage | None]:
+        """The second stage. If it fails in this block, it ends, and the page shows why; the first stage continues."""
+        try:
+            yield self.second
+        except MpsimError as error:
+            self._end(f"The second stage has ended: {error}")
+
+    def _end(self, note: str | None) -> None:
+        second, self.second, self._note = self.second, None, note
+        if second is not None:
+            with contextlib.suppress(MpsimError):
+                second.close()
+
+    def shown(self) -> InPlace | None:
+        """The discs of the second stage, for its picture; None: there is no second stage."""
+        if self.second is None:
+            return None
+        sim = self.second.sim
+        return in_place(sim.state, sim.scene.box, sim.frame, sim.time, sim.radii)
+
+    def told(self, sim: Simulation) -> dict[str, Any]:
+        """The message for pages, for `protocol.text_of`; sim: the first stage."""
+        second, found = self.second, self._predictability
+        told: dict[str, Any] = {
+            "first": label(sim.settings),
+            "second": None if second is None else label(second.sim.settings),
+            "exact": second is not None and capabilities_of(second.sim.settings).is_exact,
+            "note": self._note,
+            "skipped": 0 if second is None else second.skipped,
+            "lyapunov_time": None if found is None else found.lyapunov_time,
+            "agree_until": None if found is None else found.horizon,
+        }
+        if second is not None:
+            told |= second.difference.read(sim.state, second.sim.state, sim.time, told["agree_until"])
+        return told
+
+    def _find_divergence(self, scene: Scene, check: Check) -> None:
+        with contextlib.suppress(MpsimError):  # a scene that the exact solver cannot run, or without a Lyapunov time
+            found = divergence(scene, progress=lambda done, of: check())
+            check()
+            self._predictability = found
+
+
+# --- Searches for settings in a thread, and reports its progress
+
+SEARCH_SECONDS = 60.0
+"""Approximate time limit of a search [s]."""
+
+
+class Tuning:
+    """Runs one search at a time.
+
+    Args:
+        news: called when there is new progress to report.
+        finished: called with the number of the search and the settings that it has found. The thread of the search
+            calls both.
+
+    Attributes:
+        number: number of the present search. A result with another number is out of date.
+
+    >>> tuning = Tuning(news=lambda: None, finished=print)
+    >>> tuning.told()["phase"]
+    'none'
+    """
+
+    def __init__(self, news: Callable[[], None], finished: Callable[[int, Settings], None]):
+        self._news, self._finished = news, finished
+        self.number: int = 0
+        self._work = Background("mpsim view: tune")
+        self._told: dict[str, Any] = {"phase": "none", "text": "", "done": 0, "of": 1}
+
+    @property
+    def running(self) -> bool:
+        """Whether a search is under way."""
+        return self._told["phase"] == "searching"
+
+    def told(self) -> dict[str, Any]:
+        """The message for pages, for `protocol.text_of`.
+
+        phase: "none", "searching", "found" or "failed". text: the present step, the result, or why there is none.
+        """
+        return dict(self._told)
+
+    def start(self, scene: Scene, budgets: Mapping[str, float]) -> None:
+        """Start a search, and cancel a running one; budgets: as in `mpsim.tune`."""
+        self.stop()
+        self._told = {"phase": "searching", "text": "preliminary run", "done": 0, "of": 1}
+        number = self.number
+        self._work.start(lambda check: self._search(scene, budgets, check, number))
+
+    def stop(self) -> None:
+        """Cancel the search; it ends when it next reports its progress."""
+        self.number += 1
+        self._work.stop()
+        self._told = {**self._told, "phase": "none"}
+
+    def _search(self, scene: Scene, budgets: Mapping[str, float], check: Check, number: int) -> None:
+        def progress(done: int, of: int, what: str) -> None:
+            check()
+            self._tell(phase="searching", text=what, done=done, of=of)
+
+        try:
+            found = tune(scene, budgets, seconds=SEARCH_SECONDS, progress=progress)
+        except Exception as error:  # any error: the stages must not wait any longer
+            check()
+            self._tell(phase="failed", text=str(error) or type(error).__name__)
+            if isinstance(error, MpsimError):
+                return
+            raise
+        check()
+        self._tell(phase="found", text=str(found))
+        self._finished(number, found.settings)
+
+    def _tell(self, **values: Any) -> None:
+        self._told = {**self._told, **values}
+        self._news()

@@ -1,0 +1,526 @@
+"""Changes that users make by hand: drag, add and remove discs, draw walls, change parameters.
+
+All changes use public methods of the simulation (`set`, `add`, `remove`, `add_wall`, `change`), so that the journal
+records them. If a method refuses a change, the page shows a note and the simulation stays as it was.
+"""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import checks
+from mpsim.core.machine import usable_cores
+from mpsim.engine import parameters
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.errors import BusyError, InputError, OutputError
+from mpsim.features.properties import has_masses, has_radii
+from mpsim.kernels import records
+from mpsim.measure.correlation import lengths_of, to_nearest_image
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import CONTACTS
+from mpsim.viewer.protocol import DISC, Action, command, number, one_of
+from mpsim.viewer.undo import Undo
+
+# --- The parameters that a page can change, with the values and ranges of their sliders
+
+MOST_PASSES, MOST_SUBSTEPS = 4, 16
+"""Upper ends of these sliders. If the value of the simulation is larger, the slider ends there."""
+
+DECADE = 10.0
+"""Sliders of times, rates and temperatures go from a tenth to ten times the initial value."""
+
+ROUNDING = 0.005
+"""Relative rounding error of a slider's value: pages send three digits."""
+
+
+def _rate(scene: Scene, name: str) -> Any:
+    """The attribute of the first emitter that has it; None: no emitter has it."""
+    return next((value for each in scene.emitters if (value := getattr(each, name)) is not None), None)
+
+
+def _friction(scene: Scene, name: str) -> float | None:
+    """A coefficient of friction; None: it is zero or infinite."""
+    coefficient = getattr(scene, name)
+    return coefficient if 0 < coefficient < math.inf else None
+
+
+def _wall_temperature(scene: Scene) -> float | None:
+    """The temperature of the thermal walls; None: there are none, or they differ."""
+    found = set() if scene.thermal_walls is None else set(scene.thermal_walls.temperatures.values())
+    return found.pop() if len(found) == 1 else None
+
+
+VALUES: Mapping[str, Callable[[Scene], Any]] = {
+    "gravity": lambda scene: [0.0, 0.0] if scene.gravity is None else scene.gravity.tolist(),
+    "restitution": lambda scene: scene.restitution,
+    "wall_restitution": lambda scene: scene.wall_restitution,
+    **{name: partial(_friction, name=name) for name in parameters.OF_FRICTION},
+    "piston_speed": lambda scene: None if scene.piston is None else scene.piston.speed,
+    "temperature": lambda scene: None if scene.thermostat is None else scene.thermostat.temperature,
+    "wall_temperature": _wall_temperature,
+    "interval": partial(_rate, name="interval"),
+    "every": partial(_rate, name="every"),
+}
+"""Parameters of a scene that a page can change, with functions that give their values; None: the scene has no such
+parameter."""
+
+
+class Sliders:
+    """The sliders of one simulation. Their ranges follow from its initial values, so that they stay when values change.
+
+    >>> from mpsim import Scene, Settings
+    >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1, gravity=(0, -3))
+    >>> with Simulation(scene, Settings(method="event")) as sim:
+    ...     found = Sliders(sim).of(sim)
+    >>> [(each["name"], each["value"]) for each in found][:3]
+    [('gravity', [0.0, -3.0]), ('restitution', 1.0), ('wall_restitution', 1.0)]
+    """
+
+    def __init__(self, sim: Simulation):
+        scene, self._dt = sim.journal.scene, sim.journal.settings.dt
+        self._first = {name: value_of(scene) for name, value_of in VALUES.items()}
+        self._gravity = longest_gravity(scene)
+        self._cores = usable_cores()
+
+    def of(self, sim: Simulation) -> list[dict[str, Any]]:
+        """Name, value and range of each slider, as sent to pages. The range is `low` and `high`, or `choices`.
+
+        log: whether the scale is logarithmic. whole: whether only whole numbers can be chosen. The value of gravity is
+        (x, y), and its `high` is the length of the longest arrow.
+        """
+        return [*self._of_scene(sim), *self._of_settings(sim)]
+
+    def demand_offered(self, sim: Simulation, name: str, value: Any) -> None:
+        """Refuse numbers outside the sliders: they could make a frame so long that the page stops responding.
+
+        Raises:
+            InputError: if the value is outside; the message gives the parameter, its rule and the value received.
+        """
+        offered = {each["name"]: each for each in self.of(sim)}
+        remedy = "Use the slider, or Simulation.change in a program."
+        if name not in offered:
+            raise InputError(
+                f"{name} must be a parameter that the page offers here, one of {', '.join(offered)}; got "
+                f"{checks.brief(value)}. Use Simulation.change in a program."
+            )
+        ends, given = offered[name], value if isinstance(value, list) else [value]
+        if not all(isinstance(each, int | float) for each in given):
+            return  # a word, which the simulation checks
+        if name == "gravity":
+            if len(given) == len("xy") and math.hypot(*given) > ends["high"] * (1 + ROUNDING):
+                raise InputError(f"gravity must be at most {ends['high']:g} here; got {checks.brief(value)}. {remedy}")
+            return
+        low, high = ends.get("low", -math.inf), ends.get("high", math.inf)
+        for each in given:
+            if not low - ROUNDING * abs(low) <= each <= high + ROUNDING * abs(high):
+                raise InputError(f"{name} must be from {low:.4g} to {high:.4g} here; got {each:g}. {remedy}")
+
+    def _of_scene(self, sim: Simulation) -> Iterator[dict[str, Any]]:
+        for name, value_of in VALUES.items():
+            value, first = value_of(sim.scene), self._first[name]
+            if value is None or first is None:
+                continue
+            if name == "gravity":
+                yield {"name": name, "value": value, "high": self._gravity}
+            elif name.endswith("restitution"):
+                if sim.settings.law == "elastic":
+                    yield _slider(name, value, 0.0, 1.0)
+            elif name == "every":
+                yield _slider(name, value, 1, int(first * DECADE), log=True, whole=True)
+            else:
+                yield _slider(name, value, *sorted((first / DECADE, first * DECADE)), log=True)
+
+    def _of_settings(self, sim: Simulation) -> Iterator[dict[str, Any]]:
+        settings = sim.settings
+        yield _slider("dt", settings.dt, self._dt / DECADE, self._dt * DECADE, log=True)
+        if capabilities_of(settings).has_steps:
+            yield {"name": "contact", "value": settings.contact, "choices": list(records.CONTACTS)}
+            yield _slider("passes", settings.passes, 1, MOST_PASSES, whole=True)
+            yield _slider("substeps", settings.substeps, 1, MOST_SUBSTEPS, whole=True)
+        if settings.method == "parallel":
+            yield _slider("workers", settings.workers or self._cores, 1, self._cores, whole=True)
+
+
+def _slider(name: str, value: float, low: float, high: float, log: bool = False, whole: bool = False) -> dict[str, Any]:
+    ends = {"low": min(low, value), "high": max(high, value)}
+    return {"name": name, "value": value, **ends, "log": log, "whole": whole}
+
+
+def longest_gravity(scene: Scene) -> float:
+    """Length of the longest arrow for gravity, rounded up [length/time^2].
+
+    It is twice the gravity of the scene. Without gravity it is 2 v^2 / height, with v the root mean square speed. This
+    is strong enough to keep most discs in the lower part of the box.
+
+    >>> from mpsim import Scene
+    >>> longest_gravity(Scene.load("sediment")), longest_gravity(Scene.load("gas"))
+    (2.0, 0.5)
+    """
+    if scene.gravity is not None and (length := float(np.hypot(*scene.gravity))) > 0:
+        return _rounded_up(2 * length)
+    square = float(np.mean(np.sum(scene.velocity**2, axis=1))) if scene.count else 0.0
+    return _rounded_up(2 * square / scene.height or 10 * scene.height)
+
+
+def _rounded_up(value: float) -> float:
+    """The smallest number that is 1, 2 or 5 times a power of ten and not below the value.
+
+    >>> [_rounded_up(value) for value in (0.3, 1.0, 30.0)]
+    [0.5, 1.0, 50.0]
+    """
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-12)))
+
+
+# --- Changes by hand
+
+HOLD_SECONDS = 3.0
+"""A held disc is released when its page has sent nothing for this long. The page repeats `hold` every second."""
+
+MOST_HELD = 16
+"""Discs that pages may hold at a time. Before frames are run, each is put back in its place."""
+
+MOST_ADDED, MOST_WALLS = 10_000, 1000
+"""Discs and walls that pages may add to one simulation: all walls are sent again with each new one."""
+
+MOST_PLACES = 100
+"""Largest number of places in the command `stroke`."""
+
+MOST_WHOLE = 10**9
+"""Largest absolute value of a whole number from a page."""
+
+THICKNESS = 0.5
+"""Thickness of a drawn wall, in radii of the median disc: wide enough for a projector."""
+
+REFUSALS = (InputError, BusyError, OutputError)
+"""Errors that leave the simulation as it was; the page shows a note."""
+
+
+class _NoRoomError(InputError):
+    """There is no free place along a part of a stroke; the page shows no note for this."""
+
+
+@dataclass
+class _Held:
+    """A held disc: its number, its place [length], and the time at which it is released unless it is held again [s]."""
+
+    disc: int
+    place: tuple[float, float]
+    until: float
+
+
+Key = tuple[str, Any]
+"""A gesture: its command, and the disc that is held or the parameter that is changed."""
+
+
+def _parameter_value(name: str, value: Any) -> Any:
+    """Check a number, a pair of numbers, or a word. The simulation checks which of them the parameter takes."""
+    if isinstance(value, list) and len(value) == 2:
+        return [number(name, each) for each in value]
+    if isinstance(value, str):
+        return checks.choice(name, value, CONTACTS)
+    if isinstance(value, int) and not isinstance(value, bool):
+        return checks.whole(name, value, -MOST_WHOLE, MOST_WHOLE, "Send a smaller one.")
+    return number(name, value)
+
+
+def _places(name: str, value: Any) -> list[list[float]]:
+    if (
+        not isinstance(value, list)
+        or not 1 <= len(value) <= MOST_PLACES
+        or not all(isinstance(each, list) and len(each) == 2 for each in value)
+    ):
+        raise InputError(
+            f"{name} must be a list of 1 to {MOST_PLACES} places, each [x, y]; got {checks.brief(value)}. Send others."
+        )
+    return [[number(name, each) for each in place] for place in value]
+
+
+class Interactions:
+    """Applies changes by hand to the simulation of a view, which may be replaced by another one.
+
+    A gesture lasts from press to release and is one step of undo, even if several pages change the simulation at the
+    same time. The argument `same` of a command says that it continues the gesture before.
+
+    Args:
+        owned: whether the simulation belongs to the view. Only then can changes be undone, because undo replaces the
+            simulation by another one.
+
+    Attributes:
+        undo: the moments before each gesture.
+
+    >>> edits, sim = Interactions(owned=True), Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1))
+    >>> edits.begin(sim)
+    >>> sim = edits.do(sim, Action("remove", {"id": 3, "same": False}), now=0.0)
+    >>> sim.state.present.tolist(), edits.told(sim)["undo"]
+    ([True, True, True, False, True], 1)
+    >>> sim = edits.do(sim, Action("undo", {}), now=0.0)
+    >>> bool(sim.state.present.all())
+    True
+    >>> sim.close(); edits.close()
+    """
+
+    def __init__(self, owned: bool):
+        self.undo: Undo = Undo()
+        self._note: str | None = None  # why an action was refused, or how it differed from the request
+        self._notes = 0
+        self._owned = owned
+        self._now = 0.0
+        self._held: dict[int, _Held] = {}  # by their numbers
+        self._gestures: dict[Key, int] = {}  # that "same" can continue: number of the moment before each
+        self._added = self._walls = 0
+        self._sliders: Sliders | None = None
+
+    def begin(self, sim: Simulation) -> None:
+        """Begin with another simulation."""
+        self._held, self._gestures = {}, {}
+        self._added = self._walls = 0
+        self.undo.clear()
+        self._sliders = Sliders(sim)
+
+    def close(self) -> None:
+        """Forget all moments."""
+        self.undo.close()
+
+    def told(self, sim: Simulation) -> dict[str, Any]:
+        """The message for pages, for `protocol.text_of`."""
+        assert self._sliders is not None  # `begin` was called
+        return {
+            "held": sorted(self._held),
+            "undo": len(self.undo) if self._owned else None,
+            "note": self._note,
+            "notes": self._notes,
+            "dt": sim.settings.dt,
+            "parameters": self._sliders.of(sim),
+        }
+
+    def has(self, name: str) -> bool:
+        """Whether a command is one of those below."""
+        return hasattr(self, f"do_{name}")
+
+    def do(self, sim: Simulation, action: Action, now: float) -> Simulation:
+        """Do an action. Returns the simulation; after "undo" it is another object.
+
+        now: time of a clock [s].
+        """
+        self._now = now
+        try:
+            return getattr(self, f"do_{action.name}")(sim, **action.values) or sim
+        except _NoRoomError:
+            pass
+        except REFUSALS as error:
+            self._say(str(error))
+        return sim
+
+    def hold_still(self, sim: Simulation, now: float) -> bool:
+        """Put held discs back in their places, before frames are run; returns whether anything changed."""
+        different = False
+        for held in list(self._held.values()):
+            try:
+                if now <= held.until:
+                    different |= _put(sim, held)
+                    continue
+            except REFUSALS as error:  # the disc is absent, or its place is no longer free
+                self._say(str(error))
+            del self._held[held.disc]
+            different = True
+        return different
+
+    def _say(self, note: str) -> None:
+        self._note = note
+        self._notes += 1
+
+    @contextlib.contextmanager
+    def _gesture(self, sim: Simulation, key: Key, same: bool = False) -> Iterator[None]:
+        """Remember the moment before a gesture, unless `same` continues it or it is refused."""
+        if same and key in self._gestures:
+            yield
+            return
+        if self._owned:
+            self.undo.mark(sim)
+        try:
+            yield
+        except REFUSALS:
+            self._gestures.pop(key, None)
+            if self._owned:
+                self.undo.forget_last()
+            raise
+        self._gestures[key] = self.undo.last
+        self.undo.trim({})
+
+    # --- commands
+
+    @command()
+    def do_undo(self, sim: Simulation) -> Simulation:
+        """Go back to the moment before the last gesture."""
+        if not self._owned:
+            raise InputError(
+                "undo needs a simulation of the view's own; this one belongs to a program. Open the view with its "
+                "scene, or use sim.journal."
+            )
+        again = self.undo.back(sim)
+        kept = self.undo.numbers  # gestures that began later are gone
+        self._gestures = {key: mark for key, mark in self._gestures.items() if mark in kept}
+        self._held = {disc: held for disc, held in self._held.items() if ("hold", disc) in self._gestures}
+        return again
+
+    @command(replaces=True, id=DISC, x=number, y=number)
+    def do_hold(self, sim: Simulation, id: int, x: float, y: float) -> None:
+        """Hold a disc at a place."""
+        if id not in self._held and len(self._held) >= MOST_HELD:
+            raise InputError(f"pages may hold at most {MOST_HELD} discs at a time; got one more. Release another one.")
+        held = _Held(id, (x, y), self._now + HOLD_SECONDS)
+        with self._gesture(sim, ("hold", id), same=id in self._held):
+            _put(sim, held)
+        self._held[id] = held
+
+    @command(id=DISC, vx=number, vy=number)
+    def do_release(self, sim: Simulation, id: int, vx: float, vy: float) -> None:
+        """Throw a held disc, which ends its gesture."""
+        if self._held.pop(id, None) is None:
+            return
+        (limit, why), speed = _fastest(sim, id), math.hypot(vx, vy)
+        if speed > limit:
+            vx, vy = vx * limit / speed, vy * limit / speed
+        if speed:
+            sim.set([id], velocity=(vx, vy))
+        if speed > limit:
+            self._say(f"thrown at speed {limit:.3g}, {why}")
+
+    @command(x=number, y=number, same=checks.truth)
+    def do_add(self, sim: Simulation, x: float, y: float, same: bool) -> None:
+        """Add a disc."""
+        with self._gesture(sim, ("add", None), same):
+            self._demand_more()
+            own = _own_of_new(sim)
+            _demand_room(sim, np.array([x, y]), own.get("radius", sim.scene.largest_radius))
+            sim.add((x, y), (0.0, 0.0), **own)
+            self._added += 1
+
+    @command(places=_places, same=checks.truth)
+    def do_stroke(self, sim: Simulation, places: list[list[float]], same: bool) -> None:
+        """Add discs at the free ones of several places."""
+        with self._gesture(sim, ("add", None), same):
+            self._demand_more()
+            own, before = _own_of_new(sim), sim.count
+            radius = own.get("radius", sim.scene.largest_radius)
+            free = _free(sim, np.array(places), radius)[: MOST_ADDED - self._added]
+            each = {name: np.full(len(free), value) for name, value in own.items()}
+            try:
+                if len(free):
+                    sim.add(free, np.zeros_like(free), **each)
+            except InputError:  # an obstacle is in one of the places
+                for place in free:
+                    with contextlib.suppress(InputError):
+                        sim.add(place, (0.0, 0.0), **own)
+            self._added += sim.count - before
+            if sim.count == before:
+                raise _NoRoomError
+
+    @command(id=DISC, same=checks.truth)
+    def do_remove(self, sim: Simulation, id: int, same: bool) -> None:
+        """Remove a disc."""
+        with self._gesture(sim, ("remove", None), same):
+            self._held.pop(id, None)
+            sim.remove([id])
+
+    @command(ax=number, ay=number, bx=number, by=number)
+    def do_wall(self, sim: Simulation, ax: float, ay: float, bx: float, by: float) -> None:
+        """Add a wall between two places."""
+        with self._gesture(sim, ("wall", None)):
+            if self._walls >= MOST_WALLS:
+                raise InputError(f"pages may draw at most {MOST_WALLS:,} walls; got one more. Reset the view.")
+            radius, length = _typical(sim.radii, sim.absorbed), math.hypot(bx - ax, by - ay)
+            if length < 2 * radius:
+                raise InputError(
+                    f"a wall must be at least as long as a disc is wide, {2 * radius:.4g}; got {length:.4g}. Drag "
+                    "further."
+                )
+            sim.add_wall([(ax, ay), (bx, by)], THICKNESS * radius)
+            self._walls += 1
+
+    @command(name=one_of(parameters.NAMES), value=_parameter_value, same=checks.truth)
+    def do_change(self, sim: Simulation, name: str, value: Any, same: bool) -> None:
+        """Change a parameter."""
+        with self._gesture(sim, ("change", name), same):
+            assert self._sliders is not None  # `begin` was called
+            self._sliders.demand_offered(sim, name, value)
+            sim.change(**{name: value})  # type: ignore[misc]  # one of Parameters, checked above
+
+    def _demand_more(self) -> None:
+        if self._added >= MOST_ADDED:
+            raise InputError(f"pages may add at most {MOST_ADDED} discs; got one more. Reset, or begin with more.")
+
+
+def _put(sim: Simulation, held: _Held) -> bool:
+    """Put a held disc in its place, at rest; returns whether it was not there or not at rest."""
+    if held.disc >= sim.count:
+        raise InputError(f"id must be the number of a disc, from 0 to {sim.count - 1}; got {held.disc}. Take another.")
+    disc = sim.state_between(held.disc, held.disc + 1)
+    place = np.array(held.place, disc.position.dtype)
+    if disc.present[0] and (disc.position[0] == place).all() and not disc.velocity.any():
+        return False
+    sim.set([held.disc], position=held.place, velocity=(0.0, 0.0))
+    return True
+
+
+def _fastest(sim: Simulation, disc: int) -> tuple[float, str]:
+    """Largest speed of a throw [length/time], and the reason for this limit.
+
+    The limit is one radius per step. A method without steps has another limit, which keeps the number of events in a
+    frame small: the shorter side of the box per frame.
+    """
+    scene, dt = sim.scene, sim.settings.dt
+    if not capabilities_of(sim.settings).has_steps:
+        return min(scene.width, scene.height) / dt, "one side of the box a frame: a faster disc makes frames long"
+    return float(sim.radii[disc]) * sim.substeps / dt, "one radius a step: a faster disc may pass through others"
+
+
+def _typical(values: NDArray[np.float64], absorbed: NDArray[np.bool_]) -> float:
+    """The median of the values of the present discs, or of all discs if none is present."""
+    there = values[~absorbed] if not absorbed.all() else values
+    return float(np.sort(there)[len(there) // 2]) if len(there) else 1.0
+
+
+def _own_of_new(sim: Simulation) -> dict[str, float]:
+    """Radius and mass of a new disc, where discs differ in them: the median values."""
+    own = dict[str, float]()
+    if has_radii(sim.scene):
+        own["radius"] = _typical(sim.radii, sim.absorbed)
+    if has_masses(sim.scene):
+        own["mass"] = _typical(sim.masses, sim.absorbed)
+    return own
+
+
+def _free(sim: Simulation, places: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """The free ones of several places, shape (K, 2), if discs of this radius are put at them one after the other."""
+    state, lengths = sim.state, lengths_of(sim.scene)
+    middle = places[len(places) // 2]
+    reach = np.hypot(*to_nearest_image(places - middle, lengths).T).max() + radius + sim.radii.max(initial=0)
+    near = np.hypot(*to_nearest_image(state.position.astype(np.float64) - middle, lengths).T) < reach
+    near &= state.present
+    taken, radii = state.position[near].astype(np.float64), sim.radii[near]
+    for place in places:
+        if (np.hypot(*to_nearest_image(taken - place, lengths).T) >= radii + radius).all():
+            taken, radii = np.vstack([taken, place]), np.append(radii, radius)
+    return taken[np.count_nonzero(near) :]
+
+
+def _demand_room(sim: Simulation, place: NDArray[np.float64], radius: float) -> None:
+    """Refuse a place at which a new disc would overlap another one; `Simulation.add` checks walls and obstacles."""
+    state = sim.state
+    apart = to_nearest_image(state.position.astype(np.float64) - place, lengths_of(sim.scene))
+    gap = np.hypot(*apart.T) - sim.radii - radius
+    gap[~state.present] = np.inf
+    if len(gap) and gap.min() < 0:
+        raise InputError(
+            f"a new disc needs a free place; got ({place[0]:.4g}, {place[1]:.4g}), where disc {gap.argmin()} is. "
+            "Choose another."
+        )

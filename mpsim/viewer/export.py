@@ -1,0 +1,318 @@
+"""Files to download from a view: a film, the session, the scene, a program."""
+
+import dataclasses
+import importlib
+import inspect
+import io
+import math
+import tempfile
+import zipfile
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+from mpsim.engine.journal import Journal
+from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError
+from mpsim.features import FEATURES
+from mpsim.features.piston import PISTON
+from mpsim.output.animation import DPI, image_of, write_film
+from mpsim.output.drawing import PAGE, ColourScale, MovingDiscs
+from mpsim.scene import scenefile, settings
+from mpsim.scene.scene import Scene
+from mpsim.viewer.colouring import ABSORBED, FASTEST
+from mpsim.viewer.protocol import HEADER, SentPicture, Stage, unpack, unpack_radii
+
+
+class Download(NamedTuple):
+    """A file to download: its content and its media type."""
+
+    content: bytes
+    kind: str
+
+
+# --- A film of the latest pictures of a view, as GIF or MP4
+#
+# Two stages are drawn side by side. Each picture shows the walls as they were at its time.
+
+SECONDS, PICTURES_A_SECOND = 6, 20
+"""Longest duration of a film [s], and its pictures per second."""
+
+MOST_BYTES = 2**26
+"""Largest size of the kept pictures of both stages, in bytes."""
+
+MOST_DISCS = 150_000
+"""Largest number of discs in all pictures of a film together: some seconds of drawing. With more discs, some pictures
+are left out."""
+
+PIXELS = 480
+"""Pixels of the longer side of the box."""
+
+GAP = 8
+"""Pixels between two stages."""
+
+
+class Film:
+    """Keeps the pictures of the last seconds. It starts afresh when a second stage begins or ends."""
+
+    def __init__(self) -> None:
+        self._kept: deque[SentPicture] = deque()
+        self._kind: tuple[Any, ...] = ()  # extent of the scene, and number of stages
+        self._next = 0.0
+
+    def add(self, picture: SentPicture, now: float) -> None:
+        """Keep a picture, if it is time for one; now: time of a clock [s]."""
+        if now < self._next:
+            return
+        kind = (*HEADER.unpack_from(picture.stages[0].packed)[12:14], len(picture.stages))
+        if kind != self._kind:
+            self._kept.clear()
+            self._kind = kind
+        self._next = max(self._next + 1 / PICTURES_A_SECOND, now + 0.5 / PICTURES_A_SECOND)
+        self._kept.append(picture)
+        while len(self._kept) > SECONDS * PICTURES_A_SECOND or (len(self._kept) > 1 and self._bytes() > MOST_BYTES):
+            self._kept.popleft()
+
+    def _bytes(self) -> int:
+        """Bytes of all kept arrays. Pictures mostly share radii and walls with the picture before; these count once."""
+        sizes = {id(picture.capsules): picture.capsules.nbytes for picture in self._kept}
+        for stage in (stage for picture in self._kept for stage in picture.stages):
+            sizes |= {id(stage.packed): len(stage.packed), id(stage.radii): len(stage.radii)}
+        return sum(sizes.values())
+
+    def pictures(self) -> list[SentPicture]:
+        """The kept pictures, the oldest first."""
+        return list(self._kept)
+
+
+FILMS: Mapping[str, str] = {"film.gif": "image/gif", "film.mp4": "video/mp4"}
+"""Media types of films, by the name that a browser requests."""
+
+
+def film(pictures: Sequence[SentPicture], scene: Scene, name: str) -> Download:
+    """A film that is named as in FILMS, of every n-th picture, so that drawing takes a few seconds at most.
+
+    Raises:
+        InputError: if there are no pictures.
+        OutputError: if ffmpeg is missing or fails.
+    """
+    if not pictures:
+        raise InputError("a film needs pictures; got none yet. Show the simulation in the page first.")
+    each = max(sum(len(stage.packed) for stage in pictures[-1].stages) // 5, 1)
+    step = -(-len(pictures) * each // MOST_DISCS)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, name)
+        images = _drawn(pictures[::step], scene)
+        write_film(path, images, PICTURES_A_SECOND / step, "take the film as a GIF")
+        return Download(path.read_bytes(), FILMS[name])
+
+
+def _drawn(pictures: Sequence[SentPicture], scene: Scene) -> Iterator[Image.Image]:
+    """Draw each picture: one stage, or both side by side."""
+    stages = pictures[0].stages
+    scale = PIXELS / max(scene.width, scene.height)
+    width, height = (max(round(side * scale), 1) for side in (scene.width, scene.height))
+    whole = len(stages) * (width + GAP) - GAP
+    figure = Figure((whole / DPI, height / DPI), DPI, facecolor=PAGE.behind)
+    figure.set_layout_engine("none")  # whatever a program has set for its own figures
+    moving: list[MovingDiscs] = []
+    for number, stage in enumerate(stages):
+        axes = figure.add_axes((number * (width + GAP) / whole, 0, width / whole, 1), facecolor=PAGE.ground)
+        shades = ColourScale(0, FASTEST)
+        moving.append(MovingDiscs(axes, scene, *_discs_of(stage)[:2], shades, theme=PAGE))
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+    for picture in pictures:
+        for stage, discs in zip(picture.stages, moving, strict=True):
+            discs.show(*_discs_of(stage), unpack(stage.packed).header.walls, picture.capsules)
+        yield image_of(figure)
+
+
+def _discs_of(stage: Stage) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Positions, radii and colours of the discs of a stage; those of absent ones are NaN."""
+    _, position, colour = unpack(stage.packed)
+    radii = np.broadcast_to(unpack_radii(stage.radii).astype(np.float64), len(colour))
+    position[colour == ABSORBED] = np.nan
+    return position, radii, colour.astype(np.float64)
+
+
+# --- The session, the present scene, a program
+#
+# They are made in memory, or in a temporary folder that is removed before the answer is sent. No name from a page ever
+# becomes a path.
+
+MOST_WRITTEN_OUT = 2000
+"""Largest number of discs whose numbers are written into a program; with more it would be too long to read."""
+
+
+def session(sim: Simulation, name: str) -> Download:
+    """A zip archive of the journal, session.toml, and its scene file. `Simulation.replay` runs it again."""
+    journal = sim.journal
+    return _zipped(lambda folder: journal.save(folder / "session.toml"))
+
+
+def scene_now(sim: Simulation, name: str) -> Download:
+    """A zip archive of a scene file that starts from the present state, with the present settings."""
+    found, settings = _continuing(sim), dataclasses.replace(sim.settings, workers=None)
+    title = f"{name or 'A simulation'} at time {sim.time:g}"
+    return _zipped(lambda folder: scenefile.save(found, folder / "scene.toml", settings, title))
+
+
+def program(sim: Simulation, name: str) -> Download:
+    """The same run as a Python program, which compares digests at its end.
+
+    Raises:
+        InputError: if the scene does not come with mpsim and has more than MOST_WRITTEN_OUT discs.
+    """
+    return Download(_program(sim.journal, name).encode(), "text/x-python; charset=utf-8")
+
+
+FILES: Mapping[str, Callable[[Simulation, str], Download]] = {
+    "session.zip": session,
+    "scene.zip": scene_now,
+    "program.py": program,
+}
+"""What can be downloaded besides films, by the name that a browser requests."""
+
+
+def _zipped(write: Callable[[Path], object]) -> Download:
+    """The files that a function writes into a folder, as a zip archive."""
+    archive = io.BytesIO()
+    with tempfile.TemporaryDirectory(prefix="mpsim-view-") as folder:
+        write(Path(folder))
+        with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+            for path in sorted(Path(folder).iterdir()):
+                file.write(path, path.name)
+    return Download(archive.getvalue(), "application/zip")
+
+
+# --- the scene of this moment
+
+
+def _continuing(sim: Simulation) -> Scene:
+    """A scene that starts from the present state: with the discs that were added, without absent ones."""
+    scene, state = sim.scene, sim.state
+    if sim.count == scene.count:
+        return scene.starting_from(state)
+    if scene.acceleration is not None:
+        raise InputError(
+            "a scene file of this moment needs the acceleration of each disc, which is unknown for discs that were "
+            "added. Download the session, which has everything."
+        )
+    here = state.present
+    values = _arguments(scene) | {
+        "position": state.position[here].astype(np.float64),
+        "velocity": state.velocity[here].astype(np.float64),
+        "radius": sim.radii[here] if np.ndim(scene.radius) else scene.radius,
+        "mass": None if scene.mass is None else sim.masses[here],
+        "spin": None if state.spin is None else state.spin[here].astype(np.float64),
+    }
+    if scene.piston is not None and state.box is not None:
+        values["piston"] = PISTON.continued(scene, state.box)
+    return Scene(**values)
+
+
+def _arguments(scene: Scene) -> dict[str, Any]:
+    """The arguments that make an equal scene."""
+    return {name: getattr(scene, name) for name in inspect.signature(Scene).parameters if name not in settings.NAMES}
+
+
+# --- as Python
+
+
+def _program(journal: Journal, name: str) -> str:
+    scene = _named_or_written_out(journal.scene, name)
+    lines = [
+        '"""A session of mpsim\'s live view, again."""',
+        "",
+        "import mpsim",
+        "",
+        f"scene = {scene}",
+        f"settings = {_call(journal.settings, leave_defaults=True)}",
+        "with mpsim.Simulation(scene, settings) as sim:",
+    ]
+    frame = 0
+    for change in [*journal.changes, None]:
+        end = journal.frame if change is None else change.frame
+        lines += [f"    sim.run(frames={end - frame})"] if end > frame else []
+        frame = end
+        if change is not None:
+            lines.append(f"    sim.{change.what}({_arguments_as_text(change.values)})")
+    lines += [
+        f'    assert sim.digest() == "{journal.digest}", "another version of mpsim, or another kind of processor"',
+        "    print(sim)",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _arguments_as_text(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name}={_text(value)}" for name, value in values.items())
+
+
+def _named_or_written_out(scene: Scene, name: str) -> str:
+    if is_named(scene, name):
+        return f"mpsim.Scene.load({name!r})"
+    if scene.count > MOST_WRITTEN_OUT:
+        raise InputError(
+            f"a program can contain the numbers of at most {MOST_WRITTEN_OUT} discs; this scene has {scene.count:,} "
+            "and does not come with mpsim. Download the session, and use mpsim.Simulation.replay('session.toml')."
+        )
+    defaults = {each.name: each.default for each in inspect.signature(Scene).parameters.values()}
+    given = {argument: value for argument, value in _arguments(scene).items() if not _same(value, defaults[argument])}
+    return f"mpsim.Scene({_arguments_as_text(given)})"
+
+
+def _text(value: Any) -> str:
+    """A value as a Python expression that evaluates to the same bits."""
+    if isinstance(value, tuple(kind for feature in FEATURES for kind in feature.kinds)):
+        return _call(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return repr(value.tolist())
+    if isinstance(value, list | tuple):
+        inside = ", ".join(map(_text, value))
+        return f"[{inside}]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return f'float("{value}")'
+    return repr(value)
+
+
+def _call(part: Any, leave_defaults: bool = False) -> str:
+    """A dataclass of mpsim as a call that makes it.
+
+    Raises:
+        InputError: if it is not public, so that a program cannot call it.
+    """
+    kind = type(part)
+    if getattr(importlib.import_module("mpsim"), kind.__name__, None) is not kind:
+        raise InputError(
+            f"a program can contain only what mpsim offers by name; got a {kind.__name__}. Download the session."
+        )
+    values = {each.name: getattr(part, each.name) for each in dataclasses.fields(part) if each.init}
+    if leave_defaults:
+        values = {name: value for name, value in values.items() if value != getattr(kind(), name)}
+    return f"mpsim.{kind.__name__}({_arguments_as_text(values)})"
+
+
+# --- named scenes
+
+
+def is_named(scene: Scene, name: str) -> bool:
+    """Whether a scene is the one that comes with mpsim under this name."""
+    if name not in scenefile.names():
+        return False
+    other = _arguments(Scene.load(name))
+    return all(_same(value, other[argument]) for argument, value in _arguments(scene).items())
+
+
+def _same(one: Any, other: Any) -> bool:
+    if one is other:
+        return True
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return one is not None and other is not None and bool(np.array_equal(one, other))
+    return type(one) is type(other) and one == other
