@@ -31,7 +31,18 @@ from mpsim.errors import (
     TooFastError,
     WorkerDiedError,
 )
-from mpsim.features import Emitter, FixedDisc, Piston, Polyline, ThermalWalls, Thermostat
+from mpsim.features import (
+    Emitter,
+    FixedDisc,
+    Oscillation,
+    Path,
+    Piston,
+    Polyline,
+    Rotation,
+    ThermalWalls,
+    Thermostat,
+    Translation,
+)
 from mpsim.measure.time_correlations import Correlations
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -107,10 +118,13 @@ __all__ = [
     "FixedDisc",
     "InputError",
     "MpsimError",
+    "Oscillation",
     "OverlapWarning",
+    "Path",
     "Piston",
     "Polyline",
     "Report",
+    "Rotation",
     "Scene",
     "Sensor",
     "Settings",
@@ -122,6 +136,7 @@ __all__ = [
     "TooFastError",
     "Tradeoff",
     "Trajectory",
+    "Translation",
     "Tuned",
     "Units",
     "View",

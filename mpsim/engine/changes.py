@@ -84,7 +84,7 @@ def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, cou
 def _check_new(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:
     """Refuse discs that are not in the box as it is now, or for which a feature of the scene leaves no room."""
     scene.check_inside(name, position, radius, time)
-    new = feature.AddedDiscs(name, position, radius, present)
+    new = feature.AddedDiscs(name, position, radius, present, time)
     for each in FEATURES:
         each.check_room(scene, new)
 
@@ -329,7 +329,7 @@ def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> N
     scene.check_inside("position", position, radius, solver.time)
     others = ~solver.absorbed
     others[numbers] = False
-    new = feature.AddedDiscs("position", position, radius, solver.radii[others])
+    new = feature.AddedDiscs("position", position, radius, solver.radii[others], solver.time)
     for each in FEATURES:
         each.check_room(scene, new)
 

@@ -120,7 +120,7 @@ def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[
     clear: NDArray[np.bool_] = np.all((places >= low) & (places <= high), axis=1)
     if len(scene.capsules):
         wrapped = np.where(periodic, places % size, places)
-        clear &= scene.capsule_index.depths(wrapped, np.full(len(places), radius)) == 0
+        clear &= scene.capsule_index(time).depths(wrapped, np.full(len(places), radius)) == 0
     return clear
 
 

@@ -17,6 +17,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, estimated_collision_rate, sides_at, speeds_at_start
 from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.features import FEATURES, VECTORS
+from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels.records import LAWS
 from mpsim.measure.moments import acceleration_bound, is_inelastic, thermal_speed
 from mpsim.measure.observables import Overlap, overlap
@@ -74,12 +75,11 @@ def speeds_of_emitters(scene: Scene) -> Speeds:
 
 
 def speeds_of_pushed(speeds: Speeds, scene: Scene) -> Speeds:
-    """Speed of the smallest disc after a moving wall has hit it at rest: without loss twice that of the wall."""
-    wall = scene.moving_wall
-    if wall is None or not scene.count:
+    """Speed of the smallest disc after a moving surface has hit it at rest: without loss twice that of the surface."""
+    fastest = max(FEATURES, key=lambda feature: feature.surface_speed(scene))
+    if not scene.count or not (speed := (1 + scene.wall_restitution) * fastest.surface_speed(scene)):
         return Speeds()
-    speed = (1 + scene.wall_restitution) * abs(wall.speed)
-    return Speeds(speed=speed, limit=speeds.smallest, when=f"pushed by the {wall.name}")
+    return Speeds(speed=speed, limit=speeds.smallest, when=f"pushed by the {fastest.argument}")
 
 
 def speeds_in_bath(speeds: Speeds, scene: Scene) -> Speeds:
@@ -250,7 +250,7 @@ NONE = Overlap(0, 0.0, 0.0, None)
 
 def may_be_pressed(scene: Scene, count: int) -> bool:
     """Whether discs can have come to lack room: by a moving wall, emitters, or added discs."""
-    return scene.moving_wall is not None or bool(scene.emitters) or count > scene.count
+    return scene.surface_speed > 0 or bool(scene.emitters) or count > scene.count
 
 
 def is_crowded(scene: Scene, radii: Floats, time: float) -> bool:
@@ -270,7 +270,8 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     displacement = np.hypot(*state.velocity.T.astype(np.float64)) * settings.dt / solver.substeps
     mean = float(np.sqrt((displacement[state.present] ** 2).mean()))
     found = overlap(state, scene, radii) if _overlap_at_all(state, scene, radii) else NONE
-    words = _deepest_pair(found, radii, displacement, mean) or _into_capsules(state, scene, radii, displacement, mean)
+    words = _deepest_pair(found, radii, displacement, mean)
+    words = words or _into_capsules(state, scene, solver.time, radii, displacement, mean)
     cause = "They were placed that way, or there is no room for them: smaller steps and on_fast='substep' do not help"
     if words is None:
         words = _most_of_them(found, radii[state.present])
@@ -313,12 +314,14 @@ def _most_of_them(found: Overlap, radii: Floats) -> str | None:
     )
 
 
-def _into_capsules(state: State, scene: Scene, radii: Floats, displacement: Floats, mean: float) -> str | None:
+def _into_capsules(
+    state: State, scene: Scene, time: float, radii: Floats, displacement: Floats, mean: float
+) -> str | None:
     if not len(scene.capsules):
         return None
     discs = np.flatnonzero(state.present)
     position = state.position[discs].astype(np.float64)
-    found = scene.deepest(position, radii[discs])
+    found = scene.deepest(position, radii[discs], time)
     if found is None:
         return None
     disc, depth = int(discs[found.disc]), found.depth
@@ -398,6 +401,7 @@ class StepLimits:
         self._fast, self._pressed = Once(given=not has_steps), Once(given=not has_steps)  # so that nobody looks
         self._has_limit = False
         self._acceleration = acceleration_bound(scene)
+        self._surface = OBSTACLES.surface_speed(scene)  # towards which a disc may move
         narrow = any(
             not wraps and length < 3 * scene.largest_radius
             for wraps, length in zip(scene.periodic, sides_at(scene, math.inf), strict=True)
@@ -511,12 +515,12 @@ class StepLimits:
 
     def set_limit(self, solver: Solver) -> None:
         """Have the solver end its commands when a disc is too fast; never, once that has been warned of."""
-        speed_limit = SpeedLimit()
+        speed_limit = SpeedLimit()  # a surface that comes towards a disc is as a disc that is faster
         self._has_limit = not self._fast.given
         if self.adapts:
             speed_limit = SpeedLimit(SUBSTEP_LIMIT * BOUND, self._gain(solver.frame, 1))
         elif self._has_limit:
-            speed_limit = SpeedLimit(JUST_ABOVE * BOUND)
+            speed_limit = SpeedLimit(JUST_ABOVE * BOUND, self._surface)
         solver.set_speed_limit(speed_limit)
 
     def check(self, solver: Solver, notices: Notices, new: NewDiscs | None = None) -> int:
@@ -573,7 +577,7 @@ class StepLimits:
         dt = self._settings.dt
         gain = self._gain(frame, ADAPT_EVERY)
         gained = gain * dt / min(speeds.limit, speeds.smallest)
-        fraction = max((speeds.fraction(dt) + gained) / BOUND, speeds.collision_rate * dt / COLLISIONS) / AIM
+        fraction = max((self._fraction(speeds, dt) + gained) / BOUND, speeds.collision_rate * dt / COLLISIONS) / AIM
         if math.isinf(fraction):
             raise TooFastError(f"{self._words(speeds, frame)} No number of sub-steps is enough. Use a larger box.")
         if not fraction <= MOST_SUBSTEPS:
@@ -595,14 +599,14 @@ class StepLimits:
         Of the last frame at which sub-steps are looked at anyway: what a simulation that is resumed there would find.
         """
         last, wall = frame - frame % ADAPT_EVERY, self._scene.moving_wall
-        push = 2 * abs(wall.speed) if wall is not None and last <= self._squeezed else 0.0
+        push = 2 * abs(wall.speed) if wall is not None and last <= self._squeezed else 2 * self._surface
         return self._acceleration * self._settings.dt * frames + push
 
     def _complaint(self, speeds: Speeds, frame: int) -> str | None:
         """The warning about the fastest disc; None if it is slow enough."""
         settings = self._settings
         dt = settings.dt / settings.substeps
-        fraction, collisions = speeds.fraction(dt) / BOUND, speeds.collision_rate * dt / COLLISIONS
+        fraction, collisions = self._fraction(speeds, dt) / BOUND, speeds.collision_rate * dt / COLLISIONS
         if fraction <= 1 and collisions <= 1:
             return None
         needed = settings.substeps * max(fraction, collisions) / AIM
@@ -616,13 +620,17 @@ class StepLimits:
             return f"{text}; on_fast='warn' runs it anyway."
         return f"{text}; method='event' has no such limit."
 
+    def _fraction(self, speeds: Speeds, dt: float) -> float:
+        """Distance by which the fastest disc and an obstacle can near each other in dt, as a fraction of its limit."""
+        return speeds.fraction(dt) + self._surface * dt / speeds.limit
+
     def _refuse_if_wanted(self, text: str) -> None:
         if self._settings.on_fast == "error":
             raise TooFastError(text)
 
     def _words(self, speeds: Speeds, frame: int) -> str:
         dt = self._settings.dt / self._settings.substeps
-        fraction, collisions = speeds.fraction(dt), speeds.collision_rate * dt
+        fraction, collisions = self._fraction(speeds, dt), speeds.collision_rate * dt
         when = speeds.when or f"in frame {frame}"
         if math.isinf(collisions):
             return f"{when} discs fill the box more densely than they can be packed, so that they overlap."
@@ -632,6 +640,7 @@ class StepLimits:
                 f"{speeds.mean_speed:.3g}, step {dt:.3g}); above {COLLISIONS:g} many collisions that follow from "
                 "others are missed."
             )
+        towards = f", towards an obstacle of speed {self._surface:.3g}" if self._surface else ""
         length = f"its radius {speeds.limit:.3g}"
         lost = "one radius, discs may pass through each other without a collision"
         if speeds.between:
@@ -639,7 +648,7 @@ class StepLimits:
             lost = "one free path, bounces are lost"
         return (
             f"{when} {'a disc' if speeds.disc < 0 else f'disc {speeds.disc}'} moves {fraction:.3g} times {length} in "
-            f"one step (speed {speeds.speed:.3g}, step {dt:.3g}); beyond {lost}."
+            f"one step (speed {speeds.speed:.3g}{towards}, step {dt:.3g}); beyond {lost}."
         )
 
     def _intervals(self, frame: int, count: int) -> list[int]:

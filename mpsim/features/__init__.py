@@ -5,6 +5,7 @@ from mpsim.features.baths import ThermalWalls, ThermalWallsFeature, Thermostat, 
 from mpsim.features.emitters import Emitter, Emitters
 from mpsim.features.feature import Feature, PerDisc
 from mpsim.features.laws import Friction, Restitution
+from mpsim.features.motions import Oscillation, Path, Rotation, Translation
 from mpsim.features.obstacles import OBSTACLES, FixedDisc, Polyline
 from mpsim.features.piston import PISTON, Piston
 from mpsim.features.properties import Acceleration, Gravity, Masses, Radii
@@ -17,10 +18,14 @@ __all__ = [
     "Emitter",
     "Feature",
     "FixedDisc",
+    "Oscillation",
+    "Path",
     "Piston",
     "Polyline",
+    "Rotation",
     "ThermalWalls",
     "Thermostat",
+    "Translation",
 ]
 
 FEATURES: tuple[Feature, ...] = (

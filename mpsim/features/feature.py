@@ -61,13 +61,21 @@ class AddedDiscs(NamedTuple):
     """Discs to be added, for which there must be room.
 
     name: of the argument that holds their positions, for the texts of errors. position: shape (K, 2) [length]. radius:
-    shape (K,) [length]. present: radii of the discs already there, shape (N,) [length].
+    shape (K,) [length]. present: radii of the discs already there, shape (N,) [length]. time: when they are added.
     """
 
     name: str
     position: Floats
     radius: Floats
     present: Floats
+    time: float
+
+
+class Moment(NamedTuple):
+    """Where a run has come to, from which another scene starts: its walls [length], and the time."""
+
+    box: tuple[float, float, float, float]
+    time: float
 
 
 class Feature:
@@ -163,16 +171,29 @@ class Feature:
     def check_room(self, scene: Scene, new: AddedDiscs) -> None:
         """Refuse, naming the argument, discs for which it leaves no room."""
 
-    def deepest(self, scene: Scene, position: Floats, radius: Floats) -> Deepest | None:
-        """The disc that overlaps it most, positions of shape (N, 2), radii (N,) [length]; None if no disc does."""
+    def deepest(self, scene: Scene, position: Floats, radius: Floats, time: float) -> Deepest | None:
+        """The disc that overlaps it most at a time, positions (N, 2), radii (N,) [length]; None if no disc does."""
         return None
 
     def moving_wall(self, scene: Scene) -> MovingWall | None:
         """The wall that it moves."""
         return None
 
-    def continued(self, scene: Scene, box: tuple[float, float, float, float]) -> Any:
-        """Its value in a scene that starts from a state of a run of this one, whose walls are at `box` [length]."""
+    def surface_speed(self, scene: Scene) -> float:
+        """The highest speed of a surface that it moves [length/time]."""
+        wall = self.moving_wall(scene)
+        return 0.0 if wall is None else abs(wall.speed)
+
+    def works(self, scene: Scene) -> bool:
+        """Whether its surfaces do work on discs."""
+        return self.surface_speed(scene) > 0
+
+    def cannot_be_exact(self, scene: Scene) -> str:
+        """What of it `event` cannot do, in words; "" if it can."""
+        return self.not_exact if self.is_in(scene) else ""
+
+    def continued(self, scene: Scene, moment: Moment) -> Any:
+        """Its value in a scene that starts from a moment of a run of this one."""
         return self.of(scene)
 
     def redrawn(self, scene: Scene, variation: str) -> Any:

@@ -1,14 +1,16 @@
-"""Obstacles: fixed discs and polylines, all made of capsules. Checked when made; immutable."""
+"""Obstacles: discs and polylines, at rest or moving, all made of capsules. Checked when made; immutable."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import weakref
 from dataclasses import dataclass
 from itertools import chain, pairwise
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +20,9 @@ from mpsim.core.machine import garbage_collection_paused
 from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
-from mpsim.features.feature import AddedDiscs, Feature, Floats, Invalidation, Shapes
+from mpsim.features.feature import AddedDiscs, Feature, Floats, Invalidation, Moment, Shapes
+from mpsim.features.motions import MOTIONS, Motion, Rotation
+from mpsim.kernels.features.bodies import BODY
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
@@ -27,13 +31,49 @@ LARGEST_OBSTACLES = 1_000_000
 """More obstacles than this are taken for a mistake."""
 
 
-@dataclass(frozen=True)
-class FixedDisc:
-    """A disc that never moves, such as a peg.
+@dataclass(frozen=True, kw_only=True)
+class Obstacle:
+    """What every obstacle can do; see FixedDisc and Polyline.
+
+    Args:
+        motion: a Translation, Oscillation, Rotation or Path; None: it is at rest.
+        surface_velocity: at which its surface runs along itself, as a belt does [length/time].
+    """
+
+    motion: Motion | None = None
+    surface_velocity: float = 0.0
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        if self.motion is not None and not isinstance(self.motion, MOTIONS):
+            names = ", ".join(f"mpsim.{kind.__name__}" for kind in MOTIONS)
+            raise InputError(f"motion of a {name} must be one of {names}; got {type(self.motion).__name__}.")
+        speed = checks.finite_array(f"surface_velocity of a {name}", self.surface_velocity, (), "()")
+        object.__setattr__(self, "surface_velocity", float(speed))
+
+    def __repr__(self) -> str:
+        fields = [each for each in dataclasses.fields(self) if getattr(self, each.name) != _UNSAID.get(each.name, self)]
+        arguments = sorted(fields, key=lambda each: each.name in _UNSAID)
+        return f"{type(self).__name__}({', '.join(f'{each.name}={getattr(self, each.name)!r}' for each in arguments)})"
+
+    def capsules(self) -> list[tuple[float, float, float, float, float]]:
+        """Capsules where the obstacle was given: (ax, ay, bx, by, radius) [length]."""
+        raise NotImplementedError
+
+
+_UNSAID = {"motion": None, "surface_velocity": 0.0}
+"""Values that go without saying."""
+
+
+@dataclass(frozen=True, repr=False)
+class FixedDisc(Obstacle):
+    """A disc that no other disc moves, such as a peg.
 
     Args:
         position: centre (x, y) [length], in the box.
         radius: [length], > 0.
+        motion: a Translation, Oscillation, Rotation or Path; None: it never moves.
+        surface_velocity: at which its surface runs counter-clockwise, acting through wall_friction [length/time].
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -46,11 +86,11 @@ class FixedDisc:
     radius: float
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "position", checks.point("position of a FixedDisc", self.position))
         object.__setattr__(self, "radius", checks.positive("radius of a FixedDisc", self.radius, "[length]"))
 
     def capsules(self) -> list[tuple[float, float, float, float, float]]:
-        """The disc as one capsule of length 0: (ax, ay, bx, by, radius) [length]."""
         place: Any = self.position
         x, y = place
         return [(x, y, x, y, self.radius)]
@@ -59,13 +99,16 @@ class FixedDisc:
 FixedDisc.__init__ = checks.known_names()(FixedDisc.__init__)
 
 
-@dataclass(frozen=True)
-class Polyline:
+@dataclass(frozen=True, repr=False)
+class Polyline(Obstacle):
     """A chain of straight walls that discs cannot cross from either side, such as a funnel, a channel or a bin.
 
     Args:
         points: corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
         thickness: of the walls [length], >= 0.
+        motion: a Translation, Oscillation, Rotation or Path; None: it never moves.
+        surface_velocity: at which its surface runs from the first point to the last, acting through wall_friction
+            [length/time].
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -78,6 +121,7 @@ class Polyline:
     thickness: float = 0.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         points = checks.finite_array("points of a Polyline", self.points, (None, 2), "(K, 2)")
         check_lines(points, np.array([points.shape[0]]))
         thickness = checks.non_negative("thickness of a Polyline", self.thickness, "[length]")
@@ -85,15 +129,11 @@ class Polyline:
         object.__setattr__(self, "thickness", thickness)
 
     def capsules(self) -> list[tuple[float, float, float, float, float]]:
-        """A capsule for each straight wall: (ax, ay, bx, by, radius) [length]."""
         points: Any = self.points
         return [(ax, ay, bx, by, self.thickness / 2) for (ax, ay), (bx, by) in pairwise(points)]
 
 
 Polyline.__init__ = checks.known_names()(Polyline.__init__)
-
-
-Obstacle = FixedDisc | Polyline
 
 
 def fixed_discs(position: NDArray[np.float64], radius: float | NDArray[np.float64]) -> list[FixedDisc]:
@@ -162,10 +202,17 @@ def polylines(
     return made
 
 
-def capsules_of(obstacles: tuple[Obstacle, ...]) -> NDArray[np.float64]:
-    """All obstacles as capsules, shape (K, 5): ax, ay, bx, by, radius [length]."""
+def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> NDArray[np.float64]:
+    """All obstacles as capsules, shape (K, 5): ax, ay, bx, by, radius [length]; at a time, None: as they were given."""
     numbers = chain.from_iterable(chain.from_iterable(obstacle.capsules() for obstacle in obstacles))
-    return np.fromiter(numbers, np.float64).reshape(-1, 5)
+    capsules = np.fromiter(numbers, np.float64).reshape(-1, 5)
+    if time is None or not any(each.motion for each in obstacles):
+        return capsules
+    number = np.array([len(each.capsules()) for each in obstacles])
+    for each, last, length in zip(obstacles, np.cumsum(number), number, strict=True):
+        if each.motion is not None:
+            capsules[last - length : last] = each.motion.capsules_at(capsules[last - length : last], time)
+    return capsules
 
 
 def owner_of(capsule: int, obstacles: tuple[Obstacle, ...]) -> int:
@@ -201,6 +248,14 @@ def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obs
     return chosen
 
 
+class _Made(NamedTuple):
+    """Arrays of `Capsules` and of `Bodies`, by name, and the obstacle of each number in the log of collisions."""
+
+    at_rest: dict[str, NDArray[Any]]
+    moving: dict[str, NDArray[Any]]
+    owners: NDArray[np.int64]
+
+
 class Obstacles(Feature):
     """The argument `obstacles`."""
 
@@ -217,41 +272,99 @@ class Obstacles(Feature):
     )
 
     def __init__(self) -> None:
-        self._made: weakref.WeakKeyDictionary[Any, tuple[Any, dict[str, NDArray[Any]]]] = weakref.WeakKeyDictionary()
-        """`arrays` of scenes in use, with what they were made from: each block needs them twice."""
+        self._made: weakref.WeakKeyDictionary[Any, tuple[Any, _Made]] = weakref.WeakKeyDictionary()
+        """Arrays of scenes in use, with what they were made from: each block needs them twice."""
+
+    def check(self, scene: Scene) -> None:
+        for index, each in enumerate(self.of(scene)):
+            if each.surface_velocity and not scene.wall_friction:
+                raise InputError(
+                    f"surface_velocity of obstacles[{index}] acts through friction, and wall_friction is 0; got "
+                    f"{each.surface_velocity:g}. Give the scene a wall_friction > 0, or leave it out."
+                )
+            if each.motion is not None:
+                _check_motion(f"obstacles[{index}]", each, scene)
 
     def check_room(self, scene: Scene, new: AddedDiscs) -> None:
-        capsules.check_clear(scene.deepest(new.position, new.radius), new.name, new.position, new.radius)
+        found = scene.deepest(new.position, new.radius, new.time)
+        capsules.check_clear(found, new.name, new.position, new.radius)
 
-    def deepest(self, scene: Scene, position: Floats, radius: Floats) -> Deepest | None:
+    def surface_speed(self, scene: Scene) -> float:
+        moving = (each for each in self.of(scene) if each.motion is not None)
+        return max((each.motion.fastest(capsules_of((each,))) for each in moving), default=0.0)
+
+    def works(self, scene: Scene) -> bool:
+        return any(each.motion is not None or each.surface_velocity for each in self.of(scene))
+
+    def cannot_be_exact(self, scene: Scene) -> str:
+        if any(each.motion is not None for each in self.of(scene)):
+            return "an obstacle with a motion"
+        return "an obstacle with a surface_velocity" if self.works(scene) else ""
+
+    def continued(self, scene: Scene, moment: Moment) -> tuple[Obstacle, ...]:
+        return tuple(
+            each if each.motion is None else dataclasses.replace(each, motion=each.motion.seen_from(moment.time))
+            for each in self.of(scene)
+        )
+
+    def deepest(self, scene: Scene, position: Floats, radius: Floats, time: float) -> Deepest | None:
         size = (scene.width, scene.height)
-        depth = scene.capsule_index.depths(position, radius)
+        depth = scene.capsule_index(time).depths(position, radius)
         number = int((depth > 8 * np.finfo(np.float64).eps * max(size)).sum())
         if not number:
             return None
         worst = int(depth.argmax())
-        nearest = capsules.nearest(position[worst], scene.capsules, size, scene.periodic)
+        nearest = capsules.nearest(position[worst], scene.capsules_at(time), size, scene.periodic)
         return Deepest(number, worst, f"obstacles[{owner_of(nearest, self.of(scene))}]", float(depth[worst]))
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {
+        at_rest: Shapes = {
             f"capsules.{name}": (real if values.dtype.kind == "f" else values.dtype, values.shape)
             for name, values in self.arrays(scene).items()
         }
+        moving: Shapes = {f"bodies.{name}": (each.dtype, each.shape) for name, each in self.bodies(scene).items()}
+        return at_rest | moving
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        for name, values in self.arrays(scene).items():
-            arrays[f"capsules.{name}"][...] = values
+        for kind, each in (("capsules", self.arrays(scene)), ("bodies", self.bodies(scene))):
+            for name, values in each.items():
+                arrays[f"{kind}.{name}"][...] = values
+
+    def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
+        if "bodies.body" in arrays:
+            arrays["bodies.body"]["dt"], arrays["bodies.body"]["origin"] = dt, origin[1]
 
     def arrays(self, scene: Scene) -> dict[str, NDArray[Any]]:
-        """Capsules, with images beyond periodic borders, and their grid (see `cell_lists`); {} without capsules.
+        """Capsules at rest, with images beyond periodic borders, and their grid (see `cell_lists`); {} without any.
 
         The grid depends neither on the method nor on the number of discs.
         """
-        made_of = (id(scene.capsules), scene.width, scene.height, scene.periodic, scene.largest_radius)
+        return self._arrays(scene)[0]
+
+    def bodies(self, scene: Scene) -> dict[str, NDArray[Any]]:
+        """The arrays of `Bodies`: all obstacles that move; {} without any."""
+        return self._arrays(scene)[1]
+
+    def owners(self, scene: Scene) -> NDArray[np.int64]:
+        """Index of the obstacle to which each number in the kernels' log of collisions belongs."""
+        return self._arrays(scene)[2]
+
+    def _arrays(self, scene: Scene) -> _Made:
+        made_of = (id(self.of(scene)), scene.width, scene.height, scene.periodic, scene.largest_radius)
         if scene not in self._made or self._made[scene][0] != made_of:
-            self._made[scene] = made_of, _listed(scene)
+            self._made[scene] = made_of, _made(self.of(scene), scene)
         return self._made[scene][1]
+
+    def to_plain(self, scene: Scene) -> Any:
+        return [[type(each).__name__, _plain(each)] for each in self.of(scene)]
+
+    def from_plain(self, plain: Any) -> Any:
+        kinds = {kind.__name__: kind for kind in (*self.kinds, *MOTIONS)}
+        for _, fields in plain:
+            if "motion" in fields:
+                kind, values = fields["motion"]
+                fields["motion"] = kinds[kind](**values)
+        return super().from_plain(plain)
 
     def description(self, scene: Scene) -> str:
         return f"{len(self.of(scene))}"
@@ -265,15 +378,130 @@ class Obstacles(Feature):
         return {"100 pegs": [FixedDisc((x, y), 0.1) for x in every for y in every], "a polyline": [line]}
 
 
-def _listed(scene: Scene) -> dict[str, NDArray[Any]]:
+def _plain(obstacle: Obstacle) -> dict[str, Any]:
+    """Fields of an obstacle as plain values, without those that go without saying."""
+    fields = {name: value for name, value in vars(obstacle).items() if value != _UNSAID.get(name, obstacle)}
+    if obstacle.motion is not None:
+        fields["motion"] = [type(obstacle.motion).__name__, dict(vars(obstacle.motion))]
+    return fields
+
+
+# --- What the kernels need: capsules at rest, bodies that move, and which obstacle each of their numbers belongs to
+
+
+def _made(obstacles: tuple[Obstacle, ...], scene: Scene) -> _Made:
+    at_rest = [number for number, each in enumerate(obstacles) if each.motion is None]
+    listed, owners = _listed(obstacles, at_rest, scene)
+    groups: dict[Motion, list[int]] = {}
+    for number, each in enumerate(obstacles):
+        if each.motion is not None:
+            groups.setdefault(each.motion, []).append(number)
+    if not groups:
+        return _Made(listed, {}, owners)
+    made = [_body(motion, numbers, obstacles, scene) for motion, numbers in groups.items()]
+    return _Made(
+        listed, _joined([each for each, _ in made], len(owners)), np.concatenate([owners, *(own for _, own in made)])
+    )
+
+
+def _rows(obstacles: tuple[Obstacle, ...], numbers: list[int]) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Capsules of some obstacles, the number of the obstacle of each, and the speed of its surface."""
+    chosen = tuple(obstacles[number] for number in numbers)
+    each_has = [len(each.capsules()) for each in chosen]
+    along = np.array([each.surface_velocity for each in chosen])
+    return capsules_of(chosen), np.repeat(np.array(numbers, np.int64), each_has), np.repeat(along, each_has)
+
+
+def _listed(
+    obstacles: tuple[Obstacle, ...], numbers: list[int], scene: Scene
+) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
+    """Arrays of `Capsules`, {} without any, and the obstacle of each row."""
     size = (scene.width, scene.height)
-    images = capsules.with_images(scene.capsules, size, scene.periodic, scene.largest_radius)
+    rows, owners, along = _rows(obstacles, numbers)
+    images = capsules.with_images(rows, size, scene.periodic, scene.largest_radius)
     if not len(images.capsule):
-        return {}
+        return {}, np.zeros(0, np.int64)
     lists = capsules.cell_lists(images.capsule, size, scene.largest_radius)
     grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
     every = np.concatenate([images.capsule, capsules.cut_at_ends(images.capsule, lists, size)])  # these are not listed
-    return {"capsule": every, "next_end": capsules.next_ends(every), **grid}
+    made = {"capsule": every, "next_end": capsules.next_ends(every), **grid}
+    if along.any():
+        made["along"] = along[images.source]
+    return made, owners[images.source]
+
+
+def _body(
+    motion: Motion, numbers: list[int], obstacles: tuple[Obstacle, ...], scene: Scene
+) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
+    """Arrays of `Bodies` for obstacles of the same motion, with a grid over all of them, and the owner of each row."""
+    rows, owners, along = _rows(obstacles, numbers)
+    (body, knots), reach = motion.body(), scene.largest_radius
+    for axis, length in enumerate((scene.width, scene.height)):
+        body.nearest[axis] = scene.periodic[axis] and 2 * _half_size(motion, rows, reach)[axis] <= length
+        if scene.periodic[axis] and not body.nearest[axis]:
+            step = np.array([*np.tile(length * np.eye(2)[axis], 2), 0.0])
+            rows = np.concatenate([rows, rows - step, rows + step])
+            owners, along = np.tile(owners, 3), np.tile(along, 3)
+    ends, margin = rows[:, :4].reshape(-1, 2), 1.001 * (reach + float(rows[:, 4].max()))
+    low, high = ends.min(axis=0) - margin, ends.max(axis=0) + margin
+    width, height = (high - low).tolist()
+    placed = rows - np.array([*low, *low, 0.0])
+    lists = capsules.cell_lists(placed, (width, height), reach)
+    halves = capsules.cut_at_ends(placed, lists, (width, height)) + np.array([*low, *low, 0.0])
+    body.low[:], body.middle[:] = low, 0.5 * (low + high)
+    body.cells[:], body.per_length[:] = lists.grid, lists.per_length
+    every = np.concatenate([rows, halves])
+    arrays = {"capsule": every, "next_end": capsules.next_ends(every), "near": lists.near, "index": lists.listed}
+    extra = len(halves)
+    arrays |= {"body": np.array([body], BODY), "knots": knots, "along": np.append(along, np.zeros(extra))}
+    return arrays, np.append(owners, np.zeros(extra, np.int64))  # halves are not listed, so meet nobody
+
+
+def _joined(parts: list[dict[str, NDArray[Any]]], logged: int) -> dict[str, NDArray[Any]]:
+    """Arrays of several bodies as one; logged: numbers in the log that others have."""
+    first = {"near": 0, "index": 0, "capsule": 0, "knots": 0}
+    for part in parts:
+        body = part["body"][0]
+        body.first, body.logged = first["near"], logged
+        body.knots[:] += first["knots"]
+        part["near"] = part["near"] + np.int32(first["index"])
+        part["index"] = part["index"] + np.int32(first["capsule"])
+        part["next_end"] = part["next_end"] + np.int32(2 * first["capsule"])
+        for name in first:
+            first[name] += len(part[name])
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _half_size(motion: Motion, rows: Floats, reach: float) -> Floats:
+    """Half of the width and height of what discs of a radius can touch, however it has turned, shape (2,) [length]."""
+    ends = rows[:, :4].reshape(-1, 2)
+    half = 0.5 * (ends.max(axis=0) - ends.min(axis=0)) + float(rows[:, 4].max()) + reach
+    return np.full(2, math.hypot(*half)) if isinstance(motion, Rotation) else half
+
+
+def _check_motion(name: str, obstacle: Obstacle, scene: Scene) -> None:
+    """Refuse a motion that leaves the box, or of something so long that it would meet its own image."""
+    motion: Any = obstacle.motion
+    rows, size = capsules_of((obstacle,)), (scene.width, scene.height)
+    ends = rows[:, :4].reshape(-1, 2)
+    low, high = motion.swept(ends)
+    side = 2 * _half_size(motion, rows, scene.largest_radius)
+    for axis, length in enumerate(size):
+        slack = 1e-9 * length
+        if (
+            scene.periodic[axis]
+            and side[axis] > length
+            and (isinstance(motion, Rotation) or high[axis] - low[axis] > 2 * length)
+        ):
+            raise InputError(
+                f"{name} must be shorter than the periodic box along {'xy'[axis]}, {length:g}, to move so far along it "
+                f"or to turn; got {side[axis]:.4g}, with the largest disc on both sides. Use a larger box."
+            )
+        if not scene.periodic[axis] and (low[axis] < -slack or high[axis] > length + slack):
+            raise InputError(
+                f"the motion of {name} must keep it in the box, in [0, {length:g}] along {'xy'[axis]}; got "
+                f"[{low[axis]:g}, {high[axis]:g}]. Give a Translation a stop, or move less far."
+            )
 
 
 OBSTACLES = Obstacles()

@@ -15,7 +15,7 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import check_room_among
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
-from mpsim.features.feature import AddedDiscs, Feature, Floats, Invalidation, Shapes
+from mpsim.features.feature import AddedDiscs, Feature, Floats, Invalidation, Moment, Shapes
 from mpsim.features.packing_bounds import shortest_box
 from mpsim.kernels.records import moving_wall_in
 
@@ -150,11 +150,11 @@ class PistonFeature(Feature):
         start = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
         return MovingWall("piston", edge, start, piston.stop, piston.speed, scene.piston_began)
 
-    def continued(self, scene: Scene, box: tuple[float, float, float, float]) -> Piston | None:
+    def continued(self, scene: Scene, moment: Moment) -> Piston | None:
         piston: Piston | None = self.of(scene)
         if piston is None:
             return None
-        moved = replace(piston, start=box[EDGES.index(piston.wall)])
+        moved = replace(piston, start=moment.box[EDGES.index(piston.wall)])
         return check_piston(moved, scene.boundary, scene.width, scene.height, scene.absorbing)
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:

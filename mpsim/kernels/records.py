@@ -169,7 +169,7 @@ class Record(np.void):
         self[name] = value
 
 
-def _record(fields: list[Field], multiple: int = 1) -> np.dtype[Any]:
+def record_of(fields: list[Field], multiple: int = 1) -> np.dtype[Any]:
     """The dtype of a record whose size is a multiple of so many bytes."""
     packed: Any = np.dtype(fields, align=True)
     places = [packed.fields[name] for name in packed.names]
@@ -186,7 +186,7 @@ def _record(fields: list[Field], multiple: int = 1) -> np.dtype[Any]:
 def parameters_in(precision: DTypeLike) -> np.dtype[Any]:
     """The record `parameters`: real numbers of the precision of the run."""
     real = np.dtype(precision)
-    return _record(
+    return record_of(
         [
             ("dt", real),  # [time] of one step (a frame has `substeps` of them)
             ("diameter", real),  # [length]
@@ -202,7 +202,7 @@ def parameters_in(precision: DTypeLike) -> np.dtype[Any]:
     )
 
 
-CONTROL = _record(
+CONTROL = record_of(
     [
         ("signals", np.int64, (SIGNALS,)),  # the words that processes wait on, indexed by COMMAND, ARRIVED, ...
         ("count", np.int64),  # discs
@@ -237,7 +237,7 @@ def moving_wall_in(precision: DTypeLike) -> np.dtype[Any]:
 
     Its time is counted from when it began: `origin`, from when steps are counted, and `began` in the time of the run.
     """
-    return _record(
+    return record_of(
         [
             ("edge", np.int64),  # LEFT, RIGHT, BOTTOM or TOP
             ("start", np.float64),  # coordinate [length]
@@ -254,7 +254,7 @@ def moving_wall_in(precision: DTypeLike) -> np.dtype[Any]:
     )
 
 
-THERMOSTAT = _record(
+THERMOSTAT = record_of(
     [
         ("probability", np.float64),  # probability that a disc gets a new velocity before a frame
         ("temperature", np.float64),  # kT [mass length^2/time^2]
@@ -264,7 +264,7 @@ THERMOSTAT = _record(
 )
 """A thermostat."""
 
-THERMAL_WALLS = _record(
+THERMAL_WALLS = record_of(
     [
         ("temperature", np.float64, (4,)),  # by edge: kT, 0 where it is not thermal [mass length^2/time^2]
         ("seed", np.int64),
@@ -281,10 +281,10 @@ def message_in(precision: DTypeLike, radii: bool, spins: bool, images: bool) -> 
     real = np.dtype(precision)
     fields: list[Field] = [("x", real), ("y", real), ("vx", real), ("vy", real), ("id", np.int32), ("cell", np.int32)]
     fields += [("radius", real)] * radii + [("spin", real)] * spins
-    return _record(fields + [("image_x", np.int64), ("image_y", np.int64)] * images)
+    return record_of(fields + [("image_x", np.int64), ("image_y", np.int64)] * images)
 
 
-MEMBER = _record(
+MEMBER = record_of(
     [
         ("signals", np.int64, (1,)),  # the word that the coordinator reads: PARKED
         ("frame", np.int64),  # frames finished in this command
@@ -317,7 +317,7 @@ MEMBER = _record(
 
 
 def _counts(number: DTypeLike) -> np.dtype[Any]:
-    return _record(
+    return record_of(
         [
             ("wall", number, (4,)),  # by edge: impulse on the wall
             ("virial", number),  # impulse between discs

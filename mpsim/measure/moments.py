@@ -94,7 +94,7 @@ def removes_discs(scene: Scene) -> bool:
 
 def conserves_energy(scene: Scene) -> bool:
     """Whether the kinetic energy is constant: no fields, moving walls, heating or losses, always the same discs."""
-    driven = acceleration_bound(scene) > 0 or scene.moving_wall is not None or has_losses(scene)
+    driven = acceleration_bound(scene) > 0 or any(each.works(scene) for each in FEATURES) or has_losses(scene)
     return not driven and not is_heated(scene) and not adds_discs(scene) and not removes_discs(scene)
 
 

@@ -499,6 +499,12 @@ _REFUSALS: tuple[_Refusal, ...] = (
         for each in feature.invalidates
     ),
     _Refusal(
+        ("energy_drift",),
+        lambda scene: any(each.works(scene) for each in FEATURES),
+        "surfaces that move, which do work",
+        "Compare kinetic energies, from sim.state.",
+    ),
+    _Refusal(
         (*_VIRIALS, "collision_rate", "contact_rate"),
         lambda scene: scene.loses_discs and not scene.absorbing,
         "removed discs, which its number of discs counts",

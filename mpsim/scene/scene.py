@@ -23,7 +23,7 @@ from mpsim.features.baths import ThermalWalls, Thermostat, check_thermal_walls, 
 from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, kinds_of, wraps_of
 from mpsim.features.emitters import Emitter, check_emitters
-from mpsim.features.feature import Deepest
+from mpsim.features.feature import Deepest, Moment
 from mpsim.features.laws import Restitution, check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
@@ -58,7 +58,7 @@ def brief(scene: Any) -> str:
 # --- A scene that continues from a state of a run of it: with what the present discs have at that time
 
 
-def move_to_state(scene: Any, state: State) -> None:
+def move_to_state(scene: Any, state: State, time: float) -> None:
     """Change a scene, a copy that nothing else refers to, so that it starts from a state: see `Scene.starting_from`.
 
     Raises:
@@ -77,7 +77,7 @@ def move_to_state(scene: Any, state: State) -> None:
     velocity = checks.finite_array("velocity", state.velocity, shape, meaning)
     for feature in [each for each in FEATURES if each.is_in(scene)]:
         if state.box is not None:
-            vars(scene)[feature.argument] = feature.continued(scene, state.box)
+            vars(scene)[feature.argument] = feature.continued(scene, Moment(state.box, time))
         for column in feature.columns:
             if column.given and column.in_state and (values := getattr(state, column.name)) is not None:
                 shape = column.rows(count)
@@ -201,7 +201,7 @@ class Scene(ReadOnly, HasDiscs, Recommends):
     has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
     piston_began: float = 0.0  # when the piston left its start in that simulation [time]
     _redraw: Callable[[int], Scene] | None = None
-    _capsules: NDArray[np.float64] | None = None
+    _capsules: tuple[float, NDArray[np.float64]] | None = None
     _capsule_index: CapsuleIndex | None = None
     _overlaps: str | None = None
 
@@ -259,14 +259,15 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         for feature in FEATURES:
             feature.check(self)
 
-    def deepest(self, position: NDArray[np.float64], radius: NDArray[np.float64]) -> Deepest | None:
+    def deepest(self, position: NDArray[np.float64], radius: NDArray[np.float64], time: float = 0.0) -> Deepest | None:
         """The disc that overlaps an obstacle most; None if no disc does.
 
         Args:
             position: centres, in the box, shape (N, 2) [length].
             radius: one each, shape (N,) [length].
+            time: at which to look: obstacles may move [time].
         """
-        return next(filter(None, (feature.deepest(self, position, radius) for feature in FEATURES)), None)
+        return next(filter(None, (feature.deepest(self, position, radius, time) for feature in FEATURES)), None)
 
     @property
     def dissipates(self) -> bool:
@@ -409,18 +410,33 @@ class Scene(ReadOnly, HasDiscs, Recommends):
 
     @property
     def capsules(self) -> NDArray[np.float64]:
-        """Obstacles as capsules (segments with a radius), read-only, shape (K, 5): ax, ay, bx, by, radius [length]."""
-        if self._capsules is None:
-            self._capsules = capsules_of(self.obstacles)
-            self._capsules.flags.writeable = False
-        return self._capsules
+        """`capsules_at` the start."""
+        return self.capsules_at(0.0)
+
+    def capsules_at(self, time: float) -> NDArray[np.float64]:
+        """Obstacles as capsules (segments with a radius), read-only, shape (K, 5): ax, ay, bx, by, radius [length].
+
+        time: at which they are there, as obstacles may move [time].
+        """
+        if self._capsules is None or self._capsules[0] != time:
+            moving = any(each.motion is not None for each in self.obstacles)
+            if self._capsules is None or moving:
+                capsules = capsules_of(self.obstacles, time)
+                capsules.flags.writeable = False
+                self._capsules, self._capsule_index = (time, capsules), None
+        return self._capsules[1]
+
+    def capsule_index(self, time: float) -> CapsuleIndex:
+        """The obstacles at a time, indexed for repeated queries of overlap."""
+        capsules = self.capsules_at(time)
+        if self._capsule_index is None:
+            self._capsule_index = CapsuleIndex(capsules, (self.width, self.height), self.periodic)
+        return self._capsule_index
 
     @property
-    def capsule_index(self) -> CapsuleIndex:
-        """The obstacles, indexed for repeated queries of overlap."""
-        if self._capsule_index is None:
-            self._capsule_index = CapsuleIndex(self.capsules, (self.width, self.height), self.periodic)
-        return self._capsule_index
+    def surface_speed(self) -> float:
+        """The highest speed of a moving wall or obstacle [length/time]; 0: all are at rest."""
+        return max(feature.surface_speed(self) for feature in FEATURES)
 
     @property
     def packing(self) -> float:
@@ -429,7 +445,7 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         width, height = (high - low).tolist()
         return self.packing_in(width, height)
 
-    def starting_from(self, state: State) -> Scene:
+    def starting_from(self, state: State, time: float = 0.0) -> Scene:
         """The same scene with the positions, velocities and spins of a state, to continue from there.
 
         Absorbed discs are left out, with all their properties. The piston starts where the state has it. Image flags
@@ -438,6 +454,7 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         Args:
             state: of as many discs as the scene has, absorbed ones included. Coordinates may lie beyond a wall by the
                 rounding of their precision (float32 if each is a float32 number); they are moved to the wall.
+            time: of the run at which the state was, such as sim.time: obstacles that move go on from there [time].
 
         Raises:
             InputError: if the number of discs differs, or the state does not fit the box.
@@ -449,7 +466,7 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         other = copy.copy(self)
         for name in ("has_gaps", "piston_began"):  # what is absent is left out, and time begins anew
             vars(other).pop(name, None)
-        move_to_state(other, state)
+        move_to_state(other, state, checks.time_to_come("time", time))
         other.check_inside("position", other.position, other.radius)
         return other
 
@@ -560,7 +577,7 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         if isinstance(radius, float) and all(kind.has_walls for kind in kinds_of(edges)) and not solid:
             position = placement.random_places(count, width, height, radius, rng)
         else:
-            radii, wraps, capsules = np.broadcast_to(radius, count), wraps_of(edges), capsules_of(solid)
+            radii, wraps, capsules = np.broadcast_to(radius, count), wraps_of(edges), capsules_of(solid, 0.0)
             position = placement.random_polydisperse(radii, width, height, rng, wraps, capsules)
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": solid, **others}

@@ -21,6 +21,8 @@ from mpsim.engine.journal import Journal
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
+from mpsim.features.feature import Moment
+from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.piston import PISTON
 from mpsim.output.animation import DPI, image_of, write_film
 from mpsim.output.drawing import PAGE, ColourScale, MovingDiscs
@@ -199,7 +201,7 @@ def _continuing(sim: Simulation) -> Scene:
     """A scene that starts from the present state: with the discs that were added, without absent ones."""
     scene, state = sim.scene, sim.state
     if sim.count == scene.count:
-        return scene.starting_from(state)
+        return scene.starting_from(state, sim.time)
     if scene.acceleration is not None:
         raise InputError(
             "a scene file of this moment needs the acceleration of each disc, which is unknown for discs that were "
@@ -213,8 +215,8 @@ def _continuing(sim: Simulation) -> Scene:
         "mass": None if scene.mass is None else sim.masses[here],
         "spin": None if state.spin is None else state.spin[here].astype(np.float64),
     }
-    if scene.piston is not None and state.box is not None:
-        values["piston"] = PISTON.continued(scene, state.box)
+    moment = Moment(scene.box_at(sim.time), sim.time)
+    values |= {each.argument: each.continued(scene, moment) for each in (OBSTACLES, PISTON)}
     return Scene(**values)
 
 

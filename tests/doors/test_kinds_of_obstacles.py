@@ -8,20 +8,21 @@ import pytest
 from support.twins import Twin
 
 import mpsim
-from mpsim.features.obstacles import OBSTACLES
+from mpsim.features.obstacles import OBSTACLES, Obstacle
 from mpsim.viewer import export
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore")]
 
 
-@dataclasses.dataclass(frozen=True)
-class Probe:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Probe(Obstacle):
     """A kind that only its feature knows."""
 
     position: tuple
     radius: float
 
     def __post_init__(self):
+        super().__post_init__()
         object.__setattr__(self, "position", tuple(self.position))
 
     def capsules(self):

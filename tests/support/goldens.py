@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim import Emitter, FixedDisc, Piston, Polyline, ThermalWalls, Thermostat
+from mpsim import Emitter, FixedDisc, Oscillation, Piston, Polyline, Rotation, ThermalWalls, Thermostat, Translation
+from mpsim import Path as Track
 from support.scenes import lattice, split
 
 FRAMES, DT = 24, 1 / 16
@@ -135,6 +136,11 @@ def _piston(wall: str, speed: float, stop: float, start: float | None = None) ->
     )
 
 
+def _moved(motion: Any) -> list[Any]:
+    """A paddle in the middle of the box, by a motion."""
+    return [Polyline([(3.0, 3.5), (5.0, 3.5)], thickness=0.25, motion=motion)]
+
+
 def _crossed(*axes: int) -> Callable[[mpsim.State], Any]:
     """Discs have moved through the borders of these axes, and of no other."""
     return lambda state: state.image is not None and [a for a in (0, 1) if state.image[:, a].any()] == list(axes)
@@ -199,6 +205,22 @@ SCENES: dict[str, Pinned] = {
     "periodic": Pinned({"boundary": "periodic"}, acts=_crossed(0, 1)),
     "fixed disc": Pinned({"obstacles": PEG}),
     "polyline": Pinned({"obstacles": FUNNEL}),
+    "translation": Pinned({"obstacles": _moved(Translation((2.0, -1.0), stop=0.75))}),
+    "oscillation": Pinned({"obstacles": _moved(Oscillation((0.25, 0.5), period=0.375, phase=1.0, start=0.125))}),
+    "rotation": Pinned({"obstacles": _moved(Rotation((4.0, 3.5), rate=-5.0, stop=4.0))}),
+    "path": Pinned({"obstacles": _moved(Track([0.0, 0.25, 0.5], [(0, 0), (0.5, -1), (-0.5, 0)]))}),
+    "moving, everything": Pinned(
+        {
+            **{name: EVERYTHING[name] for name in ("gravity", "radius", "mass", "boundary", "wall_restitution")},
+            **ROUGH,
+            "obstacles": [
+                *_moved(Rotation((4.0, 3.5), rate=-5.0)),
+                Polyline([(0.0, 1.0), (8.0, 1.0)], motion=Oscillation((0.25, 0.5), period=0.375)),
+                FixedDisc((7.0, 5.0), 0.5, surface_velocity=-2.0),
+            ],
+        },
+        acts=_spun,
+    ),
     "emitter by time": Pinned({"width": 11.0, "emitters": BY_TIME}, acts=_entered(3)),
     "emitter by frames": Pinned({"width": 11.0, "emitters": BY_FRAMES}, acts=_entered(3)),
     "absorbing left": _absorbing("left"),

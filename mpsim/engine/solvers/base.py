@@ -16,7 +16,7 @@ from mpsim.core.state import Box, State, part_of
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
 from mpsim.engine.workers.shared import ArraySpec
 from mpsim.errors import InputError
-from mpsim.features import capsules
+from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels import records
 from mpsim.kernels.features import collisions as log
 from mpsim.scene.scene import Scene
@@ -194,14 +194,7 @@ def in_order(table: NDArray[Any]) -> NDArray[Any]:
 def _name_obstacles(table: NDArray[Any], scene: Scene) -> None:
     met = table["kind"] == log.OBSTACLE
     if met.any():
-        table["j"][met] = _obstacle_of_row(scene)[table["j"][met]]
-
-
-def _obstacle_of_row(scene: Scene) -> NDArray[np.int64]:
-    """Index of the obstacle to which each capsule of the kernels belongs, images included."""
-    size = scene.width, scene.height
-    source = capsules.with_images(scene.capsules, size, scene.periodic, scene.largest_radius).source
-    return np.repeat(np.arange(len(scene.obstacles)), [len(each.capsules()) for each in scene.obstacles])[source]
+        table["j"][met] = OBSTACLES.owners(scene)[table["j"][met]]
 
 
 def _put_lower_disc_first(table: NDArray[Any]) -> None:

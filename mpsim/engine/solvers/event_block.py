@@ -67,7 +67,7 @@ def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
         **{law.not_exact: word == settings.law for word, law in stepped.LAWS.items() if law.not_exact},
         "precision='float32'": settings.precision != "float64",
         **{kind.not_exact: True for kind in kinds_of(scene.boundary) if kind.not_exact},
-        **{feature.not_exact: feature.is_in(scene) for feature in FEATURES if feature.not_exact},
+        **{what: True for feature in FEATURES if (what := feature.cannot_be_exact(scene))},
         **{f"a {kind.__name__}": True for kind in {*map(type, scene.obstacles)} - {*OBSTACLES.exact}},
     }
     for what, present in refusals.items():

@@ -30,6 +30,7 @@ class Capsules(NamedTuple):
     near: for each cell of a grid of its own, column-major, where its section of `index` begins, shape (cells + 1,).
     index: numbers of capsules. grid: columns and rows, shape (2,).
     per_length: columns per length along x and rows per length along y, shape (2,) [1/length].
+    along: speed of the surface of each along itself, shape (K,) [length/time]; None: all are at rest.
     """
 
     capsule: Any
@@ -38,6 +39,7 @@ class Capsules(NamedTuple):
     index: Any
     grid: Any
     per_length: Any
+    along: Any
 
 
 FIELDS = {"capsules": Capsules}
@@ -130,6 +132,19 @@ def normal_at_corner(nx, ny, end, capsules):
 
 
 @inlined
+def surface_speed(along, capsule, k, nx, ny):
+    """Speed of the surface of capsule k along (-ny, nx), where its outer normal is n; None if surfaces are at rest.
+
+    `along` is from a to b on both sides of a segment, and counter-clockwise around a disc.
+    """
+    if along is None:
+        return None
+    if (capsule[k, 3] - capsule[k, 1]) * nx < (capsule[k, 2] - capsule[k, 0]) * ny:
+        return -along[k]
+    return along[k]
+
+
+@inlined
 def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters, impact):
     """Contact of the disc in slot i with capsule k, if they overlap: by impact, or pushed out to its surface.
 
@@ -163,7 +178,8 @@ def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters,
     discs.vy[i] += change * ny
     discs.x[i] += displacement * nx
     discs.y[i] += displacement * ny
-    on_capsule(discs, i, k, nx, ny, change, time, features, parameters)
+    surface = surface_speed(capsules.along, capsules.capsule, k, nx, ny)
+    on_capsule(discs, i, k, nx, ny, change, time, surface, features, parameters)
     return True
 
 

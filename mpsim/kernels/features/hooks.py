@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import any_present, inlined
-from mpsim.kernels.features import baths, capsules, collisions, edges, friction, piston, properties
+from mpsim.kernels.features import baths, bodies, capsules, collisions, edges, friction, piston, properties
 from mpsim.kernels.features.collisions import log_of
 
-FEATURES = (properties, edges, piston, capsules, friction, baths, collisions)
+FEATURES = (properties, edges, piston, capsules, bodies, friction, baths, collisions)
 """Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several,
 or None: of the log of collisions, each worker has its own."""
 
@@ -36,7 +36,7 @@ def features_of(arrays: Mapping[str, Any], worker: int = 0) -> Any:
             if isinstance(source, str):
                 found[name] = arrays.get(source)
             elif source is not None and f"{name}.{source._fields[0]}" in arrays:
-                found[name] = source(*(arrays[f"{name}.{field}"] for field in source._fields))
+                found[name] = source(*(arrays.get(f"{name}.{field}") for field in source._fields))
     return BARE._replace(**found)
 
 
@@ -99,6 +99,7 @@ def after_flight(discs, low, high, features):
 def after_move(discs, low, high, features, parameters, control):
     """When all discs of the slice are known to be finite: contacts of single discs, in any order of discs."""
     capsules.after_move(features.capsules, discs, low, high, features, parameters, control)
+    bodies.after_move(features.bodies, discs, low, high, features, parameters, control)
 
 
 @inlined
@@ -126,6 +127,7 @@ def unpack(message, k, features, disc):
 def prepare_next_step(features, parameters, control):
     """Before the next step: by one worker between motion and contacts, when no worker reads the walls."""
     piston.prepare_next_step(features.moving_wall, parameters, control)
+    bodies.prepare_next_step(features.bodies, control)
 
 
 def prepare_first_step(arrays: Mapping[str, Any]) -> None:

@@ -634,14 +634,18 @@ class ObstaclesPart(FeatureTables):
         lines: list[str] = []
         for kind, group in groupby(OBSTACLES.of(scene), type):
             alike = list(group)
-            if len(alike) > INLINE and kind in _TOGETHER:
+            plain_ones = not any(each.motion or each.surface_velocity for each in alike)
+            if len(alike) > INLINE and kind in _TOGETHER and plain_ones:
                 arrays = _TOGETHER[kind](alike)
                 lines += ["[[obstacles]]", *array_lines(arrays, target, f"obstacles-{len(files)}.", files), ""]
                 continue
             for obstacle in alike:
-                values = dict(vars(obstacle))
-                if values.get("thickness") == 0:
-                    del values["thickness"]
+                values = {name: value for name, value in vars(obstacle).items() if value or name == "position"}
+                if values.keys() & {"motion", "surface_velocity"}:
+                    raise InputError(
+                        "a scene file has no keys for a motion or a surface_velocity of an obstacle yet; got "
+                        f"{obstacle!r}. Save a checkpoint of a simulation instead, by sim.save."
+                    )
                 points = {name: values.pop(name) for name in ("points",) if len(values.get(name, ())) > INLINE}
                 lines += ["[[obstacles]]", *array_lines(points, target, f"obstacles-{len(files)}.", files)]
                 lines += [*pairs(values), ""]

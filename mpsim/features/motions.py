@@ -1,0 +1,258 @@
+"""Motions of obstacles: their places and velocities as functions of time. Checked when made; immutable."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim.core import checks
+from mpsim.errors import InputError
+from mpsim.kernels.features import bodies
+
+Floats = NDArray[np.float64]
+
+TURN = 2 * math.pi
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """A motion of an obstacle, which is where it was given until the time `start`. Use one of the classes below.
+
+    Args:
+        start: time of the run at which the motion begins [time].
+    """
+
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", float(checks.finite_array(f"start of {self._name}", self.start, (), "()")))
+
+    @property
+    def _name(self) -> str:
+        name = type(self).__name__
+        return f"an {name}" if name[0] in "AEIO" else f"a {name}"
+
+    def seen_from(self, time: float) -> Motion:
+        """The same motion, where the clock is set to 0 at a time of the run."""
+        return replace(self, start=self.start - time)
+
+    def capsules_at(self, capsules: Floats, time: float) -> Floats:
+        """Where capsules, shape (K, 5) [length], are at a time of the run."""
+        body, knots = self.body()
+        pose = bodies.pose_at(body, knots, time)
+        ends = [bodies.out_of_frame(body, pose, *capsules[:, first : first + 2].T) for first in (0, 2)]
+        return np.column_stack([*ends[0], *ends[1], capsules[:, 4]])
+
+    def body(self) -> tuple[Any, Floats]:
+        """A record of the kernels with the motion, of dtype BODY, and the rows of its path, shape (P, 3)."""
+        record = np.zeros(1, bodies.BODY)[0]
+        record.start, record.stop = self.start, math.inf
+        return record, self._fill(record)
+
+    def _fill(self, record: Any) -> Floats:
+        raise NotImplementedError
+
+    def fastest(self, capsules: Floats) -> float:
+        """The highest speed of a point of capsules, shape (K, 5) [length/time]."""
+        raise NotImplementedError
+
+    def swept(self, points: Floats) -> tuple[Floats, Floats]:
+        """Lower left and upper right corner (x, y) of where points, shape (K, 2), are at any time [length]."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Translation(Motion):
+    """A motion along a straight line at constant speed, such as that of a lid that closes.
+
+    Args:
+        velocity: (x, y) [length/time], not (0, 0).
+        stop: distance after which it comes to rest [length], > 0; None: never.
+        start: time of the run at which it begins [time].
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> Translation((0, -0.5), stop=3)
+    Translation(start=0.0, velocity=(0.0, -0.5), stop=3.0)
+    """
+
+    velocity: ArrayLike
+    stop: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        velocity = checks.point("velocity of a Translation", self.velocity)
+        if velocity == (0, 0):
+            raise InputError("velocity of a Translation must not be (0, 0). Leave the motion out of what is at rest.")
+        object.__setattr__(self, "velocity", velocity)
+        if self.stop is not None:
+            object.__setattr__(self, "stop", checks.positive("stop of a Translation", self.stop, "[length]"))
+
+    def _fill(self, record: Any) -> Floats:
+        record.kind, record.vector[:] = bodies.TRANSLATION, self.velocity
+        record.stop = math.inf if self.stop is None else self.stop / self.fastest(np.zeros((0, 5)))
+        return np.zeros((0, 3))
+
+    def fastest(self, capsules: Floats) -> float:
+        return float(np.hypot(*np.asarray(self.velocity)))
+
+    def swept(self, points: Floats) -> tuple[Floats, Floats]:
+        velocity = np.asarray(self.velocity)
+        with np.errstate(invalid="ignore"):
+            way = np.nan_to_num(velocity * (math.inf if self.stop is None else self.stop / np.hypot(*velocity)))
+        return points.min(axis=0) + np.minimum(way, 0), points.max(axis=0) + np.maximum(way, 0)
+
+
+@dataclass(frozen=True)
+class Oscillation(Motion):
+    """A harmonic oscillation about where the obstacle was given: displacement amplitude sin(2 pi t / period + phase).
+
+    Args:
+        amplitude: (x, y) [length], not (0, 0).
+        period: [time], > 0.
+        phase: [radians]; until `start`, the obstacle is displaced by amplitude sin(phase).
+        start: time of the run at which it begins, from which t counts [time].
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> Oscillation((0, 0.2), period=0.5).period
+    0.5
+    """
+
+    amplitude: ArrayLike
+    period: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        amplitude = checks.point("amplitude of an Oscillation", self.amplitude)
+        if amplitude == (0, 0):
+            raise InputError("amplitude of an Oscillation must not be (0, 0). Leave the motion out of what is at rest.")
+        object.__setattr__(self, "amplitude", amplitude)
+        object.__setattr__(self, "period", checks.positive("period of an Oscillation", self.period, "[time]"))
+        phase = float(checks.finite_array("phase of an Oscillation", self.phase, (), "()"))
+        object.__setattr__(self, "phase", phase)
+
+    def _fill(self, record: Any) -> Floats:
+        record.kind, record.vector[:] = bodies.OSCILLATION, self.amplitude
+        record.rate, record.phase = 1 / self.period, self.phase / TURN
+        return np.zeros((0, 3))
+
+    def fastest(self, capsules: Floats) -> float:
+        return float(np.hypot(*np.asarray(self.amplitude))) * TURN / self.period
+
+    def swept(self, points: Floats) -> tuple[Floats, Floats]:
+        way = np.abs(np.asarray(self.amplitude))
+        return points.min(axis=0) - way, points.max(axis=0) + way
+
+
+@dataclass(frozen=True)
+class Rotation(Motion):
+    """A rotation at constant rate, such as that of a drum, a rotor or a flipper.
+
+    Args:
+        centre: (x, y) about which it turns [length].
+        rate: angular velocity, counter-clockwise [radians/time], not 0.
+        stop: angle after which it comes to rest [radians], > 0; None: never.
+        start: time of the run at which it begins [time].
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> Rotation((10, 10), rate=0.4).centre
+    (10.0, 10.0)
+    """
+
+    centre: ArrayLike
+    rate: float
+    stop: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "centre", checks.point("centre of a Rotation", self.centre))
+        rate = float(checks.finite_array("rate of a Rotation", self.rate, (), "()"))
+        if rate == 0:
+            raise InputError("rate of a Rotation must not be 0. Leave the motion out of what is at rest.")
+        object.__setattr__(self, "rate", rate)
+        if self.stop is not None:
+            object.__setattr__(self, "stop", checks.positive("stop of a Rotation", self.stop, "[radians]"))
+
+    def _fill(self, record: Any) -> Floats:
+        record.kind, record.vector[:], record.rate = bodies.ROTATION, self.centre, self.rate / TURN
+        record.stop = math.inf if self.stop is None else self.stop / abs(self.rate)
+        return np.zeros((0, 3))
+
+    def fastest(self, capsules: Floats) -> float:
+        ends = capsules[:, :4].reshape(-1, 2, 2) - np.asarray(self.centre)
+        return abs(self.rate) * float((np.hypot(*np.moveaxis(ends, 2, 0)) + capsules[:, 4:]).max(initial=0.0))
+
+    def swept(self, points: Floats) -> tuple[Floats, Floats]:
+        centre = np.asarray(self.centre)
+        arm = points - centre
+        reach, begin = np.hypot(*arm.T), np.arctan2(arm[:, 1], arm[:, 0])
+        angle = TURN if self.stop is None else min(self.stop, TURN)
+        # Ends of the arcs, and where they cross an axis: there x or y is extreme.
+        first = begin if self.rate > 0 else begin - angle
+        quarters = math.pi / 2 * (np.ceil(first / (math.pi / 2))[:, None] + np.arange(5))
+        angles = np.column_stack([first, first + angle, np.minimum(quarters, first[:, None] + angle)])
+        places = reach[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=2) + centre
+        return places.min(axis=(0, 1)), places.max(axis=(0, 1))
+
+
+@dataclass(frozen=True)
+class Path(Motion):
+    """A motion by a table of times and displacements, straight and at constant speed between them.
+
+    Args:
+        times: since `start`, ascending, shape (K,), K >= 2 [time]. Before the first, and after the last, it is at rest.
+        displacements: (x, y) from where the obstacle was given, shape (K, 2) [length].
+        start: time of the run from which `times` count [time].
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> Path(times=[0, 1, 2], displacements=[(0, 0), (1, 0), (0, 0)]).times
+    (0.0, 1.0, 2.0)
+    """
+
+    times: ArrayLike
+    displacements: ArrayLike
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        times = checks.finite_array("times of a Path", self.times, (None,), "(K,)")
+        if len(times) < 2 or (np.diff(times) <= 0).any():
+            raise InputError(
+                f"times of a Path must be at least two, each later than the one before; got {checks.brief(self.times)}."
+                " Sort them."
+            )
+        places = checks.finite_array(
+            "displacements of a Path", self.displacements, (len(times), 2), f"({len(times)}, 2)"
+        )
+        object.__setattr__(self, "times", tuple(times.tolist()))
+        object.__setattr__(self, "displacements", tuple((x, y) for x, y in places.tolist()))
+
+    def _fill(self, record: Any) -> Floats:
+        table = np.column_stack([np.asarray(self.times), np.asarray(self.displacements)])
+        record.kind, record.knots[:], record.stop = bodies.PATH, (0, len(table)), table[-1, 0]
+        return table
+
+    def fastest(self, capsules: Floats) -> float:
+        ways = np.hypot(*np.diff(np.asarray(self.displacements), axis=0).T)
+        return float((ways / np.diff(np.asarray(self.times))).max())
+
+    def swept(self, points: Floats) -> tuple[Floats, Floats]:
+        places = np.asarray(self.displacements)
+        return points.min(axis=0) + places.min(axis=0), points.max(axis=0) + places.max(axis=0)
+
+
+MOTIONS: tuple[type[Motion], ...] = (Translation, Oscillation, Rotation, Path)

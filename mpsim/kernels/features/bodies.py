@@ -1,0 +1,368 @@
+"""Obstacles that move: rigid bodies whose place and velocity are functions of time (kinematic bodies in games).
+
+A body consists of capsules. A disc is looked up in the frame of the body, where the capsules are at rest, so that their
+near lists never change. A contact goes back to the instant of the touch: the disc along its parabola, the body by its
+own motion. There the relative velocity is reflected, along the normal of that instant, and the rest of the step is done
+again. So contacts are of second order in the step, whatever the motion. All of it is in float64, and consists of
++ - * / and sqrt: the same bits on every machine.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mpsim.kernels.compiling import inlined, linked, value_or
+from mpsim.kernels.features.capsules import (
+    is_behind_surface,
+    nearest_offset,
+    normal_at_corner,
+    normal_of,
+    surface_speed,
+)
+from mpsim.kernels.features.contact_hooks import on_capsule
+from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
+from mpsim.kernels.features.properties import accelerations_of
+from mpsim.kernels.records import IMPACT, record_of
+
+# --- Motions: displacement, angle and velocities at a time
+
+TRANSLATION, OSCILLATION, ROTATION, PATH = range(4)
+
+BODY = record_of(
+    [
+        ("kind", np.int64),  # of its motion: TRANSLATION, ...
+        ("start", np.float64),  # time of the run at which it begins to move [time]
+        ("stop", np.float64),  # how long it moves [time]; of translations and rotations
+        ("vector", np.float64, (2,)),  # velocity [length/time], amplitude [length], or centre of a rotation [length]
+        ("rate", np.float64),  # turns per time of an oscillation or a rotation, counter-clockwise [1/time]
+        ("phase", np.float64),  # of an oscillation [turns]
+        ("knots", np.int64, (2,)),  # of a path: the first of its rows in `knots`, and one past the last
+        (
+            "nearest",
+            np.int64,
+            (2,),
+        ),  # along a periodic axis, 1: discs see its nearest image; 0: it has all images it needs
+        ("low", np.float64, (2,)),  # lower left corner of the grid of its near lists [length]
+        ("middle", np.float64, (2,)),  # of that grid [length]
+        ("cells", np.int64, (2,)),  # columns and rows
+        ("per_length", np.float64, (2,)),  # columns per length along x, and rows along y [1/length]
+        ("first", np.int64),  # of its cells in `near`
+        ("logged", np.int64),  # what is added to the number of a capsule in the log of collisions
+        ("origin", np.float64),  # time from which steps are counted [time]
+        ("dt", np.float64),  # of a frame [time]
+        # At the end of the current step:
+        ("now", np.float64),  # [time]
+        ("displacement", np.float64, (2,)),  # [length]
+        ("turned", np.float64, (2,)),  # cosine and sine of the angle
+        ("place", np.float64, (2,)),  # of the middle [length]
+    ]
+)
+"""A body. Numbers not named so are in the frame in which its obstacle was given."""
+
+TERMS = 9
+"""Pairs of terms of the series of sine and cosine: the next one is below 1e-19 for an eighth of a turn."""
+
+
+class Pose(NamedTuple):
+    """Where a body is: displacement (x, y) [length], cosine and sine of its angle about its centre."""
+
+    x: Any
+    y: Any
+    cosine: Any
+    sine: Any
+
+
+@linked
+def cosine_and_sine(turns):
+    """Of an angle in turns, by their series."""
+    quarter = np.floor(4.0 * turns + 0.5)
+    angle = (turns - 0.25 * quarter) * (2.0 * math.pi)
+    square, cosine, sine = angle * angle, 1.0, 1.0
+    for k in range(TERMS, 0, -1):
+        cosine = 1.0 - square / ((2.0 * k - 1.0) * (2.0 * k)) * cosine
+        sine = 1.0 - square / ((2.0 * k) * (2.0 * k + 1.0)) * sine
+    sine *= angle
+    quadrant = quarter - 4.0 * np.floor(0.25 * quarter)
+    if quadrant == 0.0:
+        return cosine, sine
+    if quadrant == 1.0:
+        return -sine, cosine
+    if quadrant == 2.0:
+        return -cosine, -sine
+    return sine, -cosine
+
+
+@linked
+def piece_of_path(body, knots, since):
+    """The row of `knots` at or before a time since the start; one before the first row, if that is still to come."""
+    low, high = body.knots[0] - 1, body.knots[1]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if knots[middle, 0] <= since:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@linked
+def pose_at(body, knots, time):
+    """The `Pose` of a body at a time of the run."""
+    since = max(time - body.start, 0.0)
+    if body.kind == TRANSLATION:
+        since = min(since, body.stop)
+        return Pose(body.vector[0] * since, body.vector[1] * since, 1.0, 0.0)
+    if body.kind == OSCILLATION:
+        _, sine = cosine_and_sine(body.rate * since + body.phase)
+        return Pose(body.vector[0] * sine, body.vector[1] * sine, 1.0, 0.0)
+    if body.kind == ROTATION:
+        cosine, sine = cosine_and_sine(body.rate * min(since, body.stop))
+        return Pose(0.0, 0.0, cosine, sine)
+    row = piece_of_path(body, knots, since)
+    if row < body.knots[0] or row + 1 == body.knots[1]:
+        row = max(row, body.knots[0])
+        return Pose(knots[row, 1], knots[row, 2], 1.0, 0.0)
+    part = (since - knots[row, 0]) / (knots[row + 1, 0] - knots[row, 0])
+    x = knots[row, 1] + part * (knots[row + 1, 1] - knots[row, 1])
+    y = knots[row, 2] + part * (knots[row + 1, 2] - knots[row, 2])
+    return Pose(x, y, 1.0, 0.0)
+
+
+@linked
+def velocity_at(body, knots, time, x, y):
+    """Velocity of the material point of a body that is at (x, y) at a time."""
+    since = time - body.start
+    if since < 0.0 or (body.kind != OSCILLATION and since >= body.stop):
+        return 0.0, 0.0
+    if body.kind == TRANSLATION:
+        return body.vector[0], body.vector[1]
+    speed = body.rate * (2.0 * math.pi)
+    if body.kind == OSCILLATION:
+        cosine, _ = cosine_and_sine(body.rate * since + body.phase)
+        return body.vector[0] * speed * cosine, body.vector[1] * speed * cosine
+    if body.kind == ROTATION:
+        return -speed * (y - body.vector[1]), speed * (x - body.vector[0])
+    row = piece_of_path(body, knots, since)
+    if row < body.knots[0]:
+        return 0.0, 0.0
+    long = knots[row + 1, 0] - knots[row, 0]
+    return (knots[row + 1, 1] - knots[row, 1]) / long, (knots[row + 1, 2] - knots[row, 2]) / long
+
+
+@inlined
+def into_frame(body, pose, x, y):
+    """Coordinates in the frame of a body, from those in the box."""
+    centre_x, centre_y = centre_of(body)
+    dx, dy = x - centre_x - pose.x, y - centre_y - pose.y
+    return centre_x + pose.cosine * dx + pose.sine * dy, centre_y + pose.cosine * dy - pose.sine * dx
+
+
+@inlined
+def out_of_frame(body, pose, x, y):
+    """Coordinates in the box, from those in the frame of a body."""
+    centre_x, centre_y = centre_of(body)
+    dx, dy = x - centre_x, y - centre_y
+    return (
+        centre_x + pose.x + pose.cosine * dx - pose.sine * dy,
+        centre_y + pose.y + pose.cosine * dy + pose.sine * dx,
+    )
+
+
+@inlined
+def centre_of(body):
+    """Of its rotation; of other motions any point will do."""
+    if body.kind == ROTATION:
+        return body.vector[0], body.vector[1]
+    return 0.0, 0.0
+
+
+# --- Contacts of discs with bodies
+
+
+class Bodies(NamedTuple):
+    """All bodies of a scene.
+
+    body: of BODY, shape (M,). knots: of all paths, shape (P, 3): time since the start [time], displacement [length].
+    capsule, next_end, near, index, along: as of `Capsules`, of all bodies; `near` by the cells of one body after the
+        other; along is never None.
+    """
+
+    body: Any
+    knots: Any
+    capsule: Any
+    next_end: Any
+    near: Any
+    index: Any
+    along: Any
+
+
+FIELDS = {"bodies": Bodies}
+
+
+class Touch(NamedTuple):
+    """A disc at a capsule of a body.
+
+    gap: between them, negative where they overlap [length]. nx, ny: unit vector from there to the disc. wx, wy:
+    velocity of the material point that is nearest; along: what the surface runs past it along (-ny, nx) [length/time].
+    """
+
+    gap: Any
+    nx: Any
+    ny: Any
+    wx: Any
+    wy: Any
+    along: Any
+
+
+@linked
+def touch_at(body, bodies, k, radius, x, y, time, pose):
+    """The `Touch` of a disc at (x, y) and capsule k, when the body is in this pose."""
+    frame_x, frame_y = into_frame(body, pose, x, y)
+    rx, ry, end = nearest_offset(frame_x, frame_y, bodies.capsule, k)
+    distance = np.sqrt(rx * rx + ry * ry)
+    nx, ny = normal_of(rx, ry, distance, bodies.capsule, k)
+    if end >= 0:
+        nx, ny = normal_at_corner(nx, ny, end, bodies)
+    thick = bodies.capsule[k, 4]
+    across = rx * nx + ry * ny
+    at_x, at_y = out_of_frame(body, pose, frame_x - (across - thick) * nx, frame_y - (across - thick) * ny)
+    wx, wy = velocity_at(body, bodies.knots, time, at_x, at_y)
+    normal_x, normal_y = pose.cosine * nx - pose.sine * ny, pose.sine * nx + pose.cosine * ny
+    along = surface_speed(bodies.along, bodies.capsule, k, nx, ny)
+    return Touch(across - radius - thick, normal_x, normal_y, wx, wy, along)
+
+
+@inlined
+def current_pose(body):
+    """At the end of the current step."""
+    return Pose(body.displacement[0], body.displacement[1], body.turned[0], body.turned[1])
+
+
+@inlined
+def time_of_touch(body, bodies, k, radius, x, y, vx, vy, ax, ay, now, dt):
+    """How long ago a disc that now overlaps capsule k has touched it, at most dt, and the `Touch` of that time.
+
+    By Newton's method from the time on straight paths, two steps of it: the error is of the fourth order in dt.
+    """
+    since, touch = 0.0, now
+    for _ in range(3):
+        speed = (vx - ax * since - touch.wx) * touch.nx + (vy - ay * since - touch.wy) * touch.ny
+        if speed >= 0.0:
+            return since, touch
+        since = min(max(since + touch.gap / speed, 0.0), dt)
+        back_x, back_y = x - since * (vx - 0.5 * ax * since), y - since * (vy - 0.5 * ay * since)
+        time = body.now - since
+        touch = touch_at(body, bodies, k, radius, back_x, back_y, time, pose_at(body, bodies.knots, time))
+    return since, touch
+
+
+@linked
+def resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features, parameters, impact):
+    """Contact of the disc in slot i, less the shift of an image, with capsule k. Returns whether they overlap."""
+    pose = current_pose(body)
+    x, y = np.float64(discs.x[i]) - shift_x, np.float64(discs.y[i]) - shift_y
+    frame_x, frame_y = into_frame(body, pose, x, y)
+    rx, ry, end = nearest_offset(frame_x, frame_y, bodies.capsule, k)
+    reach = radius + bodies.capsule[k, 4]
+    if not rx * rx + ry * ry < reach * reach:
+        return False
+    if end >= 0 and is_behind_surface(rx, ry, end, bodies):
+        return False
+    own_ax, own_ay = accelerations_of(discs, i, features)
+    ax, ay = np.float64(own_ax), np.float64(own_ay)
+    vx, vy = np.float64(discs.vx[i]), np.float64(discs.vy[i])
+    touch, since = touch_at(body, bodies, k, radius, x, y, body.now, pose), 0.0
+    if impact:
+        dt = np.float64(parameters.dt)
+        since, touch = time_of_touch(body, bodies, k, radius, x, y, vx, vy, ax, ay, touch, dt)
+    speed = (vx - ax * since - touch.wx) * touch.nx + (vy - ay * since - touch.wy) * touch.ny
+    change = 0.0
+    if speed < 0.0:
+        change = -(1.0 + np.float64(parameters.wall_restitution)) * speed
+        discs.vx[i] += change * touch.nx
+        discs.vy[i] += change * touch.ny
+        discs.x[i] += change * touch.nx * since
+        discs.y[i] += change * touch.ny * since
+    surface = touch.wy * touch.nx - touch.wx * touch.ny + touch.along
+    on_capsule(discs, i, k + body.logged, touch.nx, touch.ny, change, since, surface, features, parameters)
+    leave(discs, i, body, bodies, k, radius, shift_x, shift_y)
+    return True
+
+
+@inlined
+def leave(discs, i, body, bodies, k, radius, shift_x, shift_y):
+    """Put a disc that is still inside capsule k on its surface, where it rests: it does not move inwards."""
+    x, y = np.float64(discs.x[i]) - shift_x, np.float64(discs.y[i]) - shift_y
+    touch = touch_at(body, bodies, k, radius, x, y, body.now, current_pose(body))
+    if touch.gap < 0.0:
+        discs.x[i] -= touch.gap * touch.nx
+        discs.y[i] -= touch.gap * touch.ny
+        inward = (discs.vx[i] - touch.wx) * touch.nx + (discs.vy[i] - touch.wy) * touch.ny
+        if inward < 0.0:
+            discs.vx[i] -= inward * touch.nx
+            discs.vy[i] -= inward * touch.ny
+
+
+@linked
+def resolve_bodies(discs, low, high, features, parameters, control):
+    """Contacts of a slice with bodies, in the order in which the scene lists them."""
+    bodies, half = features.bodies, parameters.diameter / discs.x.dtype.type(2)
+    impact = control.contact == IMPACT
+    for number in range(bodies.body.size):
+        body = bodies.body[number]
+        pose, columns, rows = current_pose(body), body.cells[0], body.cells[1]
+        for i in range(low, high):
+            x, y = np.float64(discs.x[i]), np.float64(discs.y[i])
+            shift_x = period_to_nearest(features.wrap_x, body.nearest[0], x - body.place[0])
+            shift_y = period_to_nearest(features.wrap_y, body.nearest[1], y - body.place[1])
+            frame_x, frame_y = into_frame(body, pose, x - shift_x, y - shift_y)
+            column = (frame_x - body.low[0]) * body.per_length[0]
+            row = (frame_y - body.low[1]) * body.per_length[1]
+            if not ((column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows)):
+                continue
+            if is_absent(features.exits, discs.id[i]):
+                continue
+            cell, radius = body.first + int(column) * rows + int(row), np.float64(value_or(discs.radius, i, half))
+            met = False
+            for entry in range(bodies.near[cell], bodies.near[cell + 1]):
+                k = bodies.index[entry]
+                met |= resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features, parameters, impact)
+            if met:
+                put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
+                wrap_disc(discs, i, features)
+
+
+@inlined
+def period_to_nearest(wrap, nearest, difference):
+    """Periods between a disc and the nearest image of a body [length]; wrap: the length of a periodic axis, or None."""
+    if wrap is None:
+        return 0.0
+    length = np.float64(wrap[0])
+    return nearest * length * np.floor(difference / length + 0.5)
+
+
+@inlined
+def after_move(bodies, discs, low, high, features, parameters, control):
+    """`resolve_bodies`, if there are bodies."""
+    if bodies is not None:
+        resolve_bodies(discs, low, high, features, parameters, control)
+
+
+@linked
+def move_bodies(bodies, control):
+    """Put all bodies where they are at the end of the next step, which follows from the time alone."""
+    for number in range(bodies.body.size):
+        body = bodies.body[number]
+        body.now = body.origin + (control.steps + 1) / control.substeps * body.dt
+        pose = pose_at(body, bodies.knots, body.now)
+        body.displacement[0], body.displacement[1] = pose.x, pose.y
+        body.turned[0], body.turned[1] = pose.cosine, pose.sine
+        body.place[0], body.place[1] = out_of_frame(body, pose, body.middle[0], body.middle[1])
+
+
+@inlined
+def prepare_next_step(bodies, control):
+    """`move_bodies`, if there are any: by one worker, between the motion of the discs and their contacts."""
+    if bodies is not None:
+        move_bodies(bodies, control)

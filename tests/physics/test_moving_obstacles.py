@@ -1,0 +1,191 @@
+"""Obstacles that move: contacts by closed forms, orders of convergence, belts, and discs that stay in a drum."""
+
+import math
+
+import numpy as np
+import pytest
+
+import mpsim
+from mpsim import FixedDisc, Oscillation, Path, Polyline, Rotation, Translation
+
+pytestmark = pytest.mark.plain
+
+
+def one_disc(obstacle, position, velocity, time, dt=1 / 64, contact="impact", **features):
+    """The state of one disc of radius 0.5 beside one obstacle, at a time."""
+    scene = mpsim.Scene(
+        width=12, height=6, position=[position], velocity=[velocity], radius=0.5, obstacles=obstacle, **features
+    )
+    with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=dt, contact=contact, on_fast="error")) as sim:
+        sim.run(frames=round(time / dt))
+        return sim.state
+
+
+@pytest.mark.parametrize("contact", ["impact", "push"])
+@pytest.mark.parametrize("restitution", [1.0, 0.75, 0.0])
+def test_a_wall_reflects_in_its_own_frame(contact, restitution):
+    wall = Polyline([(9, 0), (9, 6)], motion=Translation((-1.0, 0.0), stop=6))
+    state = one_disc(wall, (4, 3), (1.0, 0.25), 4.0, contact=contact, wall_restitution=restitution)
+    assert state.velocity[0] == pytest.approx([-1 - restitution * 2, 0.25], abs=1e-12)
+    if contact == "impact":  # they meet where 4.5 + t = 9 - t
+        assert state.position[0, 0] == pytest.approx(6.25 - (1 + 2 * restitution) * (4 - 2.25), abs=1e-12)
+    assert one_disc(wall, (4, 3), (-1.0, 0.25), 4.0).velocity[0, 0] == 1, "the left wall of the box, not this one"
+
+
+def test_a_wall_pushes_what_rests_and_a_piston_is_the_same():
+    wall = Polyline([(0, 0), (0, 6)], motion=Translation((0.5, 0.0), stop=4))
+    state = one_disc(wall, (3, 3), (0.0, 0.0), 6.0)
+    assert state.velocity[0, 0] == pytest.approx(1.0, abs=1e-12)
+    scene = {"width": 12, "height": 6, "position": [[3, 3], [6, 2]], "velocity": [[-0.5, 0.3], [-1, 0]], "radius": 0.5}
+    ends = []
+    for how in ({"obstacles": wall}, {"piston": mpsim.Piston("left", 0.5, 4)}):
+        with mpsim.Simulation(mpsim.Scene(**scene, **how), mpsim.Settings(method="grid", dt=1 / 64)) as sim:
+            sim.run(frames=640)
+            ends.append(np.concatenate([sim.state.position, sim.state.velocity]))
+    assert np.abs(ends[0] - ends[1]).max() < 1e-9
+
+
+def first_touch(gap, end, steps=100_000):
+    """The first time at which a gap closes, by bisection after a search in small steps."""
+    times = np.linspace(0, end, steps)
+    first = int(np.argmax(np.array([gap(t) for t in times]) < 0))
+    low, high = times[first - 1], times[first]
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if gap(middle) < 0 else (middle, high)
+    return low
+
+
+def after_oscillating_wall(time):
+    """Place and velocity of the disc of the next test by another way."""
+    touch = first_touch(lambda t: 8 + 0.5 * math.sin(2 * math.pi * t / 1.7 + 0.4) - (4.5 + t), 5)
+    speed = 0.5 * 2 * math.pi / 1.7 * math.cos(2 * math.pi * touch / 1.7 + 0.4)
+    return 4 + touch + (2 * speed - 1) * (time - touch), 2 * speed - 1
+
+
+def after_paddle(time):
+    """Place and velocity (x, y) of a disc that a paddle about (8, 3) hits on its side."""
+    start, velocity, rate = np.array([4.5, 2.6]), np.array([1.0, 0.3]), 0.7
+
+    def seen(t):  # from the paddle, along it and across it
+        c, s = math.cos(rate * t), math.sin(rate * t)
+        x, y = start + velocity * t - (8, 3)
+        return c * x + s * y, c * y - s * x
+
+    def gap(t):
+        along, across = seen(t)
+        return math.hypot(max(abs(along) - 2, 0), across) - 0.5
+
+    touch = first_touch(gap, 5)
+    along, across = seen(touch)
+    beyond = math.copysign(max(abs(along) - 2, 0), along)
+    c, s = math.cos(rate * touch), math.sin(rate * touch)
+    n = np.array([c * beyond - s * across, s * beyond + c * across]) / math.hypot(beyond, across)
+    place = start + velocity * touch
+    point = place - 0.5 * n - (8, 3)
+    wall = rate * np.array([-point[1], point[0]])
+    new = velocity - 2 * ((velocity - wall) @ n) * n
+    return place + new * (time - touch), new
+
+
+def errors(obstacle, position, velocity, expected, contact, steps):
+    return [
+        max(np.abs(state.position[0] - expected[0]).max(), np.abs(state.velocity[0] - expected[1]).max())
+        for dt in steps
+        for state in [one_disc(obstacle, position, velocity, 4.0, dt, contact)]
+    ]
+
+
+def cases():
+    place, speed = after_oscillating_wall(4.0)
+    wall = Polyline([(8, 0), (8, 6)], motion=Oscillation((0.5, 0), period=1.7, phase=0.4))
+    yield wall, (4, 3), (1, 0.25), (np.array([place, 4.0]), np.array([speed, 0.25]))
+    paddle = Polyline([(6, 3), (10, 3)], motion=Rotation((8, 3), rate=0.7))
+    yield paddle, (4.5, 2.6), (1.0, 0.3), after_paddle(4.0)
+
+
+@pytest.mark.parametrize("case", [*cases()], ids=["oscillation", "rotation"])
+def test_contacts_are_of_second_order_or_better_by_impact_and_of_first_by_push(case):
+    obstacle, position, velocity, expected = case
+    coarse, fine = errors(obstacle, position, velocity, expected, "impact", (1 / 16, 1 / 64))
+    assert coarse < 1e-4
+    assert fine < max(coarse / 16, 1e-9), "not even of second order"
+    assert errors(obstacle, position, velocity, expected, "push", (1 / 64,))[0] > 100 * fine, "the control"
+
+
+def test_a_path_is_followed_and_rests_before_and_after():
+    path = Path([0, 1, 3], [(0, 0), (2, 0), (1, 0)], start=0.5)
+    table = Polyline([(5, 0), (5, 6)], motion=path)
+    places = [path.capsules_at(np.array([[5.0, 0, 5, 6, 0]]), t)[0, 0] for t in (0, 0.5, 1, 1.5, 2.5, 3.5, 9)]
+    assert places == pytest.approx([5, 5, 6, 7, 6.5, 6, 6], abs=1e-12)
+    assert one_disc(table, (6.5, 3), (0, 0), 2.0).velocity[0, 0] == pytest.approx(4.0, abs=1e-12)  # hit at speed 2
+    assert one_disc(table, (11.4, 3), (-1, 0), 6.0).velocity[0, 0] == pytest.approx(1.0, abs=1e-12)  # found at rest
+
+
+def test_a_disc_on_a_belt_slides_and_then_rolls_at_its_speed():
+    """From rest mu g acts until the surfaces no longer slip: with the inertia of a disc at a third of the belt's."""
+    belt = Polyline([(0, 1), (12, 1)], surface_velocity=1.5)
+    how = {"gravity": (0, -2.0), "wall_friction": 0.25, "wall_restitution": 0.0, "dt": 1 / 256}
+    sliding, rolling = (one_disc(belt, (3, 1.5), (0, 0), time, **how) for time in (0.5, 4.0))
+    assert sliding.velocity[0, 0] == pytest.approx(0.25 * 2.0 * 0.5, rel=0.02)
+    assert rolling.velocity[0, 0] == pytest.approx(0.5, rel=0.02)
+    assert rolling.spin[0] * 0.5 == pytest.approx(-(0.5 - 1.5), rel=0.02)
+    against = one_disc(Polyline([(12, 1), (0, 1)], surface_velocity=1.5), (9, 1.5), (0, 0), 4.0, **how)
+    assert against.velocity[0, 0] == pytest.approx(-0.5, rel=0.02), "from the first point to the last"
+    peg = one_disc(FixedDisc((6, 3), 0.5, surface_velocity=2.0), (6, 4.1), (0, -1), 1.0, wall_friction=5.0)
+    assert peg.velocity[0, 0] < -0.1, "counter-clockwise"
+
+
+@pytest.mark.parametrize("contact", ["impact", "push"])
+def test_what_is_in_a_drum_stays_in_it_and_turns_with_it(contact):
+    angle = np.linspace(0, 2 * math.pi, 25)
+    points = np.column_stack([6 + 5 * np.cos(angle), 6 + 5 * np.sin(angle)])
+    points[-1] = points[0]
+    drum = Polyline(points, thickness=0.25, motion=Rotation((6, 6), rate=0.5))
+    places = [(x, y) for x in np.arange(3, 9.1, 1.1) for y in np.arange(3, 9.1, 1.1)]
+    scene = mpsim.Scene(
+        width=12, height=12, position=places, velocity=np.zeros((len(places), 2)), radius=0.5, gravity=(0, -1),
+        restitution=0.5, wall_restitution=0.5, friction=0.5, wall_friction=0.5, obstacles=drum,
+    )  # fmt: skip
+    with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.02, contact=contact)) as sim:
+        sim.run(frames=400)
+        state, now = sim.state, scene.capsules_at(sim.time)
+    assert scene.deepest(state.position, np.full(len(places), 0.4), 8.0) is None, "deeper than a fifth of a radius"
+    assert np.hypot(*(state.position - 6).T).max() < 5
+    tilt = state.position.mean(axis=0) - 6
+    assert tilt[1] < -0.4, "nothing has settled"
+    assert tilt[0] > 0.3, "the heap is not carried up on the side that rises"
+    assert now[:, :2] == pytest.approx(
+        np.column_stack([6 + 5 * np.cos(angle[:-1] + 4), 6 + 5 * np.sin(angle[:-1] + 4)]), abs=1e-12
+    )
+
+
+def test_a_floor_that_vibrates_across_a_periodic_box_hits_alike_everywhere():
+    floor = Polyline([(0, 1), (8, 1)], motion=Oscillation((0.25, 0.25), period=1.0))
+    ends = []
+    for x in (0.1, 2.5, 7.9):
+        scene = mpsim.Scene(
+            width=8, height=6, position=[[x, 3]], velocity=[[0.5, 0]], radius=0.5, gravity=(0, -1), obstacles=floor,
+            boundary=("periodic", "walls"),
+        )  # fmt: skip
+        with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=1 / 64)) as sim:
+            sim.run(frames=512)
+            ends.append((sim.state.position[0, 1], sim.state.velocity[0, 1]))
+    assert np.ptp(ends, axis=0).max() < 1e-9
+    assert ends[0][1] ** 2 / 2 + ends[0][0] != pytest.approx(3.0, abs=1e-3), "no energy was exchanged"
+
+
+def test_the_image_of_a_rotor_beyond_a_border_hits_too():
+    rotor = Polyline([(0.2, 3), (2.2, 3)], motion=Rotation((0.2, 3), rate=1.0))  # about a point near the left border
+    in_the_middle = Polyline([(6.2, 3), (8.2, 3)], motion=Rotation((6.2, 3), rate=1.0))
+    states = []
+    for box, obstacle, x in (("periodic", rotor, 11.2), ("walls", in_the_middle, 5.2)):
+        scene = mpsim.Scene(
+            width=12, height=6, position=[[x, 3.2]], velocity=[[0, 0]], radius=0.5, obstacles=obstacle,
+            boundary=(box, "walls"),
+        )  # fmt: skip
+        with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=1 / 64)) as sim:
+            sim.run(frames=200)
+            states.append(sim.state.velocity[0])
+    assert np.hypot(*states[0]) > 0.5
+    assert states[0] == pytest.approx(states[1], abs=1e-9)
