@@ -5,6 +5,7 @@ change a digest.
 
 python -m support.goldens            what each scene comes to by every method of one process, as JSON
 python -m support.goldens --few      by the methods, contacts and precisions of the default suite
+python -m support.goldens NAMES      the digests of some of them, likewise
 """
 
 import itertools
@@ -382,8 +383,12 @@ def renew(found: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Print the report."""
-    json.dump(report(few if "--few" in sys.argv else lambda name: methods()), sys.stdout, indent=2)
+    """Print the report, or digests of named scenes."""
+    if names := [word for word in sys.argv[1:] if word in SCENES]:
+        found: Any = {name: {words: outcome(name, **how) for words, how in few(name).items()} for name in names}
+    else:
+        found = report(few if "--few" in sys.argv else lambda name: methods())
+    json.dump(found, sys.stdout, indent=2)
 
 
 if __name__ == "__main__":
