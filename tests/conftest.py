@@ -1,5 +1,6 @@
-"""Options, the watchdog's last resort, and the guard against what a test leaves behind."""
+"""Options, the end of a session that hangs, and the guard against what a test leaves behind."""
 
+import faulthandler
 import gc
 import os
 import signal
@@ -23,8 +24,7 @@ os.environ.update(sorts.variables())
 from support.browser import DRIVERS
 from support.figures import Figures
 from support.processes import blocks_of, descendants_of, is_gone, wait_until
-from support.script_server import Server
-from support.watchdog import Watchdog
+from support.script_server import Server, end_with_parent
 
 LONGEST_SESSION = {"default": 900, "slow": 1500, "long": 7200}
 """Seconds after which a whole session counts as hung: pytest-timeout bounds each single test before, but cannot see a
@@ -83,18 +83,33 @@ def pytest_configure(config):
     config.stash[_figures] = Figures()
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell does for what it starts in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    config.stash[_watchdog] = Watchdog(config, LONGEST_SESSION[kind])
-    config.pluginmanager.register(config.stash[_watchdog])
+    if hasattr(config, "workerinput"):
+        end_with_parent()
+    config.stash[_end] = time.monotonic() + LONGEST_SESSION[kind]
+    end_later(config)
     if kind == "default" and pytest_xdist_auto_num_workers(config):
         sorts.announce()
         config.pluginmanager.register(sorts)
 
 
 def pytest_unconfigure(config):
-    config.stash[_watchdog].stop(LONGEST_EXIT)
+    config.stash[_end] = time.monotonic() + LONGEST_EXIT
+    end_later(config)
 
 
-_watchdog = pytest.StashKey[Watchdog]()
+def end_later(config):
+    """End a session that hangs, in whatever code, with the stacks of all threads."""
+    faulthandler.dump_traceback_later(max(config.stash[_end] - time.monotonic(), 1), exit=True, file=ERRORS)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_exception_interact(node):
+    """Pytest takes that timer back after each failure, for a debugger."""
+    end_later(node.config)
+
+
+ERRORS = os.dup(2)
+_end = pytest.StashKey[float]()
 _figures = pytest.StashKey[Figures]()
 
 

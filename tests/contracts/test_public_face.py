@@ -5,11 +5,20 @@ public_face.txt has them. After one was changed on purpose:
     python -m pytest tests/contracts/test_public_face.py --renew
 """
 
+import ast
 import dataclasses
+import importlib
 import inspect
+import re
+import sys
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
 
 import mpsim
 
@@ -61,23 +70,80 @@ def test_the_public_face_is_the_pinned_one(request):
     assert found == FILE.read_text().splitlines(), "on purpose? see the top of this file"
 
 
-def test_another_name_parameter_or_field_is_another_face():
-    """The control."""
+# --- versions
 
-    @dataclasses.dataclass
-    class Kind:
-        x: int
+TOP = Path(__file__).parents[2]
+HERE = f"{sys.version_info[0]}.{sys.version_info[1]}"
 
-        def act(self, one, *, two=2):
-            return one, two
 
-    @dataclasses.dataclass
-    class Other(Kind):
-        y: int = 0
+@pytest.fixture(scope="module")
+def script():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(TOP / "scripts")
+        return importlib.import_module("run_versions")
 
-        def act(self, one, *, two):
-            return one, two
 
-    first, second = (list(members_of(kind, "Kind")) for kind in (Kind, Other))
-    assert first == ["    Kind.act(self, one, *, two=...)", "    Kind.x"]
-    assert second == ["    Kind.act(self, one, *, two)", "    Kind.x", "    Kind.y"]
+def rows_of_page():
+    """Rows of the table in the docs, as dictionaries."""
+    page = (TOP / "docs" / "contributing.md").read_text()
+    block = re.search(r"<!-- run_versions: table -->\n(.*?)<!-- end -->", page, re.DOTALL)[1]
+    head, _, *rows = [[word.strip() for word in line.split("|")[1:-1]] for line in block.splitlines() if "|" in line]
+    return [dict(zip(head, row, strict=True)) for row in rows]
+
+
+def wrong_rows(script):
+    """Rows of the lowest versions that are not the bounds."""
+    return [
+        (row["Python"], name)
+        for row in rows_of_page()
+        if row[""] == "lowest"
+        for name, bound in script.lower_bounds(row["Python"].rpartition(".")[0], extras=False).items()
+        if Version(row[name]) != Version(bound)
+    ]
+
+
+def test_every_python_has_one_lower_bound_of_everything_which_the_lowest_environment_has(script, monkeypatch):
+    names = [script.lower_bounds(python).keys() for python in script.pythons()]
+    assert all(each == names[0] for each in names)
+    assert {"numpy", "numba", "sphinx", "pytest", "gsd"} <= names[0]
+    held = [Requirement(line) for line in script.constraints(HERE, "lowest")]
+    bounds = {name: f"=={bound}" for name, bound in script.lower_bounds(HERE).items()}
+    assert {each.name: str(each.specifier) for each in held} == bounds | script.COMPANIONS
+    assert script.constraints(HERE, "newest") == []
+    assert not [str(each) for each in script.requirements(HERE) if version(each.name) not in each.specifier]
+    for wrong in (["numpy>=2.0", "numpy>=2.1; python_version >= '3.13'"], ["numpy<3"]):  # the control
+        monkeypatch.setattr(script, "project", lambda wrong=wrong: {"name": "mpsim", "dependencies": wrong})
+        with pytest.raises(ValueError, match=r"one lower bound of numpy for Python 3\.13"):
+            script.lower_bounds("3.13", extras=False)
+
+
+def test_the_pages_show_every_python_with_the_bounds(script, monkeypatch):
+    shown = [(row["Python"].rpartition(".")[0], row[""]) for row in rows_of_page()]
+    assert shown == [(python, kind) for python in script.pythons() for kind in script.KINDS]
+    assert not wrong_rows(script)
+    assert script.project()["requires-python"] == f">={script.pythons()[0]}"
+    *first, last = script.pythons()
+    assert f"present {', '.join(first)} and {last}" in (TOP / "docs" / "policy.md").read_text()
+    changed = script.project()["dependencies"][0].replace(">=", ">=1!")
+    monkeypatch.setattr(script, "project", lambda: {"name": "mpsim", "dependencies": [changed]})
+    assert wrong_rows(script), "the control: a bound that was changed and not tried"
+
+
+OTHERS = {"core/interpreter.py", "core/optional_packages.py", "engine/solvers/mpi_ranks.py"}
+"""Modules that look up modules of others, which may be missing."""
+
+
+def imports_by_name(source):
+    """Lines on which something is called that imports a module by its name, which no checker of imports sees."""
+    calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    return [c.lineno for c in calls if ast.unparse(c.func).split(".")[-1] in ("import_module", "__import__")]
+
+
+def test_only_the_package_itself_looks_up_its_modules_by_name():
+    package = Path(mpsim.__file__).parent
+    texts = {path: text for path in package.rglob("*.py") if "import_" in (text := path.read_text())}
+    found = {str(path.relative_to(package)) for path, text in texts.items() if imports_by_name(text)}
+    assert found == {"__init__.py"} | OTHERS
+    assert [name for name in OTHERS if '"mpsim.' in (package / name).read_text()] == []
+    for line in ("importlib.import_module('mpsim.cli')", "import_module(name)", "__import__('mpsim')"):
+        assert imports_by_name(f"import importlib\n{line}") == [2]

@@ -1,10 +1,7 @@
 """What was saved on some workers goes on with the same bits on others, elsewhere, and from inside a frame."""
 
-import threading
-
 import pytest
 from support.compare import assert_same_bits
-from support.processes import assert_clean, run_script
 from support.scenes import crowd, gas, lattice, simulate, state_after
 
 import mpsim
@@ -63,30 +60,3 @@ def test_an_exact_run_that_was_stopped_inside_a_frame_is_resumed_there(tmp_path)
         assert_same_bits(sim.state, expected, "stopped inside a frame")
     for name in names:
         assert report.measures[name].value == whole.measures[name].value, "what the frame had counted is lost"
-
-
-ELSEWHERE = """
-import mpsim
-with mpsim.Simulation.resume({path!r}, workers=2) as sim:
-    sim.run(frames=12)
-    print(sim.digest())
-"""
-
-
-def test_another_process_and_a_thread_go_on_with_the_same_bits(tmp_path):
-    scene, found = gas(500, 0.6, seed=5), []
-    expected = state_after(scene, 24, method="grid").digest()
-
-    def work():
-        with simulate(scene, method="parallel", workers=3) as sim:
-            sim.run(frames=12, checkpoint=tmp_path / "run")
-        with mpsim.Simulation.resume(tmp_path / "run", workers=2) as sim:
-            sim.run(frames=12, checkpoint=tmp_path / "other")
-            found.append(sim.digest())
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    outcome = run_script(ELSEWHERE.format(path=str(tmp_path / "run")), warm=True)
-    assert_clean(outcome)
-    assert [outcome.out.strip()] == found == [expected]

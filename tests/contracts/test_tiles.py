@@ -140,25 +140,6 @@ def test_a_blow_that_crosses_all_tiles_at_once_is_noticed_and_played_by_one():
     assert found["windows"] > found["again"] + found["as_one"]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("boundary", ["walls", "periodic"])
-def test_equal_times_across_borders_have_the_same_bits(boundary):
-    """A lattice whose rows collide in step: each instant has events in every tile."""
-    grid = 2.0 * np.arange(44) + 1.5
-    places = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
-    velocity = np.where((np.indices((44, 44)).sum(0) % 2).reshape(-1, 1) == 0, [1.0, 0.0], [-1.0, 0.0])
-    scene = mpsim.Scene(width=88, height=88, position=places, velocity=velocity, radius=0.5, boundary=boundary)
-    with on_tiles(scene, (1, 1), dt=0.25) as sim:
-        collisions = sim.run(frames=60).collisions
-        expected = sim.state
-    assert collisions > 5 * scene.count
-    for tiling, workers in (((2, 2), 1), ((4, 1), 1), ((3, 3), 2)):
-        with on_tiles(scene, tiling, workers, dt=0.25) as sim:
-            sim.run(frames=60)
-            assert_same_bits(sim.state, expected, f"{boundary} in {tiling}")
-            assert_played_on_tiles(sim)
-
-
 # --- what must fail
 
 

@@ -230,24 +230,3 @@ def test_times_of_frames_are_written_without_powers_and_shown_in_a_notebook(repo
     assert any(texts)
     assert not any("10^" in text for text in texts)
     assert DisplayFormatter().format(figure)[0]["image/png"][:4] == b"\x89PNG"
-
-
-def test_nothing_but_pictures_imports_matplotlib():
-    from support.processes import assert_clean, run_script  # noqa: PLC0415
-
-    outcome = run_script(
-        """
-        import sys, mpsim
-        scene = mpsim.Scene.random(count=5, packing=0.1, radius=0.5)
-        with mpsim.Simulation(scene, mpsim.Settings(method="naive", dt=0.01)) as sim:
-            report = sim.run(frames=3)
-        with mpsim.Trajectory.write("a.xyz") as out:
-            pass
-        print(sorted({"matplotlib", "gsd", "PIL", "click"} & set(sys.modules)))
-        report.plot()
-        print("matplotlib" in sys.modules)
-        """,
-        warm=True,
-    )
-    assert_clean(outcome)
-    assert outcome.out == "[]\nTrue\n"

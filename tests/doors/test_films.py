@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from IPython.core.formatters import DisplayFormatter
 from PIL import Image
-from support.scenes import gas
 
 import mpsim
 
@@ -56,27 +55,6 @@ def test_the_scale_of_speeds_is_that_of_all_pictures(tmp_path):
     first, last = frames_of(mpsim.animate(falling, GRID, tmp_path / "a.gif", 2, every=200, **SMALL))
     colours = {tuple(each) for each in first.reshape(-1, 3)}
     assert {tuple(each) for each in last.reshape(-1, 3)} - colours, "the fast disc has another colour"
-
-
-def test_parity_and_worker_have_colours_where_there_are_columns(tmp_path):
-    scene = gas(30, 0.3)
-    counts = {}
-    for colour in ("speed", "parity", "worker"):
-        (frame,) = frames_of(mpsim.animate(scene, GRID, tmp_path / "a.gif", 1, colour=colour, **SMALL))
-        saturated = frame.reshape(-1, 3)
-        saturated = saturated[saturated.max(axis=1) - saturated.min(axis=1) > 80]
-        counts[colour] = len({tuple(each // 32) for each in saturated})
-    assert counts["parity"] > counts["worker"]
-    assert counts["speed"] > 3
-    for method in ("naive", "event"):
-        with pytest.raises(mpsim.InputError, match="columns are there only in methods that sort discs"):
-            mpsim.animate(scene, mpsim.Settings(method=method), tmp_path / "b.gif", 2, colour="parity", **SMALL)
-        with (
-            mpsim.Simulation(scene, mpsim.Settings(method=method)) as sim,
-            pytest.raises(mpsim.InputError, match=rf"'grid' and 'parallel'; this run is by '{method}'. Use Settings"),
-        ):
-            sim.columns()
-    assert not (tmp_path / "b.gif").exists()
 
 
 def test_a_dark_picture_is_dark_and_its_words_are_light(tmp_path):

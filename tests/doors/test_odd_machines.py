@@ -4,8 +4,6 @@ import errno
 import os
 import re
 import resource
-import subprocess
-import sys
 
 import pytest
 from support.processes import assert_clean, run_script
@@ -63,37 +61,6 @@ def test_whatever_a_disk_answers_while_a_checkpoint_is_saved_the_words_are_true(
             each.write_bytes(content)
         assert set(path.parent.iterdir()) == set(old), "a draft is left"
     assert failures > 0
-
-
-def test_odd_mounts_keep_nobody_from_counting_cores_and_a_mounted_file_is_refused_by_name(tmp_path):
-    """Mounts without a source, or whose name is not UTF-8; and a file that a renaming cannot replace."""
-    script = """
-import mpsim
-scene = mpsim.Scene.random(count=9, packing=.2, radius=.5)
-with mpsim.Simulation(scene, mpsim.Settings(method="parallel")) as sim:
-    acts = lambda: sim.save("m.mpsim"), lambda: sim.run(frames=9, checkpoint="m.mpsim"), lambda: scene.save("m.toml")
-    for act in acts:
-        try:
-            act()
-        except mpsim.errors.OutputError as error:
-            print(sim.frame, error)
-    print(sim.run(frames=1).frames)
-"""
-    for name in ("m.mpsim", "m.toml", "other"):
-        (tmp_path / name).touch()
-    mounts = 'mkdir a b && mount -t tmpfs "" a && mount -t tmpfs - b && c=$(printf "\\351") && mkdir $c && '
-    mounts += "mount -t tmpfs x $c && mount --bind other m.mpsim && mount --bind other m.toml"
-    command = ["unshare", "--mount", "sh", "-c", f'{mounts} && exec "$0" "$@"', sys.executable, "-c", script]
-    env = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    ran = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, check=False)
-    if "unshare" in ran.stderr or "mount:" in ran.stderr:
-        pytest.skip(f"no private mount can be made here: {ran.stderr}")
-    *refusals, frames = ran.stdout.splitlines()
-    assert (len(refusals), frames, ran.stderr) == (3, "1", "")
-    for line in refusals:
-        assert line.startswith("0 ")
-        assert "it is a mounted file, which cannot be replaced: mount its folder" in line
-    assert (tmp_path / "m.mpsim").read_bytes() == b""
 
 
 REAPED = """

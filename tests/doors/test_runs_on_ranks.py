@@ -7,7 +7,6 @@ import pytest
 from support.commands import library_digest, mpsim_command
 from support.ranks import on_ranks
 
-from mpsim.cli.run import RunFolder
 from mpsim.output.recorder import COLUMNS, read_table
 
 pytestmark = pytest.mark.slow
@@ -79,50 +78,3 @@ def test_a_run_goes_from_ranks_to_one_process_and_back(number, tmp_path):
         assert np.array_equal(here[name], there[name]), name
     on_one_rank = mpsim_command("resume", out, "--frames", 2, "--quiet")
     assert f"digest {library_digest(50)}\n" in on_one_rank.stdout, on_one_rank.stderr
-
-
-REFUSED = """
-import json, sys
-from mpi4py import MPI
-from mpsim.cli.app import main
-
-codes = []
-for words in json.loads(sys.argv[1]):
-    try:
-        main(words)
-    except SystemExit as end:
-        codes.append(end.code)
-codes = MPI.COMM_WORLD.gather(codes)
-if codes:
-    print(json.dumps(codes))
-"""
-
-
-def test_what_the_folder_refuses_is_told_once_and_all_ranks_end(tmp_path):
-    there, held, file = tmp_path / "there", tmp_path / "held", tmp_path / "file"
-    short = ("run", "gas", "--frames", "8", "--quiet", "--method")
-    for out in (there, held):
-        assert mpsim_command(*short, "grid", "--out", out).exit_code == 0
-    file.write_text("of somebody")
-    before = contents(there)
-    cases = {
-        f"--out already holds a run: '{there}' is not overwritten": (2, [*short, "mpi", "--out", there]),
-        f"another one is writing to '{held}' at this moment": (2, [*short, "mpi", "--out", held, "--force"]),
-        f"folder that can be written to, with room on its disk; got '{file}/run'": (
-            1,
-            [*short, "mpi", "--out", file / "run"],
-        ),
-        f"The run in '{there}' is at frame 8, time 0.08; it was to go to frame 8.": (
-            2,
-            ["resume", there, "--method", "mpi"],
-        ),
-        f"the folder of a run must hold run.json; '{tmp_path}' does not": (2, ["resume", tmp_path, "--method", "mpi"]),
-    }
-    words = [[str(word) for word in command] for _, command in cases.values()]
-    with RunFolder.claim(held):
-        done = on_ranks(2, json.dumps(words), script=REFUSED)
-    assert done.code == 0, done.err
-    assert json.loads(done.out) == [[code for code, _ in cases.values()]] * 2
-    for text in cases:
-        assert done.err.count(text) == 1, done.err
-    assert contents(there) == before

@@ -62,28 +62,6 @@ def test_auto_chooses_the_bits_by_the_number_of_discs_and_the_speed_by_the_machi
         assert sim.run(frames=1).workers == 1
 
 
-@pytest.mark.parametrize("method", ["grid", "auto"])
-def test_discs_may_be_added_while_progress_is_reported(method):
-    """`auto` goes from one process to several on the way, so that the number of workers changes during the run."""
-    place = np.stack(np.divmod(np.arange(900), 30), axis=1) * 1.5 + 1
-    scene, seen = Scene(width=46, height=46, position=place[:150], velocity=np.ones((150, 2)), radius=0.5), []
-
-    def add(done, of):
-        seen.append(done)
-        assert of == frames
-        if sim.count < 900:
-            sim.add(place[sim.count : sim.count + 150], np.zeros((150, 2)))
-
-    frames = 20_001 if method == "auto" else 5_000  # more than a block has room for
-    with simulate(scene, method=method, workers=2) as sim:
-        report = sim.run(frames=frames, progress=add)
-        assert sim.count > 500
-    assert report.frame_seconds.shape == (frames,)
-    assert (report.frame_seconds > 0).mean() > 0.99
-    assert (seen[-1], seen) == (frames, sorted(set(seen)))
-    assert {seconds.shape for seconds in report.phase_seconds.values()} <= {(frames, 1), (frames, 2)}
-
-
 @pytest.mark.parametrize(("saved", "other"), [("grid", "naive"), ("event", "grid"), ("auto", "grid")])
 def test_a_checkpoint_goes_on_by_a_method_with_the_same_bits_only(saved, other, tmp_path):
     with simulate(gas(30, 0.3), method=saved) as sim:

@@ -7,7 +7,6 @@ import os
 import signal
 import time
 import warnings
-from pathlib import Path
 
 import pytest
 from support.processes import Script, assert_clean, run_script, wait_until
@@ -301,41 +300,3 @@ def test_of_its_own_threads_a_sweep_waits_and_keeps_what_they_finish(kept, tmp_p
         assert_clean(script.finish())
     assert calls_in(tmp_path) == [0, 1]
     assert [json.loads(row)["point"] for row in kept.read_text().splitlines()[1:]] == [{"x": 0}, {"x": 1}]
-
-
-KILLED = """
-import functools, multiprocessing, warnings
-from concurrent.futures import ProcessPoolExecutor
-import mpsim
-from support.swept import gated
-
-warnings.simplefilter("ignore", DeprecationWarning)  # from Python 3.12 on: forks beside threads of linear algebra
-
-if __name__ == "__main__":
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork")) as executor:
-        function, show = functools.partial(gated, folder={folder!r}), lambda done, of, what: print(done)
-        mpsim.sweep(function, {{"x": list(range(6))}}, executor=executor, path={kept!r}, progress=show)
-"""
-
-
-def test_after_sigkill_the_sweep_continues_though_processes_of_its_pool_live_on(kept, tmp_path):
-    """The lock of the file is not theirs. They finish what they had begun, and what the pool had queued for them."""
-    for x in (0, 1):
-        (tmp_path / f"go{x}").touch()
-    program = KILLED.format(folder=str(tmp_path), kept=str(kept))
-    with Script(program, warm=True) as script:
-        assert [script.line() for _ in range(3)] == ["0", "1", "2"]
-        assert begun(tmp_path, 4)
-        script.send(signal.SIGKILL)
-        script._process.wait(20)
-        assert calls_in(tmp_path)[:4] == [0, 1, 2, 3]
-        with kept.open("ab") as file:
-            file.write(b'{"point": {"x": 2}, "ru')
-        for x in range(2, 6):
-            (tmp_path / f"go{x}").touch()
-        again = run_script(program, warm=True)
-        assert "SweepWarning" in again.err, "which is an error in scripts"
-        assert_clean(run_script("import warnings\nwarnings.simplefilter('ignore')\n" + program, warm=True))
-    assert set(calls_in(tmp_path)) == {2, 3, 4, 5}
-    assert sorted(json.loads(row)["point"]["x"] for row in kept.read_text().splitlines()[1:]) == [0, 1, 2, 3, 4, 5]
-    assert Path(kept).read_text().count('"format"') == 1

@@ -359,28 +359,3 @@ def test_mpsim_clean_removes_blocks_of_dead_owners_alone(dead_pid, figures):
             path.unlink(missing_ok=True)
     what = "blocks of dead owners, among other blocks"
     figures.note("R12", "", what, "only they are removed", f"{len(stale)} removed, {len(kept)} kept")
-
-
-@pytest.mark.slow
-def test_mpsim_clean_removes_what_a_killed_program_and_its_helper_leave(figures):
-    text = """
-    import time
-    from multiprocessing import resource_tracker
-    from support.scenes import lattice, simulate
-
-    sim = simulate(lattice(9, 9), method="parallel", workers=2, start_method="fork")
-    print(resource_tracker._resource_tracker._pid)
-    time.sleep(100)
-    """
-    with Script(text) as script:
-        tracker = int(script.line())
-        (name,) = blocks_of(script.pid)
-        assert name not in mpsim_command("clean", "--dry-run").output
-        os.kill(tracker, signal.SIGKILL)
-        script.send_to_group(signal.SIGKILL)
-        script.finish(10)
-    assert blocks_of(script.pid) == {name}, "something else has removed it, so this tests nothing"
-    assert f"of process {script.pid}" in mpsim_command("clean").output
-    assert blocks_of(script.pid) == set()
-    what = "coordinator, worker and resource tracker killed at once"
-    figures.note("R12", "parallel on 2", what, "`mpsim clean` removes the block", "as expected")

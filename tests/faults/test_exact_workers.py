@@ -5,8 +5,6 @@ import os
 import random
 import signal
 import threading
-import time
-from contextlib import suppress
 
 import pytest
 from support.compare import assert_same_bits
@@ -111,27 +109,3 @@ def test_a_run_that_is_interrupted_between_short_frames_or_inside_long_ones_goes
         assert sim.pids == pids
         state = sim.state
     assert_same_bits(state, undisturbed(frames + 2, dt)[0], f"interrupted four times, last in frame {frames}")
-
-
-@pytest.mark.long
-def test_ctrl_c_beside_a_death_leaves_a_state_that_is_one_or_none():
-    """The window may be given up half-way. What lies in the block then must not pass for a result."""
-
-    def hit(sim):
-        os.kill(sim.pids[0], signal.SIGKILL)
-        os.kill(os.getpid(), signal.SIGINT)
-
-    def run(sim):
-        try:
-            sim.run(frames=10**9)
-        except mpsim.WorkerDiedError:
-            time.sleep(5)  # Ctrl-C may come a little later
-
-    for attempt in range(4):
-        with tiled(2) as sim:
-            threading.Timer(0.05 + 0.013 * attempt, hit, (sim,)).start()
-            with pytest.raises((KeyboardInterrupt, mpsim.WorkerDiedError)):
-                run(sim)
-            with suppress(mpsim.errors.ClosedError):
-                frame, state = sim.frame, sim.state
-                assert_same_bits(state, undisturbed(frame)[0], "a death behind the last window")

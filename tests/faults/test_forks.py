@@ -8,7 +8,6 @@ import pickle
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import numpy as np
@@ -168,92 +167,6 @@ def test_every_door_is_refused_in_a_fork_and_the_parent_continues_as_if_alone(me
                 os._exit(8)
         assert os.waitstatus_to_exitcode(os.waitpid(children[0], 0)[1]) == 7
         assert sim.digest() == digest_after(lattice(20, 20), 20, method=ALONE[method])
-
-
-class ForkAt:
-    """Forks once as a signal handler may: at the call or return of this number. The parent waits for its end.
-
-    Attributes: code (how the fork has ended; None: there was none).
-    """
-
-    def __init__(self, number):
-        self.code, self.count = None, 0
-        self._number = number
-
-    def __enter__(self):
-        sys.setprofile(self._profile)
-        return self
-
-    def __exit__(self, kind, *_):
-        sys.setprofile(None)
-        if self.code == "fork":
-            os._exit(7 if kind is mpsim.errors.ForkedError else 9 if kind is None else 8)
-
-    def _profile(self, frame, event, argument):
-        self.count += 1
-        if self.count == self._number:
-            sys.setprofile(None)
-            child = os.fork()
-            if child == 0:
-                signal.alarm(PATIENCE)
-                self.code = "fork"
-            else:
-                self.code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", long_but(["naive", "grid", "parallel"], "parallel"))
-def test_a_fork_at_any_moment_of_a_run_does_not_write_to_the_block_of_its_parent(method, request):
-    """It returns into a call that may have all views of the block already, and ran its parent's frames."""
-    codes, frames = [], 5
-    with simulate(lattice(9, 9), method=method, workers=2, start_method="fork") as sim:
-        sim.run(frames=frames)
-        with ForkAt(0) as counter:
-            sim.run(frames=1)
-        step = 1 if request.config.getoption("--long") else counter.count // 60 + 1
-        for number in range(1, counter.count, step):
-            with ForkAt(number) as fork:
-                assert sim.run(frames=1).frames == 1
-            codes.append(fork.code)
-            assert sim.frame == frames + 1 + len(codes)
-        assert sim.digest() == digest_after(lattice(9, 9), sim.frame, method=ALONE[method])
-    assert set(codes) <= {7, 9, None}, "9: it came after the last frame, or before the first look"
-    assert codes.count(7) > len(codes) / 2
-
-
-@pytest.mark.parametrize("where", ["in a constructor", "in a run that writes checkpoints"])
-def test_a_fork_of_another_thread_handles_signals_as_its_program_does(where, tmp_path, monkeypatch):
-    """The thread that held them back does not exist in the fork: Ctrl-C, or SIGTERM, was ignored there for ever."""
-
-    def act():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            with contextlib.suppress(KeyboardInterrupt, SystemExit):
-                signal.raise_signal(number)
-                caught.append("lives on")
-        return caught
-
-    def fork_in_a_thread(*_):
-        if not found:
-            now.set()
-            thread.join()
-
-    caught, found, now = [], [], threading.Event()
-    before = signal.signal(signal.SIGTERM, lambda *_: (_ for _ in ()).throw(SystemExit(7)))
-    thread = threading.Thread(target=lambda: now.wait() and found.append(in_fork(act)))
-    thread.start()  # one that is started while signals are held back never gets Ctrl-C
-    try:
-        if where == "in a constructor":
-            import _posixshmem  # noqa: PLC0415 - what makes shared memory, while signals are held back
-
-            make = _posixshmem.shm_open
-            monkeypatch.setattr(_posixshmem, "shm_open", lambda *a, **b: fork_in_a_thread() or make(*a, **b))
-            simulate(lattice(9, 9), method="grid").close()
-        else:
-            with simulate(lattice(9, 9), method="grid") as sim:
-                assert sim.run(frames=20, checkpoint=tmp_path / "run", progress=fork_in_a_thread).frames == 20
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    assert found == [[]]
 
 
 def test_forks_that_end_like_programs_are_silent_and_take_nothing_away():

@@ -1,10 +1,6 @@
 """The tests' own tools must be able to fail: scripts that hang or leave something, sessions that hang, other bits."""
 
-import os
 import signal
-import subprocess
-import sys
-from multiprocessing.shared_memory import SharedMemory
 
 import numpy as np
 import pytest
@@ -13,8 +9,6 @@ from support.processes import (
     Script,
     assert_clean,
     assert_nothing_left_of,
-    blocks_of,
-    descendants_of,
     is_gone,
     run_script,
 )
@@ -56,30 +50,6 @@ def test_a_process_that_a_script_leaves_behind_is_noticed(leave, how):
         script.finish(20)
         with pytest.raises(AssertionError, match="processes left behind"):
             assert_nothing_left_of(script.pid, within=0.1)
-
-
-def test_children_theirs_and_blocks_are_found():
-    """The guard after each test looks for them."""
-    command = "import subprocess; subprocess.Popen(['sleep', '1000']); print('up', flush=True); input()"
-    before = descendants_of(os.getpid())
-    child = subprocess.Popen([sys.executable, "-c", command], stdout=subprocess.PIPE, stdin=subprocess.PIPE)
-    with child:
-        child.stdout.readline()
-        (sleeping,) = descendants_of(child.pid)
-        assert descendants_of(os.getpid()) - before == {child.pid, sleeping}
-        child.send_signal(signal.SIGSTOP)
-        assert not is_gone(child.pid), "a stopped process"
-        child.send_signal(signal.SIGCONT)
-        os.kill(sleeping, signal.SIGKILL)
-    assert descendants_of(os.getpid()) == before
-    memory = SharedMemory(f"mpsim-{os.getpid()}-test", create=True, size=10)
-    try:
-        assert blocks_of(os.getpid()) == {memory.name}
-        with pytest.raises(AssertionError, match="blocks left behind"):
-            assert_nothing_left_of(os.getpid(), within=0.1)
-    finally:
-        memory.close()
-        memory.unlink()
 
 
 def test_a_difference_of_one_bit_and_a_disc_outside_are_named():

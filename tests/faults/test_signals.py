@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import statistics
-import sys
 import threading
 import time
 from multiprocessing.process import BaseProcess
@@ -15,7 +14,7 @@ import pytest
 from support.checkpoints import frame_in
 from support.compare import assert_inside_and_finite, assert_same_bits, overlapping_pairs
 from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone
-from support.scenes import gas, lattice, simulate, split, state_after
+from support.scenes import gas, lattice, split, state_after
 from support.selection import long_but, slow_but
 
 import mpsim
@@ -392,84 +391,6 @@ def test_a_signal_handler_may_read_while_its_thread_is_reading():
         stop.append(True)
         signal.setitimer(signal.ITIMER_REAL, 0)
         assert (sim.frame % 500, seen) == (0, sorted(seen))
-
-
-class AtMoment:
-    """Acts once as a signal handler would: at the `number`-th call or return of a function in the `with` block.
-
-    Attributes:
-        count: of such moments so far.
-        found: what the action has returned, or the BusyError by which it was refused.
-    """
-
-    def __init__(self, number, sim, act):
-        self.count, self.found = 0, None
-        self._number, self._sim, self._act = number, sim, act
-
-    def __enter__(self):
-        sys.setprofile(self._look)
-        return self
-
-    def __exit__(self, *exception):
-        sys.setprofile(None)
-
-    def _look(self, frame, event, argument):
-        self.count += 1
-        if self.count == self._number:
-            try:
-                self.found = self._act(self._sim)
-            except mpsim.errors.BusyError as error:
-                self.found = error
-
-
-HANDLERS = {
-    "add": lambda sim: sim.add((15.0, 5.0), (0.0, 0.0)),
-    "save": lambda sim: sim.save("run.mpsim"),
-    "close": lambda sim: sim.close(),
-    "read": lambda sim: (sim.frame, sim.count, sim.digest()),
-}
-
-
-def emitting(method):
-    """Discs enter before frames 5 and 10."""
-    scene = mpsim.Scene(
-        width=20, height=10, position=[(18.0, 8.0)], velocity=[(0.0, 0.0)], radius=0.1,
-        emitters=mpsim.Emitter((2.0, 2.0), (50.0, 0.0), every=5),
-    )  # fmt: skip
-    return simulate(scene, method=method, dt=0.001)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", long_but(["grid", "event"], "grid"))
-def test_a_signal_handler_changes_nothing_inside_a_run_and_reads_what_is_whole(method, request, tmp_path, monkeypatch):
-    """It added discs to a store that the kernel had left, and saved discs of which the emitter did not know yet."""
-
-    def four_frames_and_then_six(number, act):
-        sim = emitting(method)
-        sim.run(frames=4)
-        with contextlib.suppress(mpsim.errors.ClosedError), AtMoment(number, sim, act) as handler:
-            sim.run(frames=6)
-        return handler, sim
-
-    monkeypatch.chdir(tmp_path)
-    read, refused = HANDLERS["read"], []
-    with emitting(method) as sim:
-        whole = [read(sim), *(sim.run(frames=1) and read(sim) for _ in range(10))]
-    entered = [(frame, count) for (frame, _, _), (_, count, _) in itertools.pairwise(whole)]  # before the next frame
-    counter, sim = four_frames_and_then_six(0, read)
-    sim.close()
-    step = 1 if request.config.getoption("--long") else counter.count // 40
-    for number, name in zip(range(1, counter.count + 1, step), itertools.cycle(HANDLERS), strict=False):
-        handler, sim = four_frames_and_then_six(number, HANDLERS[name])
-        with sim:
-            if isinstance(handler.found, mpsim.errors.BusyError):
-                refused.append(str(handler.found))
-                assert read(sim) == whole[10], f"{name}, moment {number} of {counter.count}"
-            elif name == "read" and handler.found:
-                assert handler.found in whole or handler.found[:2] in entered, f"moment {number} of {counter.count}"
-    assert len(refused) > 20
-    rule = r"run() of thread 'MainThread' is in progress; "
-    assert all(each.startswith(rule) for each in refused), refused
 
 
 # --- searches of settings

@@ -1,6 +1,5 @@
 """One thread at a time changes a simulation; others are refused at once, and may read whole states meanwhile."""
 
-import asyncio
 import gc
 import logging
 import os
@@ -159,23 +158,6 @@ def test_a_state_that_other_threads_read_is_whole_and_they_do_not_stop_a_run(met
         assert sim.frame == FRAMES
     assert len(states) > 2, "too few were read while it ran"
     assert all(is_whole(state, method) for state in states)
-
-
-@pytest.mark.parametrize("method", long_but(METHODS, "grid"))
-def test_asyncio_runs_in_a_thread_and_reads_in_the_loop(method):
-    async def main():
-        read = []
-        with begin(lattice(20, 20), method) as sim:
-            run = asyncio.create_task(asyncio.to_thread(sim.run, frames=3000))
-            while not run.done():
-                read.append(await asyncio.to_thread(lambda: sim.frame))
-                await asyncio.sleep(0.01)
-            report = await run
-            return read, report.frames, sim.digest()
-
-    read, ran, digest = asyncio.run(main())
-    assert read == sorted(read)
-    assert (ran, digest) == (3000, digest_after(lattice(20, 20), 3000, method=ALONE[method]))
 
 
 def test_garbage_that_another_thread_collects_is_closed_there():

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from support.commands import mpsim_command
-from support.pages import DRAWING, EXECUTED, PAGES, ROOT, Block, blocks_of, run_blocks
+from support.pages import DRAWING, EXECUTED, PAGES, ROOT, blocks_of, run_blocks
 
 import mpsim
 from mpsim import measure
@@ -125,27 +125,6 @@ $ python half.py
 
 def test_blocks_share_their_names_and_their_folder_and_run_in_order():
     assert run_blocks("sample", blocks_of(SAMPLE.format(answer=42))) == 7
-
-
-def test_what_is_wrong_in_a_block_is_noticed_with_its_line():
-    """The control."""
-    text = SAMPLE.format(answer=42).replace(">>> b\n42", ">>> b\n43")
-    line = text.splitlines().index(">>> b") + 1
-    with pytest.raises(AssertionError, match=rf"line {line}, in sample(.|\n)*Expected:\s*43\s*Got:\s*42"):
-        run_blocks("sample", blocks_of(text))
-    with pytest.raises(AssertionError, match=r"line \d+: \$ python(.|\n)*Expected:\s*43\s*Got:\s*42"):
-        run_blocks("sample", blocks_of(SAMPLE.format(answer=43)))
-    with pytest.raises(AssertionError):
-        run_blocks("sample", blocks_of(SAMPLE.format(answer=42)), long=True)
-    for block, error in (
-        (Block("python", "1 / 0\n", 0), ZeroDivisionError),
-        (Block("sh", "false\necho on\n", 0), AssertionError),
-        (Block("console", "no command\n", 0), AssertionError),
-        (Block("toml", "schema = 2\n", 0), ValueError),
-        (Block("perl", "1", 0), AssertionError),
-    ):
-        with pytest.raises(error):
-            run_blocks("sample", [block])
 
 
 # --- lists on pages
@@ -285,24 +264,3 @@ def test_every_public_name_says_what_it_is():
         silent = [name for name, value in members(module).items() if callable(value) and "ource" not in text_of(value)]
         found += [f"{name} names no source" for name in silent]
     assert found == []
-
-
-def test_a_bad_docstring_is_noticed():
-    """The control."""
-
-    def bare(width):
-        return width
-
-    def half(width, height):
-        """Double the width.
-
-        >>> half(1, 2)
-        2
-        """
-
-    assert problems("bare", bare) == ["bare has no docstring"]
-    assert problems("half", half) == [
-        "half does not say what height are",
-        "half does not say what it raises",
-        "half gives no dimension",
-    ]

@@ -127,12 +127,3 @@ def test_the_notebook_of_a_page_runs(name, tmp_path):
     assert make(PAGES[name], out=tmp_path).returncode == 0
     done = execute(tmp_path / f"{name}.ipynb", tmp_path)
     assert [cell for cell in done.cells if cell.cell_type == "code" and cell.outputs]
-
-
-@pytest.mark.long
-def test_a_cell_that_fails_is_an_error(tmp_path):
-    """The control."""
-    (tmp_path / "page.md").write_text("# T\n\n```sh\nexit 3\n```\n")
-    make(tmp_path / "page.md", out=tmp_path)
-    with pytest.raises(Exception, match="exit status 3"):
-        execute(tmp_path / "page.ipynb", tmp_path)

@@ -2,14 +2,12 @@
 
 import re
 import signal
-import threading
 
 import pytest
 from support.commands import mpsim_command
 from support.processes import Script, assert_clean, assert_nothing_left_of, run_script
-from support.scenes import gas
 from support.selection import long_but
-from support.visitor import Visitor, viewed
+from support.visitor import Visitor
 
 import mpsim
 
@@ -73,28 +71,3 @@ def test_a_program_that_ends_takes_an_open_view_with_it():
     outcome = run_script(WORKERS.replace("browser=False)", "browser=False, wait=False)"), warm=True)
     assert_clean(outcome)
     assert outcome.out.endswith("and on\n")
-
-
-def test_a_signal_that_another_thread_receives_ends_the_wait_of_the_main_thread():
-    """Python only notes such a signal for the main thread, which slept on, for ever."""
-
-    class CameError(Exception):
-        pass
-
-    def come(number, frame):
-        raise CameError
-
-    with viewed(gas(20, 0.2), mpsim.Settings(method="naive"), playing=False) as view:
-        other = threading.Thread(target=view.wait, args=(20,), daemon=True)
-        other.start()
-        before = signal.signal(signal.SIGUSR1, come)
-        timer = threading.Timer(0.3, signal.pthread_kill, (other.ident, signal.SIGUSR1))
-        try:
-            timer.start()
-            with pytest.raises(CameError):
-                view.wait()
-        finally:
-            timer.join()
-            signal.signal(signal.SIGUSR1, before)
-        view.close()
-        other.join()

@@ -7,7 +7,6 @@ import pytest
 from support.scenes import simulate
 
 from mpsim import Scene, ThermalWalls, Thermostat, measure
-from mpsim.measure import reference
 
 pytestmark = [
     pytest.mark.plain,
@@ -102,39 +101,6 @@ def test_momentum_of_the_whole_gas_has_the_energy_of_one_disc_and_presses_with_i
         assert abs(pressed - 2) > 2 * error
 
 
-def settled(bath, restitution, packing=0.05):
-    """Temperature at which the bath gives as much energy as collisions take.
-
-    rate (T_bath - T) = (1 - e^2) / 2 omega(T) T, omega being Enskog's collision rate: by Gaussian velocities, as in
-    Haff's law (van Noije and Ernst, Granular Matter 1, 57, 1998, in two dimensions).
-    """
-    low, high = 0.0, bath.temperature
-    for _ in range(60):
-        middle = (low + high) / 2
-        loss = (1 - restitution**2) / 2 * reference.enskog_rate(packing, 0.5, middle) * middle
-        low, high = (middle, high) if bath.rate * (bath.temperature - middle) > loss else (low, middle)
-    return low
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("method", ["grid", "event"])
-def test_a_driven_granular_gas_settles_where_heating_equals_cooling(method):
-    """The controls: half the losses, twice the rate; and without losses the gas has the temperature of the bath."""
-    bath, e, temperatures = Thermostat(1.0, 0.08, seed=4), 0.8, {}
-    for restitution in (e, 1.0):
-        scene = Scene.random(count=2500, packing=0.05, radius=0.5, seed=1, boundary="periodic", thermostat=bath,
-                             restitution=restitution)  # fmt: skip
-        with simulate(scene, method=method, dt=0.05, contact="impact") as sim:
-            sim.run(until=40.0)
-            temperatures[restitution] = sim.run(until=240.0, measures=["temperature"]).measures["temperature"]
-    found, elastic = temperatures[e], temperatures[1.0]
-    assert found.error < 0.01
-    assert abs(found.value - settled(bath, e)) < 3 * found.error + 0.01 * found.value, "1 %: not quite Gaussian"
-    assert abs(elastic.value - 1.0) < 4 * elastic.error
-    for wrong in (settled(bath, math.sqrt((1 + e * e) / 2)), settled(Thermostat(1.0, 0.16), e), 1.0):
-        assert abs(found.value - wrong) > 6 * found.error + 0.01 * found.value
-
-
 # --- thermal walls
 
 
@@ -166,28 +132,3 @@ def test_a_gas_comes_to_the_temperature_and_the_velocities_of_its_walls(settings
     assert distance(math.sqrt(2.0) * scaled) > UNLIKELY
     assert abs(pressure.value - 20 * 2.0 / 100) < 4 * pressure.error + 0.02
     assert abs(pressure.value - 20 * 1.0 / 100) > 4 * pressure.error
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [{"method": "naive", "dt": 0.5}, pytest.param({"method": "event", "dt": 10.0}, marks=pytest.mark.long)],
-    ids=str,
-)
-def test_discs_that_never_meet_have_the_geometric_mean_of_two_walls(settings):
-    """Each wall sends as many discs per time as the other, n sqrt(T) of each stream are equal: T = sqrt(T1 T2).
-
-    The controls: the arithmetic mean, and each wall alone.
-    """
-    cold, hot = 1.0, 9.0
-    scene = bath_of(30, thermal_walls=ThermalWalls(left=cold, right=hot, seed=1))
-    found = []
-    with simulate(scene, contact="impact", **settings) as sim:
-        for index in range(20):
-            sim.run(until=30.0 + 7.0 * index)
-            found.append((sim.state.velocity**2).mean(axis=0))
-    for along in np.transpose(found):
-        mean, error = mean_and_error(along)
-        assert error < 0.6
-        assert abs(mean - math.sqrt(cold * hot)) < 4 * error
-        for wrong in (cold, hot, (cold + hot) / 2):
-            assert abs(mean - wrong) > 3 * error

@@ -11,7 +11,6 @@ import pytest
 from support.compare import overlapping_pairs
 from support.scenes import gas, simulate
 
-import mpsim
 from mpsim import Scene
 from mpsim.measure import Measure, fit_order, independent_average, reference, reference_motion, speed_kurtosis
 
@@ -324,32 +323,3 @@ def test_pressure_of_dense_discs_is_the_published_one(starts, collisions, precis
     other = bulk(72, 0.65, 16, 150_000, shape=math.sqrt(0.75))
     assert other.value * to_pressure - known.value > 4 * other.error * to_pressure, f"another box; got {other}"
     figures.note("dense", "event", "P sigma^2/kT, 72 periodic discs, packing 0.65", known, found, f"E/N: {naive:.4f}")
-
-
-# --- float32
-
-
-LONG_LIVED = {
-    # 1 + 1: of discs that just touch, every root and quotient would be that of 1, rounded the same way each time
-    "unit diameter": {},
-    # 2 / 3 and 4 / 3: what each takes of an impulse would be the same two rounded numbers at every contact
-    "two masses": {"mass": [1.0] * 5 + [2.0] * 5, "radius": 0.4},
-    "pegs": {"obstacles": [mpsim.FixedDisc((x, 3.0), 0.5) for x in (1.0, 3.0, 5.0)]},
-    "slopes": {"obstacles": [mpsim.Polyline([(1.0, 1.0), (4.7, 4.1)], 0.1)]},
-}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("contact", ["impact", "push"])
-@pytest.mark.parametrize("name", LONG_LIVED)
-def test_energy_in_float32_does_not_creep_by_one_rounding_per_contact(name, contact):
-    """Roundings that are all of one sign add up with the contacts, independent ones only with their root."""
-    features = {"radius": 0.5, "seed": 1, "width": 6.0, "height": 6.0} | LONG_LIVED[name]
-    scene = Scene.random(count=10 if "mass" in features else 6, **features)
-    with simulate(scene, dt=0.05, method="naive", precision="float32", contact=contact) as sim:
-        start = sim.masses @ (sim.state.velocity.astype(float) ** 2).sum(axis=1)
-        contacts = sim.run(frames=1_500_000).collisions / scene.count
-        change = sim.masses @ (sim.state.velocity.astype(float) ** 2).sum(axis=1) / start - 1
-    rounding = float(np.finfo("float32").eps)
-    assert contacts * rounding / 4 > 24 * rounding * np.sqrt(contacts), "too few contacts to tell one from the other"
-    assert abs(change) < 8 * rounding * np.sqrt(contacts)

@@ -19,10 +19,12 @@ What needs a new interpreter stays with one, as `Script` starts it unless it is 
 
 import atexit
 import builtins
+import ctypes
 import gc
 import json
 import os
 import select
+import signal
 import socket
 import subprocess
 import sys
@@ -33,7 +35,6 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import mpsim
-from support.watchdog import end_with_parent
 
 SERVER = "from support.script_server import next_script; exec(*next_script())"
 """A program that loops in `next_script`; a fork of it comes back from there with what it is to execute."""
@@ -41,6 +42,12 @@ SERVER = "from support.script_server import next_script; exec(*next_script())"
 TESTS = Path(__file__).parents[1]
 PACKAGE_PARENT = Path(mpsim.__file__).parents[1]
 LONGEST_MESSAGE = 1 << 20
+
+
+def end_with_parent() -> None:
+    """Kill this process when its parent ends, however that ends and whatever this one is doing."""
+    pr_set_pdeathsig = 1
+    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
 
 
 def environment() -> dict[str, str]:
