@@ -21,6 +21,7 @@ from mpsim.core.version import __version__ as __version__
 from mpsim.engine.observers import Collisions, Sensor
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.snapshot import Snapshot
 from mpsim.errors import (
     CheckpointError,
     DivergedError,
@@ -129,6 +130,7 @@ __all__ = [
     "Sensor",
     "Settings",
     "Simulation",
+    "Snapshot",
     "State",
     "Sweep",
     "ThermalWalls",

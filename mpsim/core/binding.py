@@ -1,36 +1,32 @@
-"""Binds an observer to the first simulation that it sees."""
+"""Binds an observer to the first simulation that it sees, until that goes back to a snapshot."""
 
 import weakref
+from typing import Any
 
 
 class Binding:
-    """Refers to the first object that it is compared with, and does not keep it alive.
-
-    >>> binding = Binding()
-    >>> first, other = {1}, {2}
-    >>> binding.is_to(first), binding.is_to(other), binding.is_to(first)
-    (True, False, True)
-    >>> str(binding)
-    '{1}'
-    >>> del first
-    >>> str(binding)
-    'which is gone by now'
-    """
+    """Refers to the first simulation that it is compared with, and does not keep it alive."""
 
     def __init__(self) -> None:
-        self._first: weakref.ref[object] | None = None
+        self._first: weakref.ref[Any] | None = None
+        self._restores = 0
 
     @property
     def exists(self) -> bool:
         """Whether there has been a first object."""
         return self._first is not None
 
-    def is_to(self, one: object) -> bool:
-        """Whether this is the first object, which it is if there was none before."""
-        if self._first is None:
-            self._first = weakref.ref(one)
-        return self._first() is one
+    def refusal(self, one: Any) -> str:
+        """Why an observer cannot go on with a simulation, as "belongs to ..., got ..."; "" if it can.
 
-    def __str__(self) -> str:
-        first = None if self._first is None else self._first()
-        return "which is gone by now" if first is None else str(first)
+        It can if this is the first simulation, and that has not gone back since.
+        """
+        if self._first is None:
+            self._first, self._restores = weakref.ref(one), getattr(one, "restores", 0)
+        first = self._first()
+        if first is not one:
+            owner = "which is gone by now" if first is None else str(first)
+            return f"belongs to one simulation, {owner}; got another, {one}."
+        if getattr(one, "restores", 0) != self._restores:
+            return f"belongs to frames of {one} that may be undone, as sim.restore(...) was called; got it again."
+        return ""

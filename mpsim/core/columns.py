@@ -34,12 +34,18 @@ def kept_sizes(*parts: ArrayLike) -> NDArray[np.float64]:
     ([1.0, 1.0, 2.0], (0,))
     """
     arrays = [np.atleast_1d(np.asarray(part, np.float64)) for part in parts]
-    ends = [(float(part.min()), float(part.max())) for part in arrays if part.size]
+    ends = [_least_and_most(part) for part in arrays if part.size]
     if ends and min(low for low, _ in ends) == max(high for _, high in ends):
         return equal_sizes(ends[0][0], sum(part.size for part in arrays))
     sizes = np.concatenate(arrays)
     sizes.flags.writeable = False
     return sizes
+
+
+def _least_and_most(sizes: NDArray[np.float64]) -> tuple[float, float]:
+    if sizes.strides == (0,):
+        return float(sizes[0]), float(sizes[0])
+    return float(sizes.min()), float(sizes.max())
 
 
 def of_each_disc(arrays: Mapping[str, NDArray[Any]], names: Iterable[str], discs: Any) -> dict[str, NDArray[Any]]:

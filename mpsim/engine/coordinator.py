@@ -23,8 +23,9 @@ from mpsim.engine.journal import Changed, parameters_after
 from mpsim.engine.observers import Observers
 from mpsim.engine.parameters import in_force
 from mpsim.engine.report import Report, phase_seconds
+from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers import base, methods
-from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Processes, Slice, Snapshot, Solver, count_in
+from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Processes, Slice, Solver, SolverState, Terms, count_in
 from mpsim.engine.step_limits import StepLimits, check_precision
 from mpsim.engine.workers.shared import MOST_FRAMES, refusals_named
 from mpsim.errors import (
@@ -358,15 +359,15 @@ class Coordinator:
         """Start the solver; if that fails, close it."""
         self._begin(self.step_limits.at_start(), self.solver.start)
 
-    def resume(self, snapshot: Snapshot, emission: Progress, changed: Changed) -> None:
+    def resume(self, snapshot: SolverState, emission: Progress, changed: Changed) -> None:
         """Start the solver from a checkpoint; if that fails, close it."""
         if changed.changes:
             scene, settings = parameters_after(self.scene, self.settings, changed.changes)
-            self.solver.assume(scene, settings, changed.origin)
             self.emission = self.emission.under(scene, settings, 0, 0.0)
             self.step_limits = self.step_limits.under(scene, settings, changed.origin)
             self.scene, self.settings, self.journal = scene, settings, list(changed.changes)
-        self._begin(self.step_limits.at_resume(), lambda: self.restore((snapshot, emission)))
+        terms = Terms(self.scene, self.settings, changed.origin)
+        self._begin(self.step_limits.at_resume(), lambda: self.restore((snapshot, emission), terms))
 
     def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
         try:
@@ -555,26 +556,58 @@ class Coordinator:
         """Copies of everything that the next frame depends on: of the solver, and of the emitters."""
         return self.solver.snapshot(), self.emission.progress
 
-    def restore(self, kept: tuple[Any, Any]) -> None:
-        """Go back, or on, to such a snapshot; see `Solver.restore`."""
+    def restore(self, kept: tuple[Any, Any], terms: Terms | None = None) -> None:
+        """Go back, or on, to such a snapshot, on new workers; see `Solver.restore`."""
         snapshot, progress = kept
         before, choice = self.solver.choice, methods.choose(count_in(snapshot), self.settings, self._processes)
         with interrupts_held_back(), self._access.moving():
-            if methods.same_solver(before, choice):
-                self.solver.restore(snapshot, choice)
-            else:
-                self._replace_solver(choice, snapshot)
+            self._enter(choice, snapshot, terms or self.solver.terms)
             methods.note_remark(choice, before, self._access.notices)
             self.emission.progress = progress
             self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
 
-    def _replace_solver(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
+    def moment(self) -> Snapshot:
+        """A snapshot of this moment, for `go_back` and for other simulations."""
+        solver, (arrays, emission) = self.solver, self.snapshot()
+        changes = tuple(self.journal)
+        return Snapshot(solver.frame, solver.time, self.start_of_all, changes, solver.terms, arrays, emission)
+
+    def go_back(self, to: Snapshot) -> None:
+        """Continue from a snapshot of this simulation, under the scene and settings then in force."""
+        scene, settings, origin = to.terms
+        before, choice = self.solver.choice, methods.choose(to.count, settings, self._processes)
+        emission = self.emission.under(scene, settings, to.frame, to.time)
+        emission.progress = to.emission
+        limits = self.step_limits.under(scene, settings, origin)
+
+        def act() -> None:
+            self._enter(choice, to.arrays, to.terms, new_workers=False)
+            limits.set_limit(self.solver)
+
+        with interrupts_held_back():
+            self.between_frames(act)
+            self.scene, self.settings, self.journal = scene, settings, list(to.changes)
+            self.emission, self.step_limits = emission, limits
+            self.last_frame, self.last_time = to.frame, self.solver.time_of(to.frame)
+            self._logged.clear()
+            if choice != before:
+                self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
+        methods.note_remark(choice, before, self._access.notices)
+
+    def _enter(self, choice: Choice, snapshot: SolverState, terms: Terms, new_workers: bool = True) -> None:
+        """Have the solver, or another one that `choice` asks for, continue from a snapshot."""
+        if methods.same_solver(self.solver.choice, choice):
+            self.solver.restore(snapshot, choice, terms=terms, new_workers=new_workers)
+        else:
+            self._replace_solver(choice, snapshot, terms)
+
+    def _replace_solver(self, choice: Choice, snapshot: SolverState, terms: Terms, room: int = 0) -> None:
         """Replace the solver by one of another method, chosen by `auto`."""
-        old, new = self.solver, methods.METHODS[choice.method].solver(self.scene, self.settings, choice)
-        new.tallied, new.logging, new.origin = old.tallied, old.logging, old.origin
+        old, new = self.solver, methods.METHODS[choice.method].solver(terms.scene, terms.settings, choice)
+        new.tallied, new.logging = old.tallied, old.logging
         self._closing.solvers.append(new)  # before there is anything to close
         try:
-            new.restore(snapshot, choice, room)
+            new.restore(snapshot, choice, room, terms)
             self.step_limits.set_limit(new)
         except BaseException:
             self._closing.solvers.remove(new)
@@ -604,7 +637,7 @@ class Coordinator:
 
         def grow() -> None:
             if not methods.same_solver(self.solver.choice, choice):
-                self._replace_solver(choice, self.solver.snapshot(), count)
+                self._replace_solver(choice, self.solver.snapshot(), self.solver.terms, count)
             self.solver.add(new, choice)
             if substeps != self.solver.substeps:
                 self.solver.divide(substeps)
@@ -696,7 +729,7 @@ class Coordinator:
     def _adopt(self, scene: Scene, settings: Settings, origin: Origin) -> None:
         """Take another scene and settings for those in force."""
         choice = methods.choose(self.solver.count, settings, self._processes)
-        self.solver.adopt(scene, settings, choice, origin)
+        self.solver.adopt(Terms(scene, settings, origin), choice)
         self.scene, self.settings = scene, settings
 
 

@@ -108,11 +108,8 @@ class Collisions:
         """
         if not self._owner.exists:
             self._handed = sim.frame
-        if not self._owner.is_to(sim):
-            raise InputError(
-                f"{type(self).__name__} belongs to one simulation, {self._owner}; got another, {sim}. "
-                "Make one for each."
-            )
+        if refusal := self._owner.refusal(sim):
+            raise InputError(f"{type(self).__name__} {refusal} Make one for each.")
 
     def take_collisions(self, table: NDArray[Any], frame: int) -> None:
         """Take a table: the collisions up to the end of a frame, those of frames that have been taken left out."""

@@ -23,10 +23,11 @@ from mpsim.engine import checkpoint as checkpoint_file
 from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.checkpoint import Checkpointer
 from mpsim.engine.coordinator import BetweenSlices, Coordinator, Interruption, run_frames
-from mpsim.engine.journal import Journal, replayed
+from mpsim.engine.journal import Changed, Journal, replayed
 from mpsim.engine.observers import Observer, Observers
 from mpsim.engine.parameters import Parameters, check_names, demand_steps, plain
 from mpsim.engine.report import Report
+from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.base import Columns, InPlace, OnWorkerDeath, Processes, Solver, StartMethod
 from mpsim.engine.solvers.grid import Pass, frame_in_passes
 from mpsim.engine.solvers.methods import capabilities_of, check_processes, on_ranks, same_bits
@@ -347,6 +348,7 @@ class Simulation(Changing):
         settings = settings_for(scene, settings)
         check_processes(settings, processes)
         self._access = Access()
+        self._restores = 0
         for feature in FEATURES:
             feature.check_law(scene, settings.law)
         step_limits.check_precision(scene, settings)
@@ -585,6 +587,115 @@ class Simulation(Changing):
             start, changed = self._coordinator.start_of_all, self._coordinator.changed
         return solver.once(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
 
+    @exclusive
+    def snapshot(self) -> Snapshot:
+        """Copies of everything that the next frame depends on, in memory, for `restore` and `from_snapshot`.
+
+        The frames that follow are the same to the bit as without it.
+
+        Raises:
+            InputError: with method="mpi", whose ranks hold a part of the discs each.
+        """
+        self._demand_one_process("snapshot")
+        with self._access.state_lock:
+            self._coordinator.open_solver()
+            return self._coordinator.moment()
+
+    @exclusive
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot of this simulation: frame, time, discs, scene, settings and journal are those of it.
+
+        All changes made since are undone, and the next frames have the same bits as they had, on any number of workers.
+        Observers, such as `Collisions` and an open trajectory, do not go back: one that has observed this simulation
+        before refuses to go on, as frames that it has seen are undone. Make a new one for each part.
+
+        Args:
+            snapshot: of this simulation, or of another one of the same scene and settings. It can be used again.
+
+        Raises:
+            InputError: for a snapshot of another scene or other settings, in a callback of `run`, and with
+                method="mpi"; then nothing has changed.
+
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     snap = sim.snapshot()
+        ...     sim.kick(3, impulse=(2, 0))
+        ...     report = sim.run(frames=10)
+        ...     sim.restore(snap)
+        ...     sim.frame, len(sim.journal), bool((sim.state.velocity == scene.velocity).all())
+        (0, 0, True)
+        """
+        self._demand_one_process("restore")
+        coordinator = self._coordinator
+        coordinator.open_solver()
+        if not isinstance(snapshot, Snapshot):
+            raise InputError(f"restore needs a Snapshot, from sim.snapshot(); got {checks.brief(snapshot)}.")
+        use = self._access.use
+        if use is not None and use.outer is not None:
+            raise InputError(
+                "restore must be called between two runs, not in a callback of a run, which counts its frames; got one "
+                f"in frame {self.frame}. Return from the run before, or continue elsewhere by Simulation.from_snapshot."
+            )
+        if not _same_start(snapshot.start, coordinator.start_of_all):
+            raise InputError(
+                f"restore needs a snapshot of a simulation of the same scene and settings; got {snapshot!r} of another "
+                "one. Use Simulation.from_snapshot to continue that one."
+            )
+        coordinator.go_back(snapshot)
+        self._restores += 1
+
+    @property
+    def restores(self) -> int:
+        """Number of calls of `restore` so far. When it rises, frames that an observer has seen may be undone."""
+        return self._restores
+
+    @classmethod
+    def from_snapshot(
+        cls,
+        snapshot: Snapshot,
+        *,
+        workers: int | None = None,
+        method: str | None = None,
+        start_method: StartMethod | None = None,
+        on_worker_death: OnWorkerDeath = "raise",
+    ) -> Simulation:
+        """Start another simulation from a snapshot: a branch, with the same bits as long as it is not changed.
+
+        Args:
+            snapshot: of any simulation, which may be closed.
+            workers: as in Settings; the result has the same bits with any number.
+            method: "grid" or "parallel", for a snapshot of the other one: they have the same bits.
+            start_method, on_worker_death: as of a new simulation.
+
+        Raises:
+            InputError: if it is not a snapshot, or for a method that does not give the same bits.
+
+        >>> with Simulation(Scene.random(count=50, packing=0.2, radius=0.5, seed=1)) as sim:
+        ...     snap = sim.snapshot()
+        ...     with Simulation.from_snapshot(snap) as branch:
+        ...         branch.run(frames=10).frames, branch.frame, sim.frame
+        (10, 10, 0)
+        """
+        if not isinstance(snapshot, Snapshot):
+            raise InputError(f"from_snapshot needs a Snapshot, from sim.snapshot(); got {checks.brief(snapshot)}.")
+        (scene, settings), origin = snapshot.start, snapshot.terms.origin
+        if on_ranks(method):
+            raise InputError(f"method={method!r} cannot start from a snapshot in memory. Use sim.save and resume.")
+        if method is not None:
+            settings = dataclasses.replace(settings, method=same_bits(settings.method, method))
+        sim = cls.__new__(cls)
+        settings = dataclasses.replace(settings, workers=workers)
+        sim._set_up(scene, settings, Processes(None, start_method, on_worker_death))
+        sim._coordinator.resume(snapshot.arrays, snapshot.emission, Changed(snapshot.changes, origin))
+        return sim
+
+    def _demand_one_process(self, what: str) -> None:
+        if capabilities_of(self.settings).on_ranks:
+            raise InputError(
+                f"{what} is not there with method={self.settings.method!r}, whose ranks hold a part of the discs each. "
+                "Use sim.save and Simulation.resume."
+            )
+
     @classmethod
     def resume(
         cls,
@@ -733,6 +844,12 @@ def next_frame_in_passes(sim: Simulation) -> list[Pass]:
     """
     coordinator = sim._coordinator  # pyright: ignore[reportPrivateUsage]
     return frame_in_passes(coordinator.open_solver(), coordinator.scene, coordinator.settings)
+
+
+def _same_start(one: tuple[Scene, Settings], other: tuple[Scene, Settings]) -> bool:
+    """Whether two simulations began from the same scene, with settings that differ in the workers at most."""
+    settings = [dataclasses.replace(each[1], workers=None) for each in (one, other)]
+    return one[0] is other[0] and settings[0] == settings[1]
 
 
 def _refused_together(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:

@@ -38,11 +38,9 @@ class OneSimulation:
         Raises:
             InputError: if it is another one.
         """
-        if not self._owner.is_to(sim):
-            raise InputError(
-                f"{self._name} must observe one simulation, {self._owner}; got another, {sim}. "
-                "Make one for each; measure.independent_average takes means over them."
-            )
+        if refusal := self._owner.refusal(sim):
+            advice = "Make one for each; measure.independent_average takes means over them."
+            raise InputError(f"{self._name} {refusal} {advice}")
 
 
 # --- A function of the state as a time series along a run

@@ -59,10 +59,8 @@ class Ownership:
                 f"the {self._name} must be given comm, the communicator of the simulation, with method='mpi' and only "
                 f"there; the method is {sim.settings.method!r}. Open it on all ranks, or without comm."
             )
-        if not self._owner.is_to(sim):
-            raise OutputError(
-                f"the {self._name} belongs to one simulation, {self._owner}; got another, {sim}. {self._advice}"
-            )
+        if refusal := self._owner.refusal(sim):
+            raise OutputError(f"the {self._name} {refusal} {self._advice}")
 
 
 # --- Files of MPI ranks: the first rank reads and writes them, and sends the content to the others

@@ -224,8 +224,6 @@ class SecondStage:
     def close(self) -> None:
         """End the second stage. May be called again."""
         self.sim.close()
-        with contextlib.suppress(OSError):
-            self._moments.close()
 
     def follow(self, first: Simulation, report: Report) -> float:
         """Run until the frame of the first stage; returns the computing time [s].
@@ -309,7 +307,7 @@ class SecondStage:
         Raises:
             InputError: if it is not remembered.
         """
-        self.sim = self._moments.back(number, self.sim)
+        self._moments.back(number, self.sim)
         mark = self._marks[number]
         self._steps, self._taken, self.difference = mark.steps, mark.taken, copy.deepcopy(mark.difference)
 

@@ -19,7 +19,7 @@ from mpsim.core.machine import usable_cores
 from mpsim.engine import parameters
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import BusyError, InputError, OutputError
+from mpsim.errors import BusyError, InputError
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.kernels import records
 from mpsim.measure.correlation import lengths_of, to_nearest_image
@@ -199,7 +199,7 @@ MOST_WHOLE = 10**9
 THICKNESS = 0.5
 """Thickness of a drawn wall, in radii of the median disc: wide enough for a projector."""
 
-REFUSALS = (InputError, BusyError, OutputError)
+REFUSALS = (InputError, BusyError)
 """Errors that leave the simulation as it was; the page shows a note."""
 
 
@@ -250,21 +250,21 @@ class Interactions:
     same time. The argument `same` of a command says that it continues the gesture before.
 
     Args:
-        owned: whether the simulation belongs to the view. Only then can changes be undone, because undo replaces the
-            simulation by another one.
+        owned: whether the simulation belongs to the view. Only then can changes be undone, because undo takes back
+            frames, too.
 
     Attributes:
         undo: the moments before each gesture.
 
     >>> edits, sim = Interactions(owned=True), Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1))
     >>> edits.begin(sim)
-    >>> sim = edits.do(sim, Action("remove", {"id": 3, "same": False}), now=0.0)
+    >>> edits.do(sim, Action("remove", {"id": 3, "same": False}), now=0.0)
     >>> sim.state.present.tolist(), edits.told(sim)["undo"]
     ([True, True, True, False, True], 1)
-    >>> sim = edits.do(sim, Action("undo", {}), now=0.0)
+    >>> edits.do(sim, Action("undo", {}), now=0.0)
     >>> bool(sim.state.present.all())
     True
-    >>> sim.close(); edits.close()
+    >>> sim.close()
     """
 
     def __init__(self, owned: bool):
@@ -285,10 +285,6 @@ class Interactions:
         self.undo.clear()
         self._sliders = Sliders(sim)
 
-    def close(self) -> None:
-        """Forget all moments."""
-        self.undo.close()
-
     def told(self, sim: Simulation) -> dict[str, Any]:
         """The message for pages, for `protocol.text_of`."""
         assert self._sliders is not None  # `begin` was called
@@ -305,19 +301,18 @@ class Interactions:
         """Whether a command is one of those below."""
         return hasattr(self, f"do_{name}")
 
-    def do(self, sim: Simulation, action: Action, now: float) -> Simulation:
-        """Do an action. Returns the simulation; after "undo" it is another object.
+    def do(self, sim: Simulation, action: Action, now: float) -> None:
+        """Do an action.
 
         now: time of a clock [s].
         """
         self._now = now
         try:
-            return getattr(self, f"do_{action.name}")(sim, **action.values) or sim
+            getattr(self, f"do_{action.name}")(sim, **action.values)
         except _NoRoomError:
             pass
         except REFUSALS as error:
             self._say(str(error))
-        return sim
 
     def hold_still(self, sim: Simulation, now: float) -> bool:
         """Put held discs back in their places, before frames are run; returns whether anything changed."""
@@ -358,18 +353,17 @@ class Interactions:
     # --- commands
 
     @command()
-    def do_undo(self, sim: Simulation) -> Simulation:
+    def do_undo(self, sim: Simulation) -> None:
         """Go back to the moment before the last gesture."""
         if not self._owned:
             raise InputError(
                 "undo needs a simulation of the view's own; this one belongs to a program. Open the view with its "
                 "scene, or use sim.journal."
             )
-        again = self.undo.back(sim)
+        self.undo.back(sim)
         kept = self.undo.numbers  # gestures that began later are gone
         self._gestures = {key: mark for key, mark in self._gestures.items() if mark in kept}
         self._held = {disc: held for disc, held in self._held.items() if ("hold", disc) in self._gestures}
-        return again
 
     @command(replaces=True, id=DISC, x=number, y=number)
     def do_hold(self, sim: Simulation, id: int, x: float, y: float) -> None:

@@ -335,9 +335,6 @@ class Session(Source):
             self._drop()
         self._tuning.stop()
         self._comparison.close()
-        for each in (self._edits, self._moments):
-            with contextlib.suppress(OSError):
-                each.close()
 
     def _refused(self, error: MpsimError) -> None:
         why_over = self._why_over()
@@ -600,7 +597,7 @@ class Session(Source):
         if action.name == "undo":
             self._broadcast.forget_radii()
         before = undo.last
-        self._sim = self._edits.do(sim, action, time.perf_counter())
+        self._edits.do(sim, action, time.perf_counter())
         if action.name == "undo" and undo.last != before:  # otherwise it was refused
             self._go_back_beside(before)
         self._changed(undo.last if undo.last > before else None)
@@ -658,7 +655,8 @@ class Session(Source):
     @command()
     def do_return(self) -> None:
         """Go back to the remembered moment. The history of undo starts afresh there."""
-        self._sim = sim = self._moments.back(SNAPSHOT, self._demand_simulation("return"))
+        sim = self._demand_simulation("return")
+        self._moments.back(SNAPSHOT, sim)
         self._steps = 0
         self._edits.begin(sim)
         self._go_back_beside(SNAPSHOT)

@@ -1,5 +1,8 @@
 """What was saved on some workers goes on with the same bits on others, elsewhere, and from inside a frame."""
 
+import os
+import signal
+
 import pytest
 from support.compare import assert_same_bits
 from support.scenes import crowd, gas, lattice, simulate, state_after
@@ -31,6 +34,47 @@ def test_a_run_that_is_resumed_on_other_numbers_of_workers_has_the_same_bits(wor
     expected = state_after(scene, FRAMES, method="grid", **SETTINGS)
     state = in_parts(scene, tmp_path / "run", (7, 6, 11), workers, (2, 1), method="parallel", **SETTINGS)
     assert_same_bits(state, expected, f"resumed on 2 and 1 after {workers} workers")
+
+
+@pytest.mark.parametrize("method", ["parallel", "event", "auto"])
+def test_after_restore_and_in_a_branch_any_number_of_workers_has_the_same_bits(method):
+    scene = lattice(30, 30)
+    with simulate(scene, method=method, workers=2, dt=0.02) as sim:
+        sim.run(frames=5)
+        snap, pids = sim.snapshot(), sim.pids
+        sim.run(frames=9)
+        expected = sim.state
+        for change in (lambda: sim.kick(7, impulse=(3, 1)), lambda: sim.remove(7), lambda: sim.change(workers=1)):
+            sim.restore(snap)
+            change()
+            sim.run(frames=9)
+            if "workers" not in sim.journal.changes[-1].values:
+                assert sim.digest() != expected.digest(), "the control: what was done matters"
+        sim.restore(snap)
+        assert len(sim.pids) == len(pids)
+        sim.run(frames=9)
+        assert_same_bits(sim.state, expected, f"{method} after restore")
+    for workers in (1, 3):
+        with mpsim.Simulation.from_snapshot(snap, workers=workers) as branch:
+            branch.run(frames=9)
+            assert_same_bits(branch.state, expected, f"a branch by {method} on {workers}")
+
+
+def test_restore_keeps_the_workers_and_heals_after_the_death_of_one():
+    with simulate(lattice(30, 30), method="parallel", workers=2, on_worker_death="restart") as sim:
+        snap, pids = sim.snapshot(), sim.pids
+        sim.run(frames=9)
+        expected = sim.digest()
+        sim.restore(snap)
+        assert sim.pids == pids
+        os.kill(pids[0], signal.SIGKILL)
+        sim.run(frames=9)
+        assert (sim.digest(), sim.pids != pids) == (expected, True)
+        os.kill(sim.pids[0], signal.SIGKILL)
+        sim.change(gravity=(0, -1))
+        sim.restore(snap)
+        sim.run(frames=9)
+        assert sim.digest() == expected
 
 
 def test_auto_goes_on_with_the_method_it_had(tmp_path):

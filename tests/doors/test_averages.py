@@ -314,7 +314,7 @@ def test_a_series_notes_each_frame_once_with_its_time():
             if frame % 3 == 0:
                 expected.append((again.time, again.state.position[3, 0]))
             again.run(frames=1, observe=other)
-        with pytest.raises(InputError, match="a Series must observe one simulation"):
+        with pytest.raises(InputError, match="a Series belongs to one simulation"):
             sim.run(frames=1, observe=other)
         with pytest.raises(InputError, match="what function of a Series gives must be a number; got 'hot'"):
             sim.run(frames=1, observe=Series(lambda state, scene: "hot"))

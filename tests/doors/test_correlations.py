@@ -212,7 +212,7 @@ def test_averages_that_are_ahead_of_the_checkpoint_take_no_look_twice_and_know_t
         pytest.raises(mpsim.InputError, match="at frame 60 they contain other"),
     ):
         sim.run(frames=70, observe=other)
-    with simulate(TORUS, **SETTINGS) as sim, pytest.raises(mpsim.InputError, match="must observe one simulation"):
+    with simulate(TORUS, **SETTINGS) as sim, pytest.raises(mpsim.InputError, match="belongs to one simulation"):
         sim.run(frames=4, observe=again)
 
 

@@ -1,9 +1,6 @@
 """What is done by hand on a page: it is done as asked or refused with a note, kept in the session, and taken back."""
 
-import json
 import math
-import shutil
-import tempfile
 
 import numpy as np
 import pytest
@@ -349,56 +346,24 @@ def test_gestures_of_two_pages_at_a_time_are_one_entry_each_and_go_back_one_by_o
         assert kept(page.view.address) == (0, start, [])
 
 
-# --- the files of undo
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """The folder for temporary files."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    return tmp_path
-
-
-def test_the_last_16_gestures_can_be_undone_and_leave_no_file(folder):
+def test_the_last_16_gestures_can_be_undone():
     with paused(SCENE, PLAIN) as page:
         for number in range(18):
             told = page.do("remove", id=number, same=False)
         assert told["undo"] == 16
-        assert any(folder.iterdir())
         for left in reversed(range(16)):
             assert page.do("undo")["undo"] == left
         page.hear_until(lambda v: (v.picture.colour == 255).sum() == 2)
-    assert not any(folder.iterdir())
 
 
-def test_a_cleaner_of_temporary_files_costs_only_the_moments_before(folder):
-    """On both stages, of which none moves alone."""
-    with paused(SCENE, PLAIN, beside=mpsim.Settings(method="event")) as page:
-        page.say("snapshot")
-        page.do("remove", id=3, same=False)
-        page.step_to(2)
-        page.do("remove", id=4, same=False)
-        for each in list(folder.glob("mpsim-view-*/*")):
-            each.unlink()
-        assert "something has removed it" in page.do("undo")["note"]
-        assert (kept(page.view.address).frame, page.stages[1].frame) == (2, 2)
-        page.do("remove", id=5, same=False)
-        assert page.do("undo")["note"] is None
-        page.hear_until(lambda v: (v.picture.colour == 255).sum() == 2)
-        assert "something has removed it" in page.refused("return")
-        for each in folder.glob("mpsim-view-*"):
-            shutil.rmtree(each)
-        page.say("reset")
-        page.hear_until(lambda v: not (v.picture.colour == 255).any() and v.frame == 0)
-        page.do("remove", id=7, same=False)
-        page.do("undo")
-        page.hear_until(lambda v: v.last["hands"]["undo"] == 0 and not (v.picture.colour == 255).any())
-    assert not list(folder.iterdir())
-
-
-def test_without_a_folder_for_temporary_files_changes_are_refused(folder, monkeypatch):
+def test_discs_coloured_by_collisions_run_on_after_undo_and_return():
     with paused(SCENE, PLAIN) as page:
-        monkeypatch.setattr(tempfile, "tempdir", str(folder / "none"))
-        assert "undo needs a folder" in page.do("remove", id=3, same=False)["note"]
-        assert json.dumps(page.last["hands"]["held"]) == "[]"
-        assert not page.view.wait(0)
+        page.say("colour", by="collision")
+        page.say("snapshot")
+        page.step_to(3)
+        for way in ("undo", "return"):
+            page.do("remove", id=3, same=False)
+            page.step_to(page.frame + 20)
+            page.do("undo") if way == "undo" else page.say("return")
+            page.hear_until(lambda v, way=way: v.frame == (3 if way == "undo" else 0))
+            page.step_to(page.frame + 20)

@@ -67,7 +67,7 @@ def totals(tally: NDArray[Any], scale: float, diameter: float) -> NDArray[Any]:
 # The digest of a file tells that it is what was written. A file that was written by hand can have the right digest;
 # kernels index arrays without looking, so nothing that they follow may lead out of them.
 
-Snapshot = dict[str, Any]
+SolverState = dict[str, Any]
 """Everything that the next frame depends on, by name: what a checkpoint holds. Copies, or arrays of `core.chunks` that
 are read when they are written. In each there are `radii` and `masses`, float64 of shape (N,), in the order of the
 scene's discs, and `progress`, int64 of shape (2,): frames done since the start, and steps (of a solver without steps, a
@@ -81,7 +81,7 @@ MOST_STEPS = 2**60
 INTEGER, REAL = np.dtype(np.int64), np.dtype(np.float64)
 
 
-def count_in(snapshot: Snapshot) -> int:
+def count_in(snapshot: SolverState) -> int:
     """Number of discs in a snapshot."""
     return len(snapshot["radii"])
 
@@ -339,6 +339,14 @@ class Origin(NamedTuple):
     time: float = 0.0
 
 
+class Terms(NamedTuple):
+    """What is in force: scene and settings, with all changes made so far, and when their frames began."""
+
+    scene: Scene
+    settings: Settings
+    origin: Origin
+
+
 class NewDiscs(NamedTuple):
     """Discs that enter, or all that there are, K of them.
 
@@ -567,22 +575,28 @@ class Solver(ABC):
         """
         raise self._cannot_change()
 
-    def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
-        """Take another scene and settings for those in force, before `restore`; they differ as `adopt` says.
+    @property
+    def terms(self) -> Terms:
+        """Scene and settings in force."""
+        return Terms(self._scene, self._settings, self.origin)
+
+    def _assume(self, terms: Terms) -> None:
+        """Take these terms for those in force; they differ as `adopt` says.
 
         Raises:
             InputError: for a scene or settings that the method cannot do, naming them; then nothing has changed.
         """
-        self._scene, self._settings, self.origin = scene, settings, origin
+        self._scene, self._settings, self.origin = terms
 
-    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
+    def adopt(self, terms: Terms, choice: Choice) -> None:
         """Continue from here under another scene and settings, with the same discs.
 
         Other may be numbers of the scene, what moves its wall and its emitters, its obstacles, and whether discs can be
         absent; dt, contact, passes, substeps, workers of the settings. Where dt is another, the origin is now.
 
         Raises:
-            InputError, ResourceError, WorkerDiedError, WorkerStalledError: as `assume` and `add`.
+            InputError: for a scene or settings that the method cannot do, naming them; then nothing has changed.
+            ResourceError, WorkerDiedError, WorkerStalledError: as `add`.
         """
         raise self._cannot_change()
 
@@ -594,21 +608,31 @@ class Solver(ABC):
     # --- snapshots
 
     @abstractmethod
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> SolverState:
         """Copies of everything that the next frame depends on, with which `restore` gives the same bits."""
 
     @abstractmethod
-    def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
-        """Go back, or on, to a snapshot of this scene, of this method or one that `auto` may have taken before.
+    def restore(
+        self,
+        snapshot: SolverState,
+        choice: Choice,
+        room: int = 0,
+        terms: Terms | None = None,
+        new_workers: bool = True,
+    ) -> None:
+        """Go back, or on, to a snapshot of this method, or of one that `auto` may have taken before.
 
-        Workers, if any, are new ones, as those that were there may be dead. May stand in place of `start`.
+        May stand in place of `start`.
 
         Args:
             snapshot: what `snapshot` has returned, or a checkpoint that has been checked.
             choice: what then runs, by a method of this class.
             room: discs for which there is then room without another move, if it needs one for them.
+            terms: then in force, which differ as `adopt` says; None: those that are.
+            new_workers: whether workers, if any, are new ones, as those that were there may be dead.
 
         Raises:
+            InputError: as `adopt`.
             ResourceError, WorkerDiedError, WorkerStalledError: as `start`.
         """
 
@@ -619,7 +643,7 @@ class Solver(ABC):
 
     @staticmethod
     @abstractmethod
-    def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
+    def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:
         """Raise ValueError for a snapshot from a file in which no solver can have been, saying why.
 
         Its arrays have the right shapes, and radii, masses and `progress` have been looked at.

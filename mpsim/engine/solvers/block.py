@@ -3,7 +3,8 @@
 import math
 import os
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +14,19 @@ from mpsim.core import columns
 from mpsim.core.columns import kept_sizes
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
-from mpsim.engine.feature_arrays import feature_specs, fill_features, given_in, typical_momentum, wall_limits
+from mpsim.engine.feature_arrays import feature_specs, fill_features, given_in, wall_limits
 from mpsim.engine.solvers import base, stepped
-from mpsim.engine.solvers.base import Choice, InPlace, NewDiscs, Origin, Result, Slice, Snapshot, count_in
+from mpsim.engine.solvers.base import (
+    Choice,
+    InPlace,
+    NewDiscs,
+    Origin,
+    Result,
+    Slice,
+    SolverState,
+    Terms,
+    count_in,
+)
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, disc_too_fast, fastest_in
 from mpsim.engine.solvers.stepped import (
     SteppedSolver,
@@ -130,6 +141,7 @@ class Present(NamedTuple):
         substeps: steps of a frame.
         speed_limit: when a disc is too fast.
         origin: frame and time from which frames and steps are counted.
+        tally_scale: by which impulses are multiplied before they are counted.
         unguarded: whether neighbouring columns are resolved at the same time, a race.
     """
 
@@ -139,6 +151,7 @@ class Present(NamedTuple):
     substeps: int
     speed_limit: SpeedLimit
     origin: tuple[int, float]
+    tally_scale: float
     unguarded: bool = False
 
 
@@ -156,7 +169,7 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     parameters.half_one_plus_e = (1 + scene.restitution) / 2
     parameters.wall_restitution = scene.wall_restitution
     parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
-    parameters.tally_scale = _tally_scale(scene, settings)
+    parameters.tally_scale = now.tally_scale
     parameters.fast = now.speed_limit.square(dt, common, smallest, settings.precision)
     for feature in FEATURES:
         feature.begin(scene, arrays, settings.dt, now.origin)
@@ -174,14 +187,6 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     control.race_free = int(not now.unguarded)
     control.absorbing[:] = [edge in scene.absorbing for edge in EDGES]
     prepare_first_step(arrays)
-
-
-def _tally_scale(scene: Scene, settings: Settings) -> float:
-    """A power of two that makes a typical momentum some 2^32: fine steps, and 2^31 discs' worth of room above."""
-    typical = typical_momentum(scene, settings.dt)
-    # Where the exponent of the run's floats would end, sums are coarser or the room above is less.
-    most = np.finfo(settings.precision).maxexp - 28
-    return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -most, most))
 
 
 class BlockSolver(SteppedSolver):
@@ -359,32 +364,57 @@ class BlockSolver(SteppedSolver):
     def replace(self, discs: NewDiscs) -> None:
         write_discs(self._block, discs, 0)
 
-    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
-        before, snapshot, block = (self._scene, self._settings, self.origin), self.snapshot(), self._block
-        if origin != self.origin:
+    def adopt(self, terms: Terms, choice: Choice) -> None:
+        snapshot = self.snapshot()
+        if terms.origin != self.origin:
             snapshot["progress"] = np.zeros(2, np.int64)
-        try:
-            self.assume(scene, settings, origin)
-            same = choice == self.choice and self._next_block(self._capacity, self._radii).specs == self._block.specs
-            if same:
-                fill_features(self._block.arrays, scene)
+        with self._assumed(terms):
+            if choice == self.choice and self._fits(self._capacity, self._radii):
+                fill_features(self._block.arrays, self._scene)
                 self._control.done, self._control.steps = self._begin_from(snapshot)
                 self._configure()
             else:
                 self._replace_block(self._capacity, choice, snapshot, self._radii, choice != self.choice, anew=True)
+
+    @contextmanager
+    def _assumed(self, terms: Terms) -> Iterator[None]:
+        """Terms that are in force from here on, unless the body of the `with` raises before there is another block."""
+        before, block = self.terms, self._block
+        try:
+            self._assume(terms)
+            yield
         except BaseException:
             if self._block is block:  # else a worker has died on the new one
-                self._scene, self._settings, self.origin = before
+                self._assume(before)
             raise
+
+    def _fits(self, capacity: int, radii: NDArray[np.float64]) -> bool:
+        """Whether the present block is as one for so many discs, of these radii, would be now."""
+        return capacity == self._capacity and self._next_block(capacity, radii).specs == self._block.specs
 
     # --- snapshots
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> SolverState:
         return stepped.taken(self._block, self._radii, self._masses)
 
-    def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
-        capacity = max(self._capacity, count_in(snapshot), room)
-        self._replace_block(capacity, choice, snapshot, snapshot["radii"], new_workers=True)
+    def restore(
+        self,
+        snapshot: SolverState,
+        choice: Choice,
+        room: int = 0,
+        terms: Terms | None = None,
+        new_workers: bool = True,
+    ) -> None:
+        capacity, radii = max(self._capacity, count_in(snapshot), room), snapshot["radii"]
+        with self._assumed(terms or self.terms):
+            if not new_workers and choice == self.choice and self._fits(capacity, radii):
+                self._moving = True
+                fill_features(self._block.arrays, self._scene)
+                self._enter(snapshot)
+                self._moving = False
+            else:
+                other_workers = new_workers or choice != self.choice
+                self._replace_block(capacity, choice, snapshot, radii, other_workers, anew=terms is not None)
 
     # --- the block
 
@@ -444,7 +474,7 @@ class BlockSolver(SteppedSolver):
         self,
         capacity: int,
         choice: Choice,
-        snapshot: Snapshot,
+        snapshot: SolverState,
         radii: NDArray[np.float64],
         new_workers: bool,
         anew: bool = False,
@@ -463,7 +493,7 @@ class BlockSolver(SteppedSolver):
         except BaseException:
             self.choice, self._capacity = before
             raise
-        self._moving, self._block, self._begun = True, new, -1
+        self._moving, self._block = True, new
         try:
             self._enter(snapshot)
             if new_workers:
@@ -477,11 +507,14 @@ class BlockSolver(SteppedSolver):
             old.close()
         self._moving = False
 
-    def _enter(self, snapshot: Snapshot) -> None:
-        """Write a snapshot into the present, new block."""
-        frames, steps = self._begin_from(snapshot)
-        self._write(snapshot["position"], snapshot["velocity"], {})
+    def _enter(self, snapshot: SolverState) -> None:
+        """Write a snapshot into the present block."""
         arrays = self._block.arrays
+        self._begun = -1
+        arrays["team"]["fastest"] = 0
+        frames, steps = self._begin_from(snapshot)
+        if not stepped.put_as_they_lay(self._block, snapshot):
+            self._write(np.asarray(snapshot["position"]), np.asarray(snapshot["velocity"]), {})
         self._control.done, self._control.steps = frames, steps
         for column in columns.COLUMNS:
             if column.name in snapshot:
@@ -497,5 +530,6 @@ class BlockSolver(SteppedSolver):
         giant = self._giant_radius(self._radii)
         self._grid = self._grid_of(self.count, giant)
         unguarded = self.choice.processes.unguarded
-        now = Present(self._radii, self._grid, giant, self.substeps, self._speed_limit, self.origin, unguarded)
+        limit, scale = self._speed_limit, self._tally_scale
+        now = Present(self._radii, self._grid, giant, self.substeps, limit, self.origin, scale, unguarded)
         configure(self._block.arrays, self._scene, self._settings, now)

@@ -12,7 +12,16 @@ from mpsim.core.columns import EXITS, Column, in_state
 from mpsim.core.state import State
 from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.solvers import base
-from mpsim.engine.solvers.base import MOST_STEPS, REAL, Origin, Shapes, Snapshot, check_periods, demand, shapes_in_each
+from mpsim.engine.solvers.base import (
+    MOST_STEPS,
+    REAL,
+    Origin,
+    Shapes,
+    SolverState,
+    check_periods,
+    demand,
+    shapes_in_each,
+)
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock
 from mpsim.errors import InputError, StalledError
@@ -311,7 +320,7 @@ def cells_for(scene: Scene, count: int) -> tuple[int, int]:
 # --- a snapshot
 
 
-def taken(scene: Scene, arrays: dict[str, Any]) -> Snapshot:
+def taken(scene: Scene, arrays: dict[str, Any]) -> SolverState:
     """What a snapshot holds of the arrays of a block, discs by number. No radii and masses, and no calendar."""
     place = np.argsort(arrays["event"]["number"])  # of each disc
     by_disc = ("disc", "event")
@@ -322,7 +331,7 @@ def taken(scene: Scene, arrays: dict[str, Any]) -> Snapshot:
     return found | {saved: arrays[name][place] for saved, name in _saved_columns(scene).items()}
 
 
-def put_back(scene: Scene, arrays: dict[str, Any], snapshot: Snapshot) -> None:
+def put_back(scene: Scene, arrays: dict[str, Any], snapshot: SolverState) -> None:
     """Write a snapshot into the arrays of a new block, the calendar aside."""
     for name in stores.KEPT:
         records.numbers(arrays[name])[...] = snapshot[name]
@@ -334,7 +343,7 @@ def put_back(scene: Scene, arrays: dict[str, Any], snapshot: Snapshot) -> None:
             arrays[name][...] = values[arrays["order"]]
 
 
-def crushing_speed_in(snapshot: Snapshot) -> float | None:
+def crushing_speed_in(snapshot: SolverState) -> float | None:
     """The crushing speed of a snapshot [length/time]; None without a wall that moves."""
     return float(snapshot[CRUSHING_SPEED][0]) if CRUSHING_SPEED in snapshot else None
 
@@ -354,7 +363,7 @@ def shapes(scene: Scene, count: int) -> Shapes:
 # --- one from a file
 
 
-def check(scene: Scene, arrays: Snapshot, dt: float) -> None:
+def check(scene: Scene, arrays: SolverState, dt: float) -> None:
     """Raise ValueError unless discs, events and lists of a snapshot go together, frames being dt long [time]."""
     disc, count = records.of_numbers(records.DISC, arrays["disc"]), len(arrays["order"])
     demand(checks.equal(np.sort(arrays["order"]), np.arange(count)), "order must be a permutation")
@@ -375,7 +384,7 @@ def check(scene: Scene, arrays: Snapshot, dt: float) -> None:
         check_periods(scene, arrays["winding"])
 
 
-def _check_clock(arrays: Snapshot, frame_end: float) -> None:
+def _check_clock(arrays: SolverState, frame_end: float) -> None:
     """frame_end: of the frame in hand [time]."""
     clock = records.of_numbers(records.CLOCK, arrays["clock"])
     counter = records.of_numbers(records.COUNTER, arrays["counter"])
@@ -392,7 +401,7 @@ def _check_clock(arrays: Snapshot, frame_end: float) -> None:
     demand(all(each >= 0 for each in counts) and (arrays["counter"] <= MOST_STEPS).all(), "counts must be >= 0")
 
 
-def _check_links(scene: Scene, arrays: Snapshot) -> None:
+def _check_links(scene: Scene, arrays: SolverState) -> None:
     """Whatever one array says of the place of something in another must be a place in it."""
     disc, event = records.of_numbers(records.DISC, arrays["disc"]), records.of_numbers(records.EVENT, arrays["event"])
     count, cells = len(disc), cells_for(scene, len(disc))

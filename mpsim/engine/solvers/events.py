@@ -25,8 +25,9 @@ from mpsim.engine.solvers.base import (
     Origin,
     Shapes,
     Slice,
-    Snapshot,
     Solver,
+    SolverState,
+    Terms,
     count_in,
 )
 from mpsim.engine.solvers.event_block import (
@@ -44,8 +45,7 @@ from mpsim.engine.solvers.event_tiles import Windows
 from mpsim.engine.workers.shared import SharedBlock, resident_bytes
 from mpsim.errors import DivergedError, StalledError
 from mpsim.kernels import records as stepped
-from mpsim.kernels.events import calendar, cells, records, solver
-from mpsim.kernels.events.cells import link_cells
+from mpsim.kernels.events import cells, records, solver
 from mpsim.kernels.features import collisions
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -286,15 +286,16 @@ class EventSolver(Solver):
     def replace(self, discs: NewDiscs) -> None:
         self._place_anew(discs, self.choice, self._present, discs.velocity)
 
-    def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
-        refuse_what_is_not_exact(scene, settings)
-        super().assume(scene, settings, origin)
+    def _assume(self, terms: Terms) -> None:
+        refuse_what_is_not_exact(terms.scene, terms.settings)
+        super()._assume(terms)
 
-    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
+    def adopt(self, terms: Terms, choice: Choice) -> None:
         """Predict all events anew under another scene and settings.
 
         Where only workers are other ones, nothing is: what goes on has the same bits.
         """
+        scene, settings, origin = terms
         if scene is self._scene and settings == dataclasses.replace(self._settings, workers=settings.workers):
             self._settings = settings
             self.restore(self.snapshot(), choice)
@@ -304,7 +305,7 @@ class EventSolver(Solver):
         if origin != self.origin:
             self._progress, self._stopped, time = np.zeros((), records.PROGRESS)[()], 0.0, 0.0
         try:
-            self.assume(scene, settings, origin)
+            self._assume(terms)
             self._place_anew(discs, choice, time, discs.velocity)
         except BaseException:
             if self._block is block:  # else a worker has died on the new one
@@ -410,7 +411,7 @@ class EventSolver(Solver):
 
     # --- snapshots
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> SolverState:
         if self._windows is not None:
             self._windows.link()
         found = event_block.taken(self._scene, self._block.arrays)
@@ -424,32 +425,46 @@ class EventSolver(Solver):
         """Records beside the block that snapshots hold."""
         return {"progress": self._progress, "seen": self._seen}
 
-    def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
-        impulse, virial = snapshot["units"].tolist()
-        self.choice, self._units = choice, (impulse, virial)
-        self._crushing_speed = event_block.crushing_speed_in(snapshot)
-        block = self._plan.room(count_in(snapshot))
-        with block.closed_on_error():
-            block.create()
-            event_block.put_back(self._scene, block.arrays, snapshot)
-            system = self._plan.system_in(block)
-            link_cells(*system)
-            # The order of events is total: where the calendar keeps one cannot matter.
-            calendar.begin_turn(system.store.clock.now, system.store)
-            radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
-        self._take(block, system)
+    def restore(
+        self,
+        snapshot: SolverState,
+        choice: Choice,
+        room: int = 0,
+        terms: Terms | None = None,
+        new_workers: bool = True,
+    ) -> None:
+        before = {name: getattr(self, name) for name in OF_PLAN}
+        try:
+            self._assume(terms or self.terms)
+            impulse, virial = snapshot["units"].tolist()
+            self.choice, self._units = choice, (impulse, virial)
+            self._crushing_speed = event_block.crushing_speed_in(snapshot)
+            block = self._plan.room(count_in(snapshot))
+            with block.closed_on_error():
+                block.create()
+                event_block.put_back(self._scene, block.arrays, snapshot)
+                system = self._plan.system_in(block)
+                solver.relink(*system)
+                radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
+                windows = None if new_workers else self._windows_on(block, system)
+        except BaseException:
+            for name, value in before.items():
+                setattr(self, name, value)
+            raise
+        self._take(block, system, windows)
         self._radii, self._masses = radii, masses
         for name, each in self._kept.items():
             records.numbers(each)[:] = snapshot[name]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again
-        self._begin()
+        if windows is None:
+            self._begin()
 
     @staticmethod
     def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
         return event_block.shapes(scene, count)
 
     @staticmethod
-    def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
+    def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:
         event_block.check(scene, snapshot, settings.dt)
 
     # --- the block
@@ -465,6 +480,10 @@ class EventSolver(Solver):
         return BlockPlan(
             self._scene, self._settings.dt, self._units, *guards, self.origin, self._most_workers, self.logging
         )
+
+
+OF_PLAN = ("_scene", "_settings", "origin", "choice", "_units", "_crushing_speed")
+"""Attributes that say which arrays a block has and what is in them."""
 
 
 @contextlib.contextmanager

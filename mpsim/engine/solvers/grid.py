@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.state import State
 from mpsim.engine.feature_arrays import giant_radius
-from mpsim.engine.solvers.base import Choice, Columns, NewDiscs, Snapshot, Solver
+from mpsim.engine.solvers.base import Choice, Columns, NewDiscs, Solver, SolverState
 from mpsim.engine.solvers.block import BlockSolver
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import Grid, SharedBlock
@@ -155,7 +155,7 @@ class GridSolver(BlockSolver):
         self._sorted_grid = None
         super().replace(discs)
 
-    def _enter(self, snapshot: Snapshot) -> None:
+    def _enter(self, snapshot: SolverState) -> None:
         self._sorted_grid = None
         super()._enter(snapshot)
 

@@ -24,7 +24,7 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
 from mpsim.core.version import __version__
 from mpsim.engine.feature_arrays import columns_of, given_in
-from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Slice, Snapshot
+from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Slice, SolverState, Terms
 from mpsim.engine.solvers.block import Present
 from mpsim.engine.solvers.mpi_part import (
     Asked,
@@ -280,7 +280,8 @@ class MpiSolver(OnRanks):
         self._on_all(begin)
 
     def _configure(self) -> None:
-        now = Present(self._radii, self._grid, None, self.substeps, self._speed_limit, self.origin)
+        limit, scale = self._speed_limit, self._tally_scale
+        now = Present(self._radii, self._grid, None, self.substeps, limit, self.origin, scale)
         self._held().configure(now)
 
     def _held(self) -> Subdomain:
@@ -505,15 +506,15 @@ class MpiSolver(OnRanks):
         self._enter_all(lambda a, b: (discs.position[a:b], discs.velocity[a:b]), discs.columns, progress)
         self._half_done = False
 
-    def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
-        refuse_giants(scene, self._radii)
-        super().assume(scene, settings, origin)
+    def _assume(self, terms: Terms) -> None:
+        refuse_giants(terms.scene, self._radii)
+        super()._assume(terms)
 
-    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
+    def adopt(self, terms: Terms, choice: Choice) -> None:
         discs, progress = self.discs(), self._progress
-        if origin != self.origin:
-            progress, self.substeps = (0, 0), settings.substeps
-        self.assume(scene, settings, origin)
+        if terms.origin != self.origin:
+            progress, self.substeps = (0, 0), terms.settings.substeps
+        self._assume(terms)
         self.choice, self._workers = choice, max(choice.workers) // self._shared().size
         self._half_done = True
         self._leave_part()
@@ -522,16 +523,24 @@ class MpiSolver(OnRanks):
 
     # --- snapshots
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> SolverState:
         part = self._held()
-        found: Snapshot = {**self._by_number().snapshot(), "radii": self._radii, "masses": self._masses}
+        found: SolverState = {**self._by_number().snapshot(), "radii": self._radii, "masses": self._masses}
         for column in columns_of(self._scene):
             if column.kept and column.name not in found:
                 found[column.name] = column.take(part.arrays[column.name], self.count)
         found["progress"] = np.array([self._control.done, self._control.steps])
         return found
 
-    def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
+    def restore(
+        self,
+        snapshot: SolverState,
+        choice: Choice,
+        room: int = 0,
+        terms: Terms | None = None,
+        new_workers: bool = True,
+    ) -> None:
+        self._assume(terms or self.terms)
         self._meet()
         refuse_giants(self._scene, np.asarray(snapshot["radii"]))
         self.choice = choice

@@ -1,15 +1,16 @@
 """Common code of stepped solvers: time, steps of a frame, the grid, discs, snapshots."""
 
 from abc import abstractmethod
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
-from mpsim.core.columns import kept_sizes
+from mpsim.core.columns import ChunkedArray, kept_sizes
 from mpsim.core.state import Box, State
-from mpsim.engine.feature_arrays import columns_of
+from mpsim.engine.feature_arrays import columns_of, typical_momentum
 from mpsim.engine.report import frames_until
 from mpsim.engine.solvers import base
 from mpsim.engine.solvers.base import (
@@ -17,8 +18,9 @@ from mpsim.engine.solvers.base import (
     Choice,
     NewDiscs,
     Shapes,
-    Snapshot,
     Solver,
+    SolverState,
+    Terms,
     check_periods,
     demand,
     shapes_in_each,
@@ -140,22 +142,61 @@ SLACK = 1e-6
 """Fraction of the box by which rounding may have put a centre beyond its limit."""
 
 
-def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.float64]) -> Snapshot:
-    """A snapshot of the discs of a block, in the order of the scene's.
+class AsTheyLay(ChunkedArray):
+    """Pairs of numbers of each disc, copied as they lay in memory, and put in order when somebody reads them.
+
+    Args:
+        x, y: shape (N,).
+        numbers: of the discs, shape (N,).
+    """
+
+    def __init__(self, x: NDArray[np.floating], y: NDArray[np.floating], numbers: NDArray[np.int32]):
+        super().__init__(x.dtype, (len(x), 2), lambda first, last: self._in_order[first:last])
+        self.x, self.y, self.numbers = x, y, numbers
+        self.nbytes: int = x.nbytes + y.nbytes
+
+    @cached_property
+    def _in_order(self) -> NDArray[np.floating]:
+        return _pairs_by_id(self.x, self.y, self.numbers)
+
+
+def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.float64]) -> SolverState:
+    """A snapshot of the discs of a block.
 
     Args:
         block: with as many discs in it.
         radii, masses: of the discs, shape (N,), read-only [length], [mass].
     """
-    arrays, count = block.arrays, len(radii)
-    position, velocity = places_and_speeds(block, count)
-    found: Snapshot = {"position": position, "velocity": velocity, "radii": radii, "masses": masses}
+    arrays, count, discs = block.arrays, len(radii), live_discs(block)
+    x, y, vx, vy = rows = np.empty((4, count), discs.x.dtype)
+    for row, column in zip(rows, (discs.x, discs.y, discs.vx, discs.vy), strict=True):
+        row[:] = column[:count]
+    numbers = discs.id[:count].copy()
+    position, velocity = AsTheyLay(x, y, numbers), AsTheyLay(vx, vy, numbers)
+    found: SolverState = {"position": position, "velocity": velocity, "radii": radii, "masses": masses}
     for column in columns.COLUMNS:
         if column.kept and column.name in arrays:
             found[column.name] = column.take(arrays[column.name], count)
     control = arrays["control"]
     found["progress"] = np.array([control.done, control.steps])
     return found
+
+
+def put_as_they_lay(block: SharedBlock, snapshot: SolverState) -> bool:
+    """Write places and speeds back in the order in which they lay; False where a snapshot does not have that."""
+    position, velocity = snapshot["position"], snapshot["velocity"]
+    if not isinstance(position, AsTheyLay) or not isinstance(velocity, AsTheyLay):
+        return False
+    arrays, discs, count = block.arrays, live_discs(block), len(position)
+    discs.x[:count], discs.y[:count] = position.x, position.y
+    discs.vx[:count], discs.vy[:count] = velocity.x, velocity.y
+    discs.id[:count] = position.numbers
+    if discs.radius is not None:
+        discs.radius[:count] = snapshot["radii"][position.numbers]
+    if columns.MASS.name in arrays:
+        columns.MASS.put(arrays[columns.MASS.name], snapshot["masses"])
+    arrays["control"].in_order = 0
+    return True
 
 
 def shapes(scene: Scene, real: np.dtype[Any], count: int) -> Shapes:
@@ -167,7 +208,7 @@ def shapes(scene: Scene, real: np.dtype[Any], count: int) -> Shapes:
     return found | shapes_in_each(count)
 
 
-def check(scene: Scene, arrays: Snapshot) -> None:
+def check(scene: Scene, arrays: SolverState) -> None:
     """Raise ValueError unless the discs of a snapshot can be in the scene."""
     demand(np.isfinite(arrays["velocity"]).all(), "velocity must be finite")
     _check_places(scene, arrays["position"])
@@ -194,6 +235,14 @@ def _check_places(scene: Scene, position: NDArray[np.floating]) -> None:
 # --- Common code of stepped solvers: time, division of frames into steps, the grid, snapshots
 
 
+def _tally_scale(scene: Scene, settings: Settings) -> float:
+    """A power of two that makes a typical momentum some 2^32: fine steps, and 2^31 discs' worth of room above."""
+    typical = typical_momentum(scene, settings.dt)
+    # Where the exponent of the run's floats would end, sums are coarser or the room above is less.
+    most = np.finfo(settings.precision).maxexp - 28
+    return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -most, most))
+
+
 class SteppedSolver(Solver):
     """Runs frames that are made of equal steps."""
 
@@ -204,6 +253,12 @@ class SteppedSolver(Solver):
         super().__init__(scene, settings, choice)
         self.substeps: int = settings.substeps
         self._speed_limit = SpeedLimit()
+        self._tally_scale = _tally_scale(scene, settings)
+
+    def _assume(self, terms: Terms) -> None:
+        if terms != self.terms:
+            super()._assume(terms)
+            self._tally_scale = _tally_scale(terms.scene, terms.settings)
 
     @abstractmethod
     def _configure(self) -> None:
@@ -263,8 +318,9 @@ class SteppedSolver(Solver):
     # --- steps
 
     def set_speed_limit(self, limit: SpeedLimit) -> None:
-        self._speed_limit = limit
-        self._configure()
+        if limit != self._speed_limit:
+            self._speed_limit = limit
+            self._configure()
 
     def divide(self, substeps: int) -> None:
         """Divide the frames that follow into so many steps.
@@ -298,7 +354,7 @@ class SteppedSolver(Solver):
 
     # --- snapshots
 
-    def _begin_from(self, snapshot: Snapshot) -> tuple[int, int]:
+    def _begin_from(self, snapshot: SolverState) -> tuple[int, int]:
         """Take over what a snapshot says of all discs. Returns the frames and the steps that were done."""
         self._radii, self._masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
         self.count = len(self._radii)
@@ -311,5 +367,5 @@ class SteppedSolver(Solver):
         return shapes(scene, np.dtype(settings.precision), count)
 
     @staticmethod
-    def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
+    def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:
         check(scene, snapshot)

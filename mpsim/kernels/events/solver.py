@@ -294,7 +294,7 @@ def play_frames(store, box, features, dt, frames, max_events, stop, progress, se
 
 # --- what Python calls ------------------------------------------------------------------------------------------
 
-OVERLAP, SCHEDULE, PLAY = range(3)
+OVERLAP, SCHEDULE, PLAY, RELINK = range(4)
 
 
 @compiled
@@ -306,6 +306,10 @@ def run_events(
         return deepest_overlap(store, box, features)
     if task == SCHEDULE:
         fill_calendar(store, box, features)
+        return 0, REACHED, -1.0
+    if task == RELINK:
+        link_cells(store, box, features)
+        begin_turn(store.clock.now, store)
         return 0, REACHED, -1.0
     finished, status, particle = play_frames(
         store, box, features, dt, frames, max_events, stop, progress, seen, times, totals, timespec
@@ -322,6 +326,12 @@ def advance_frames(*call):
 def schedule(store, box, features):
     """Predict the first event of every disc and fill the calendar. Call once, after `state.place`."""
     run_events(SCHEDULE, store, box, features, *nothing_to_play())
+
+
+def relink(store, box, features):
+    """Enter all discs, whose events are known, in cells and calendar anew."""
+    # The order of events is total: where the calendar keeps one cannot matter.
+    run_events(RELINK, store, box, features, *nothing_to_play())
 
 
 def worst_overlap(store, box, features):
