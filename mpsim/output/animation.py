@@ -42,7 +42,6 @@ from mpsim.output.drawing import (
     ScaleName,
     Theme,
     ThemeName,
-    capsules_at,
     colour_bar,
     figure_around,
     percentile_scale,
@@ -167,7 +166,7 @@ class Picture:
 
     def show(self, moment: Moment) -> None:
         """Show a moment of the simulation."""
-        capsules = capsules_at(self._scene, moment.time)
+        capsules = self._scene.capsules_at(moment.time)
         self._moving.show(moment.position, moment.radius, moment.values, moment.walls, capsules)
         number = int(np.count_nonzero(moment.present))
         self._title.set_text(f"time {moment.time:.2f}, {number} disc{'s' * (number != 1)}")

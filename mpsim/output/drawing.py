@@ -250,7 +250,7 @@ def draw_discs(
     """
     if not axes.collections:
         _draw_box(axes, scene, corner)
-        draw_obstacles(axes, scene, capsules_at(scene, time), theme)
+        draw_obstacles(axes, scene, scene.capsules_at(time), theme)
     radii = np.asarray(scene.radii if radii is None else radii)
     return ellipses(axes, with_images(position, scene) + corner, radii, colours, theme)
 
@@ -280,16 +280,8 @@ def _draw_box(axes: Axes, scene: Scene, corner: tuple[float, float]) -> None:
         axes.spines[side].set_linestyle(":" if scene.periodic[axis] else "-")
 
 
-def capsules_at(scene: Scene, time: float) -> NDArray[np.float64]:
-    """The obstacles at a time [time], as in `Scene.capsules`: for all figures, films and pages.
-
-    It is the same object while they are at rest.
-    """
-    return scene.capsules
-
-
 def draw_obstacles(axes: Axes, scene: Scene, capsules: NDArray[np.float64], theme: Theme) -> PatchCollection | None:
-    """Obstacles, from `capsules_at`, with their periodic images, below all discs; None: there are none."""
+    """Obstacles, from `Scene.capsules_at`, with their periodic images, below all discs; None: there are none."""
     shifts = [
         (0.0, -length, length) if wraps else (0.0,)
         for length, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
@@ -381,7 +373,7 @@ class MovingDiscs:
         theme: Theme = LIGHT,
     ):
         self._axes, self._scene, self._scale, self._colours, self._theme = axes, scene, scale, colours, theme
-        self._capsules = capsules_at(scene, 0.0)
+        self._capsules = scene.capsules
         _draw_box(axes, scene, (0.0, 0.0))
         self._obstacles = draw_obstacles(axes, scene, self._capsules, theme)
         self.discs: EllipseCollection = self._draw(position, radii)
@@ -413,7 +405,7 @@ class MovingDiscs:
             position, radii: of the discs, shape (N, 2) and (N,) [length]; NaN: not drawn.
             values: numbers to colour by, shape (N,), if there is a scale.
             walls: where the walls are, as in `State.box` [length].
-            capsules: obstacles, from `capsules_at`.
+            capsules: obstacles, from `Scene.capsules_at`.
         """
         if capsules is not self._capsules:
             self._capsules = capsules

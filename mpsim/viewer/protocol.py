@@ -39,7 +39,7 @@ from mpsim.core.state import Box
 from mpsim.engine.solvers.base import InPlace
 from mpsim.errors import InputError
 from mpsim.kernels.output import paint_places
-from mpsim.output.drawing import PAGE, capsules_at
+from mpsim.output.drawing import PAGE
 from mpsim.scene.scene import Scene
 from mpsim.viewer.colouring import SpeedScale
 
@@ -379,7 +379,7 @@ class Broadcast:
 
     def _told_capsules(self) -> NDArray[np.float64]:
         """The obstacles at the time of the last picture, which are sent if they differ from those sent before."""
-        capsules = capsules_at(self.scene, self._time)
+        capsules = self.scene.capsules_at(self._time)
         if capsules is not self._capsules:
             self._capsules = capsules
             self.tell_if_new("obstacles", {"capsules": capsules})
