@@ -46,7 +46,7 @@ FAMILIES = {
     "checkpoint": ["engine/checkpoint", "core/archive"],
     "changes": ["engine/changes", "engine/journal", "engine/parameters"],
     "statistics": ["measure/statistics", "measure/registry", "measure/moments", "measure/motion"],
-    "readers": ["output/xyz", "output/gsd", "scene/scenefile/reading"],
+    "readers": ["output/xyz", "output/gsd", "scene/scenefile"],
 }
 """Modules in which faults are drawn, by subject."""
 

@@ -66,7 +66,7 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     arrays = {name: np.asarray(value) for name in names if (value := getattr(scene, name)) is not None}
     given = [each for each in FEATURES if not each.is_numeric and each.argument in vars(scene)]
     plain |= {feature.argument: feature.to_plain(scene) for feature in given}
-    plain |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
+    plain |= {name: value for name, default in NUMBERS.items() if (value := getattr(scene, name)) != default}
     if scene.duration is not None:
         plain["duration"] = scene.duration
     if scene.settings is not None:

@@ -24,6 +24,7 @@ from mpsim.engine.solvers.methods import same_bits
 from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings, settings_from
+from mpsim.scene.toml import pairs
 
 if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation
@@ -100,13 +101,11 @@ class Journal:
         target = _toml(path)
         start = target.with_name(f"{target.stem}.scene.toml")
         self.scene.save(start)
-        from mpsim.scene.scenefile import parts  # noqa: PLC0415 - its validator takes a moment to load
-
         head = {"format": FORMAT, "frame": self.frame, "digest": self.digest, "scene": start.name}
-        lines = [*parts.pairs(head), "", "[settings]", *parts.pairs(dataclasses.asdict(self.settings)), ""]
+        lines = [*pairs(head), "", "[settings]", *pairs(dataclasses.asdict(self.settings)), ""]
         for each in self.changes:
             entry = {"frame": each.frame, "time": each.time, "what": each.what, **each.values}
-            lines += ["[[change]]", *parts.pairs(entry), ""]
+            lines += ["[[change]]", *pairs(entry), ""]
         text = "\n".join(lines).encode()
         if len(text) > MOST_BYTES:
             raise OutputError(

@@ -43,11 +43,11 @@ FEATURES: tuple[Feature, ...] = (
     ThermalWallsFeature(),
 )
 
-NUMBERS: dict[str, tuple[float, str]] = {name: each for feature in FEATURES for name, each in feature.numbers.items()}
-"""Arguments of Scene that are a number of a feature: default and meaning."""
+NUMBERS: dict[str, float] = {name: each for feature in FEATURES for name, each in feature.numbers.items()}
+"""Arguments of Scene that are a number of a feature, and their defaults."""
 
-VECTORS: dict[str, str] = {name: meaning for feature in FEATURES for name, meaning in feature.vectors.items()}
-"""Arguments of Scene that are (x, y) of a feature, None where the scene has none: their meaning."""
+VECTORS: tuple[str, ...] = tuple(name for feature in FEATURES for name in feature.vectors)
+"""Arguments of Scene that are (x, y) of a feature, None where the scene has none."""
 
 PER_DISC: dict[str, PerDisc] = {name: each for feature in FEATURES for name, each in feature.all_per_disc.items()}
 """Arguments of Scene that are a value for each disc of a feature, None where the scene has none."""

@@ -40,7 +40,7 @@ class Absorption(Feature):
 def check_edges(absorbing: object, boundary: tuple[str, str]) -> tuple[str, ...]:
     """Names of edges that absorb discs; they must be walls."""
     each_of: Any = absorbing
-    names = (each_of,) if isinstance(each_of, str) else tuple(each_of)
+    names = (each_of,) if isinstance(each_of, str) or not hasattr(each_of, "__iter__") else tuple(each_of)
     for name in names:
         checks.choice("absorbing", name, EDGES)
         demand_wall("absorbing", name, boundary)

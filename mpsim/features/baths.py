@@ -103,13 +103,7 @@ class ThermostatFeature(Feature):
     argument = "thermostat"
     kinds: ClassVar[tuple[type[Any], ...]] = (Thermostat,)
     several = False
-    meaning = "new velocities from a heat bath"
-    keys: ClassVar[dict[str, str]] = {
-        "temperature": "kT of the bath, > 0",
-        "rate": "new velocities per disc and time, > 0",
-        "seed": "of the random numbers; default: 0",
-    }
-    examples: ClassVar[tuple[dict[str, Any], ...]] = ({"temperature": 1.0, "rate": 1.0},)
+    examples: ClassVar[tuple[Any, ...]] = (Thermostat(temperature=1.0, rate=1.0),)
     drives = "a thermostat"
     draws = True
     heats = True
@@ -233,12 +227,7 @@ class ThermalWallsFeature(Feature):
     argument = "thermal_walls"
     kinds: ClassVar[tuple[type[Any], ...]] = (ThermalWalls,)
     several = False
-    meaning = "walls at a temperature"
-    keys: ClassVar[dict[str, str]] = {
-        **{edge: f"kT of the {edge} wall, > 0; default: not thermal" for edge in EDGES},
-        "seed": "of the random numbers; default: 0",
-    }
-    examples: ClassVar[tuple[dict[str, Any], ...]] = ({}, {"left": 1.0})
+    examples: ClassVar[tuple[Any, ...]] = (ThermalWalls(left=1.0),)
     draws = True
     heats = True
     invalidates: ClassVar[tuple[Invalidation, ...]] = (

@@ -14,13 +14,10 @@ from numpy.typing import ArrayLike
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import check_clear
-from mpsim.features.feature import NEED_ALL_DISCS, Feature, Invalidation
+from mpsim.features.feature import MOST_VALUES, NEED_ALL_DISCS, Feature, Invalidation
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
-
-LARGEST_EMITTERS = 1_000_000
-"""More emitters than this are taken for a mistake."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +94,8 @@ def check_emitters(emitters: object) -> tuple[Emitter, ...]:
     """The emitters as a tuple, checked; a single one may come without a list."""
     each_of: Any = emitters
     chosen = (each_of,) if isinstance(each_of, Emitter) else tuple(each_of)
-    if len(chosen) > LARGEST_EMITTERS:
-        raise InputError(f"emitters must be at most {LARGEST_EMITTERS:,}; got {len(chosen):,}. Use fewer.")
+    if len(chosen) > MOST_VALUES:
+        raise InputError(f"emitters must be at most {MOST_VALUES:,}; got {len(chosen):,}. Use fewer.")
     for index, emitter in enumerate(chosen):
         if not isinstance(emitter, Emitter):
             raise InputError(f"emitters[{index}] must be an mpsim.Emitter; got {type(emitter).__name__}.")
@@ -110,6 +107,7 @@ class Emitters(Feature):
 
     argument = "emitters"
     kinds: ClassVar[tuple[type[Any], ...]] = (Emitter,)
+    examples: ClassVar[tuple[Any, ...]] = (Emitter((0, 0), (0, 0), interval=1), Emitter((0, 0), (0, 0), every=1))
     adds_discs = True
     drives = "emitters"
     relief = "let fewer discs enter"

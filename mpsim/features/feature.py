@@ -27,6 +27,10 @@ Shapes = dict[str, tuple[DTypeLike, tuple[int, ...]]]
 """dtype and shape of arrays, by their name in the shared block."""
 
 
+MOST_VALUES = 1_000_000
+"""More obstacles or emitters than this are taken for a mistake."""
+
+
 class Invalidation(NamedTuple):
     """Measures that a feature makes meaningless, the reason in words, and what to do instead."""
 
@@ -44,14 +48,12 @@ class PerDisc(NamedTuple):
 
     Attributes:
         check: makes what a scene keeps, from the value given and the number of discs.
-        meaning: for the docs of scene files; "" if the name says it.
         components: names of the components of a vector; () of a number.
         unit: of a number that must be > 0; "" for any number.
         default: of a disc for which a scene file gives none, in a vector of each component; None if it is required.
     """
 
     check: Callable[[Any, int], Any]
-    meaning: str = ""
     components: tuple[str, ...] = ()
     unit: str = ""
     default: float | None = 0.0
@@ -85,13 +87,12 @@ class Feature:
         argument: its name, also the key in scene files and checkpoints.
         kinds: dataclasses of its value; () if the value is words.
         several: whether its value is a tuple of them.
-        numbers: if it consists of numbers instead, these arguments of Scene: default and meaning.
-        vectors: likewise (x, y) or None: meaning.
+        numbers: if it consists of numbers instead, these arguments of Scene with their defaults.
+        vectors: likewise (x, y) or None.
         per_disc: likewise a value for each disc, or None: those that are no columns, or need more than these declare.
         law: the only law of the settings that it works with; "" for any.
-        meaning: what it is, for the docs of scene files.
-        keys: of a single value: the meaning of its fields, for the docs of scene files.
-        examples: of a single value: valid arguments, such that each valid value of a field is valid in one of them.
+        examples: valid values, such that each valid value of a field is valid in one of its class. A scene file names
+            all that is wrong in a table of such a class, and one table may hold very many, as arrays.
         not_exact: what `event` cannot do, for the text of its refusal.
         drives: what sets discs at rest in motion, for the text that asks for such a thing.
         relief: what makes room for compressed discs, for the text of the warning.
@@ -108,13 +109,11 @@ class Feature:
     argument: ClassVar[str]
     kinds: ClassVar[tuple[type[Any], ...]] = ()
     several: ClassVar[bool] = True
-    numbers: ClassVar[dict[str, tuple[float, str]]] = {}
-    vectors: ClassVar[dict[str, str]] = {}
+    numbers: ClassVar[dict[str, float]] = {}
+    vectors: ClassVar[tuple[str, ...]] = ()
     per_disc: ClassVar[dict[str, PerDisc]] = {}
     law: ClassVar[str] = ""
-    meaning: ClassVar[str] = ""
-    keys: ClassVar[dict[str, str]] = {}
-    examples: ClassVar[tuple[dict[str, Any], ...]] = ()
+    examples: ClassVar[tuple[Any, ...]] = ()
     not_exact: ClassVar[str] = ""
     drives: ClassVar[str] = ""
     relief: ClassVar[str] = ""
@@ -143,7 +142,7 @@ class Feature:
     @property
     def all_per_disc(self) -> dict[str, PerDisc]:
         """`per_disc`, and those of its columns that are given."""
-        given = {column.name: PerDisc(column.one_each, column.meaning) for column in self.columns if column.given}
+        given = {column.name: PerDisc(column.one_each) for column in self.columns if column.given}
         return given | self.per_disc
 
     @property

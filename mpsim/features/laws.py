@@ -24,10 +24,7 @@ class Restitution(Feature):
 
     argument = "restitution"
     several = False
-    numbers: ClassVar[dict[str, tuple[float, str]]] = {
-        "restitution": (1.0, "for two discs, 0 to 1"),
-        "wall_restitution": (1.0, "for a disc and walls, obstacles or a piston, 0 to 1"),
-    }
+    numbers: ClassVar[dict[str, float]] = {"restitution": 1.0, "wall_restitution": 1.0}
 
     def is_in(self, scene: Scene) -> bool:
         return min(scene.restitution, scene.wall_restitution) < 1
@@ -50,15 +47,7 @@ class Friction(Feature):
     """The arguments `friction`, `wall_friction`, `tangential_restitution` and `spin`."""
 
     argument = "friction"
-    numbers: ClassVar[dict[str, tuple[float, str]]] = {
-        "friction": (0.0, "for two discs, >= 0 or inf: the largest ratio of tangential to normal impulse"),
-        "wall_friction": (0.0, "for a disc and walls, obstacles or a piston, >= 0 or inf"),
-        "tangential_restitution": (
-            0.0,
-            "for contacts that do not slide, -1 (smooth) to 1 (rough): "
-            "minus the ratio of tangential velocity after to before",
-        ),
-    }
+    numbers: ClassVar[dict[str, float]] = {"friction": 0.0, "wall_friction": 0.0, "tangential_restitution": 0.0}
     law = "elastic"
     columns: ClassVar[tuple[Column, ...]] = (SPIN,)
     invalidates: ClassVar[tuple[Invalidation, ...]] = (
@@ -105,7 +94,7 @@ def check_friction(
         "tangential_restitution": checks.between("tangential_restitution", tangential_restitution, -1, 1),
         "spin": None if spin is None else SPIN.one_each(spin, count),
     }
-    smooth = kept["spin"] is None and all(kept[name] == default for name, (default, _) in Friction.numbers.items())
+    smooth = kept["spin"] is None and all(kept[name] == default for name, default in Friction.numbers.items())
     return {} if smooth else kept
 
 

@@ -16,19 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.machine import garbage_collection_paused
 from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
-from mpsim.features.feature import AddedDiscs, Feature, Floats, Invalidation, Moment, Shapes
+from mpsim.features.feature import MOST_VALUES, AddedDiscs, Feature, Floats, Invalidation, Moment, Shapes
 from mpsim.features.motions import MOTIONS, Motion, Rotation
 from mpsim.kernels.features.bodies import BODY
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
-
-LARGEST_OBSTACLES = 1_000_000
-"""More obstacles than this are taken for a mistake."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +119,11 @@ class Polyline(Obstacle):
     def __post_init__(self) -> None:
         super().__post_init__()
         points = checks.finite_array("points of a Polyline", self.points, (None, 2), "(K, 2)")
-        check_lines(points, np.array([points.shape[0]]))
+        if len(points) < 2 or (points[1:] == points[:-1]).all(axis=1).any():
+            raise InputError(
+                "points of a Polyline must be at least two, neighbours at different places; got "
+                f"{checks.brief(points[:20].tolist())}. Use a FixedDisc for a point."
+            )
         thickness = checks.non_negative("thickness of a Polyline", self.thickness, "[length]")
         object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in points))
         object.__setattr__(self, "thickness", thickness)
@@ -134,72 +134,6 @@ class Polyline(Obstacle):
 
 
 Polyline.__init__ = checks.known_names()(Polyline.__init__)
-
-
-def fixed_discs(position: NDArray[np.float64], radius: float | NDArray[np.float64]) -> list[FixedDisc]:
-    """Many FixedDiscs at once, from numbers that were checked before.
-
-    Args:
-        position: finite, shape (K, 2) [length].
-        radius: > 0, of all or of each, shape (K,) [length].
-    """
-    made: list[FixedDisc] = []
-    radii = np.broadcast_to(radius, len(position)).tolist()
-    with garbage_collection_paused():
-        for (x, y), each in zip(position.tolist(), radii, strict=True):
-            disc = object.__new__(FixedDisc)
-            vars(disc).update(position=(x, y), radius=each)
-            made.append(disc)
-    return made
-
-
-def check_lines(points: NDArray[np.float64], lengths: NDArray[Any]) -> None:
-    """Refuse points that do not form Polylines, one after the other.
-
-    Args:
-        points: of all lines, finite, shape (K, 2) [length].
-        lengths: number of points of each line, shape (L,): whole numbers >= 2 that add up to K.
-
-    Raises:
-        InputError: naming points or lengths, the rule and the values received.
-    """
-    wrong = (lengths > len(points)) | (lengths != np.floor(lengths)) | ((lengths < 2) & (len(lengths) > 1))
-    if wrong.any() or lengths.sum() != len(points):
-        raise InputError(
-            f"lengths must be whole numbers >= 2 that add up to {len(points)}, the rows of points; got "
-            f"{checks.brief(lengths[:20].tolist())}. Correct them, or leave them out for one line."
-        )
-    ends = np.cumsum(lengths.astype(np.int64))
-    same = (points[1:] == points[:-1]).all(axis=1)
-    same[ends[:-1] - 1] = False  # where the next one begins
-    if same.any() or (lengths < 2).any():
-        line = min(int(np.searchsorted(ends, int(same.argmax()) if same.any() else 0, "right")), len(ends) - 1)
-        some = points[np.append(0, ends)[line] : ends[line]][:20].tolist()
-        raise InputError(
-            "points of a Polyline must be at least two, neighbours at different places; got "
-            f"{checks.brief(some)}. Use a FixedDisc for a point."
-        )
-
-
-def polylines(
-    points: NDArray[np.float64], lengths: NDArray[Any], thickness: float | NDArray[np.float64]
-) -> list[Polyline]:
-    """Many Polylines at once, from numbers that were checked before.
-
-    Args:
-        points, lengths: as of `check_lines`.
-        thickness: >= 0, of all or of each, shape (L,) [length].
-    """
-    made: list[Polyline] = []
-    ends = np.cumsum(lengths.astype(np.int64)).tolist()
-    thick = np.broadcast_to(thickness, len(lengths)).tolist()
-    with garbage_collection_paused():
-        corners: list[tuple[float, float]] = [(x, y) for x, y in points.tolist()]
-        for first, last, each in zip([0, *ends], ends, thick, strict=False):  # one more beginning than ends
-            line = object.__new__(Polyline)
-            vars(line).update(points=tuple(corners[first:last]), thickness=each)
-            made.append(line)
-    return made
 
 
 def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> NDArray[np.float64]:
@@ -229,9 +163,9 @@ def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obs
     each_of: Any = obstacles
     kinds = OBSTACLES.kinds
     chosen = (each_of,) if isinstance(each_of, kinds) else tuple(each_of)
-    if len(chosen) > LARGEST_OBSTACLES:
+    if len(chosen) > MOST_VALUES:
         raise InputError(
-            f"obstacles must be at most {LARGEST_OBSTACLES:,}; got {len(chosen):,}. Use fewer: a Polyline is one."
+            f"obstacles must be at most {MOST_VALUES:,}; got {len(chosen):,}. Use fewer: a Polyline is one."
         )
     for index, obstacle in enumerate(chosen):
         if not isinstance(obstacle, kinds):
@@ -262,6 +196,7 @@ class Obstacles(Feature):
     argument = "obstacles"
     kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)
     exact: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)  # kinds that are nothing but their capsules
+    examples: ClassVar[tuple[Any, ...]] = (FixedDisc((0, 0), 1), Polyline([(0, 0), (1, 0)]))
     excludes = True
     invalidates: ClassVar[tuple[Invalidation, ...]] = (
         Invalidation(

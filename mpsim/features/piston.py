@@ -99,17 +99,7 @@ class PistonFeature(Feature):
     argument = "piston"
     kinds: ClassVar[tuple[type[Any], ...]] = (Piston,)
     several = False
-    meaning = "a wall that moves"
-    keys: ClassVar[dict[str, str]] = {
-        "wall": "left, right, bottom or top",
-        "speed": "along x or y, into the box",
-        "stop": "coordinate at which it comes to rest",
-        "start": "coordinate at which it starts; default: at its wall",
-    }
-    examples: ClassVar[tuple[dict[str, Any], ...]] = (
-        {"wall": "left", "speed": 1.0, "stop": 1.0},
-        {"wall": "right", "speed": -1.0, "stop": 1.0},
-    )
+    examples: ClassVar[tuple[Any, ...]] = (Piston("left", 1.0, stop=1.0), Piston("right", -1.0, stop=1.0))
     drives = "a piston"
     relief = "let a piston stop earlier"
     invalidates: ClassVar[tuple[Invalidation, ...]] = (

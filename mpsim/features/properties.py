@@ -83,7 +83,7 @@ class Gravity(Feature):
 
     argument = "gravity"
     several = False
-    vectors: ClassVar[dict[str, str]] = {"gravity": "[gx, gy], one acceleration for all discs"}
+    vectors: ClassVar[tuple[str, ...]] = ("gravity",)
     drives = "gravity"
 
     def is_in(self, scene: Scene) -> bool:

@@ -50,6 +50,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError, OutputError, SweepWarning, level_of_caller, reason_of
 from mpsim.measure import registry
 from mpsim.measure.statistics import Measure
+from mpsim.scene import scenefile
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Recommends, Settings, settings_for
 from mpsim.studies.ensemble import Submissions, checked_executor, checked_path
@@ -914,8 +915,6 @@ def _scene_task(function: Any, names: tuple[str, ...], points: list[Point], how:
     if isinstance(function, Scene):
         scene, name = function, repr(function)[1:-1]
     else:
-        from mpsim.scene import scenefile  # noqa: PLC0415 - its validator takes a moment to load
-
         found = scenefile.load(function)
         scene, name = found.scene, found.name
     for each in names:

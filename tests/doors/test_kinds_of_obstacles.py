@@ -88,6 +88,30 @@ def test_a_kind_that_only_its_feature_knows_is_kept_or_refused_by_name(tmp_path,
         Twin(scene, method="grid")
 
 
+MOTIONS = [
+    mpsim.Translation((0, 0.125), stop=0.25), mpsim.Translation((0.125, 0), stop=0.25, start=1 / 3),
+    mpsim.Oscillation((0.125, 0), period=1 / 3, phase=0.1), mpsim.Rotation((10, 7), rate=0.3, stop=0.1),
+    mpsim.Path(times=[0, 1, 2], displacements=[(0, 0), (0.1, 0), (0, 0)]),
+]  # fmt: skip
+
+
+def test_motions_and_belts_are_in_scene_files(tmp_path):
+    moving = [
+        dataclasses.replace(each, motion=motion) for motion in MOTIONS for each in EXAMPLES[mpsim.Polyline][20:22]
+    ]
+    alike = [dataclasses.replace(each, motion=MOTIONS[0], surface_velocity=0.5) for each in EXAMPLES[mpsim.FixedDisc]]
+    scene = mpsim.Scene(width=20, height=15, radius=0.25, position=[], velocity=[], obstacles=[*moving, *alike],
+                        wall_friction=0.5)  # fmt: skip
+    scene.save(tmp_path / "scene.toml")
+    again = mpsim.Scene.load(tmp_path / "scene.toml")
+    assert (again.obstacles, again.digest()) == (scene.obstacles, scene.digest())
+    text = (tmp_path / "scene.toml").read_text()
+    assert text.count("[[obstacles]]") == len(moving) + 1, "those with one motion are one table of arrays"
+    (tmp_path / "scene.toml").write_text(text.replace("amplitude", "amplitud"))
+    with pytest.raises(mpsim.errors.SceneFileError, match=re.escape("motion.amplitud must be a key of a scene file")):
+        mpsim.Scene.load(tmp_path / "scene.toml")
+
+
 def test_what_is_no_obstacle_is_refused_by_the_kinds_that_are():
     with pytest.raises(mpsim.InputError, match=re.escape("obstacles[0] must be an mpsim.FixedDisc or mpsim.Polyline")):
         mpsim.Scene(width=2, height=2, radius=0.5, position=[[1, 1]], velocity=[[0, 0]], obstacles=[None])
@@ -98,11 +122,11 @@ def test_what_is_no_obstacle_is_refused_by_the_kinds_that_are():
     [
         (
             "position = [1, 1]\nradius = 0.5\nspacing = 1.0",
-            "It is a key of discs on a lattice; keys of this table: pos",
+            "spacing goes with places, but these have positions. Leave it out.",
         ),
         (
             "points = [[1, 1], [2, 2]]\nradius = 0.5",
-            "It is a key of a disc or discs on a lattice; keys of this table: ",
+            "It is a key of FixedDisc; keys of this table: points, thickness, ",
         ),
         ("position = [1, 1]\nradius = 0.5\nlength = 1.0", "Did you mean 'lengths'?"),
     ],

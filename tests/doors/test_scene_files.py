@@ -112,7 +112,7 @@ def test_a_file_says_the_same_as_python(load, tmp_path, caplog):
     shown = mpsim_command("show", tmp_path / "scene.toml").stdout
     assert "A test" in shown
     assert "Nothing." in shown
-    assert [Path(record.args[0]).name for record in caplog.records[:3]] == ["scene.toml", "mass.npy", "speeds.csv"]
+    assert [Path(record.args[0]).name for record in caplog.records[:3]] == ["scene.toml", "speeds.csv", "mass.npy"]
 
 
 def test_random_places_are_those_of_python(load):
@@ -322,8 +322,8 @@ def test_all_problems_are_told_at_once_each_by_its_key(problems):
     found = problems(ALL)
     keys = """about.text about.titel about.title absorbing boundary discs[0].position discs[0].radius discs[1].mass
               discs[1].position discs[1].radius discs[2] emitters[0].every emitters[0].limt emitters[0].velocity
-              gravity[0] height obstacles[0].radius obstacles[1].points obstacles[2].point obstacles[2].position
-              obstacles[2].radius obstacles[3] piston.colour piston.speed piston.stop piston.wall restitution
+              gravity height obstacles[0].radius obstacles[1].points obstacles[2].point obstacles[2].points
+              obstacles[3] piston.colour piston.speed piston.stop piston.wall restitution
               settings.dt settings.method settings.wrokers widht"""
     assert sorted(text.split(" must ")[0] for text in found) == sorted(keys.split())
     for whole in (
@@ -379,7 +379,7 @@ WRONG = [
     (NINE + TABLE.replace("0.7", "0.95") + DISCS, "compressed.packing must be above that of the scene, 0.441786, an"),
     (NINE + TABLE + DISCS.replace("temperature = 1.0\n", ""), "compressed: velocity must not be 0 everywhere"),
     (NINE + "obstacles = [{ position = [0.2, 0.2], radius = 0.1 }]\n" + TABLE + DISCS, "compressed cannot do a scen"),
-    (NINE + DISCS.replace("random", "compressed"), "discs[0].places must be a start of one group; got 'compressed',"),
+    (NINE + DISCS.replace("random", "compressed"), "discs[0].places must be one of 'random', 'square', 'hexagonal'; "),
 ]  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from support.scenes import exact_zoo, gas, zoo
 
 import mpsim
 from mpsim.scene import scenefile
-from mpsim.scene.scenefile.reading import PACKAGED
+from mpsim.scene.scenefile import PACKAGED
 
 FEW, MANY = 40, 20_000
 """Executions of each test by default, and with --long."""

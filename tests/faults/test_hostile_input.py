@@ -25,7 +25,7 @@ from mpsim.core.archive import MOST_DIRECTORY
 from mpsim.core.machine import usable_cores
 from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scene import scenefile
-from mpsim.scene.scenefile.parts import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
+from mpsim.scene.scenefile import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
 from mpsim.studies.ensemble import SavedResults
 
 LONGEST = 2.0
@@ -146,7 +146,7 @@ SCENES = {
     ),
     "a thousand lattices": (
         lambda: "[[obstacles]]\nplaces='square'\nspacing=0.02\nradius=1e-5\nregion=[0,0,9,8]\n" * 1000,
-        "obstacles must be at most 1,000,000; got more",
+        "obstacles must be at most 1,000,000; got 1,.* or more",
     ),
     "a wall of one point": (
         lambda: "[[obstacles]]\npoints = " + many("[1,1],", 7500),
@@ -300,7 +300,7 @@ def test_more_emitters_than_a_scene_may_have_are_refused_before_they_are_made(tm
             file.truncate(file.tell() + 16 * count)  # zeros that take no room on the disk
         text += f"[[emitters]]\nposition = '{number}.npy'\nvelocity = [0, 1]\ninterval = 1\nradius = 1\n"
     (tmp_path / "scene.toml").write_text(text)
-    match = r"emitters\[\d\]: all emitters must be at most 1,000,000; got 1,000,001"
+    match = "emitters must be at most 1,000,000; got 1,000,001 or more"
     refused(mpsim.Scene.load, tmp_path / "scene.toml", match=match)
     spout = mpsim.Emitter((1, 1), (0, 1), interval=1)
     box = {"width": 9, "height": 9, "position": [], "velocity": [], "radius": 1}
@@ -447,6 +447,6 @@ def test_what_could_not_be_read_is_not_written(tmp_path):
     mpsim.Scene(**box, obstacles=ordered).save(tmp_path / "advice.toml")
     for path in tmp_path.iterdir():
         path.unlink()
-    refused(scene.save, tmp_path / "scene.toml", match="lines follow lines", kind=mpsim.errors.OutputError)
+    refused(scene.save, tmp_path / "scene.toml", match="follow each other", kind=mpsim.errors.OutputError)
     assert not list(tmp_path.iterdir())
     assert MOST_BYTES == 2**20

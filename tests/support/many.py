@@ -3,7 +3,6 @@
 import numpy as np
 
 import mpsim
-from mpsim.features.obstacles import fixed_discs
 
 
 def lattice(count, spacing=3.0):
@@ -43,4 +42,4 @@ def pegs_and_emitters(obstacles, emitters, velocity=(10.0, 0.0)):
     middles = (places[(places < side - 1).all(axis=1)] + 0.5)[:emitters]
     spouts = tuple(mpsim.Emitter(place, velocity, interval=0.006, limit=1) for place in middles)
     box = {"width": side, "height": side, "position": np.zeros((0, 2)), "radius": 0.1}
-    return {**box, "obstacles": fixed_discs(places, 0.05), "emitters": spouts}
+    return {**box, "obstacles": [mpsim.FixedDisc(place, 0.05) for place in places], "emitters": spouts}

@@ -1,0 +1,925 @@
+"""Scene files: TOML that a person can read and write, checked as a whole.
+
+A scene file holds the arguments of Scene by the same names, and may start discs by rule (random places, lattices,
+thermal velocities). It is safe to read: nothing in it is executed, and it refers to no other files than .npy and .csv
+in its own folder or below, which are logged and listed in `SceneFile.read`.
+
+The table of a feature has the fields of its class as keys. So has a table for a field whose type is a class, or the
+base of several: the keys decide which. A new feature, kind of obstacle or class of a field needs no entry here.
+"""
+
+import dataclasses
+import errno
+import logging
+import math
+import os
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache, partial
+from importlib import resources
+from itertools import groupby, islice
+from pathlib import Path
+from typing import Any, BinaryIO, ClassVar, get_args, get_type_hints
+
+import numpy as np
+
+from mpsim.core import checks, files
+from mpsim.errors import InputError, OutputError, SceneFileError, reason_of
+from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
+from mpsim.features.edges import WALLED, check_boundary, wraps_of
+from mpsim.features.feature import MOST_VALUES, Feature
+from mpsim.features.obstacles import capsules_of
+from mpsim.scene import starts
+from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene
+from mpsim.scene.settings import Settings
+from mpsim.scene.starts import LATTICES, Taken
+from mpsim.scene.toml import (
+    INLINE,
+    ArrayFiles,
+    Files,
+    Numbers,
+    array_lines,
+    chosen,
+    demand_numbers,
+    names_array_file,
+    pairs,
+)
+
+logger: logging.Logger = logging.getLogger("mpsim")
+
+SCHEMA = 1
+"""Version of this format."""
+
+# These bound what is processed item by item in Python; long arrays of numbers belong in .npy files.
+
+MOST_BYTES = 2**20
+"""Bytes of the scene file itself: about 20,000 lines."""
+
+MOST_TABLES = 10_000
+"""Tables of one kind: [[discs]], or those of a feature. One table may hold very many, as arrays."""
+
+MOST_PARTS = 16
+"""Parts of a dotted key. No key of a scene file has more than three; a parser's time grows with their square."""
+
+MOST_PROBLEMS = 100
+"""Problems of one file that are reported."""
+
+
+# --- The keys of all tables
+
+
+class _SettingsTable(Feature):
+    """The table [settings], which is read as that of a feature."""
+
+    argument = "settings"
+    kinds: ClassVar[tuple[type[Any], ...]] = (Settings,)
+    several = False
+    examples: ClassVar[tuple[Any, ...]] = (Settings(),)
+
+
+PARTS: dict[str, Feature] = {each.argument: each for each in (*FEATURES, _SettingsTable()) if each.kinds}
+"""Arguments of Scene that are tables, of the fields of a class."""
+
+LATTICE = ("places", "region", "spacing")
+"""Keys of a table of many values at the sites of a lattice, in place of their position."""
+
+OF_SCENE = [name for name in checks.names_of(Scene.__init__) if name not in ("position", "velocity", *PER_DISC)]
+"""Arguments of Scene that are keys of the file itself, or of its tables."""
+
+KEYS = {
+    "": ["schema", "packing", *OF_SCENE, "about", "compressed", "discs"],
+    "about": ["title", "text", "look_for"],
+    "compressed": ["packing", "rate"],
+    "discs": ["position", "velocity", *PER_DISC, "places", "count", "spacing", "region", "seed", "temperature"],
+}
+"""Keys of the file itself and of the tables that belong to no class."""
+
+
+def keys_of(table: str) -> list[str]:
+    """The keys of all kinds of a table, such as "piston".
+
+    >>> keys_of("piston")
+    ['wall', 'speed', 'stop', 'start']
+    """
+    if (part := PARTS.get(table)) is None:
+        return KEYS.get(table, [])
+    return [*dict.fromkeys(key for kind in part.kinds for key in _keys(kind, part.several))]
+
+
+def _keys(kind: type[Any], many: bool = False) -> dict[str, bool]:
+    """The keys of a table of a class, and whether each is needed. many: whether it may hold several values."""
+    fields = sorted(dataclasses.fields(kind), key=lambda each: each.kw_only is True)
+    keys = {each.name: each.default is dataclasses.MISSING for each in fields}
+    if many and "position" in keys:
+        keys |= dict.fromkeys(LATTICE, False)
+    if many and "points" in keys:
+        keys["lengths"] = False  # number of points of each value
+    return keys
+
+
+@cache
+def _hints(kind: type[Any]) -> dict[str, Any]:
+    """The types of the fields of a class."""
+    return get_type_hints(kind)
+
+
+# --- Files by name or path
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file that was read.
+
+    Attributes:
+        name: of the file, without .toml.
+        scene: the scene.
+        title, text, look_for: for people; "" without any.
+        read: files that were read, the scene file first.
+        compressed: packing and rate of its table [compressed]; None without one.
+    """
+
+    name: str
+    scene: Scene
+    title: str
+    text: str
+    look_for: str
+    read: tuple[Path, ...]
+    compressed: dict[str, float] | None
+
+    @property
+    def comes_with_mpsim(self) -> bool:
+        """Whether it is a named scene."""
+        return self.read[0].parent == PACKAGED
+
+    @property
+    def settings(self) -> Settings | None:
+        """Those that the scene recommends; None without any."""
+        return self.scene.settings
+
+
+_NAMED = resources.files("mpsim.scene") / "named"  # in an archive, if mpsim is imported from one
+PACKAGED = Path(str(_NAMED))
+
+
+def names() -> tuple[str, ...]:
+    """Names of the scenes that come with mpsim, in alphabetical order."""
+    return tuple(sorted(path.name[:-5] for path in _NAMED.iterdir() if path.name.endswith(".toml")))
+
+
+def titles() -> dict[str, str]:
+    """Titles of the scenes that come with mpsim, by name; no scene is made."""
+    return {name: tomllib.loads((_NAMED / f"{name}.toml").read_text())["about"]["title"] for name in names()}
+
+
+def load(source: str | os.PathLike[str]) -> SceneFile:
+    """Read a scene file.
+
+    Args:
+        source: the name of a scene that comes with mpsim, such as "gas", or a path that ends in .toml.
+
+    Raises:
+        InputError: if there is no such scene or file.
+        SceneFileError: with all problems of the file; a subclass of InputError.
+
+    >>> load("gas").scene.count
+    100
+    """
+    path = _find(source)
+    label = os.fspath(source) if path.parent != PACKAGED else f"scenes/{path.name}"
+    tables = _parsed(path, label)
+    logger.info("mpsim: reading %s", path)
+    reader = _Reader(label, path.parent)
+    try:
+        reader.read(tables)
+        scene = reader.scene()
+    except RecursionError:
+        raise SceneFileError(label, [_TOO_DEEP]) from None
+    words = {key: reader.about.get(key, "") for key in KEYS["about"]}
+    return SceneFile(path.stem, scene, **words, read=(path, *reader.arrays.read), compressed=reader.compressed)
+
+
+def _find(source: Any) -> Path:
+    """The path of a scene given by name or path."""
+    if not isinstance(source, str | os.PathLike) or not isinstance(os.fspath(source), str):
+        raise InputError(f"scene must be a name or a path to a .toml file; got {type(source).__name__}.")
+    text = os.fspath(source)
+    known = names()
+    if text in known:
+        return PACKAGED / f"{text}.toml"
+    path = Path(text)
+    if path.suffix != ".toml":
+        near = checks.near(text, known)
+        hint = f" Did you mean {near!r}?" if near else ""
+        words = ", ".join(known)
+        raise InputError(f"scene must be a path that ends in .toml or one of {words}; got {checks.brief(text)}.{hint}")
+    return path
+
+
+_TEXTS = re.compile(
+    r'"""(?:[^"\\]|\\.?|"(?!""))*+(?:"{3,5}|\Z)|'
+    r"'''(?:[^']|'(?!''))*+(?:'{3,5}|\Z)|"
+    r'"(?:[^"\\\n]|\\[^\n])*+"?|'
+    r"'[^'\n]*+'?|#[^\n]++",
+    re.DOTALL,
+)
+"""Texts and comments, which contain no keys. An unterminated text counts too: its end is searched for only once, not
+from each quotation mark in it."""
+
+_MANY_PARTS = re.compile(rf"(?:\.[^.=,\n\[\]{{}}]*+){{{MOST_PARTS},}}")
+
+_TOO_DEEP = "the file must be TOML; got tables or lists nested too deeply."
+_TOO_LARGE = "Put long arrays into .npy files beside it, as Scene.save does."
+
+
+def _parsed(path: Path, label: str) -> dict[str, Any]:
+    """The file as nested tables."""
+    try:
+        packaged = path.parent == PACKAGED
+        text = (_NAMED / path.name).read_text("utf-8") if packaged else files.text(path, MOST_BYTES)
+    except UnicodeDecodeError as error:
+        problem = f"the file must be text in UTF-8; got byte {error.start} ({error.reason})."
+        raise SceneFileError(label, [problem]) from None
+    except (OSError, ValueError) as error:
+        reason = reason_of(error)
+        hint = "" if getattr(error, "errno", None) != errno.EFBIG else f" {_TOO_LARGE}"
+        raise InputError(
+            f"scene must be a file that can be read; got {checks.brief(str(path))} ({reason}).{hint}"
+        ) from None
+    if _MANY_PARTS.search(_TEXTS.sub("", text)):
+        raise SceneFileError(label, [f"keys must have at most {MOST_PARTS} parts with dots between them; got more."])
+    try:
+        tables = tomllib.loads(text)
+    except RecursionError:
+        raise SceneFileError(label, [_TOO_DEEP]) from None
+    except ValueError as error:
+        raise SceneFileError(label, [f"the file must be TOML; got this error: {error!s:.200}."]) from None
+    for name in ("discs", *PARTS):
+        listed = tables.get(name)
+        if isinstance(listed, list) and len(listed) > MOST_TABLES:
+            raise SceneFileError(label, [
+                f"{name} must be at most {MOST_TABLES:,} tables; got {len(listed):,}. One may hold many: give arrays."
+            ])  # fmt: skip
+    version = tables.get("schema", SCHEMA)
+    if type(version) is not int or version != SCHEMA:  # then nothing else can be judged
+        raise SceneFileError(label, [
+            f"schema must be {SCHEMA}, the version of scene files that this mpsim reads; got {checks.brief(version)}. "
+            "A newer mpsim may read it."
+        ])  # fmt: skip
+    return tables
+
+
+# --- Reading: all that is wrong becomes one error
+
+_OF_WHAT = re.compile(r"^(\w+(?:\[\d+\])?) of (?:an? |the )?\w+(?= must)")
+_FIRST_WORD = re.compile(r"(?:\w+|'')(?=[ \[])")
+_NUMBER = re.compile(r"\[\d+\]")
+
+
+def _at(path: str, text: str, keys: Iterable[str]) -> str:
+    """A sentence that begins with the key path, which replaces a bare key at its beginning.
+
+    >>> _at("piston", "stop of a Piston must be > 0; got -1.", ["wall", "stop"])
+    'piston.stop must be > 0; got -1.'
+    """
+    text = _OF_WHAT.sub(r"\1", text) if path else text  # the key path says of what
+    first = _FIRST_WORD.match(text)
+    word = first[0] if first else ""
+    if text.startswith(path):
+        return text
+    if word == _NUMBER.sub("", path).rpartition(".")[2]:
+        return path + text[len(word) :]
+    return f"{path}.{text}" if word in keys else f"{path}: {text}"
+
+
+class _Reader:
+    """Reads one file.
+
+    Attributes:
+        arrays: files of arrays that were read.
+        about, compressed: these tables.
+        groups: the tables of discs.
+        box: width and height, or packing.
+        arguments: of Scene, except box and discs.
+        owners: for each argument that is a list of tables, the number of the table of each value.
+    """
+
+    def __init__(self, label: str, folder: Path):
+        self.arrays = ArrayFiles(folder)
+        self.about: dict[str, str] = {}
+        self.compressed: dict[str, float] | None = None
+        self.groups: list[dict[str, Any]] = []
+        self.box: dict[str, float] = {}
+        self.arguments: dict[str, Any] = {}
+        self.owners: dict[str, list[int]] = {}
+        self._label = label
+        self._sentences: list[str] = []  # about the first MOST_PROBLEMS
+        self._problems = 0
+        self._listed: set[str] = set()  # tables whose keys a sentence has listed
+
+    def _add(self, path: str, text: str, keys: Iterable[str] | None = None) -> None:
+        """Add a problem. keys: those of the table at the path; None: those of a table by that name."""
+        sentence = _at(path, text, keys_of(_NUMBER.sub("", path)) if keys is None else keys)
+        if sentence not in self._sentences:
+            self._problems += 1
+            self._sentences += [sentence] if self._problems <= MOST_PROBLEMS else []
+
+    def _tried(self, path: str, act: Callable[..., Any], *arguments: Any) -> Any:
+        """The result of `act`; None if it refuses its arguments, which is a problem at the path."""
+        try:
+            return act(*arguments)
+        except InputError as error:
+            self._add(path, str(error))
+            return None
+
+    def _demand_no_problem(self) -> None:
+        """Refuse the file if something is wrong: then each argument that is no table is tried as well."""
+        if self._problems:
+            for name, value in self.arguments.items():
+                if name not in PARTS:
+                    self._tried(name, partial(Scene, **_BARE, **{name: value}))
+            more = self._problems - MOST_PROBLEMS
+            raise SceneFileError(self._label, self._sentences + [f"and at least {more:,} more."] * (more > 0))
+
+    # --- tables, of which every key is checked
+
+    def read(self, tables: dict[str, Any]) -> None:
+        """Check all tables of a file.
+
+        Raises:
+            SceneFileError: with all that is wrong in them.
+        """
+        tables = self._known("", tables, dict.fromkeys(KEYS[""], False) | {"schema": True})
+        for name, unit in (("width", "[length]"), ("height", "[length]"), ("packing", "(a fraction of the area)")):
+            if name in tables:
+                self.box[name] = self._tried(name, checks.positive, name, tables[name], unit)
+        if "about" in tables:
+            self.about = self._by_rule("about", tables["about"], dict.fromkeys(KEYS["about"], _text), ("title",))
+        if "compressed" in tables:
+            rules = {
+                "packing": partial(checks.positive, unit="(a fraction of the area)"),
+                "rate": partial(checks.between, low=SLOWEST, high=FASTEST),
+            }
+            self.compressed = {"rate": 0.01} | self._by_rule("compressed", tables["compressed"], rules, ("packing",))
+        self.groups = [self._group(path, table) for path, table in self._listed_tables("discs", tables)]
+        for name in [name for name in OF_SCENE if name in tables and name not in self.box]:
+            if name in PARTS:
+                self.arguments[name] = self._part(PARTS[name], tables)
+            else:
+                self.arguments[name] = self._tried(name, self._value, name, name, tables[name], str)
+        if not self._problems and sorted(self.box) not in (["packing"], ["height", "width"]):
+            values = ", ".join(f"{name}={self.box.get(name)!r}" for name in ("packing", "width", "height"))
+            self._add("", f"the box must be given either by packing or by width and height; got {values}.")
+        self._demand_no_problem()
+
+    def _known(self, path: str, table: Any, keys: dict[str, bool], kinds: tuple[Any, ...] = ()) -> dict[str, Any]:
+        """The entries of a table that it may have; others, and those that it lacks, are problems.
+
+        keys: and whether each is needed. kinds: classes of such tables.
+        """
+        if not isinstance(table, dict):
+            self._add(path, f"{path.rpartition('.')[2]} must be a table; got {checks.brief(table)}.")
+            return {}
+        before = f"{path}." if path else ""
+        for name in [name for name in table if name not in keys]:
+            hint = self._hint(_NUMBER.sub("", path), name, keys, kinds) if self._problems < MOST_PROBLEMS else ""
+            self._add(
+                before + (checks.shortened(name) or "''"),
+                f"{checks.shortened(name) or repr(name)} must be a key of a scene file; this one is unknown, with the "
+                f"value {checks.brief(table[name])}. {hint}",
+            )
+        for name in [name for name, needed in keys.items() if needed and name not in table]:
+            hint = f" Write 'schema = {SCHEMA}' at the top." if name == "schema" else ""
+            self._add(before + name, f"{name} must be given; got nothing.{hint}")
+        return {name: value for name, value in table.items() if name in keys}
+
+    def _hint(self, table: str, name: str, keys: dict[str, bool], kinds: tuple[Any, ...]) -> str:
+        """The key that was meant, or the class that has it, or all keys that there are, once for each table."""
+        if others := [kind.__name__ for kind in kinds if name in _keys(kind, many=True)]:
+            return f"It is a key of {' or '.join(others)}; keys of this table: {', '.join(keys)}."
+        words = keys_of(table) or keys
+        if near := checks.near(name, words):
+            return f"Did you mean {near!r}?"
+        if table in self._listed:
+            return "Keys there are those listed above."
+        self._listed.add(table)
+        return f"Keys there: {', '.join(words)}."
+
+    def _listed_tables(self, name: str, tables: dict[str, Any]) -> list[tuple[str, Any]]:
+        """The tables of a list, each with its path."""
+        listed = tables.get(name, [])
+        if isinstance(listed, list):
+            return [(f"{name}[{index}]", table) for index, table in enumerate(listed)]
+        self._add(name, f"{name} must be a list of tables, [[{name}]] for each; got {checks.brief(listed)}.")
+        return []
+
+    def _by_rule(self, path: str, table: Any, rules: dict[str, Any], needed: Iterable[str]) -> dict[str, Any]:
+        """The values of a table, each checked by the rule of its key."""
+        known = self._known(path, table, {name: name in needed for name in rules})
+        return {name: self._tried(f"{path}.{name}", rules[name], name, value) for name, value in known.items()}
+
+    def _group(self, path: str, table: Any) -> dict[str, Any]:
+        """A table of discs, the keys of which fit together."""
+        vectors = partial(self.arrays.array, shapes=((2,), (None, 2)), meaning="(2,) or (N, 2)")
+        rules: dict[str, Any] = {
+            "position": partial(self.arrays.array, shapes=((None, 2),), meaning="(N, 2)"),
+            "velocity": vectors,
+            **{name: vectors if each.components else self._per_disc for name, each in PER_DISC.items()},
+            "places": partial(checks.choice, allowed=("random", *LATTICES)),
+            "count": partial(checks.whole, low=0, high=LARGEST_COUNT, remedy="Give a number in this range."),
+            "spacing": partial(checks.positive, unit="[length]"),
+            "region": self._region,
+            "seed": partial(checks.whole, low=0, high=2**63 - 1, remedy="Any whole number will do."),
+            "temperature": partial(checks.non_negative, unit="[mass length^2/time^2]"),
+        }
+        before = self._problems
+        group = self._by_rule(path, table, rules, [name for name, each in PER_DISC.items() if each.default is None])
+        if self._problems == before:
+            self._tried(path, _demand_consistent, group)
+        return group
+
+    def _per_disc(self, name: str, value: Any) -> float | Numbers:
+        """A number for all discs or one each, > 0 if it has a unit."""
+        unit = PER_DISC[name].unit
+        numbers = self.arrays.array(name, value, ((), (None,)), "() or (N,)")
+        if not numbers.ndim:
+            return checks.positive(name, float(numbers), unit) if unit else float(numbers)
+        if unit and (numbers <= 0).any():
+            bad = int((numbers <= 0).argmax())
+            raise InputError(f"{name} must be > 0 {unit}; {name}[{bad}] is {float(numbers[bad])!r}.")
+        return numbers
+
+    def _region(self, name: str, value: Any) -> starts.Region:
+        x_low, y_low, x_high, y_high = self.arrays.array(name, value, ((4,),), "(4,)").tolist()
+        if x_low > x_high or y_low > y_high:
+            raise InputError(
+                f"{name} must be [x_low, y_low, x_high, y_high], low before high; got {checks.brief(value)}."
+            )
+        return x_low, y_low, x_high, y_high
+
+    # --- tables of a class
+
+    def _part(self, part: Feature, tables: dict[str, Any]) -> Any:
+        """The value of an argument that is a table, or a list of tables of one or more values each."""
+        name = part.argument
+        if not part.several:
+            _, make = self._table(name, tables[name], part.kinds, part)
+            return next(iter(make()), None)
+        found: list[Callable[[], list[Any]]] = []
+        total = 0
+        for path, table in self._listed_tables(name, tables):
+            count, make = self._table(path, table, part.kinds, part)
+            found.append(make)
+            total += count
+            if total > MOST_VALUES:  # none is made before
+                self._add(name, f"{name} must be at most {MOST_VALUES:,}; got {total:,} or more. Use fewer.")
+                return []
+        made = [make() for make in found]
+        self.owners[name] = [index for index, some in enumerate(made) for _ in some]
+        return [value for some in made for value in some]
+
+    def _table(
+        self, path: str, table: Any, kinds: tuple[Any, ...], part: Feature | None = None
+    ) -> tuple[int, Callable[[], list[Any]]]:
+        """The number of values of a table, and what makes them: of the class that fits its keys best.
+
+        part: the feature of the table; None of a table in another one.
+        """
+        many, before = part is not None and part.several, self._problems
+        words = table if isinstance(table, dict) else {}
+        kind = max(kinds, key=lambda each: _fit(_keys(each, many), words))
+        keys = _keys(kind, many)
+        if many and "places" in words and "position" in keys:
+            keys |= dict.fromkeys(LATTICE, True) | {"position": False}
+        values = {
+            name: self._tried(f"{path}.{name}", self._value, f"{path}.{name}", name, value, _hints(kind).get(name))
+            for name, value in self._known(path, table, keys, kinds).items()
+        }
+        examples: list[Any] = [] if part is None else [each for each in part.examples if type(each) is kind]
+        if self._problems == before:
+            columns = self._tried(path, _columns, values, examples[0]) if many and examples else {}
+            if columns is not None:
+                count = len(next(iter(columns.values()))) if columns else 1
+                return count, partial(self._make, path, kind, examples, values, columns)
+        fields = _keys(kind).keys()
+        self._name_refused(path, kind, examples, {name: each for name, each in values.items() if name in fields})
+        return 0, list
+
+    def _value(self, path: str, name: str, value: Any, hint: Any) -> Any:
+        """The value of a key: an array of a file, numbers, a value of another class, or what its class will check."""
+        if isinstance(value, dict):
+            classes: list[Any] = [each for each in (hint, *get_args(hint)) if dataclasses.is_dataclass(each)]
+            kinds = tuple(kind for each in classes for kind in each.__subclasses__() or [each])
+            _, make = self._table(path, value, kinds) if kinds else (1, lambda: [value])
+            return next(iter(make()), None)
+        if name == "region":
+            return self._region(name, value)
+        if isinstance(value, str) and hint is not str and names_array_file(value):
+            return self.arrays.content(name, value)
+        if isinstance(value, list) and not any(isinstance(each, str) for each in value):
+            demand_numbers(name, value)
+        return value
+
+    def _make(
+        self, path: str, kind: Any, examples: list[Any], common: dict[str, Any], columns: dict[str, list[Any]]
+    ) -> list[Any]:
+        """The values of a table; [] if one of them is refused."""
+        made: list[Any] = []
+        for row in zip(*columns.values(), strict=True) if columns else [()]:
+            values = common | dict(zip(columns, row, strict=True))
+            try:
+                made.append(kind(**values))
+            except InputError as error:
+                at = dict.fromkeys(columns, f"[{len(made)}]")
+                if not self._name_refused(path, kind, examples, values, at):
+                    self._add(path, str(error), _keys(kind))
+                return []
+        return made
+
+    def _name_refused(
+        self, path: str, kind: Any, examples: list[Any], values: dict[str, Any], at: dict[str, str] | None = None
+    ) -> bool:
+        """Name each value that its class refuses in all examples, whose other values are valid; whether any is."""
+        before = self._problems
+        for name, value in values.items():
+            errors: list[str] = []
+            for example in examples:
+                try:
+                    kind(**vars(example) | {name: value})
+                except InputError as error:
+                    errors.append(str(error))
+            if errors and len(errors) == len(examples):
+                own = next((text for text in errors if text.startswith(name)), errors[0])
+                self._add(f"{path}.{name}{(at or {}).get(name, '')}", own)
+        return self._problems > before
+
+    # --- the scene
+
+    def scene(self) -> Scene:
+        """The scene of the file, compressed if it says so.
+
+        Raises:
+            SceneFileError: with all that does not fit together.
+        """
+        scene = self._drawn()
+        if self.compressed is not None:
+            logger.info("mpsim: compressing %r to packing %g", scene, self.compressed["packing"])
+            scene = self._tried("compressed", partial(scene.compressed, **self.compressed))
+            self._demand_no_problem()
+        return scene
+
+    def _drawn(self, variation: int | None = None) -> Scene:
+        """The scene as it is before it is compressed. variation: with other random numbers than those of the file."""
+        self._sentences, self._problems = [], 0
+        boundary = self._tried("boundary", check_boundary, self.arguments.get("boundary", WALLED))
+        periodic = wraps_of(boundary or WALLED)
+        sides = None if boundary is None else self._sides(boundary)
+        taken = Taken(capsules=capsules_of(tuple(self.arguments.get("obstacles", ())), 0.0))
+        groups: list[dict[str, Any]] = []
+        for index, group in enumerate(self.groups):
+            path, count = f"discs[{index}]", taken.count + group.get("count", 0)
+            if count > LARGEST_COUNT:
+                self._add(path, f"all discs must be at most {LARGEST_COUNT:,}; got {count:,} or more. Use fewer.")
+                break
+            if sides is not None or "position" in group:
+                groups.append(self._tried(path, _placed, group, sides or (1.0, 1.0), periodic, taken, variation))
+        self._demand_no_problem()
+        assert sides is not None
+        box = {"width": sides[0], "height": sides[1]}
+        try:
+            scene = Scene(**box, **_joined(groups), **self.arguments)
+        except InputError as error:
+            self._name_all(box, groups)
+            if not self._problems:
+                self._add("", str(error))
+            self._demand_no_problem()
+            raise
+        if any(group.get("places") == "random" or group.get("temperature") for group in self.groups):
+            scene.redraw_with(self._drawn)
+        return scene
+
+    def _sides(self, boundary: tuple[str, str]) -> tuple[float, float] | None:
+        """Width and height, with `packing` computed from the discs; None if they cannot be computed."""
+        if "packing" not in self.box:
+            return self.box["width"], self.box["height"]
+        area, largest, before = 0.0, 0.0, self._problems
+        for index, group in enumerate(self.groups):
+            count = len(group["position"]) if "position" in group else group.get("count")
+            radius = group["radius"]
+            if count is None:
+                text = "count must be given where packing makes the box; got none."
+                self._add(f"discs[{index}]", text)
+                continue
+            self._tried(f"discs[{index}]", starts.demand_area, "radius", radius)
+            if self._problems == before:
+                one = isinstance(radius, float)
+                area += count * math.pi * radius**2 if one else math.pi * float(np.square(radius).sum())
+                largest = max(largest, float(np.max(radius, initial=0.0)))
+        if not area and self._problems == before:
+            self._add("packing", "packing needs discs to make a box for; got none. Give width and height.")
+        if self._problems > before:
+            return None
+        side = self._tried("packing", starts.side_for, self.box["packing"], area, largest, boundary)
+        return None if side is None else (side, side)
+
+    def _name_all(self, box: dict[str, float], groups: list[dict[str, Any]]) -> None:
+        """Name all that is wrong in a scene that was refused: each part is tried in the box by itself."""
+        bare = {**box, **_joined([]), "boundary": self.arguments.get("boundary", WALLED)}
+        every = _joined(groups)
+        # An emitter may take radius and mass from the discs.
+        common = {name: every[name] for name in ("radius", "mass") if name in every and not np.ndim(every[name])}
+        self._name_members("discs", [*range(len(groups))], groups, lambda some: bare | _joined(some))
+        for name, owners in self.owners.items():
+            own = bare | common if PARTS[name].adds_discs else bare
+            self._name_members(name, owners, self.arguments[name], lambda some, name=name, own=own: own | {name: some})
+        edges = {"absorbing": self.arguments.get("absorbing", ())}
+        if self._tried("absorbing", partial(Scene, **bare | edges)) is not None:
+            bare |= edges
+        for name in [name for name in self.arguments if name not in (*self.owners, *edges)]:
+            self._tried(name, partial(Scene, **bare | {name: self.arguments[name]}))
+
+    def _name_members(
+        self, name: str, owners: list[int], members: list[Any], arguments: Callable[[list[Any]], dict[str, Any]]
+    ) -> None:
+        """Name the members of a list that Scene refuses; owners: the number of the table of each."""
+        for at, error in islice(_refused(members, arguments), MOST_PROBLEMS + 1):
+            path = f"{name}[{owners[at]}]"
+            self._add(path, str(error).replace(f"{name}[0]", path))
+
+
+_BARE: dict[str, Any] = {"width": 1.0, "height": 1.0, "position": (), "velocity": (), "radius": 0.1}
+"""Arguments of a scene in which any value of an argument that is no table can be tried."""
+
+
+def _fit(keys: dict[str, bool], table: dict[str, Any]) -> int:
+    """Number of keys of a table that are known, less that of those that it lacks."""
+    return sum(name in keys for name in table) - sum(needed and name not in table for name, needed in keys.items())
+
+
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be a text in quotation marks; got {checks.brief(value)}.")
+    return value
+
+
+def _demand_consistent(group: dict[str, Any]) -> None:
+    """Refuse keys of a group of discs that do not go together."""
+    places, by_place = group.get("places"), "position" in group
+    if by_place == (places is not None):
+        raise InputError(f"discs must have either position or places; got {'both' if by_place else 'neither'}.")
+    if "velocity" in group and "temperature" in group:
+        raise InputError("discs must have velocity or temperature, not both; got both.")
+    needless = [name for name in ("count", "spacing", "region") if name in group]
+    if by_place and needless:
+        raise InputError(f"{needless[0]} goes with places, but these discs have positions. Leave it out.")
+    if places == "random" and "count" not in group:
+        raise InputError("count must be given for places = 'random'; got none.")
+    if places == "random" and "spacing" in group:
+        raise InputError("spacing belongs to a lattice; got it for places = 'random'. Leave it out.")
+    if places in LATTICES and not {"count", "spacing"} & group.keys():
+        raise InputError(f"count or spacing must be given for places = {places!r}; got neither.")
+
+
+def _columns(common: dict[str, Any], example: Any) -> dict[str, list[Any]]:
+    """The keys of a table that hold a value for each of many, taken from those that are common to all.
+
+    Raises:
+        InputError: if they do not fit together.
+    """
+    columns: dict[str, list[Any]] = {}
+    if "places" in common:
+        common["position"] = _sites(common)
+    elif needless := [name for name in LATTICE if name in common]:
+        raise InputError(f"{needless[0]} goes with places, but these have positions. Leave it out.")
+    if "lengths" in common:
+        columns["points"] = _lines(common.pop("points"), common.pop("lengths"))
+    for name in [*common]:
+        if checks.dimensions(common[name]) == np.ndim(getattr(example, name)) + 1:
+            listed, hint = common.pop(name), _hints(type(example))[name]
+            columns[name] = listed.tolist() if isinstance(listed, np.ndarray) else listed
+            if int in (hint, *get_args(hint)):  # arrays of files hold whole numbers as floats
+                columns[name] = [
+                    int(each) if isinstance(each, float) and each.is_integer() else each for each in columns[name]
+                ]
+    first = next(iter(_keys(type(example))))  # such as position
+    count = len(columns.get(first, [None]))
+    if wrong := [name for name, column in columns.items() if len(column) != count]:
+        raise InputError(
+            f"{wrong[0]} must be one for all or {count}, one per row of {first}; got {len(columns[wrong[0]])}. Give as "
+            "many."
+        )
+    return columns
+
+
+def _sites(values: dict[str, Any]) -> Numbers:
+    """Sites of the lattice that a table describes, whose keys are taken from its values."""
+    if "position" in values:
+        raise InputError("position must be left out where places are given; got both.")
+    kind, region, spacing = (values.pop(name) for name in LATTICE)
+    sites = starts.lattice_sites(
+        checks.choice("places", kind, LATTICES), region, checks.positive("spacing", spacing, "[length]")
+    )
+    if len(sites) > MOST_VALUES:
+        raise InputError(
+            f"spacing must leave at most {MOST_VALUES:,} obstacles in the region; got {len(sites):,}. Use a larger "
+            "spacing or a smaller region."
+        )
+    return sites
+
+
+def _lines(points: Any, lengths: Any) -> list[Any]:
+    """The points of each line, from those of all and the number of each."""
+    points = checks.finite_array("points", points, (None, 2), "(K, 2)")
+    counts = checks.finite_array("lengths", lengths, (None,), "(L,)")
+    wrong = (counts > len(points)) | (counts != np.floor(counts)) | (counts < 2)
+    if wrong.any() or counts.sum() != len(points):
+        raise InputError(
+            f"lengths must be whole numbers >= 2 that add up to {len(points)}, the rows of points; got "
+            f"{checks.brief(counts[:20].tolist())}. Correct them, or leave them out for one line."
+        )
+    ends = np.cumsum(counts.astype(np.int64)).tolist()
+    return [points[first:last] for first, last in zip([0, *ends[:-1]], ends, strict=True)]
+
+
+def _placed(
+    group: dict[str, Any], box: tuple[float, float], periodic: tuple[bool, bool], taken: Taken, variation: int | None
+) -> dict[str, Any]:
+    """One group of discs as arguments of Scene, which is also added to `taken`."""
+    seed, kind, region = group.get("seed", 0), group.get("places"), group.get("region")
+    radius, count, position = group["radius"], group.get("count"), group.get("position")
+    rng = np.random.default_rng(seed if variation is None else [seed, variation])
+    if kind in LATTICES:
+        margin = float(np.max(radius, initial=0.0))
+        within = (margin, margin, max(box[0] - margin, margin), max(box[1] - margin, margin))
+        position = starts.lattice_sites(kind, region or within, group.get("spacing"), count)
+    count = len(position) if position is not None else group["count"]
+    own = {name: _each(name, group[name], count) for name in ("velocity", *PER_DISC) if name in group}
+    if position is None:
+        position = starts.random_places(radius, count, box, region, taken, rng, periodic)
+    if "temperature" in group:
+        own["velocity"] = starts.thermal_velocities(count, group["temperature"], group.get("mass"), rng)
+    taken.add(position, np.broadcast_to(radius, count))
+    return {"position": position, "velocity": np.zeros((count, 2)), **own}
+
+
+def _each(name: str, value: Any, count: int) -> float | Numbers:
+    """The values of the discs of a group: a number for all, or one each; vectors as rows."""
+    vector = name not in PER_DISC or PER_DISC[name].components
+    if np.ndim(value) == (1 if vector else 0):
+        return np.tile(value, (count, 1)) if vector else value
+    if len(value) != count:
+        what = "row" if vector else "number"
+        raise InputError(f"{name} must be one {what} or {count}, one per disc; got {len(value)}.")
+    return value
+
+
+def _joined(groups: list[dict[str, Any]]) -> dict[str, Any]:
+    """The arguments of all groups as those of one."""
+    joined: dict[str, Any] = {"position": np.empty((0, 2)), "velocity": np.empty((0, 2)), "radius": np.empty(0)}
+    if len(groups) < 2:
+        return groups[0] if groups else joined
+    counts = [len(group["position"]) for group in groups]
+    for name in dict.fromkeys(name for group in groups for name in group):
+        default = PER_DISC[name].default if name in PER_DISC else None
+        values: list[Any] = [group.get(name, default) for group in groups]
+        if not any(map(np.ndim, values)) and len(set(values)) == 1:
+            joined[name] = values[0]  # one number for all, which emitters may then use
+        else:
+            shape = max(values, key=np.ndim).shape[1:] if any(map(np.ndim, values)) else ()
+            each = [np.broadcast_to(value, (count, *shape)) for value, count in zip(values, counts, strict=True)]
+            joined[name] = np.concatenate(each)
+    return joined
+
+
+def _refused(
+    members: list[Any], arguments: Callable[[list[Any]], dict[str, Any]], first: int = 0
+) -> Iterator[tuple[int, InputError]]:
+    """Members that Scene refuses, by index, with the error, found by bisection."""
+    if not members:
+        return
+    try:
+        Scene(**arguments(members))
+    except InputError as error:
+        if len(members) == 1:
+            yield first, error
+            return
+        half = len(members) // 2
+        yield from _refused(members[:half], arguments, first)
+        yield from _refused(members[half:], arguments, first + half)
+
+
+# --- Writing: small arrays in the file, large ones beside it, without losing a bit
+
+
+def save(
+    scene: Scene,
+    path: str | os.PathLike[str],
+    settings: Settings | None = None,
+    title: str = "",
+    text: str = "",
+    look_for: str = "",
+) -> None:
+    """Write a scene file; `load` restores the same scene, bit for bit.
+
+    Args:
+        scene: its arrays are written, not the rules by which it was made (random places, lattices).
+        path: ends in .toml; an existing file is replaced, a symbolic link refused. Arrays of more than 64 rows go to
+            files beside it, named after it: gas.position.npy for gas.toml.
+        settings: to recommend; None: those that the scene recommends.
+        title, text, look_for: for people.
+
+    Raises:
+        InputError: if the path does not end in .toml.
+        OutputError: if a file cannot be written; the scene file itself is then as it was.
+    """
+    target = Path(path)
+    if target.suffix != ".toml":
+        raise InputError(f"path of a scene file must end in .toml; got {os.fspath(path)!r}.")
+    lines = [f"schema = {SCHEMA}", *_scene_lines(scene), ""]
+    if title or text or look_for:
+        about = {"title": title, "text": text, "look_for": look_for}
+        lines += ["[about]", *pairs({name: words for name, words in about.items() if words or name == "title"}), ""]
+    settings = scene.settings if settings is None else settings
+    if settings is not None:
+        lines += ["[settings]", *pairs(chosen(settings)), ""]
+    arrays: Files = []
+    discs = {name: getattr(scene, name) for name in ("position", "velocity", *PER_DISC)}
+    discs = {name: value for name, value in discs.items() if value is not None}
+    lines += ["[[discs]]", *array_lines(discs, target, "", arrays), ""]
+    tables = 0
+    for feature in sorted((each for each in FEATURES if each.kinds), key=lambda each: not each.several):
+        own = _table_lines(feature, feature.of(scene), target, arrays) if feature.several else []
+        tables = max(tables, own.count(f"[[{feature.argument}]]"))
+        lines += own
+        if not feature.several and feature.is_in(scene):
+            lines += [f"[{feature.argument}]", *pairs(vars(feature.of(scene))), ""]
+    length = sum(len(line) + 1 for line in lines)
+    if length > MOST_BYTES or tables > MOST_TABLES:
+        raise OutputError(
+            f"a scene file must have at most {MOST_BYTES:,} bytes and {MOST_TABLES:,} tables of a kind; "
+            f"{str(target)!r} would have {length:,} and {tables:,}. Let obstacles, and emitters, of one kind and with "
+            "the same keys follow each other, which makes arrays of them; or keep the scene in Python."
+        )
+    try:
+        _write([(target, lambda file: file.write("\n".join(lines).encode())), *arrays])
+    except (OSError, UnicodeEncodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(
+            f"path must be a place where files can be written; got {os.fspath(path)!r} ({reason}). Choose another."
+        ) from None
+
+
+def _scene_lines(scene: Scene) -> list[str]:
+    values: dict[str, Any] = {"width": scene.width, "height": scene.height}
+    if scene.boundary != WALLED:
+        values["boundary"] = scene.boundary
+    values |= {name: getattr(scene, name) for name in VECTORS}
+    values |= {name: value for name, default in NUMBERS.items() if (value := getattr(scene, name)) != default}
+    values["absorbing"] = scene.absorbing or None
+    values |= {"duration": scene.duration, "picture_interval": scene.picture_interval}
+    values["measures"] = scene.measures or None
+    return pairs(values)
+
+
+def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: Files) -> list[str]:
+    """Values of a feature as tables, many alike as one table of arrays; the files of these are appended."""
+    lines: list[str] = []
+    examples = {type(each) for each in feature.examples}
+    for (kind, *_), group in groupby(values, _likeness):
+        alike = list(group)
+        many = len(alike) > INLINE and kind in examples
+        for some in [alike] if many else [[each] for each in alike]:
+            columns, common = dict[str, Any](), dict[str, Any]()
+            for name in dict.fromkeys(name for each in some for name in chosen(each)):
+                column: list[Any] = [getattr(each, name) for each in some]
+                if many and not dataclasses.is_dataclass(column[0]):
+                    columns[name] = column
+                elif isinstance(column[0], tuple) and len(column[0]) > INLINE:
+                    columns[name] = column[0]
+                else:
+                    common[name] = column[0]
+            if many and "points" in columns:
+                lengths = [len(points) for points in columns["points"]]
+                columns = {"points": np.concatenate(columns.pop("points")), "lengths": lengths, **columns}
+            prefix = f"{feature.argument}-{len(arrays)}."
+            lines += [f"[[{feature.argument}]]", *array_lines(columns, target, prefix, arrays), *pairs(common), ""]
+    return lines
+
+
+def _likeness(value: Any) -> tuple[Any, ...]:
+    """What values have in common that can be in one table: their class, the keys, and values of other classes."""
+    values = vars(value)
+    keys = tuple(name for name, each in values.items() if each is not None)
+    return type(value), keys, [each for each in values.values() if dataclasses.is_dataclass(each)]
+
+
+def _write(parts: list[tuple[Path, Callable[[BinaryIO], object]]]) -> None:
+    """Every file is complete on the disk before the first is renamed; they are renamed last to first."""
+    if parts:
+        (path, write), *others = parts
+        with files.atomic_write(path) as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+            _write(others)
