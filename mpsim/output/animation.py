@@ -53,13 +53,11 @@ from mpsim.scene.settings import Settings, frames_between_pictures, settings_for
 
 # --- A picture of a simulation that is updated for each frame of an animation
 
-PIXELS = 480
-"""Length of the longer side of the box in a picture."""
+PIXELS = 480  # length of the longer side of the box in a picture
 
 DPI = 100
 
-IN_MEMORY = 2**27
-"""Bytes of moments that are kept in memory; what is more lies in a file."""
+IN_MEMORY = 2**27  # bytes of moments that are kept in memory; what is more lies in a file
 
 
 class Moment(NamedTuple):
@@ -173,8 +171,6 @@ class Picture:
 
 
 class _Speed:
-    """Colour by speed."""
-
     label, ticks, colours = SPEED, None, None
 
     def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
@@ -186,8 +182,6 @@ class _Speed:
 
 
 class _Worker:
-    """Colour by the worker that owns a disc's column."""
-
     label = "worker"
 
     def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
@@ -203,8 +197,6 @@ class _Worker:
 
 
 class _Parity:
-    """Colour by whether the column of a disc is even or odd, over the columns of the start."""
-
     label, scale, ticks = "column of the disc", ColourScale(-0.5, 1.5), {0: "even", 1: "odd"}
     colours = ListedColormap(["#56B4E9", "#D55E00"])
 
@@ -219,8 +211,7 @@ class _Parity:
         return (sim.columns().of_disc % 2).astype(float)
 
 
-KINDS: dict[str, Any] = {"speed": _Speed, "worker": _Worker, "parity": _Parity}
-"""What discs can be coloured by."""
+KINDS: dict[str, Any] = {"speed": _Speed, "worker": _Worker, "parity": _Parity}  # what discs can be coloured by
 
 CATEGORIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#000000")
 """Colours of Okabe & Ito, neighbours far apart."""
@@ -228,8 +219,7 @@ CATEGORIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", 
 
 # --- Writes films: GIFs with one palette for all frames, without bands or flicker; MP4 by ffmpeg
 
-SAMPLE = 8
-"""Pictures from which the palette is made."""
+SAMPLE = 8  # pictures from which the palette is made
 
 
 def image_of(figure: Figure) -> Image.Image:
@@ -314,11 +304,8 @@ def executable(instead: str) -> str:
 PICTURES, MOST_PICTURES = 200, 300
 """Default number of pictures of a scene without a duration, and the largest of one with a duration."""
 
-LONGEST = 100_000
-"""Pictures of an animation at most."""
-
-MOST_SHOWN = 20_000_000
-"""Bytes of an animation that a notebook shows: the output of the cell holds them."""
+LONGEST = 100_000  # pictures of an animation at most
+MOST_SHOWN = 20_000_000  # bytes of an animation that a notebook shows: the output of the cell holds them
 
 
 class Animation(PosixPath):
@@ -430,7 +417,6 @@ def _instead_of(target: Path) -> str:
 
 @contextlib.contextmanager
 def _writing(target: Path) -> Iterator[None]:
-    """Say which file cannot be written."""
     try:
         yield
     except OSError as error:
@@ -443,7 +429,6 @@ def _writing(target: Path) -> Iterator[None]:
 
 
 def _check_colours(colour: object, scale: object) -> None:
-    """Refuse an unknown colour, and a scale for a colour without one."""
     if colour is not None:
         checks.choice("colour", colour, KINDS)
     if checks.choice("scale", scale, SCALES) == "log" and colour != "speed":
@@ -531,7 +516,6 @@ def pictures_of(
 
 
 def _pictures_in(seconds: float, rate: int) -> int:
-    """Pictures of an animation that lasts so long [s]."""
     if seconds * rate > LONGEST:
         raise InputError(
             f"seconds must be at most {LONGEST / rate:g} with {rate} pictures per second, {LONGEST:,} pictures; got "
@@ -541,7 +525,6 @@ def _pictures_in(seconds: float, rate: int) -> int:
 
 
 def _demand_path(settings: object, path: object) -> None:
-    """Refuse an animation without a path, or with the path in the place of the settings."""
     if isinstance(settings, str | os.PathLike):
         raise InputError(
             f"settings must be mpsim.Settings or None; got {os.fspath(settings)!r}. Write path={os.fspath(settings)!r}."

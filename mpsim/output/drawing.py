@@ -35,14 +35,9 @@ from mpsim.scene.scene import Scene
 
 # --- Colour scales from the numbers in a picture, with arrows for values outside
 
-PERCENTILES = (2.0, 98.0)
-"""Percentiles of the values at the two ends of the scale."""
-
-SAMPLE = 5_000
-"""Discs of one picture that enter the scale of a run at most."""
-
-SPEED = "speed [length/time]"
-"""Words of a colour bar."""
+PERCENTILES = (2.0, 98.0)  # percentiles of the values at the two ends of the scale
+SAMPLE = 5_000  # discs of one picture that enter the scale of a run at most
+SPEED = "speed [length/time]"  # words of a colour bar
 
 SCALES = ("linear", "log")
 
@@ -115,14 +110,12 @@ COARSE, FINE = (1.0, 2.0, 5.0), (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 4.0, 5.
 STYLE = Path(__file__).with_name("mpsim.mplstyle")
 
 DISC_COLOUR = "#56B4E9"
-MOST_DISCS = 50_000
-"""Discs that a still shows at most: more would take long, and be smaller than its pixels."""
+MOST_DISCS = 50_000  # discs that a still shows at most: more would take long, and be smaller than its pixels
 
 NO_VALUE = "#CCCCCC"
 """Of a disc whose number is NaN."""
 
-FLAT = 2.5
-"""Ratio of width to height from which the colour bar lies below the box."""
+FLAT = 2.5  # ratio of width to height from which the colour bar lies below the box
 
 ENDINGS = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 """Of files that pictures are written to."""
@@ -182,7 +175,6 @@ def new_figure(width: float, height: float, theme: Theme = LIGHT) -> Figure:
 
 
 def _is_flat(scene: Scene) -> bool:
-    """Whether the colour bar lies below the box."""
     return scene.width > FLAT * scene.height
 
 
@@ -473,17 +465,13 @@ def plain_ticks(axis: Axis, digits: Sequence[float] = COARSE) -> None:
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
 
-INCHES = 6.0
-"""Longer side of the box in a figure of its own."""
-
-MOST_LABELS = 2_000
-"""Discs with labels at most: more could not be read."""
+INCHES = 6.0  # longer side of the box in a figure of its own
+MOST_LABELS = 2_000  # discs with labels at most: more could not be read
 
 LUMINANCE, DARK_BELOW = np.array([0.299, 0.587, 0.114]), 0.5
 """Weights of red, green and blue in the luminance of a colour, and the luminance below which its label is white."""
 
-FONT_SIZES = (4.0, 11.0)
-"""Smallest and largest labels [points]."""
+FONT_SIZES = (4.0, 11.0)  # smallest and largest labels [points]
 
 
 @dataclass(frozen=True)
@@ -601,7 +589,6 @@ def draw(
 
 
 def _own_axes(scene: Scene) -> Axes:
-    """Axes in a figure of their own, of the shape of the box."""
     longer = max(scene.width, scene.height)
     width, height = (INCHES * side / longer for side in (scene.width, scene.height))
     size = max(width, 1.6), max(height, 0.5)
@@ -616,7 +603,6 @@ def _title(shown: Shown, step: int) -> str:
 
 
 def _shown_by(state: object, scene: object) -> Shown:
-    """The discs to be drawn, from what was given."""
     if scene is not None and not isinstance(scene, Scene):
         raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Use Scene.load, or Scene(...).")
     if isinstance(state, Scene | Simulation):
@@ -698,7 +684,6 @@ def _numbers(colour: Any, shown: Shown) -> tuple[NDArray[np.float64] | None, str
 
 
 def _texts(labels: Any, shown: Shown) -> list[str] | None:
-    """The label of each disc that is shown."""
     if labels is False or labels is None:
         return None
     rule = f"True, or {shown.given} texts or numbers, one for each disc"

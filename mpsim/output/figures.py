@@ -157,7 +157,6 @@ def final_picture(scene: Scene, last: Frame, path: str | os.PathLike[str]) -> Pa
 
 
 def _panels(shape: float) -> tuple[Figure, Axes, Axes, Axes, Axes]:
-    """A figure for a box with this ratio of height to width, with axes for three curves and for the box."""
     if shape > TALL:
         height = 8.4
         wide = max(height / shape, 1.6) + 1.6

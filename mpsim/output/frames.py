@@ -299,8 +299,7 @@ class Given:
         return Frame(number, box, origin, periodic or self.periodic or (True, True), position, source, known)
 
 
-ROUNDING = 1e-9
-"""Largest component of an upright box off its axes, relative to its sides."""
+ROUNDING = 1e-9  # largest component of an upright box off its axes, relative to its sides
 
 FLAT = 1e-6
 """Largest difference of z among discs in a plane, relative to the box; of their velocities, relative to the largest."""
@@ -367,7 +366,6 @@ def frame_of(sim: Simulation) -> Frame:
 
 
 def _frame(sim: Simulation, walls: Box | None, found: dict[str, Any], radius: Any, mass: Any, ids: Any) -> Frame:
-    """The present frame, from these data of its discs."""
     assert walls is not None  # those of a simulation are known
     x_low, x_high, y_low, y_high = walls
     position = found.pop("position")

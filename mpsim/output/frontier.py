@@ -46,11 +46,8 @@ if TYPE_CHECKING:
 UNITS = {name: OBSERVABLES[name].unit for name in ERRORS if OBSERVABLES[name].unit != "%"}
 """Units of errors; those of all others are per cent."""
 
-WIDTH = 220
-"""Columns of the page where there is no terminal."""
-
-FRAME = 3
-"""Characters that a column of a table takes beside its text: a line and two spaces."""
+WIDTH = 220  # columns of the page where there is no terminal
+FRAME = 3  # characters that a column of a table takes beside its text: a line and two spaces
 
 
 def header(table: "Tradeoff") -> list[str]:
@@ -159,8 +156,7 @@ def html_table(table: "Tradeoff") -> str:
     return f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
 
 
-ASIDE = ("ran", "bytes per disc", "energy drift", "momentum drift")
-"""Columns that a page does without."""
+ASIDE = ("ran", "bytes per disc", "energy drift", "momentum drift")  # columns that a page does without
 
 
 def markdown_table(table: "Tradeoff") -> str:
@@ -224,19 +220,15 @@ FAMILIES = {
 OTHER = ("#56B4E9", "P")
 GREY = "#B0B0B0"
 
-ZERO = 0.03
-"""Position of errors of exactly 0, as a fraction of the width: a logarithmic axis has none for them."""
-
-BAND = 0.06
-"""Fraction of the width, at the left, that is kept for them."""
+ZERO = 0.03  # position of errors of exactly 0, as a fraction of the width: a logarithmic axis has none for them
+BAND = 0.06  # fraction of the width, at the left, that is kept for them
 
 FINE, MIDDLE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0), (1.0, 2.0, 5.0)
 """Numbers written within a decade on an axis that covers less than NARROW, or less than WIDE, decades."""
 
 NARROW, WIDE = 0.75, 2.5
 
-PLAIN = (1e-3, 1e5)
-"""Numbers between these are written without powers of ten."""
+PLAIN = (1e-3, 1e5)  # numbers between these are written without powers of ten
 
 COST = "cost [ns per disc and unit of time]"
 
@@ -456,7 +448,6 @@ def _bar(deviation: Deviation, scale: float) -> tuple[float, float]:
 
 
 def _legend(rows: Sequence[Row]) -> list[Line2D]:
-    """Families in the picture, then what grey, arrow and line mean."""
     names = list(dict.fromkeys(family(row.settings) for row in rows))
     names.sort(key=lambda name: list(FAMILIES).index(name) if name in FAMILIES else len(FAMILIES))
     handles = []

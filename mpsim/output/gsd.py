@@ -252,7 +252,6 @@ def _three(plane: NDArray[np.floating], origin: ArrayLike) -> NDArray[np.float32
 
 
 def _copy(source: Path, target: Path, frames: int) -> None:
-    """Copy the first frames of a file to another file, chunk by chunk."""
     low = _library("gsd.fl")
     with low.open(str(source), "r") as old:
         options = {"application": old.application, "schema": old.schema, "schema_version": old.schema_version}

@@ -16,11 +16,8 @@ from mpsim.scene.scene import Scene
 from mpsim.studies.tradeoff import label
 from mpsim.studies.tune import Tuned
 
-INCHES = 3.2
-"""Longer side of a still."""
-
-COLOURS = 48
-"""Colours of a still: more hardly show, and fewer make it small."""
+INCHES = 3.2  # longer side of a still
+COLOURS = 48  # colours of a still: more hardly show, and fewer make it small
 
 
 def scene_png(scene: Scene) -> bytes:

@@ -18,8 +18,7 @@ from mpsim.measure.moments import energy_of_rotation, energy_of_translation
 from mpsim.measure.observables import overlap
 from mpsim.output.frames import FirstRank, Ownership
 
-MOST_BYTES = 2**30
-"""Bytes of a table at most: some ten million rows."""
+MOST_BYTES = 2**30  # bytes of a table at most: some ten million rows
 
 COLUMNS: tuple[str, ...] = (
     "frame",

@@ -65,7 +65,6 @@ def discrepancy(sim: Simulation, now: Frame, first: Frame, last: Frame) -> str |
 
 
 def _setting(sim: Simulation, now: Frame, last: Frame) -> str | None:
-    """What differs of box, boundaries, precision and dt."""
     if last.periodic != now.periodic:
         return f"its periodic axes (x, y) are {last.periodic} and not {now.periodic}"
     if last.position.dtype != now.position.dtype:
@@ -84,7 +83,6 @@ def _setting(sim: Simulation, now: Frame, last: Frame) -> str | None:
 
 
 def _discs(sim: Simulation, now: Frame, last: Frame) -> str | None:
-    """What differs of the discs: which are present, radii and masses."""
     behind = last.frame <= now.frame
     highest = int(last.ids.max(initial=-1))
     if behind and highest >= sim.count:
@@ -534,7 +532,6 @@ def _hint(path: Any, endings: Iterable[str]) -> str:
 
 
 def _path_of(path: str | os.PathLike[str], endings: Iterable[str]) -> Path:
-    """A path that ends as a trajectory does."""
     if not isinstance(path, str | os.PathLike) or ending_of(path) not in endings:
         raise InputError(f"a trajectory's path must end in {', '.join(endings)}; got {path!r}. {_hint(path, endings)}")
     return Path(os.fsdecode(path))

@@ -27,14 +27,9 @@ from mpsim.output.frames import ROUNDING, Frame, Given, kind_of
 
 # --- Text files of frames, compressed by gzip or not: where each frame lies, and the numbers in its lines
 
-LONGEST_LINE = 2**20
-"""Bytes of a line at most."""
-
-MOST_BYTES = 2**31
-"""Bytes of a frame in a compressed file at most, which may unpack to a thousand times its size."""
-
-LONGEST_NUMBER = 17
-"""Digits of the number of a frame, or of the number of its discs, at most."""
+LONGEST_LINE = 2**20  # bytes of a line at most
+MOST_BYTES = 2**31  # bytes of a frame in a compressed file at most, which may unpack to a thousand times its size
+LONGEST_NUMBER = 17  # digits of the number of a frame, or of the number of its discs, at most
 
 
 class LineError(Exception):
@@ -138,7 +133,6 @@ def scan(path: Path, skip: Skip, known: Sequence[int] = (0,)) -> Scan:
 
 
 def _opened(path: Path) -> contextlib.AbstractContextManager[BinaryIO]:
-    """The content of a file, open for reading."""
     file = files.opened(path)
     return _unpacked(file) if _is_compressed(path) else file
 
@@ -153,8 +147,7 @@ def _unpacked(file: BinaryIO) -> Iterator[BinaryIO]:
         yield cast(BinaryIO, content)
 
 
-DAMAGED = EOFError, zlib.error, gzip.BadGzipFile
-"""Errors of a compressed file that is damaged or cut off."""
+DAMAGED = EOFError, zlib.error, gzip.BadGzipFile  # errors of a compressed file that is damaged or cut off
 
 
 def _damaged(path: Path, index: int, error: Exception) -> TrajectoryError:
@@ -206,11 +199,9 @@ class TextReader:
             )
 
     def _skip(self, lines: Lines, head: bytes) -> bool:
-        """Skip a frame, as `Skip`."""
         raise NotImplementedError
 
     def _frame(self, where: str, index: int, lines: list[str]) -> Frame:
-        """The frame of an index, which consists of these lines, or raises LineError."""
         raise NotImplementedError
 
     def __len__(self) -> int:
@@ -362,8 +353,7 @@ READ: dict[str, type] = {
 }
 """Columns that are read, and the kind of their numbers."""
 
-MOST_LINES = 100
-"""Lines of a frame before its discs at most."""
+MOST_LINES = 100  # lines of a frame before its discs at most
 
 
 class DumpReader(TextReader):
@@ -450,8 +440,7 @@ def _box_of_dump(bounds: str, lines: list[str], at: int) -> tuple[Any, Any, tupl
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"
 """Columns that mpsim writes: mass and velo by the names that OVITO knows, masses and momenta by those of ASE."""
 
-PART = 20_000
-"""Discs whose lines are made at a time."""
+PART = 20_000  # discs whose lines are made at a time
 
 _POSITION, _VELOCITY = Column("position", "centres", (2,)), Column("velocity", "velocities", (2,))
 _MOMENTUM = Column("momentum", "momenta", (2,))
@@ -558,12 +547,10 @@ def text_of(frame: Frame) -> Iterator[Any]:
 
 
 def _text_of_rows(frame: Frame, first: int, last: int) -> bytes:
-    """A line for each disc of a range."""
     return _rows_of(_columns_of(frame, slice(first, last)), last - first).tobytes()
 
 
 def _head_of(frame: Frame) -> bytes:
-    """Its first two lines."""
     (width, height), (left, low) = frame.box, frame.origin
     wraps = " ".join("T" if wrap else "F" for wrap in (*frame.periodic, False))
     return (
@@ -574,7 +561,6 @@ def _head_of(frame: Frame) -> bytes:
 
 
 def _properties_of(frame: Frame) -> str:
-    """The names of the columns, their kinds and widths."""
     further = (f":{name}:{kind_of(column)}" for name, column in _of_states().items() if column.name in frame.known)
     return "".join([PROPERTIES, *further])
 
@@ -639,8 +625,7 @@ _QUOTED = r'"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\''
 _KEY = re.compile(rf"({_QUOTED}|[^\s=]+)(?:\s*=\s*({_QUOTED}|\{{[^}}]*\}}|\[\[.*?\]\s*\]|\[[^\]]*\]|\S*))?")
 
 
-_COLON = re.compile(r"\b(Timestep|Time): +")
-"""What stands before a value in the plain XYZ of LAMMPS."""
+_COLON = re.compile(r"\b(Timestep|Time): +")  # what stands before a value in the plain XYZ of LAMMPS
 
 
 def keys_of(comment: str) -> dict[str, str]:
@@ -672,7 +657,6 @@ def _number_of(keys: dict[str, str], index: int) -> int:
 
 
 def _columns(rows: list[str], properties: str) -> dict[str, Any]:
-    """The columns that mpsim knows, by their names in mpsim."""
     parts = properties.split(":")
     if len(parts) % 3 or not all(width.isdecimal() and len(width) < 5 for width in parts[2::3]):
         raise LineError(

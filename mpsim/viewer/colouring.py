@@ -45,17 +45,7 @@ class SpeedScale:
     fastest: float
 
     def colours(self, discs: InPlace, out: NDArray[np.uint8], *, plain: bool = False) -> None:
-        """Write the colour of each disc into `out`, ordered by disc number.
-
-        plain: in Python, without a compiled kernel.
-
-        >>> from mpsim.engine.solvers.base import in_place
-        >>> speeds, out = np.array([0.0, 1.0, 2.0, 6.0]), np.zeros(4, np.uint8)
-        >>> state = State(np.zeros((4, 2)), np.stack([speeds, 0 * speeds], axis=1))
-        >>> SpeedScale(2.0, 6.0).colours(in_place(state, (0, 1, 0, 1), 0, 0.0, np.ones(4)), out)
-        >>> out.tolist()
-        [0, 112, 223, 254]
-        """
+        """Write the colour of each disc into `out`, ordered by disc number; plain: without a compiled kernel."""
         steep = (FASTEST - KNEE) / (self.fastest / self.usual - 1)
         paint = getattr(paint_speeds, "py_func", paint_speeds) if plain else paint_speeds
         paint(discs.vx, discs.vy, discs.number, self.usual, KNEE, steep, FASTEST, out)
@@ -64,13 +54,7 @@ class SpeedScale:
 
 
 def scale_of(state: State) -> SpeedScale:
-    """The scale for the speeds of a state; if all discs are at rest, a scale from 0 to about 1.
-
-    >>> speeds = np.arange(1.0, 101.0)
-    >>> scale = scale_of(State(np.zeros((100, 2)), np.stack([speeds, 0 * speeds], axis=1)))
-    >>> round(scale.usual, 3), round(scale.fastest, 3)
-    (98.02, 111.646)
-    """
+    """The scale for the speeds of a state; if all discs are at rest, a scale from 0 to about 1."""
     speeds = np.hypot(*state.velocity[state.present].T).astype(np.float64)
     fastest = float(speeds.max(initial=0.0))
     if not fastest > 0:
@@ -126,11 +110,7 @@ class Colouring:
         return [name for name in CHOICES if there.get(name, True)]
 
     def choose(self, by: str, sim: Simulation) -> None:
-        """Choose the quantity that the colours show.
-
-        Raises:
-            InputError: if this simulation does not have it.
-        """
+        """Choose the quantity that the colours show, or raise InputError if this simulation does not have it."""
         self.by = checks.choice("by of colour", by, self.choices(sim))
         self.begin()
 
@@ -145,7 +125,6 @@ class Colouring:
             self._collisions.observe(sim, 0)
 
     def _collided(self, sim: Simulation, table: NDArray[Any]) -> None:
-        """Note the times at which discs collided."""
         self._last_of(sim.count)
         for name, rows in (("i", table), ("j", table[table["kind"] == 0])):
             np.maximum.at(self._last, rows[name], rows["time"])
@@ -174,7 +153,6 @@ class Colouring:
         return colours
 
     def _values(self, discs: InPlace) -> NDArray[np.float64]:
-        """The value of each disc; not finite if it has none."""
         count = len(discs.number)
         if self.by == "collision":
             since = discs.time if self._since is None else self._since
@@ -213,18 +191,7 @@ def has_columns(sim: Simulation) -> bool:
 
 
 def own_colours(colour: ArrayLike | None, count: int) -> NDArray[np.float64] | None:
-    """Check the numbers to colour discs by. A float64 array is not copied, so the user's program can change it later.
-
-    Args:
-        colour: a number for each disc, shape (N,), or None. NaN: this disc has no value.
-        count: number of discs, N.
-
-    Raises:
-        InputError: if the shape is another one, or the values are not numbers.
-
-    >>> own_colours([1, 2.5], 2).tolist()
-    [1.0, 2.5]
-    """
+    """Check numbers to colour discs by, shape (count,). A float64 array is not copied, so it can be changed later."""
     if colour is None:
         return None
     try:

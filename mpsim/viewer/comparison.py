@@ -77,41 +77,21 @@ class Distance(NamedTuple):
 
 
 class Difference:
-    """Compares two stages since their common start.
-
-    Args:
-        scene: scene of both.
-
-    Attributes:
-        first, second: counts and times of each.
-        parted: time at which they were first seen to have parted, or were predicted to part [time]; None: not yet.
-
-    >>> from mpsim import Scene
-    >>> scene = Scene(width=9, height=9, position=[[2, 2], [5, 5]], velocity=[[1, 0], [0, 1]], radius=0.5)
-    >>> there = State(scene.position + [[0.001, 0.0], [0.0, 0.0]], scene.velocity)
-    >>> difference = Difference(scene)
-    >>> round(difference.look(State(scene.position, scene.velocity), there, time=1.0).largest, 9), difference.parted
-    (0.001, None)
-    """
+    """Compares two stages of a scene since their common start."""
 
     def __init__(self, scene: Scene):
         self.first: Counts = Counts()
         self.second: Counts = Counts()
-        self.parted: float | None = None
+        self._parted: float | None = None  # time at which they were seen, or predicted, to part
         self._saturated: float | None = None  # time at which the distance was first seen to reach SATURATED
         self._scene = scene
 
-    def look(self, one: State, other: State, time: float, agree_until: float | None = None) -> Distance | None:
+    def _look(self, one: State, other: State, time: float, agree_until: float | None) -> Distance | None:
         """The distance between two states at the same time; None where it means nothing.
 
         The states have parted for good once they are PARTED diameters apart: from then on their distance is chance.
         Discs in a dense packing rarely leave the cages of their neighbours, so their distance may stay below PARTED.
         Therefore states that are at least SATURATED diameters apart also count as parted after `agree_until`.
-
-        Args:
-            one, other: the states.
-            time: time of both [time].
-            agree_until: time until which two correct solvers agree, from the Lyapunov time [time]; None: not known.
         """
         try:
             found = trajectory_error(one, other, self._scene)
@@ -119,23 +99,28 @@ class Difference:
             return None
         diameter = 2 * self._scene.smallest_radius
         distance = Distance(found.rms / diameter, found.largest / diameter, found.disc)
-        if self.parted is None and distance.mean >= PARTED:
-            self.parted = time
+        if self._parted is None and distance.mean >= PARTED:
+            self._parted = time
         if self._saturated is None and distance.mean >= SATURATED:
             self._saturated = time
         if agree_until is not None and agree_until <= time and self._saturated is not None:
             predicted = max(agree_until, self._saturated)
-            self.parted = predicted if self.parted is None else min(self.parted, predicted)
-        return distance if self.parted is None else None
+            self._parted = predicted if self._parted is None else min(self._parted, predicted)
+        return distance if self._parted is None else None
 
-    def read(self, one: State, other: State, time: float, agree_until: float | None = None) -> dict[str, Any]:
-        """The numbers that a page shows; NaN and None are shown as dashes. The arguments are those of `look`.
+    def read(self, one: State, other: State, time: float, agree_until: float | None) -> dict[str, Any]:
+        """The numbers that a page shows; NaN and None are shown as dashes.
 
         `missed` is the number of collisions that the second stage has counted and the first one has not. Once the
         stages have parted, these are different collisions, and only the fraction is meaningful.
+
+        Args:
+            one, other: the present states of the stages.
+            time: time of both [time].
+            agree_until: time until which two correct solvers agree, from the Lyapunov time [time]; None: not known.
         """
         first, second = self.first, self.second
-        distance = self.look(one, other, time, agree_until)
+        distance = self._look(one, other, time, agree_until)
         pressures = first.pressure.read(), second.pressure.read()
         missed = second.collisions - first.collisions
         return {
@@ -143,9 +128,9 @@ class Difference:
             "distance": None if distance is None else distance.mean,
             "largest": None if distance is None else distance.largest,
             "disc": None if distance is None else distance.disc,
-            "parted": self.parted,
+            "parted": self._parted,
             "collisions": [first.collisions, second.collisions],
-            "missed": missed if self.parted is None else None,
+            "missed": missed if self._parted is None else None,
             "missed_fraction": missed / second.collisions if second.collisions else math.nan,
             "pressure": [each.value for each in pressures],
             "pressure_error": [each.error for each in pressures],
@@ -158,11 +143,8 @@ class Difference:
 
 # --- A second stage: it starts from the same scene with other settings, and is kept at the same time as the first
 
-SNAPSHOT = 0
-"""Number of the moment that a user has marked. The moments before changes have numbers from 1."""
-
-WHOLE = 1e-9
-"""Relative deviation from a whole number that counts as rounding."""
+SNAPSHOT = 0  # number of the moment that a user has marked. The moments before changes have numbers from 1
+WHOLE = 1e-9  # relative deviation from a whole number that counts as rounding
 
 
 class Steps(NamedTuple):
@@ -193,29 +175,15 @@ class SecondStage:
             exact solver has no steps, so it gets the dt of the first stage.
         dt: dt of the first stage [time], > 0.
 
-    Attributes:
-        sim: the simulation of the second stage.
-        difference: compares both stages.
-        skipped: number of changes by hand that the second stage refused, because a disc was in the way there.
-
     Raises:
         InputError: if dt does not fit, or the settings cannot run the scene.
-
-    >>> from mpsim import Scene
-    >>> scene = Scene.random(count=20, packing=0.2, radius=0.5, seed=1)
-    >>> with Simulation(scene, Settings(dt=0.02, method="grid")) as first:
-    ...     second = SecondStage(scene, Settings(method="event"), dt=0.02)
-    ...     seconds = second.follow(first, first.run(frames=10))
-    ...     second.sim.frame, second.sim.time == first.time
-    (10, True)
-    >>> second.close()
     """
 
     def __init__(self, scene: Scene, settings: Settings, dt: float):
         self._settings, each = in_step(settings, dt)
         self.sim: Simulation = Simulation(scene, self._settings)
         self.difference: Difference = Difference(scene)
-        self.skipped: int = 0
+        self.skipped: int = 0  # changes by hand that were refused here, because a disc was in the way
         self._steps = Steps(0, 0, each)
         self._taken = 0  # entries of the first one's journal
         self._moments = Moments()
@@ -226,10 +194,7 @@ class SecondStage:
         self.sim.close()
 
     def follow(self, first: Simulation, report: Report) -> float:
-        """Run until the frame of the first stage; returns the computing time [s].
-
-        report: report of the first stage since both were last at the same time.
-        """
+        """Run until the frame of the first stage, which has made this report since; returns the computing time [s]."""
         steps, sim = self._steps, self.sim
         frames = steps.second + (first.frame - steps.first) * steps.each - sim.frame
         if frames <= 0:
@@ -286,13 +251,12 @@ class SecondStage:
     # --- earlier moments
 
     def mark(self, number: int) -> None:
-        """Remember this moment under the number that it has in the first stage, which can go back to it."""
+        """Remember this moment under the number that it has in the first stage."""
         self._moments.keep(number, self.sim)
         self._marks[number] = _Mark(self._steps, self._taken, copy.deepcopy(self.difference))
 
     @property
     def bytes_of_moments(self) -> Mapping[int, int]:
-        """Bytes of each moment, by number."""
         return self._moments.sizes
 
     def forget_all_but(self, numbers: Iterable[int]) -> None:
@@ -302,31 +266,19 @@ class SecondStage:
             del self._marks[number]
 
     def back(self, number: int) -> None:
-        """Go back to a moment.
-
-        Raises:
-            InputError: if it is not remembered.
-        """
+        """Go back to a moment, or raise InputError if it is not remembered."""
         self._moments.back(number, self.sim)
         mark = self._marks[number]
         self._steps, self._taken, self.difference = mark.steps, mark.taken, copy.deepcopy(mark.difference)
 
 
 def fitting(own: float, dt: float) -> float:
-    """The dt of a second stage, rounded so that a whole number of its steps is one step of the first stage [time].
-
-    >>> fitting(0.003, dt=0.01), fitting(0.02, dt=0.01)
-    (0.0033333333333333335, 0.01)
-    """
+    """The dt of a second stage, rounded so that a whole number of its steps is one step of the first stage [time]."""
     return dt / max(round(dt / own), 1)
 
 
 def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:
-    """Settings of a second stage that fit the first one, and the number of its frames in one frame of the first.
-
-    Args:
-        settings: requested settings of the second stage.
-        dt: dt of the first stage [time].
+    """Settings of a second stage that fit the dt of the first, and the number of its frames in one frame of the first.
 
     Raises:
         InputError: if they do not fit.
@@ -346,16 +298,7 @@ def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:
 
 
 def settings_beside(first: Settings, values: Mapping[str, Any]) -> Settings:
-    """Settings of a second stage: those of the first with some changes.
-
-    Args:
-        first: settings of the first stage.
-        values: changed settings among method, contact, passes and precision; and `frames`, the number of frames of the
-            second stage in one frame of the first, >= 1.
-
-    >>> settings_beside(Settings(dt=0.02, method="grid"), {"frames": 4, "passes": 2}).dt
-    0.005
-    """
+    """Settings of a second stage: those of the first with changes, and `frames` of it in one frame of the first."""
     changed = {name: value for name, value in values.items() if name != "frames"}
     if changed.get("method", first.method) != first.method:
         changed["workers"] = None
@@ -379,11 +322,8 @@ def demand_one_process(settings: Settings) -> Settings:
 # --- Runs long work in a thread of its own, and can cancel it
 
 
-CLOSING_SECONDS = 5.0
-"""Longest time that `stop` waits for cancelled work to end."""
-
-Check = Callable[[], None]
-"""The work calls this from time to time. It raises an exception once the work was cancelled."""
+CLOSING_SECONDS = 5.0  # longest time that `stop` waits for cancelled work to end
+Check = Callable[[], None]  # the work calls this from time to time. It raises an exception once the work was cancelled
 
 
 class _GivenUpError(Exception):
@@ -391,17 +331,7 @@ class _GivenUpError(Exception):
 
 
 class Background:
-    """Runs one piece of work at a time.
-
-    Args:
-        name: name of the thread.
-
-    >>> found, work = [], Background("an example")
-    >>> work.start(lambda check: found.append(1))
-    >>> work.wait()
-    >>> found
-    [1]
-    """
+    """Runs one piece of work at a time, in a thread of this name."""
 
     def __init__(self, name: str):
         self._name = name
@@ -418,13 +348,9 @@ class Background:
     def stop(self) -> None:
         """Cancel the work; it ends at its next check."""
         self._stop.set()
-        self.wait(CLOSING_SECONDS)
-        self._thread = None
-
-    def wait(self, seconds: float | None = None) -> None:
-        """Wait until the work ends, for at most this time [s]; None: without a limit."""
         if self._thread is not None:
-            self._thread.join(seconds)
+            self._thread.join(CLOSING_SECONDS)
+        self._thread = None
 
 
 def _do(work: Callable[[Check], None], stop: threading.Event) -> None:
@@ -432,17 +358,13 @@ def _do(work: Callable[[Check], None], stop: threading.Event) -> None:
         if stop.is_set():
             raise _GivenUpError
 
-    try:
+    with contextlib.suppress(_GivenUpError):
         work(check)
-        check()
-    except _GivenUpError:
-        pass
 
 
 # --- The comparison on a page: runs a second stage, if there is one
 
-MOST_DIVERGING = 5000
-"""Largest number of discs for which the Lyapunov time is computed, by two short exact runs."""
+MOST_DIVERGING = 5000  # largest number of discs for which the Lyapunov time is computed, by two short exact runs
 
 Beside = Settings | Mapping[str, Any] | None
 """A requested second stage: its settings, or how they differ from those of the first stage, as in `settings_beside`."""
@@ -460,13 +382,7 @@ class _Look:
 
 
 class Comparison:
-    """The second stage of a view, if there is one.
-
-    Args:
-        beside: settings of the second stage; None: there is none.
-
-    Attributes:
-        second: the second stage.
+    """The second stage of a view, if there is one; beside: its settings.
 
     >>> scene, settings = Scene.random(count=20, packing=0.2, radius=0.5, seed=1), Settings(dt=0.02, method="grid")
     >>> comparison = Comparison(Settings(method="event"))
@@ -494,10 +410,7 @@ class Comparison:
         self._asked = self._wanted = beside
 
     def fit(self, dt: float) -> None:
-        """Fit the dt of the requested second stage to another first stage; it applies from the next restart on.
-
-        dt: dt of the first stage [time].
-        """
+        """Fit the dt of the requested second stage to another dt of the first; it applies from the next restart on."""
         if isinstance(self._asked, Settings):
             self._wanted = dataclasses.replace(self._asked, dt=fitting(self._asked.dt, dt))
 
@@ -543,12 +456,9 @@ class Comparison:
         that they can be compared.
 
         Args:
-            sim: the first stage.
-            frames: number of frames of the first stage.
+            sim, frames, measures, observers: the first stage, and what it runs.
             every: frames between two calls of `look`.
             look: called with the number of collisions of the first stage since this call began.
-            measures: measures of the first stage, besides those for the comparison.
-            observers: observers of the first stage, called before `look`.
 
         Returns:
             The reports of the first stage, and the computing time of both stages [s].
@@ -613,8 +523,7 @@ class Comparison:
 
 # --- Searches for settings in a thread, and reports its progress
 
-SEARCH_SECONDS = 60.0
-"""Approximate time limit of a search [s]."""
+SEARCH_SECONDS = 60.0  # approximate time limit of a search [s]
 
 
 class Tuning:
@@ -627,10 +536,6 @@ class Tuning:
 
     Attributes:
         number: number of the present search. A result with another number is out of date.
-
-    >>> tuning = Tuning(news=lambda: None, finished=print)
-    >>> tuning.told()["phase"]
-    'none'
     """
 
     def __init__(self, news: Callable[[], None], finished: Callable[[int, Settings], None]):
@@ -645,10 +550,7 @@ class Tuning:
         return self._told["phase"] == "searching"
 
     def told(self) -> dict[str, Any]:
-        """The message for pages, for `protocol.text_of`.
-
-        phase: "none", "searching", "found" or "failed". text: the present step, the result, or why there is none.
-        """
+        """The message for pages: a phase ("none", "searching", "found", "failed"), and the step, result or reason."""
         return dict(self._told)
 
     def start(self, scene: Scene, budgets: Mapping[str, float]) -> None:

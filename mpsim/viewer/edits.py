@@ -33,20 +33,15 @@ from mpsim.viewer.undo import Undo
 MOST_PASSES, MOST_SUBSTEPS = 4, 16
 """Upper ends of these sliders. If the value of the simulation is larger, the slider ends there."""
 
-DECADE = 10.0
-"""Sliders of times, rates and temperatures go from a tenth to ten times the initial value."""
-
-ROUNDING = 0.005
-"""Relative rounding error of a slider's value: pages send three digits."""
+DECADE = 10.0  # sliders of times, rates and temperatures go from a tenth to ten times the initial value
+ROUNDING = 0.005  # relative rounding error of a slider's value: pages send three digits
 
 
 def _rate(scene: Scene, name: str) -> Any:
-    """The attribute of the first emitter that has it; None: no emitter has it."""
     return next((value for each in scene.emitters if (value := getattr(each, name)) is not None), None)
 
 
 def _friction(scene: Scene, name: str) -> float | None:
-    """A coefficient of friction; None: it is zero or infinite."""
     coefficient = getattr(scene, name)
     return coefficient if 0 < coefficient < math.inf else None
 
@@ -73,15 +68,7 @@ parameter."""
 
 
 class Sliders:
-    """The sliders of one simulation. Their ranges follow from its initial values, so that they stay when values change.
-
-    >>> from mpsim import Scene, Settings
-    >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1, gravity=(0, -3))
-    >>> with Simulation(scene, Settings(method="event")) as sim:
-    ...     found = Sliders(sim).of(sim)
-    >>> [(each["name"], each["value"]) for each in found][:3]
-    [('gravity', [0.0, -3.0]), ('restitution', 1.0), ('wall_restitution', 1.0)]
-    """
+    """The sliders of one simulation. Their ranges follow from its initial values: they stay when values change."""
 
     def __init__(self, sim: Simulation):
         scene, self._dt = sim.journal.scene, sim.journal.settings.dt
@@ -98,11 +85,7 @@ class Sliders:
         return [*self._of_scene(sim), *self._of_settings(sim)]
 
     def demand_offered(self, sim: Simulation, name: str, value: Any) -> None:
-        """Refuse numbers outside the sliders: they could make a frame so long that the page stops responding.
-
-        Raises:
-            InputError: if the value is outside; the message gives the parameter, its rule and the value received.
-        """
+        """Refuse numbers outside the sliders: they could make a frame so long that the page stops responding."""
         offered = {each["name"]: each for each in self.of(sim)}
         remedy = "Use the slider, or Simulation.change in a program."
         if name not in offered:
@@ -158,10 +141,6 @@ def longest_gravity(scene: Scene) -> float:
 
     It is twice the gravity of the scene. Without gravity it is 2 v^2 / height, with v the root mean square speed. This
     is strong enough to keep most discs in the lower part of the box.
-
-    >>> from mpsim import Scene
-    >>> longest_gravity(Scene.load("sediment")), longest_gravity(Scene.load("gas"))
-    (2.0, 0.5)
     """
     if scene.gravity is not None and (length := float(np.hypot(*scene.gravity))) > 0:
         return _rounded_up(2 * length)
@@ -170,11 +149,7 @@ def longest_gravity(scene: Scene) -> float:
 
 
 def _rounded_up(value: float) -> float:
-    """The smallest number that is 1, 2 or 5 times a power of ten and not below the value.
-
-    >>> [_rounded_up(value) for value in (0.3, 1.0, 30.0)]
-    [0.5, 1.0, 50.0]
-    """
+    """The smallest number that is 1, 2 or 5 times a power of ten and not below the value."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-12)))
 
@@ -184,23 +159,15 @@ def _rounded_up(value: float) -> float:
 HOLD_SECONDS = 3.0
 """A held disc is released when its page has sent nothing for this long. The page repeats `hold` every second."""
 
-MOST_HELD = 16
-"""Discs that pages may hold at a time. Before frames are run, each is put back in its place."""
+MOST_HELD = 16  # discs that pages may hold at a time. Before frames are run, each is put back in its place
 
 MOST_ADDED, MOST_WALLS = 10_000, 1000
 """Discs and walls that pages may add to one simulation: all walls are sent again with each new one."""
 
-MOST_PLACES = 100
-"""Largest number of places in the command `stroke`."""
-
-MOST_WHOLE = 10**9
-"""Largest absolute value of a whole number from a page."""
-
-THICKNESS = 0.5
-"""Thickness of a drawn wall, in radii of the median disc: wide enough for a projector."""
-
-REFUSALS = (InputError, BusyError)
-"""Errors that leave the simulation as it was; the page shows a note."""
+MOST_PLACES = 100  # largest number of places in the command `stroke`
+MOST_WHOLE = 10**9  # largest absolute value of a whole number from a page
+THICKNESS = 0.5  # thickness of a drawn wall, in radii of the median disc: wide enough for a projector
+REFUSALS = (InputError, BusyError)  # errors that leave the simulation as it was; the page shows a note
 
 
 class _NoRoomError(InputError):
@@ -216,8 +183,7 @@ class _Held:
     until: float
 
 
-Key = tuple[str, Any]
-"""A gesture: its command, and the disc that is held or the parameter that is changed."""
+Key = tuple[str, Any]  # a gesture: its command, and the disc that is held or the parameter that is changed
 
 
 def _parameter_value(name: str, value: Any) -> Any:
@@ -302,10 +268,7 @@ class Interactions:
         return hasattr(self, f"do_{name}")
 
     def do(self, sim: Simulation, action: Action, now: float) -> None:
-        """Do an action.
-
-        now: time of a clock [s].
-        """
+        """Do an action at this time of a clock [s]."""
         self._now = now
         try:
             getattr(self, f"do_{action.name}")(sim, **action.values)
@@ -466,11 +429,7 @@ def _put(sim: Simulation, held: _Held) -> bool:
 
 
 def _fastest(sim: Simulation, disc: int) -> tuple[float, str]:
-    """Largest speed of a throw [length/time], and the reason for this limit.
-
-    The limit is one radius per step. A method without steps has another limit, which keeps the number of events in a
-    frame small: the shorter side of the box per frame.
-    """
+    """Largest speed of a throw [length/time], and the reason for this limit."""
     scene, dt = sim.scene, sim.settings.dt
     if not capabilities_of(sim.settings).has_steps:
         return min(scene.width, scene.height) / dt, "one side of the box a frame: a faster disc makes frames long"

@@ -43,21 +43,15 @@ class Download(NamedTuple):
 #
 # Two stages are drawn side by side. Each picture shows the walls as they were at its time.
 
-SECONDS, PICTURES_A_SECOND = 6, 20
-"""Longest duration of a film [s], and its pictures per second."""
-
-MOST_BYTES = 2**26
-"""Largest size of the kept pictures of both stages, in bytes."""
+SECONDS, PICTURES_A_SECOND = 6, 20  # longest duration of a film [s], and its pictures per second
+MOST_BYTES = 2**26  # largest size of the kept pictures of both stages, in bytes
 
 MOST_DISCS = 150_000
 """Largest number of discs in all pictures of a film together: some seconds of drawing. With more discs, some pictures
 are left out."""
 
-PIXELS = 480
-"""Pixels of the longer side of the box."""
-
-GAP = 8
-"""Pixels between two stages."""
+PIXELS = 480  # pixels of the longer side of the box
+GAP = 8  # pixels between two stages
 
 
 class Film:
@@ -116,7 +110,6 @@ def film(pictures: Sequence[SentPicture], scene: Scene, name: str) -> Download:
 
 
 def _drawn(pictures: Sequence[SentPicture], scene: Scene) -> Iterator[Image.Image]:
-    """Draw each picture: one stage, or both side by side."""
     stages = pictures[0].stages
     scale = PIXELS / max(scene.width, scene.height)
     width, height = (max(round(side * scale), 1) for side in (scene.width, scene.height))
@@ -155,8 +148,7 @@ MOST_WRITTEN_OUT = 2000
 
 def session(sim: Simulation, name: str) -> Download:
     """A zip archive of the journal, session.toml, and its scene file. `Simulation.replay` runs it again."""
-    journal = sim.journal
-    return _zipped(lambda folder: journal.save(folder / "session.toml"))
+    return _zipped(lambda folder: sim.journal.save(folder / "session.toml"))
 
 
 def scene_now(sim: Simulation, name: str) -> Download:
@@ -184,7 +176,6 @@ FILES: Mapping[str, Callable[[Simulation, str], Download]] = {
 
 
 def _zipped(write: Callable[[Path], object]) -> Download:
-    """The files that a function writes into a folder, as a zip archive."""
     archive = io.BytesIO()
     with tempfile.TemporaryDirectory(prefix="mpsim-view-") as folder:
         write(Path(folder))
@@ -221,7 +212,6 @@ def _continuing(sim: Simulation) -> Scene:
 
 
 def _arguments(scene: Scene) -> dict[str, Any]:
-    """The arguments that make an equal scene."""
     return {name: getattr(scene, name) for name in inspect.signature(Scene).parameters if name not in settings.NAMES}
 
 

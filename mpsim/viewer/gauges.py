@@ -28,16 +28,11 @@ from mpsim.scene.scene import Scene
 FEWEST_FRAMES = 16
 """Least number of frames in a part of the run. The pressures of the parts are the samples of the mean."""
 
-MOST_PARTS = 512
-"""Largest number of parts; then each two of them are merged into one."""
+MOST_PARTS = 512  # largest number of parts; then each two of them are merged into one
 
 
 class MeanPressure:
-    """The mean pressure along many short runs, and its standard error.
-
-    >>> MeanPressure().read().value
-    nan
-    """
+    """The mean pressure along many short runs, and its standard error."""
 
     def __init__(self) -> None:
         self._parts: list[tuple[float, int]] = []  # sum of the pressure over the frames of each part, and their number
@@ -66,17 +61,10 @@ class MeanPressure:
 
 
 class Counting:
-    """Pressure and largest overlap since counting began, from the reports of many short runs.
-
-    Attributes:
-        wanted: whether they are to be counted.
-
-    >>> Counting().numbers()
-    {'counting': False, 'pressure': nan, 'pressure_error': nan, 'largest_overlap': nan, 'pressure_note': None}
-    """
+    """Pressure and largest overlap since counting began, from the reports of many short runs."""
 
     def __init__(self) -> None:
-        self.wanted: bool = False
+        self.wanted: bool = False  # whether they are to be counted
         self.forget()
 
     def forget(self) -> None:
@@ -117,11 +105,6 @@ def bulk_pressure(state: State, scene: Scene) -> float:
     """The pressure from the equation of state, at the packing and temperature of a state [mass/time^2].
 
     NaN where the equation does not hold: under gravity, for several sizes of discs, and above the packing of the fluid.
-
-    >>> scene = Scene.random(count=100, packing=0.3, radius=0.5, seed=1)
-    >>> ideal = 100 * temperature(State(scene.position, scene.velocity), scene) / (scene.width * scene.height)
-    >>> round(bulk_pressure(State(scene.position, scene.velocity), scene) / ideal, 3)
-    2.063
     """
     x_low, x_high, y_low, y_high = scene.box if state.box is None else state.box
     area, count = (x_high - x_low) * (y_high - y_low), int(state.present.sum())
@@ -142,24 +125,10 @@ makes frames of many discs slower."""
 
 
 class CollisionCount:
-    """Counts the collisions of a simulation since its start.
-
-    When the simulation goes back to an earlier moment, the count goes back with it.
-
-    Attributes:
-        total: number of collisions; NaN if it is not known.
-
-    >>> from mpsim import Scene, Settings
-    >>> count = CollisionCount()
-    >>> with Simulation(Scene.load("pi"), Settings(method="event", dt=1.0)) as sim:
-    ...     count.begin(sim, from_start=True)
-    ...     count.end_run(sim, [sim.run(frames=42, observe=count.observers(every=1))])
-    >>> count.total, count.with_walls
-    (314, True)
-    """
+    """Counts the collisions of a simulation since its start; it goes back to an earlier moment with the simulation."""
 
     def __init__(self) -> None:
-        self.total: float = math.nan
+        self.total: float = math.nan  # unknown
         self._at: dict[int, float] = {}  # moments, by their numbers
         self._log: Collisions | None = None
 
@@ -223,19 +192,12 @@ class CollisionCount:
 #
 # A number that is not known yet, or has no meaning for the scene, is NaN or None; the page shows a dash.
 
-BINS = 8, 40
-"""Fewest and most bins of the histogram of speeds."""
-
-FEWEST = 20
-"""Least number of discs for which the speeds are compared with Maxwell's distribution."""
+BINS = 8, 40  # fewest and most bins of the histogram of speeds
+FEWEST = 20  # least number of discs for which the speeds are compared with Maxwell's distribution
 
 
 class Meter:
-    """Counts frames, their computing time and collisions since the last reading.
-
-    >>> Meter().read(count=10, now=1.0)["nanoseconds"]
-    nan
-    """
+    """Counts frames, their computing time and collisions since the last reading."""
 
     def __init__(self) -> None:
         self.start(0.0)
@@ -275,13 +237,7 @@ class Meter:
 
 
 class Gauges:
-    """Measures of the states of one run.
-
-    Args:
-        scene: the scene that runs.
-        start: state to which the energy drift is relative.
-        law: the law of collisions, as in `Settings`.
-    """
+    """Measures of the states of one run; the energy drift is relative to the state `start`."""
 
     def __init__(self, scene: Scene, start: State, law: str = "elastic"):
         self._scene = scene
@@ -318,7 +274,6 @@ class Gauges:
 
 
 def _present(state: State) -> State:
-    """The state without absent discs."""
     here = state.present
     return state if here.all() else State(state.position[here], state.velocity[here])
 

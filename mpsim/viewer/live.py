@@ -88,8 +88,7 @@ def source_of(
     return Playback(viewed, name=name, playing=playing, audience=audience)
 
 
-HOST = "127.0.0.1"
-"""Address at which a view listens; other machines cannot reach it."""
+HOST = "127.0.0.1"  # address at which a view listens; other machines cannot reach it
 
 
 @checks.known_names()

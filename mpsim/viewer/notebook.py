@@ -18,17 +18,10 @@ from mpsim.viewer.protocol import read_action
 from mpsim.viewer.server import MOST_PAGES, Client, Pages, Refusal, widget_module
 from mpsim.viewer.source import Source
 
-HEIGHT = 640
-"""Default height of the page in a notebook, in pixels."""
-
-LONGEST_NAME = 64
-"""Largest number of characters in the name that a page gives itself."""
-
-PING_SECONDS = 10.0
-"""Time between two pings. A page that has sent nothing for one to two times as long is silent."""
-
-POLICY, LATER = 1008, 1013
-"""Codes that say why a connection was closed, as in server.py."""
+HEIGHT = 640  # default height of the page in a notebook, in pixels
+LONGEST_NAME = 64  # largest number of characters in the name that a page gives itself
+PING_SECONDS = 10.0  # time between two pings. A page that has sent nothing for one to two times as long is silent
+POLICY, LATER = 1008, 1013  # codes that say why a connection was closed, as in server.py
 
 
 @checks.known_names()
@@ -79,18 +72,10 @@ def live(
 class Live:
     """A page in a notebook that shows a simulation. `mpsim.live` makes it; leaving a `with` block closes it.
 
-    Args:
-        source, settings, playing, height, name, colour, beside: as in `mpsim.live`, with the same bounds. The page
-            shows lengths and times in the units of the scene, [length] and [time].
+    Its arguments are those of `mpsim.live`.
 
     Attributes:
         widget: the widget that the notebook shows, an `anywidget.AnyWidget`.
-
-    >>> import mpsim
-    >>> shown = Live(mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1))
-    >>> shown.widget.height
-    640
-    >>> shown.close()
     """
 
     def __init__(
@@ -189,7 +174,6 @@ class NotebookPages(Pages):
         self._count()
 
     def _heard(self, page: str) -> None:
-        """Note that the page has sent something."""
         self._asked.discard(page)
         if (client := self._named[page]).silent:
             client.note(silent=False)
@@ -240,7 +224,6 @@ class NotebookPages(Pages):
             self._end_of(page, POLICY, str(error))
 
     def _keep(self, page: str, name: str) -> None:
-        """Send a file that a page downloads, once it is made."""
         making = asyncio.ensure_future(self._send_made(self._connections[page], name))
         self._making.add(making)
         making.add_done_callback(self._making.discard)

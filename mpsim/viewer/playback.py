@@ -62,21 +62,9 @@ class Recording:
         scene: scene of the trajectory; None: a box with the discs of its first frame, without obstacles and forces.
         follow: whether a view starts at the last frame and continues with new ones.
 
-    Attributes:
-        scene, follow: as above.
-
     Raises:
         InputError: if the file has no frame yet.
         TrajectoryError: if it lacks radii, or cannot be read.
-
-    >>> import tempfile, mpsim
-    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with mpsim.Simulation(scene) as sim, Trajectory.write(f"{folder}/run.xyz", every=10) as out:
-    ...         report = sim.run(frames=50, observe=out)
-    ...     recording = Recording(Path(folder, "run.xyz"))
-    ...     len(recording), recording.at(2).frame, recording.scene.count
-    (6, 20, 50)
     """
 
     def __init__(self, path: Path, scene: Scene | None = None, follow: bool = False, **given: Any):
@@ -114,11 +102,7 @@ class Recording:
         return True
 
     def at(self, index: int) -> RecordedFrame:
-        """The frame of an index, 0 <= index < len.
-
-        Raises:
-            TrajectoryError: if it cannot be read, no longer exists, or has other periods than the first one.
-        """
+        """The frame of an index; TrajectoryError if it cannot be read, or has other periods than the first one."""
         try:
             frame = self._trajectory[index]
         except (OSError, IndexError) as error:
@@ -148,7 +132,6 @@ class Recording:
         self._trajectory.close()
 
     def _stamp(self) -> tuple[int, ...]:
-        """Values that change when the file changes."""
         try:
             found = os.stat(self._path)
         except OSError:
@@ -174,7 +157,6 @@ def _seen_from(corner: tuple[float, float], frame: Frame) -> State:
 
 
 def _scene_of(frame: Frame) -> Scene:
-    """A scene with the box, boundaries and discs of a frame."""
     (width, height), mass = frame.box, frame.known.get("mass")
     room = np.minimum(frame.radius, min(width, height) / 2)[:, None]
     place = np.asarray(_seen_from(frame.origin, frame).position, np.float64)
@@ -192,22 +174,12 @@ def _scene_of(frame: Frame) -> Scene:
 
 # --- Plays a recording: play, step, move along the time line, follow a file that is still being written
 
-SPEED = 0.5
-"""Initial speed, in the units of `FrameRate`: 30 recorded frames a second."""
-
-FILE_SECONDS = 0.5
-"""Time between two checks whether the file has grown [s]."""
+SPEED = 0.5  # initial speed, in the units of `FrameRate`: 30 recorded frames a second
+FILE_SECONDS = 0.5  # time between two checks whether the file has grown [s]
 
 
 class Playback(Source):
-    """Shows a recording on the pages of a view.
-
-    Args:
-        recording: the recording; it is closed at the end.
-        name: title on the page.
-        playing: whether it plays as soon as a page is visible.
-        audience: the pages.
-    """
+    """Shows a recording on the pages of a view, and closes it at the end; the arguments are those of `Session`."""
 
     def __init__(self, recording: Recording, *, name: str = "", playing: bool = True, audience: "Pages"):
         super().__init__(recording.scene, audience)
@@ -322,7 +294,6 @@ class Playback(Source):
             self._index, self._moment = max(self._last, 0), None
 
     def _play(self, now: float) -> None:
-        """Advance by the frames that are due; at full speed by one frame for each picture."""
         frames = self._rate.due(now) if self._rate.speed is not None else int(self._shown == self._index)
         if frames:
             self._go(self._index + frames)

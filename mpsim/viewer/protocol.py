@@ -49,8 +49,7 @@ if TYPE_CHECKING:
 MAGIC, VERSION = b"MPSV", 1
 PICTURE, RADII = 1, 2
 HEADER = struct.Struct("<4sBBHIIQd4d2d2d")
-STEPS = 65535
-"""Number of steps across the box in which positions are sent: 0.03 pixels if the box is 1,920 pixels wide."""
+STEPS = 65535  # number of steps across the box in which positions are sent: 0.03 pixels if the box is 1,920 pixels wide
 
 
 @dataclass(frozen=True)
@@ -76,13 +75,7 @@ class Header:
 
 
 class UnpackedPicture(NamedTuple):
-    """An unpacked picture.
-
-    Attributes:
-        header: its header.
-        position: positions of the discs, rounded to STEPS, shape (N, 2) [length].
-        colour: colours of the discs, shape (N,), uint8.
-    """
+    """An unpacked picture: its header, positions, rounded to STEPS, shape (N, 2) [length], and colours, shape (N,)."""
 
     header: Header
     position: NDArray[np.float64]
@@ -104,14 +97,6 @@ def pack(
         periodic: the axes along which discs outside the box are wrapped into it.
         colours: colour of each disc by number, shape (N,); None: from the speeds, by header.scale.
         plain: pack in Python. It takes some microseconds a disc, but loading the first kernel takes over half a second.
-
-    >>> from mpsim.core.state import State
-    >>> from mpsim.engine.solvers.base import in_place
-    >>> state, box = State(np.array([[1.0, 2.0]]), np.array([[3.0, 4.0]])), (0.0, 4.0, 0.0, 4.0)
-    >>> header = Header(7, 10, 0.5, box, (4.0, 4.0), SpeedScale(5.0, 10.0))
-    >>> packed = pack(header, in_place(state, box, 10, 0.5, np.ones(1)))
-    >>> len(packed), unpack(packed).position.round(3).tolist(), unpack(packed).colour.tolist()
-    (101, [[1.0, 2.0]], [223])
     """
     count = len(discs.number)
     packed = bytearray(HEADER.size + 5 * count)
@@ -133,12 +118,7 @@ def _header(kind: int, serial: int, count: int, header: Header) -> bytes:
 
 
 def pack_radii(radii: NDArray[np.float64], header: Header) -> bytes:
-    """Radii as bytes: all of them, or only one if they are equal. They apply to all following pictures.
-
-    >>> header = Header(1, 0, 0.0, (0.0, 4.0, 0.0, 4.0), (4.0, 4.0), SpeedScale(5.0, 10.0))
-    >>> unpack_radii(pack_radii(np.full(1000, 0.5), header)).tolist()
-    [0.5]
-    """
+    """Radii as bytes: all of them, or only one if they are equal. They apply to all following pictures."""
     each = np.asarray(radii[:1] if len(radii) and (radii == radii[0]).all() else radii, "<f4")
     return _header(RADII, 0, len(each), header) + each.tobytes()
 
@@ -161,11 +141,8 @@ def unpack_radii(packed: bytes) -> NDArray[np.float32]:
 
 # --- commands from pages
 
-MOST_BYTES = 4096
-"""Largest length of a message from a page; a longer one closes its connection."""
-
-MOST_NUMBER = 1e100
-"""Largest absolute value of a place, velocity or parameter from a page."""
+MOST_BYTES = 4096  # largest length of a message from a page; a longer one closes its connection
+MOST_NUMBER = 1e100  # largest absolute value of a place, velocity or parameter from a page
 
 Check = Callable[[str, Any], Any]
 """Checks an argument. Called as check(name, value), it returns the value or raises InputError."""
@@ -183,8 +160,7 @@ class Command(NamedTuple):
     replaces: bool = False
 
 
-COMMANDS: dict[str, Command] = {}
-"""All commands by name, from `command`."""
+COMMANDS: dict[str, Command] = {}  # all commands by name, from `command`
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 
@@ -214,8 +190,7 @@ def number(name: str, value: Any) -> float:
     return checks.between(name, value, -MOST_NUMBER, MOST_NUMBER)
 
 
-DISC = whole(0, 2**31 - 1)
-"""Checks the number of a disc."""
+DISC = whole(0, 2**31 - 1)  # checks the number of a disc
 
 COMMANDS |= {"ack": Command({"serial": whole(1, 2**32 - 1)}), "visible": Command({"value": checks.truth})}
 
@@ -285,15 +260,10 @@ def in_utf8(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Stage:
-    """The picture on one stage.
-
-    Attributes:
-        packed: the discs, from `pack`.
-        radii: their radii, from `pack_radii`. It is the same object until the radii change.
-    """
+    """The picture on one stage: its discs, from `pack`, and their radii, from `pack_radii`."""
 
     packed: bytes | bytearray
-    radii: bytes
+    radii: bytes  # the same object until the radii change
 
 
 @dataclass(frozen=True)
@@ -306,21 +276,12 @@ class SentPicture:
 
 
 class Broadcast:
-    """Packs pictures and messages, once for all pages.
-
-    Args:
-        audience: the pages that receive them.
-        scene: the scene that the pictures show.
-
-    Attributes:
-        scene: as given. It may be replaced by a scene with the same box.
-        scale: maps speeds to colours in the next pictures.
-    """
+    """Packs pictures and messages, once for all pages."""
 
     def __init__(self, audience: "Pages", scene: Scene):
         self._audience = audience
-        self.scene: Scene = scene
-        self.scale: SpeedScale = SpeedScale(1.0, 2.0)
+        self.scene: Scene = scene  # may be replaced
+        self.scale: SpeedScale = SpeedScale(1.0, 2.0)  # maps speeds to colours in the next pictures
         self._serial = 0
         self._radii: dict[int, tuple[int, bytes]] = {}  # of each stage: number of discs, and packed
         self._capsules: NDArray[np.float64] | None = None
@@ -339,13 +300,9 @@ class Broadcast:
         *,
         plain: bool = False,
     ) -> None:
-        """Send a picture of discs in the arrays of a simulation; their data are copied.
+        """Send a picture of discs in the arrays of a simulation, and of those of a second stage, if there is one.
 
-        Args:
-            discs: discs of the first or only stage.
-            colours: colours of the discs on both stages; None: those of their speeds.
-            second: discs of the second stage; None: there is none.
-            plain: as in `pack`.
+        colours: of the discs on both stages; None: those of their speeds. plain: as in `pack`.
         """
         self._serial += 1
         self._time = discs.time

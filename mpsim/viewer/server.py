@@ -33,8 +33,7 @@ from mpsim.viewer.source import Source
 # does not know the token. The browser names its site in `Origin`. And if it makes a domain name of its own point to
 # 127.0.0.1 (DNS rebinding), that name stands in `Host`.
 
-TOKEN_BYTES = 24
-"""Random bytes of a token: 192 bits cannot be guessed."""
+TOKEN_BYTES = 24  # random bytes of a token: 192 bits cannot be guessed
 
 
 _HOST = re.compile(r"(\[[0-9a-f]*:[0-9a-f:.]+\]|[^\[\]:%]+)(?::[0-9]{1,5})?")
@@ -50,18 +49,10 @@ class Refusal(Exception):  # noqa: N818 - the answer to a request
 
 
 class Admission:
-    """Checks requests to one view.
-
-    Args:
-        host: name or address at which the view listens.
-        port: port at which it listens.
-
-    Attributes:
-        token: secret of this view, part of its address.
-    """
+    """Checks requests to one view, which listens at this host, a name or an address, and this port."""
 
     def __init__(self, host: str, port: int):
-        self.token: str = secrets.token_urlsafe(TOKEN_BYTES)
+        self.token: str = secrets.token_urlsafe(TOKEN_BYTES)  # part of the address
         self._host = host.lower()
         self._port = port
         self._loopback = is_loopback(host)
@@ -73,11 +64,7 @@ class Admission:
         return f"http://{f'[{host}]' if ':' in host else host}:{self._port}/{self.token}/"
 
     def name_of(self, path: str, headers: Any) -> str:
-        """The name of what a request asks for: the part of its path after the token.
-
-        Args:
-            path: path of the request. Its query, if any, is left to the page.
-            headers: headers of the request; must have `get_all`.
+        """The name of what a request asks for: the part of its path after the token, without a query.
 
         Raises:
             Refusal: if the request names another host, or lacks the token.
@@ -145,16 +132,14 @@ def is_loopback(host: str) -> bool:
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 """Media types of the files, by extension."""
 
-WIDGET = "widget.js"
-"""The only file that is used in notebooks alone."""
+WIDGET = "widget.js"  # the only file that is used in notebooks alone
 
 _FOLDER = resources.files("mpsim.viewer").joinpath("page")
 
 _IMPORT, _BARE = re.compile(r'\b(import|from) "\./([\w-]+\.js)"'), r'\1 "mpsim/\2"'
 """How a module imports another module of the page, and how it does so with an import map."""
 
-_INDENT = re.compile(r"^ +", re.MULTILINE)
-"""Indentation, which is removed to make notebooks smaller."""
+_INDENT = re.compile(r"^ +", re.MULTILINE)  # indentation, which is removed to make notebooks smaller
 
 
 @dataclass(frozen=True)
@@ -167,11 +152,7 @@ class PageFile:
 
 @cache
 def page_files() -> dict[str, PageFile]:
-    """All files of the page, by the name that a browser requests; the page itself has the empty name.
-
-    >>> [name in page_files() for name in ("", "page.css", "page.js", "index.html", "widget.js")]
-    [True, True, True, False, False]
-    """
+    """All files of the page, by the name that a browser requests; the page itself has the empty name."""
     found = {}
     for file in _FOLDER.iterdir():
         ending = file.name.rpartition(".")[2]
@@ -183,12 +164,7 @@ def page_files() -> dict[str, PageFile]:
 
 @cache
 def page_in_one() -> str:
-    """The page as a single HTML text for a notebook. It contains the style sheet, and the modules in an import map.
-
-    >>> text = page_in_one()
-    >>> 'data-place="notebook"' in text, 'src="page.js"' in text, "mpsim/stage.js" in text
-    (True, False, True)
-    """
+    """The page as a single HTML text for a notebook. It contains the style sheet, and the modules in an import map."""
     files = {name: _INDENT.sub("", file.content.decode()) for name, file in page_files().items()}
     modules = {
         f"mpsim/{name}": f"data:text/javascript;base64,{_base64(_IMPORT.sub(_BARE, text))}"
@@ -253,18 +229,11 @@ class Client:
 
     The page gets the next picture only after it has acknowledged the last one. Of several pictures that wait, or
     several messages of one kind, only the latest is sent.
-
-    Args:
-        connection: connection to the page.
-
-    Attributes:
-        visible: whether the page is visible, as it reports itself.
-        silent: whether it has not answered for so long that it may no longer exist. Nothing is sent to a silent page.
     """
 
     def __init__(self, connection: Connection):
-        self.visible: bool = False
-        self.silent: bool = False
+        self.visible: bool = False  # as the page reports itself
+        self.silent: bool = False  # it has not answered for so long that it may no longer exist: nothing is sent to it
         self._connection = connection
         self._texts: dict[str, str] = {}
         self._picture: SentPicture | None = None
@@ -276,11 +245,7 @@ class Client:
         self._allowance, self._asked = BURST, 0.0
 
     def spend(self, now: float) -> None:
-        """Count a message from the page; now: time of a clock [s].
-
-        Raises:
-            InputError: if the page sends too many.
-        """
+        """Count a message from the page, or raise InputError if it sends too many; now: time of a clock [s]."""
         self._allowance = min(self._allowance + (now - self._asked) * MOST_A_SECOND, BURST)
         self._asked = now
         if self._allowance < 1:
@@ -309,11 +274,7 @@ class Client:
         return self.visible and not self.silent
 
     def acknowledge(self, serial: int) -> None:
-        """Note that the page has drawn a picture.
-
-        Raises:
-            InputError: if no picture with this number was sent.
-        """
+        """Note that the page has drawn a picture, or raise InputError if none with this number was sent."""
         if serial != self._in_flight and 0 < serial <= self._sent_again:
             return
         if serial != self._in_flight:
@@ -355,7 +316,6 @@ class Client:
                     await self._send(number, stage)
 
     async def _send(self, number: int, stage: Stage) -> None:
-        """Send the picture of one stage, after its radii if these have changed."""
         if stage.radii is not self._radii[number]:
             self._radii[number] = stage.radii
             await self._connection.send(stage.radii)
@@ -385,11 +345,7 @@ class Downloads:
         self._film.add(picture, time.monotonic())
 
     async def made(self, name: str, source: Source) -> export.Download:
-        """A file of what the source shows.
-
-        Raises:
-            Refusal: if no file has this name, or it cannot be made now.
-        """
+        """A file of what the source shows, or raise Refusal if none has this name, or it cannot be made now."""
         if name not in export.FILMS and name not in export.FILES:
             raise Refusal(404, f"There is no {name[:40]!r} to keep.")
         if self._making >= MOST:
@@ -425,16 +381,11 @@ class Downloads:
 # An event loop in a thread of its own serves them. A page that breaks a rule is disconnected; nothing else is
 # affected.
 
-MOST_PAGES = 8
-"""Largest number of pages that are connected at a time."""
+MOST_PAGES = 8  # largest number of pages that are connected at a time
 
 
 class Pages(ABC):
-    """The pages of one view; the audience of its source.
-
-    Args:
-        name: name of the thread.
-    """
+    """The pages of one view; name: of their thread."""
 
     def __init__(self, name: str):
         self._source: Source | None = None
@@ -526,11 +477,7 @@ class Pages(ABC):
         await asyncio.gather(sending, return_exceptions=True)
 
     def _do(self, client: Client, action: Action) -> None:
-        """Do the action that a page has sent.
-
-        Raises:
-            InputError: if the page breaks a rule.
-        """
+        """Do the action that a page has sent, or raise InputError if it breaks a rule."""
         spent, self._spent = self._spent, time.thread_time()
         self.source.charge(self._spent - spent)
         match action.name:
@@ -545,7 +492,6 @@ class Pages(ABC):
             self.source.ask()
 
     def _count(self) -> None:
-        """Tell the source how many pages are watching."""
         self.source.watched_by(sum(client.watches for client in self._clients))
 
 
@@ -553,11 +499,8 @@ class Pages(ABC):
 #
 # It runs in a thread of its own. A page that breaks a rule is disconnected; nothing else is affected.
 
-SOCKET = "socket"
-"""Name that a page requests to open its WebSocket."""
-
-KEEP = "keep/"
-"""Prefix of the names of files to download."""
+SOCKET = "socket"  # name that a page requests to open its WebSocket
+KEEP = "keep/"  # prefix of the names of files to download
 
 LINK = "link"
 """Name that a page requests, with a link as the query, to have the link checked and written in its standard form."""
@@ -607,12 +550,7 @@ def listening(host: str, port: int) -> socket.socket:
 
 
 class Server(Pages):
-    """The server of one view; the audience of its source.
-
-    Args:
-        found: listening socket.
-        admission: decides which requests are answered.
-    """
+    """The server of one view, with a listening socket, and what decides which requests are answered."""
 
     def __init__(self, found: socket.socket, admission: Admission):
         super().__init__("mpsim view: server")
@@ -676,7 +614,6 @@ class Server(Pages):
         return self._websockets.http11.Response(status, http.HTTPStatus(status).phrase, every, body)
 
     async def _talk(self, connection: Any) -> None:
-        """Serve one page until its connection ends."""
         if len(self._clients) >= MOST_PAGES:
             await connection.close(LATER, f"at most {MOST_PAGES} pages at a time: close another one")
             return
@@ -687,7 +624,6 @@ class Server(Pages):
             await self._leave(client)
 
     async def _listen(self, client: Client, connection: Any) -> None:
-        """Do the actions that a page sends; close its connection if it breaks a rule."""
         try:
             async for message in connection:
                 client.spend(time.monotonic())
@@ -703,11 +639,7 @@ class Server(Pages):
 
 
 def _read_link(path: str) -> str:
-    """The link in an address, checked and in its standard form; "" for one that concerns only the display.
-
-    Raises:
-        Refusal: if the link is not allowed.
-    """
+    """The link in an address, checked and in its standard form; "" for one that concerns only the display."""
     try:
         return share_url.checked(share_url.query_of(path))
     except MpsimError as error:

@@ -39,17 +39,7 @@ if TYPE_CHECKING:
 
 
 class PassView:
-    """Shows the passes of the next frame one after the other. The simulation itself does not change meanwhile.
-
-    >>> from mpsim import Scene, Settings
-    >>> view = PassView()
-    >>> with Simulation(Scene.random(count=50, packing=0.4, radius=0.5, seed=1), Settings(method="grid")) as sim:
-    ...     names = [view.next(sim).name, view.next(sim).name]
-    ...     view.is_last
-    True
-    >>> names
-    ['even', 'odd']
-    """
+    """Shows the passes of the next frame one after the other. The simulation itself does not change meanwhile."""
 
     def __init__(self) -> None:
         self._passes: list[Pass] = []
@@ -66,22 +56,14 @@ class PassView:
         return self.is_open and self._shown == len(self._passes) - 1
 
     def next(self, sim: Simulation) -> Pass:
-        """The next pass. After the last pass of a frame comes the first pass of the following frame.
-
-        Raises:
-            InputError: if the method or the scene has no passes.
-        """
+        """The next pass, or that of the following frame; InputError if the method or the scene has none."""
         if not self.is_open or self.is_last:
             self._passes, self._shown = next_frame_in_passes(sim), -1
         self._shown += 1
         return self._passes[self._shown]
 
     def demand_end(self, digest: str) -> None:
-        """Check that the frame has ended as its last pass did; digest: that of the simulation after the frame.
-
-        Raises:
-            InputError: if not, for example because the frame was divided into more steps than the one before.
-        """
+        """Refuse a frame, given its digest, that has not ended as its last pass did, as one of more steps does not."""
         if self._passes[self._shown].state.digest() != digest:
             raise InputError(
                 "the passes that were shown must end where the frame does; this frame was divided into other steps "
@@ -109,13 +91,7 @@ class PassView:
 
 
 def _offer_of_passes(sim: Simulation) -> dict[str, Any] | None:
-    """The message for pages if frames have no passes but would have them with the method grid; None otherwise.
-
-    >>> from mpsim import Scene, Settings
-    >>> with Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1), Settings(method="naive")) as sim:
-    ...     _offer_of_passes(sim)["offer"]
-    'The method naive tests all pairs of discs at once, so a frame has no passes. The method grid has passes.'
-    """
+    """The message for pages if frames have no passes but would have them with the method grid; None otherwise."""
     if has_columns(sim) or not has_passes_by_grid(sim.scene, sim.settings, sim.radii):
         return None
     what = "method naive tests all pairs of discs at once"
@@ -130,11 +106,8 @@ PICTURE_SECONDS = 0.8 * LOOK
 """Shortest time between two pictures [s]. It is a little less than LOOK; otherwise every other observation of the run
 would come too early for a picture."""
 
-GAUGE_SECONDS = 0.4
-"""Shortest time between two readings of the gauges [s]."""
-
-COMPARISON_SECONDS = 0.1
-"""Shortest time between two comparisons of two stages [s]."""
+GAUGE_SECONDS = 0.4  # shortest time between two readings of the gauges [s]
+COMPARISON_SECONDS = 0.1  # shortest time between two comparisons of two stages [s]
 
 FULL_SPEED, WAITING = (1 / 100, 0.5), (1 / 80, 0.1)
 """Largest fraction of a core for making and sending pictures, and the longest time between two of them [s]; if both
@@ -150,15 +123,13 @@ MOST_PLAIN = 50_000
 SLICE_SECONDS = 3e-4
 """Processor time that a picture costs by interrupting the run, when it runs as fast as possible [s]."""
 
-LOOK_SECONDS = 0.1
-"""Time between two checks of a simulation that the user's program may be running [s]."""
+LOOK_SECONDS = 0.1  # time between two checks of a simulation that the user's program may be running [s]
 
 Where = tuple[int, int, int]
 """The moment that a picture or a reading shows: a number that grows with each change by hand, the frame, and the number
 of discs."""
 
-_NOWHERE: Where = (-1, -1, -1)
-"""No moment yet."""
+_NOWHERE: Where = (-1, -1, -1)  # no moment yet
 
 BESIDE: Mapping[str, Check] = {
     "method": one_of(METHODS),
@@ -201,9 +172,6 @@ class Session(Source):
         colour: initial numbers to colour discs by, see `Colouring`; None: their speed.
         beside: settings of a second stage, which runs the same scene; None: none, until a page asks for one.
         audience: the pages.
-
-    Attributes:
-        error: the error that ended the session, if any.
 
     Raises:
         InputError: if settings need several ranks, or are given with a simulation.
@@ -300,7 +268,6 @@ class Session(Source):
         self._tell_link()
 
     def _restart(self) -> None:
-        """Begin with another initial state, another second stage, or other settings."""
         self._broadcast.tell_if_new("tune", self._tuning.told())
         self._begin()
         self._tell_scene(self._phase)
@@ -325,7 +292,6 @@ class Session(Source):
         self._tell()
 
     def _drop(self) -> None:
-        """Close the simulation if it belongs to the view."""
         if self._owned and self._sim is not None:
             self._sim.close()
             self._sim = None
@@ -358,7 +324,6 @@ class Session(Source):
             self._look()
 
     def _run_due(self) -> None:
-        """Run the frames that are due."""
         now = time.perf_counter()
         self._rate.look = min(max(self._pictures.wait(now, *self._picture_share), LOOK), TURN)
         frames = self._rate.due(now) if self._playing else min(self._steps, 1)
@@ -388,10 +353,7 @@ class Session(Source):
             self._counting.note(report)
 
     def _look(self, collisions: int = 0) -> None:
-        """Make the picture and the gauges if they are due and the simulation has moved since the last ones.
-
-        collisions: collisions between discs so far in the present run.
-        """
+        """Make the picture and the gauges if they are due and the simulation has moved since the last ones."""
         sim, now = self._simulation, time.perf_counter()
         walls_differ = sim.scene.obstacles is not self._broadcast.scene.obstacles
         if walls_differ or sim.settings.dt != self._told_dt:  # a wall was drawn, dt was changed, or this was undone
@@ -422,7 +384,6 @@ class Session(Source):
             self._pictures.charge(SLICE_SECONDS if self._picture_share is FULL_SPEED else 0.0)
 
     def _show(self, discs: InPlace) -> None:
-        """Send a picture with the chosen colours."""
         colours = self._colouring.bytes_of(self._simulation, discs)
         self._broadcast.show(discs, colours, self._comparison.shown())
 
@@ -708,7 +669,6 @@ class Session(Source):
         self._broadcast.tell_if_new("link", {"text": text})
 
     def _tell_comparison(self) -> None:
-        """Send the state of the second stage, and the comparison of both."""
         sim = self._simulation
         self._compared = (self._run, sim.frame, sim.count)
         self._broadcast.tell_if_new("pair", self._comparison.told(sim))
@@ -738,11 +698,7 @@ def _now(sim: Simulation) -> tuple[State, int, float]:
 
 
 def _checked(settings: Settings | None, beside: Settings | None, sim: Simulation | None, scene: Scene) -> Settings:
-    """The settings to run with.
-
-    Raises:
-        InputError: if settings are given with a simulation, which has its own, or need several ranks.
-    """
+    """The settings to run with."""
     if sim is not None and settings is not None:
         raise InputError(
             "settings can be given only with a scene; got them with a simulation, which has its own. Leave them out."

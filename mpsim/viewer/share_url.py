@@ -25,21 +25,18 @@ from mpsim.viewer.comparison import in_step
 from mpsim.viewer.edits import VALUES, longest_gravity
 from mpsim.viewer.source import QUICKEST, SLOWEST
 
-LONGEST = 1000
-"""Largest number of characters of a link."""
+LONGEST = 1000  # largest number of characters of a link
 
 MOST_DIVISIONS = 100
 """Largest number of passes, of sub-steps, and of frames of a second stage in one frame of the first."""
 
-MOST_SWEEPS = 1000
-"""Largest product of these numbers, so that a frame of a link ends soon."""
+MOST_SWEEPS = 1000  # largest product of these numbers, so that a frame of a link ends soon
 
 RANGE = 100.0
 """Largest factor between a time or speed in a link and that of its scene, up or down. For gravity, the largest factor
 above the longest arrow of the page."""
 
-MOST_SEED = 1_000_000
-"""Largest seed, as on the page."""
+MOST_SEED = 1_000_000  # largest seed, as on the page
 
 SETTINGS: Mapping[str, type] = {
     "dt": float, "method": str, "contact": str, "law": str, "precision": str, "passes": int, "substeps": int,
@@ -50,11 +47,8 @@ SETTINGS: Mapping[str, type] = {
 BESIDE = tuple(name for name in SETTINGS if name not in ("on_fast", "contact_time"))
 """Settings that can differ in a second stage."""
 
-ZOOMS = (0.5, 64.0)
-"""Range of the zoom, as on the page."""
-
-SEEN = ("wait", "speed", "zoom", "x", "y", "canvas")
-"""Names that concern only the display; the page reads them."""
+ZOOMS = (0.5, 64.0)  # range of the zoom, as on the page
+SEEN = ("wait", "speed", "zoom", "x", "y", "canvas")  # names that concern only the display; the page reads them
 
 NEAR = tuple(name for name in VALUES if name != "gravity" and name != "every" and not name.endswith("restitution"))
 """Parameters that must be near those of the scene."""
@@ -94,20 +88,12 @@ def named(name: str) -> Scene:
 
 
 def is_link(text: str) -> bool:
-    """Whether a text is an address, or the part of one from the question mark on, and not a name or a path.
-
-    >>> is_link("?scene=gas"), is_link("http://127.0.0.1:8000/token/?scene=gas"), is_link("gas")
-    (True, True, False)
-    """
+    """Whether a text is an address, or the part of one from the question mark on, and not a name or a path."""
     return text.startswith(("?", "http://", "https://"))
 
 
 def query_of(text: str) -> str:
-    """The part of an address between its question mark and a `#`.
-
-    >>> query_of("http://127.0.0.1:8000/token/?scene=gas&wait#top")
-    'scene=gas&wait'
-    """
+    """The part of an address between its question mark and a `#`."""
     return text.partition("#")[0].partition("?")[2]
 
 
@@ -149,11 +135,7 @@ def read(query: str) -> Link:
 
 
 def checked(query: str) -> str:
-    """The query of the page's own address, checked, in its standard form; "" if it concerns only the display.
-
-    >>> checked("scene=gas&dt=5e-3&wait"), checked("wait&zoom=2&x=3&y=4")
-    ('scene=gas&dt=0.005', '')
-    """
+    """The query of the page's own address, checked, in its standard form; "" if it concerns only the display."""
     texts = _texts(query)
     if set(texts) <= set(SEEN):
         _seen(texts)
@@ -162,11 +144,6 @@ def checked(query: str) -> str:
 
 
 def _texts(query: str) -> dict[str, str]:
-    """The texts in a link by their names.
-
-    Raises:
-        InputError: if it is not of this form, has an unknown name, or has a name twice.
-    """
     if len(query) > LONGEST:
         raise InputError(f"a link must have at most {LONGEST} characters; got {len(query):,}. Send a scene file.")
     try:
@@ -191,11 +168,6 @@ def _number(kind: type, text: str) -> Any:
 
 
 def _parameter(name: str, text: str) -> Any:
-    """The value of a parameter: a number, or two numbers for gravity.
-
-    Raises:
-        InputError: for another gravity.
-    """
     if name == "gravity":
         components = [_number(float, each) for each in text.split(",")]
         if [type(each) for each in components] != [float, float]:
@@ -259,11 +231,7 @@ def _seen(texts: Mapping[str, str]) -> dict[str, str]:
 
 
 def beside_of(first: Settings, text: str) -> Settings:
-    """Settings of a second stage: those of the first, with the changes in a text.
-
-    Args:
-        first: settings of the first stage.
-        text: a method and settings, separated by commas.
+    """Settings of a second stage: those of the first, with changes: a method and settings, separated by commas.
 
     Raises:
         InputError: if the text is not of this form.
@@ -293,8 +261,6 @@ def beside_of(first: Settings, text: str) -> Settings:
 def write(link: Link) -> str:
     """The text of a link: the values that differ from those the scene recommends, without `seen`.
 
-    Links with the same content have the same text.
-
     >>> write(read("beside=dt%3D0.001&seed=007&dt=5e-3&wait&scene=gas&law=elastic"))
     'scene=gas&seed=7&dt=0.005&beside=dt=0.001'
     """
@@ -308,7 +274,6 @@ def write(link: Link) -> str:
 
 
 def _beside_text(second: Settings, first: Settings) -> str:
-    """The text of `beside`."""
     names = BESIDE if capabilities_of(second).has_steps else ("method", "law", "precision")
     differing = _differences(second, first, names)
     words = [value if name == "method" else f"{name}={value}" for name, value in differing.items()]
@@ -325,10 +290,6 @@ def _text(value: Any) -> str:
 
 
 def changed_of(now: Scene, given: Scene) -> dict[str, Any]:
-    """Parameters whose present values differ from those of the given scene.
-
-    >>> changed_of(named("gas").replace(gravity=(0, -1), restitution=0.9), named("gas"))
-    {'gravity': [0.0, -1.0], 'restitution': 0.9}
-    """
+    """Parameters whose present values differ from those of the given scene."""
     values = {name: value_of(now) for name, value_of in VALUES.items()}
     return {name: value for name, value in values.items() if value is not None and value != VALUES[name](given)}

@@ -28,15 +28,7 @@ Tell = Callable[[str | None], None]
 
 
 class Listeners:
-    """Announces compilation to several listeners, and to the announcer before it: the process has one compiler.
-
-    >>> heard, listeners = [], Listeners()
-    >>> with listeners.notifying(heard.append):
-    ...     listeners.begin("compiling a small kernel (move), once")
-    ...     listeners.end()
-    >>> heard
-    ['compiling a small kernel (move), once', None]
-    """
+    """Announces compilation to several listeners, and to the announcer before it: the process has one compiler."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -80,66 +72,36 @@ class Listeners:
             tell(text)
 
 
-LISTENERS = Listeners()
-"""Those of this process."""
+LISTENERS = Listeners()  # those of this process
 
 
 # --- When frames are due, and how much time repeated work may take
 
-UNIT = 60.0
-"""Frames a second at speed 1: one for each picture of a usual screen."""
-
-LOOK = 1 / 60
-"""Shortest time between two observations of a run [s]. Each interrupts the run, which costs 0.3 ms."""
-
-TURN = 3 * LOOK
-"""Longest time for which frames are run at once [s], and so the longest wait of an action."""
-
-MOST_BEHIND = 0.1
-"""Largest delay that a simulation catches up [s]. After a longer stop, the missed frames are dropped."""
-
-MOST_FRAMES = 10_000
-"""Largest number of frames to run at once, however short they are."""
-
-SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
-"""Speeds that the page offers, as in its link.js."""
-
-SLOWEST, QUICKEST = 0.01, 1000.0
-"""Bounds of the speed, in units of UNIT frames a second."""
-
-PICTURES = 25
-"""Recommended pictures of a scene that are shown per second."""
+UNIT = 60.0  # frames a second at speed 1: one for each picture of a usual screen
+LOOK = 1 / 60  # shortest time between two observations of a run [s]. Each interrupts the run, which costs 0.3 ms
+TURN = 3 * LOOK  # longest time for which frames are run at once [s], and so the longest wait of an action
+MOST_BEHIND = 0.1  # largest delay that a simulation catches up [s]. After a longer stop, the missed frames are dropped
+MOST_FRAMES = 10_000  # largest number of frames to run at once, however short they are
+SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)  # speeds that the page offers, as in its link.js
+SLOWEST, QUICKEST = 0.01, 1000.0  # bounds of the speed, in units of UNIT frames a second
+PICTURES = 25  # recommended pictures of a scene that are shown per second
 
 
 def first_speed(every: int | None) -> float:
     """The speed at which a scene is first shown: one that the page offers, in units of UNIT frames a second.
 
-    Args:
-        every: frames between two recommended pictures of the scene; None: it recommends none.
-
-    >>> first_speed(None), first_speed(10)
-    (1.0, 2.0)
+    every: frames between two recommended pictures of the scene; None: it recommends none.
     """
     wanted = 1.0 if every is None else every * PICTURES / UNIT
     return float(max((speed for speed in SPEEDS if speed <= wanted), default=SPEEDS[0]))
 
 
 class FrameRate:
-    """Decides which frames are due. All times are from one clock [s].
+    """Decides which frames are due. All times are from one clock [s]."""
 
-    Attributes:
-        speed: in units of UNIT frames a second; None: as fast as possible.
-        look: time between two observations of a run, from LOOK to TURN [s].
-
-    >>> rate = FrameRate(speed=1.0)
-    >>> rate.start(now=10.0)
-    >>> rate.due(now=10.0), rate.due(now=10.001), round(rate.wait(now=10.001), 4)
-    (1, 0, 0.0157)
-    """
-
-    def __init__(self, speed: float | None = 1.0):
-        self.speed: float | None = speed
-        self.look: float = LOOK
+    def __init__(self) -> None:
+        self.speed: float | None = 1.0  # in units of UNIT frames a second; None: as fast as possible
+        self.look: float = LOOK  # time between two observations of a run, from LOOK to TURN [s]
         self._next = 0.0
         self._seconds_per_frame: float | None = None
 
@@ -186,14 +148,7 @@ class FrameRate:
 class TimeBudget:
     """Limits the fraction of a core that repeated work takes, by a pause after each use. Times are from one clock [s].
 
-    Args:
-        at_least: shortest time between two uses [s].
-
-    >>> budget = TimeBudget(at_least=0.01)
-    >>> budget.use(now=10.0, cost=0.001)
-    >>> budget.charge(0.002)
-    >>> [round(budget.wait(10.0, share, at_most=0.5), 3) for share in (0.001, 0.02, 0.5)]
-    [0.5, 0.15, 0.01]
+    at_least: shortest time between two uses [s].
     """
 
     def __init__(self, at_least: float):
@@ -201,16 +156,12 @@ class TimeBudget:
         self._last = -math.inf
         self._cost = 0.0
 
-    def use(self, now: float, cost: float) -> None:
-        """Note a use at this moment; cost: processor time that it took [s]."""
-        self._last, self._cost = now, cost
-
     @contextmanager
     def used(self, now: float) -> Iterator[None]:
         """Note a use at this moment, at the cost of this block."""
         spent = time.thread_time()
         yield
-        self.use(now, time.thread_time() - spent)
+        self._last, self._cost = now, time.thread_time() - spent
 
     def charge(self, cost: float) -> None:
         """Add processor time to the cost of the last use [s]."""
@@ -233,17 +184,13 @@ class TimeBudget:
 #     pages      submit, ask, watched_by  -->  inbox  -->  the thread: _open, then _do, _advance, _rest again and again
 #     pages  <--  Broadcast  <--------------------------------------------'
 
-MOST_WAITING = 1000
-"""Largest number of waiting actions of one page, or of the program."""
-
-MOST_STEPS = 10_000
-"""Largest number of frames in the command `step`."""
+MOST_WAITING = 1000  # largest number of waiting actions of one page, or of the program
+MOST_STEPS = 10_000  # largest number of frames in the command `step`
 
 CLOSING_SECONDS = 10.0
 """Longest time that `close` waits for the thread [s]. Frames take less; compiling kernels may take longer."""
 
-SIGNAL_SECONDS = 0.5
-"""Longest time until a signal is handled that did not wake `wait` [s]."""
+SIGNAL_SECONDS = 0.5  # longest time until a signal is handled that did not wake `wait` [s]
 
 
 class _Waiting(NamedTuple):
@@ -260,20 +207,11 @@ def _speed(name: str, value: object) -> float | None:
 
 
 class Source(ABC):
-    """Something that pages show and control. Its methods `do_NAME` carry out the commands of pages.
-
-    Args:
-        scene: scene that it shows, as at the start.
-        audience: the pages.
-
-    Attributes:
-        scene: as given.
-        error: the error that ended it, if any.
-    """
+    """Something that pages show and control. Its methods `do_NAME` carry out the commands of pages."""
 
     def __init__(self, scene: Scene, audience: "Pages"):
-        self.scene: Scene = scene
-        self.error: BaseException | None = None
+        self.scene: Scene = scene  # as at the start
+        self.error: BaseException | None = None  # which ended it
         self._wake = threading.Condition()
         self._inbox: deque[_Waiting] = deque()
         self._asked = self._closing = False
@@ -429,7 +367,6 @@ class Source(ABC):
         act(**action.values)
 
     def _rest(self) -> None:
-        """Wait until something is due or requested."""
         with self._wake:
             if self._inbox or self._closing:
                 return

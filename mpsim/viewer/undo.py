@@ -6,8 +6,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.snapshot import Snapshot
 from mpsim.errors import InputError
 
-MOST_POINTS = 16
-"""Largest number of remembered moments before changes; the oldest ones are forgotten."""
+MOST_POINTS = 16  # largest number of remembered moments before changes; the oldest ones are forgotten
 
 MOST_BYTES = 2**28
 """Largest size of all their snapshots, including those of a second stage, in bytes. With very many discs, fewer
