@@ -9,7 +9,7 @@ import copy
 import dataclasses
 import math
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from mpsim.core.state import State
@@ -18,6 +18,7 @@ from mpsim.engine.observers import Observer
 from mpsim.engine.parameters import OF_SETTINGS
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import ClosedError, InputError, MpsimError
@@ -30,7 +31,6 @@ from mpsim.studies.comparison import divergence
 from mpsim.studies.tradeoff import label
 from mpsim.studies.tune import tune
 from mpsim.viewer.gauges import MeanPressure
-from mpsim.viewer.undo import Moments
 
 # --- How far two stages have come apart since their common start: distance of corresponding discs, counts, times
 
@@ -143,7 +143,6 @@ class Difference:
 
 # --- A second stage: it starts from the same scene with other settings, and is kept at the same time as the first
 
-SNAPSHOT = 0  # number of the moment that a user has marked. The moments before changes have numbers from 1
 WHOLE = 1e-9  # relative deviation from a whole number that counts as rounding
 
 
@@ -160,7 +159,10 @@ class Steps(NamedTuple):
     each: int
 
 
-class _Mark(NamedTuple):
+class Mark(NamedTuple):
+    """A moment of the second stage, to which it can go back."""
+
+    snapshot: Snapshot
     steps: Steps
     taken: int
     difference: Difference
@@ -186,8 +188,6 @@ class SecondStage:
         self.skipped: int = 0  # changes by hand that were refused here, because a disc was in the way
         self._steps = Steps(0, 0, each)
         self._taken = 0  # entries of the first one's journal
-        self._moments = Moments()
-        self._marks: dict[int, _Mark] = {}  # by the numbers of the moments
 
     def close(self) -> None:
         """End the second stage. May be called again."""
@@ -248,27 +248,13 @@ class SecondStage:
             self.sim.change(dt=own)
         self._steps = Steps(first.frame, self.sim.frame, each)
 
-    # --- earlier moments
+    def mark(self) -> Mark:
+        """This moment."""
+        return Mark(self.sim.snapshot(), self._steps, self._taken, copy.deepcopy(self.difference))
 
-    def mark(self, number: int) -> None:
-        """Remember this moment under the number that it has in the first stage."""
-        self._moments.keep(number, self.sim)
-        self._marks[number] = _Mark(self._steps, self._taken, copy.deepcopy(self.difference))
-
-    @property
-    def bytes_of_moments(self) -> Mapping[int, int]:
-        return self._moments.sizes
-
-    def forget_all_but(self, numbers: Iterable[int]) -> None:
-        """Forget all moments except SNAPSHOT and these: the first stage can go back to no others."""
-        for number in self._marks.keys() - {SNAPSHOT, *numbers}:
-            self._moments.forget(number)
-            del self._marks[number]
-
-    def back(self, number: int) -> None:
-        """Go back to a moment, or raise InputError if it is not remembered."""
-        self._moments.back(number, self.sim)
-        mark = self._marks[number]
+    def back(self, mark: Mark) -> None:
+        """Go back to a moment."""
+        self.sim.restore(mark.snapshot)
         self._steps, self._taken, self.difference = mark.steps, mark.taken, copy.deepcopy(mark.difference)
 
 

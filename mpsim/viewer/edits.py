@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from mpsim.core import checks
 from mpsim.core.machine import usable_cores
 from mpsim.engine import parameters
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, InputError
 from mpsim.features.properties import has_masses, has_radii
@@ -25,8 +26,8 @@ from mpsim.kernels import records
 from mpsim.measure.correlation import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import CONTACTS
+from mpsim.viewer.comparison import Mark
 from mpsim.viewer.protocol import DISC, Action, command, number, one_of
-from mpsim.viewer.undo import Undo
 
 # --- The parameters that a page can change, with the values and ranges of their sliders
 
@@ -164,6 +165,7 @@ MOST_HELD = 16  # discs that pages may hold at a time. Before frames are run, ea
 MOST_ADDED, MOST_WALLS = 10_000, 1000
 """Discs and walls that pages may add to one simulation: all walls are sent again with each new one."""
 
+MOST_MOMENTS, MOST_BYTES = 16, 2**28  # largest number and size of the moments of undo; the oldest ones are forgotten
 MOST_PLACES = 100  # largest number of places in the command `stroke`
 MOST_WHOLE = 10**9  # largest absolute value of a whole number from a page
 THICKNESS = 0.5  # thickness of a drawn wall, in radii of the median disc: wide enough for a projector
@@ -209,6 +211,19 @@ def _places(name: str, value: Any) -> list[list[float]]:
     return [[number(name, each) for each in place] for place in value]
 
 
+class Moment(NamedTuple):
+    """A moment of a view, to which undo can go back: of its simulation, the collisions so far, and the second stage."""
+
+    snapshot: Snapshot
+    collisions: float
+    second: Mark | None
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of its arrays."""
+        return self.snapshot.nbytes + (0 if self.second is None else self.second.snapshot.nbytes)
+
+
 class Interactions:
     """Applies changes by hand to the simulation of a view, which may be replaced by another one.
 
@@ -218,37 +233,26 @@ class Interactions:
     Args:
         owned: whether the simulation belongs to the view. Only then can changes be undone, because undo takes back
             frames, too.
-
-    Attributes:
-        undo: the moments before each gesture.
-
-    >>> edits, sim = Interactions(owned=True), Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1))
-    >>> edits.begin(sim)
-    >>> edits.do(sim, Action("remove", {"id": 3, "same": False}), now=0.0)
-    >>> sim.state.present.tolist(), edits.told(sim)["undo"]
-    ([True, True, True, False, True], 1)
-    >>> edits.do(sim, Action("undo", {}), now=0.0)
-    >>> bool(sim.state.present.all())
-    True
-    >>> sim.close()
+        moment, back: how the present moment is remembered, and gone back to.
     """
 
-    def __init__(self, owned: bool):
-        self.undo: Undo = Undo()
+    def __init__(self, owned: bool, moment: Callable[[], Moment], back: Callable[[Moment], None]):
+        self._moment, self._back = moment, back
+        self._undo: dict[int, Moment] = {}  # before each gesture, by numbers that are never used twice
+        self._made = 0
         self._note: str | None = None  # why an action was refused, or how it differed from the request
         self._notes = 0
         self._owned = owned
         self._now = 0.0
         self._held: dict[int, _Held] = {}  # by their numbers
-        self._gestures: dict[Key, int] = {}  # that "same" can continue: number of the moment before each
+        self._gestures: dict[Key, int] = {}  # that "same" can continue: numbers of the moments before them
         self._added = self._walls = 0
         self._sliders: Sliders | None = None
 
     def begin(self, sim: Simulation) -> None:
         """Begin with another simulation."""
-        self._held, self._gestures = {}, {}
+        self._held, self._gestures, self._undo = {}, {}, {}
         self._added = self._walls = 0
-        self.undo.clear()
         self._sliders = Sliders(sim)
 
     def told(self, sim: Simulation) -> dict[str, Any]:
@@ -256,7 +260,7 @@ class Interactions:
         assert self._sliders is not None  # `begin` was called
         return {
             "held": sorted(self._held),
-            "undo": len(self.undo) if self._owned else None,
+            "undo": len(self._undo) if self._owned else None,
             "note": self._note,
             "notes": self._notes,
             "dt": sim.settings.dt,
@@ -296,22 +300,23 @@ class Interactions:
         self._notes += 1
 
     @contextlib.contextmanager
-    def _gesture(self, sim: Simulation, key: Key, same: bool = False) -> Iterator[None]:
+    def _gesture(self, key: Key, same: bool = False) -> Iterator[None]:
         """Remember the moment before a gesture, unless `same` continues it or it is refused."""
         if same and key in self._gestures:
             yield
             return
-        if self._owned:
-            self.undo.mark(sim)
+        moment = self._moment() if self._owned else None
         try:
             yield
         except REFUSALS:
             self._gestures.pop(key, None)
-            if self._owned:
-                self.undo.forget_last()
             raise
-        self._gestures[key] = self.undo.last
-        self.undo.trim({})
+        self._made += 1
+        self._gestures[key] = self._made
+        if moment is not None:
+            self._undo[self._made] = moment
+        while len(self._undo) > MOST_MOMENTS or sum(each.nbytes for each in self._undo.values()) > MOST_BYTES:
+            del self._undo[min(self._undo)]
 
     # --- commands
 
@@ -323,9 +328,11 @@ class Interactions:
                 "undo needs a simulation of the view's own; this one belongs to a program. Open the view with its "
                 "scene, or use sim.journal."
             )
-        self.undo.back(sim)
-        kept = self.undo.numbers  # gestures that began later are gone
-        self._gestures = {key: mark for key, mark in self._gestures.items() if mark in kept}
+        if not self._undo:
+            raise InputError("undo needs a remembered change; got none. Reset goes back to the start.")
+        self._back(self._undo.pop(max(self._undo)))
+        # gestures that began later are gone
+        self._gestures = {key: made for key, made in self._gestures.items() if made in self._undo}
         self._held = {disc: held for disc, held in self._held.items() if ("hold", disc) in self._gestures}
 
     @command(replaces=True, id=DISC, x=number, y=number)
@@ -334,7 +341,7 @@ class Interactions:
         if id not in self._held and len(self._held) >= MOST_HELD:
             raise InputError(f"pages may hold at most {MOST_HELD} discs at a time; got one more. Release another one.")
         held = _Held(id, (x, y), self._now + HOLD_SECONDS)
-        with self._gesture(sim, ("hold", id), same=id in self._held):
+        with self._gesture(("hold", id), same=id in self._held):
             _put(sim, held)
         self._held[id] = held
 
@@ -354,7 +361,7 @@ class Interactions:
     @command(x=number, y=number, same=checks.truth)
     def do_add(self, sim: Simulation, x: float, y: float, same: bool) -> None:
         """Add a disc."""
-        with self._gesture(sim, ("add", None), same):
+        with self._gesture(("add", None), same):
             self._demand_more()
             own = _own_of_new(sim)
             _demand_room(sim, np.array([x, y]), own.get("radius", sim.scene.largest_radius))
@@ -364,7 +371,7 @@ class Interactions:
     @command(places=_places, same=checks.truth)
     def do_stroke(self, sim: Simulation, places: list[list[float]], same: bool) -> None:
         """Add discs at the free ones of several places."""
-        with self._gesture(sim, ("add", None), same):
+        with self._gesture(("add", None), same):
             self._demand_more()
             own, before = _own_of_new(sim), sim.count
             radius = own.get("radius", sim.scene.largest_radius)
@@ -384,14 +391,14 @@ class Interactions:
     @command(id=DISC, same=checks.truth)
     def do_remove(self, sim: Simulation, id: int, same: bool) -> None:
         """Remove a disc."""
-        with self._gesture(sim, ("remove", None), same):
+        with self._gesture(("remove", None), same):
             self._held.pop(id, None)
             sim.remove([id])
 
     @command(ax=number, ay=number, bx=number, by=number)
     def do_wall(self, sim: Simulation, ax: float, ay: float, bx: float, by: float) -> None:
         """Add a wall between two places."""
-        with self._gesture(sim, ("wall", None)):
+        with self._gesture(("wall", None)):
             if self._walls >= MOST_WALLS:
                 raise InputError(f"pages may draw at most {MOST_WALLS:,} walls; got one more. Reset the view.")
             radius, length = _typical(sim.radii, sim.absorbed), math.hypot(bx - ax, by - ay)
@@ -406,7 +413,7 @@ class Interactions:
     @command(name=one_of(parameters.NAMES), value=_parameter_value, same=checks.truth)
     def do_change(self, sim: Simulation, name: str, value: Any, same: bool) -> None:
         """Change a parameter."""
-        with self._gesture(sim, ("change", name), same):
+        with self._gesture(("change", name), same):
             assert self._sliders is not None  # `begin` was called
             self._sliders.demand_offered(sim, name, value)
             sim.change(**{name: value})  # type: ignore[misc]  # one of Parameters, checked above

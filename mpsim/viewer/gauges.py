@@ -129,12 +129,11 @@ class CollisionCount:
 
     def __init__(self) -> None:
         self.total: float = math.nan  # unknown
-        self._at: dict[int, float] = {}  # moments, by their numbers
         self._log: Collisions | None = None
 
     def begin(self, sim: Simulation, from_start: bool) -> None:
         """Begin to count for a simulation; from_start: whether all its frames are run here, so the total is known."""
-        self.total, self._at, self._log = 0 if from_start else math.nan, {}, None
+        self.total, self._log = 0 if from_start else math.nan, None
         if from_start and sim.count <= MOST_LOGGED:
             self._log = Collisions(callback=self._logged)
 
@@ -171,21 +170,11 @@ class CollisionCount:
         """Note that a run ended without a report: the number is unknown until the simulation goes back."""
         self.total = math.nan
 
-    # --- moments
-
-    def mark(self, number: int) -> None:
-        """Remember the count of this moment under a number, which may replace an earlier moment."""
-        self._at[number] = self.total
-
-    def back(self, number: int) -> None:
-        """Go back to the moment of this number; the simulation is another object from now on."""
-        self.total = self._at[number]
+    def back(self, total: float) -> None:
+        """Go back to an earlier number, with the simulation."""
+        self.total = total
         if self._log is not None:
             self._log = Collisions(callback=self._logged)
-
-    def forget_all_but(self, numbers: Iterable[int]) -> None:
-        """Forget all moments except those with these numbers."""
-        self._at = {number: self._at[number] for number in numbers if number in self._at}
 
 
 # --- The gauges beside the picture: measures of the present state, and rates of the run

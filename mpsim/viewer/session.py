@@ -24,13 +24,12 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS, Settings, frames_between_pictures, settings_for
 from mpsim.viewer import export, share_url
 from mpsim.viewer.colouring import CHOICES, Colouring, has_columns, scale_of
-from mpsim.viewer.comparison import SNAPSHOT, Comparison, Tuning, demand_one_process
-from mpsim.viewer.edits import Interactions
+from mpsim.viewer.comparison import Comparison, Tuning, demand_one_process
+from mpsim.viewer.edits import Interactions, Moment
 from mpsim.viewer.gauges import CollisionCount, Counting, Gauges, Meter, bulk_pressure
 from mpsim.viewer.protocol import MOST_NUMBER, Action, Check, command, one_of, whole
 from mpsim.viewer.share_url import MOST_DIVISIONS, Link
 from mpsim.viewer.source import LOOK, MOST_STEPS, TURN, Source, TimeBudget, first_speed
-from mpsim.viewer.undo import Moments
 
 if TYPE_CHECKING:
     from mpsim.viewer.server import Pages
@@ -202,13 +201,12 @@ class Session(Source):
         self._steps = 0
         self._rate.speed = first_speed(frames_between_pictures(self.scene, self._settings))
         self._run = 0
-        self._edits = Interactions(self._owned)
+        self._edits = Interactions(self._owned, self._moment, self._back)
         self._comparison = Comparison(beside)
         self._tuning = Tuning(self._tell_tuning_later, self._apply_later)
         self._passes = PassView()
         self._collisions, self._counting, self._meter = CollisionCount(), Counting(), Meter()
-        self._moments = Moments()
-        self._snapshot: int | None = None  # frame of the moment that is remembered
+        self._marked: Moment | None = None  # which the user has marked
         self._gauges: Gauges | None = None
         self._told_dt: float | None = None
         self._colouring = Colouring(colour)
@@ -256,8 +254,7 @@ class Session(Source):
         self._broadcast.forget_radii()
         self._edits.begin(sim)
         self._passes.close()
-        self._moments.forget(SNAPSHOT)
-        self._snapshot = None
+        self._marked = None
         if self._owned:
             self._comparison.begin(self.scene, self._settings)
             self._follow_changes()
@@ -554,74 +551,59 @@ class Session(Source):
 
     def _edit(self, action: Action) -> None:
         """Change discs as a user asks. A refused change is reported on the page; the simulation continues."""
-        sim, undo = self._demand_simulation(action.name), self._edits.undo
-        if action.name == "undo":
-            self._broadcast.forget_radii()
-        before = undo.last
-        self._edits.do(sim, action, time.perf_counter())
-        if action.name == "undo" and undo.last != before:  # otherwise it was refused
-            self._go_back_beside(before)
-        self._changed(undo.last if undo.last > before else None)
+        self._edits.do(self._demand_simulation(action.name), action, time.perf_counter())
+        self._changed()
 
-    def _changed(self, mark: int | None = None) -> None:
-        """Note that the simulation was changed at this frame: the energy drift is measured from here.
-
-        mark: number of the moment before the change, if it was newly remembered.
-        """
-        undo = self._edits.undo
+    def _changed(self) -> None:
+        """Note that the simulation was changed at this frame: the energy drift is measured from here."""
         self._run += 1
         self._gauges = None
         self._counting.forget()
         self._colouring.begin()
         self._close_passes()
-        if mark is not None:
-            self._collisions.mark(mark)
-        self._follow_changes(mark)
-        with self._comparison.stage() as second:
-            undo.trim({} if second is None else second.bytes_of_moments)
-            if second is not None:
-                second.forget_all_but(undo.numbers)
-        self._collisions.forget_all_but((SNAPSHOT, *undo.numbers))
+        self._follow_changes()
         self._broadcast.tell_if_new("hands", self._edits.told(self._simulation))
         self._tell_link()
 
-    def _follow_changes(self, mark: int | None = None) -> None:
-        """Make the changes on the second stage, too; mark: as in `_changed`."""
+    def _follow_changes(self) -> None:
+        """Make the changes on the second stage, too."""
         with self._comparison.stage() as second:
             if second is not None:
-                if mark is not None:
-                    second.mark(mark)
                 second.take(self._simulation)
 
-    def _go_back_beside(self, mark: int) -> None:
-        """Take what belongs to the simulation back to the moment of this number, as that was."""
-        self._collisions.back(mark)
+    def _moment(self) -> Moment:
+        """This moment of both stages."""
+        mark = None
         with self._comparison.stage() as second:
-            if second is not None:
-                second.back(mark)
+            mark = None if second is None else second.mark()
+        return Moment(self._simulation.snapshot(), self._collisions.total, mark)
+
+    def _back(self, moment: Moment) -> None:
+        """Go back to a moment, on both stages."""
+        self._simulation.restore(moment.snapshot)
+        self._broadcast.forget_radii()
+        self._collisions.back(moment.collisions)
+        with self._comparison.stage() as second:
+            if second is not None and moment.second is not None:
+                second.back(moment.second)
 
     @command()
     def do_snapshot(self) -> None:
         """Remember this moment, which replaces the one remembered before."""
-        sim = self._demand_simulation("snapshot")
+        self._demand_simulation("snapshot")
         self._demand_scene("snapshot")
-        self._moments.keep(SNAPSHOT, sim)
-        self._snapshot = sim.frame
-        self._collisions.mark(SNAPSHOT)
-        with self._comparison.stage() as second:
-            if second is not None:
-                second.mark(SNAPSHOT)
+        self._marked = self._moment()
         self._tell()
 
     @command()
     def do_return(self) -> None:
         """Go back to the remembered moment. The history of undo starts afresh there."""
         sim = self._demand_simulation("return")
-        self._moments.back(SNAPSHOT, sim)
+        if self._marked is None:
+            raise InputError("going back needs a remembered moment; got none. Reset starts again.")
+        self._back(self._marked)
         self._steps = 0
         self._edits.begin(sim)
-        self._go_back_beside(SNAPSHOT)
-        self._broadcast.forget_radii()
         self._changed()
         self._resume()
 
@@ -656,7 +638,8 @@ class Session(Source):
 
     def _tell(self, phase: str = "") -> None:
         status = {"phase": phase or self._phase, "speed": self._rate.speed, "note": self._note}
-        self._broadcast.tell("status", {**status, "can_remember": self._owned, "snapshot": self._snapshot})
+        marked = None if self._marked is None else self._marked.snapshot.frame
+        self._broadcast.tell("status", {**status, "can_remember": self._owned, "snapshot": marked})
 
     def _tell_link(self) -> None:
         """Send the link to what is shown, with its present values; only scenes that come with mpsim have one."""
