@@ -230,11 +230,12 @@ def checked_kick(place: Place, ids: ArrayLike, impulse: ArrayLike) -> Change:
     """`Simulation.kick`, checked."""
     numbers = _present_numbers(place.solver, ids)
     impulses = _pairs("impulse", impulse, len(numbers), place.precision)
-    changed = edited(place.solver.discs(), place.change(KICK, {"ids": numbers, "impulse": impulses}))
-    name, velocity = "the velocity after the kick", np.asarray(changed.velocity[numbers], np.float64)
+    change = place.change(KICK, {"ids": numbers, "impulse": impulses})
+    changed = edited(place.solver.discs(numbers), change)
+    name, velocity = "the velocity after the kick", np.asarray(changed.velocity, np.float64)
     checks.fitting(name, velocity, place.precision)
-    check_momentum(place.solver, name, velocity, changed.mass[numbers])
-    return place.change(KICK, {"ids": numbers, "impulse": impulses})
+    check_momentum(place.solver, name, velocity, changed.mass)
+    return change
 
 
 def check_momentum(solver: Solver, name: str, velocity: NDArray[np.floating], mass: Floats) -> None:
@@ -327,9 +328,13 @@ def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> N
     solver, scene = place.solver, place.scene
     radius = solver.radii[numbers]
     scene.check_inside("position", position, radius, solver.time)
-    others = ~solver.absorbed
-    others[numbers] = False
-    new = feature.AddedDiscs("position", position, radius, solver.radii[others], solver.time)
+    if scene.loses_discs or has_radii(scene):
+        others = ~solver.absorbed
+        others[numbers] = False
+        beside = solver.radii[others]
+    else:
+        beside = solver.radii[: solver.count - len(numbers)]
+    new = feature.AddedDiscs("position", position, radius, beside, solver.time)
     for each in FEATURES:
         each.check_room(scene, new)
 
@@ -343,27 +348,24 @@ def with_wall(scene: Scene, values: Mapping[str, Any]) -> Scene:
 
 
 def edited(discs: NewDiscs, change: Change) -> NewDiscs:
-    """All discs after a change of some: copies, in the precision of the run.
+    """The discs of a change after it: copies, in the precision of the run.
 
     A kick adds impulse / mass to a velocity, computed in float64. A disc that is removed rests where it was.
+
+    discs: those of the numbers `ids` of the change, in this order.
     """
-    values, numbers = change.values, change.values["ids"]
-    position, velocity, columns = discs.position.copy(), discs.velocity.copy(), dict(discs.columns)
+    values, position, velocity, columns = change.values, discs.position.copy(), discs.velocity.copy(), {**discs.columns}
     if change.what == KICK:
-        velocity[numbers] = velocity[numbers] + values["impulse"] / discs.mass[numbers, None]
+        velocity[:] = velocity + values["impulse"] / discs.mass[:, None]
     elif change.what == REMOVE:
-        exits = discs.of(EXITS).copy()
-        exits[numbers] = np.column_stack([np.ones(len(numbers)), position[numbers]])
-        velocity[numbers], columns[EXITS.name] = 0, exits
+        velocity[:], columns[EXITS.name] = 0, np.column_stack([np.ones(len(position)), position])
         if SPIN.name in columns:
-            columns[SPIN.name] = columns[SPIN.name].copy()
-            columns[SPIN.name][numbers] = 0
+            columns[SPIN.name] = np.zeros_like(columns[SPIN.name])
     else:
         for name, array in (("position", position), ("velocity", velocity)):
             if name in values:
-                array[numbers] = values[name]
+                array[:] = values[name]
         for column in given():
             if column.name in values:
-                columns[column.name] = columns[column.name].copy()
-                columns[column.name][numbers] = values[column.name]
+                columns[column.name] = np.asarray(values[column.name], columns[column.name].dtype)
     return NewDiscs(position, velocity, discs.radius, columns)

@@ -546,11 +546,14 @@ class Coordinator:
             with interrupts_held_back(), self._access.moving():
                 solver.divide(self.step_limits.check(solver, self._access.notices))
 
-    def look(self, new: NewDiscs | None = None) -> int:
-        """Check the speeds of all discs and new ones; warn or refuse as is set. Returns the sub-steps from now on."""
+    def look(self, new: NewDiscs | None = None, changed: NDArray[np.int64] | None = None) -> int:
+        """Check the speeds of all discs and new ones; warn or refuse as is set. Returns the sub-steps from now on.
+
+        changed: numbers of the discs that alone can have become faster.
+        """
         solver, notices = self.solver, self._access.notices
         with interrupts_held_back(), self._access.moving():
-            return self.step_limits.check(solver, notices, new)
+            return self.step_limits.check(solver, notices, new, changed)
 
     def snapshot(self) -> tuple[Any, Any]:
         """Copies of everything that the next frame depends on: of the solver, and of the emitters."""
@@ -651,19 +654,20 @@ class Coordinator:
 
     def change(self, change: Change) -> None:
         """Make a change of discs that has been checked, and note it in the journal."""
-        before = self.solver.discs()
+        numbers = change.values["ids"]
+        before = self.solver.discs(numbers)
         after = edited(before, change)
 
         def act() -> None:
             if change.what == REMOVE and not self.scene.loses_discs:
                 self._adopt(self.scene.replace(has_gaps=True), self.settings, self.solver.origin)
-            self.solver.replace(after)
+            self.solver.replace(after, numbers)
 
         with interrupts_held_back():
             self.between_frames(act)
             self._note(change)
         if change.what != REMOVE:  # which makes no disc faster
-            self._look_or_undo(lambda: self.solver.replace(before))
+            self._look_or_undo(lambda: self.solver.replace(before, numbers), numbers)
 
     def add(self, change: Change, new: NewDiscs, substeps: int) -> None:
         """Add discs that have been checked, from outside, and note it in the journal."""
@@ -671,10 +675,10 @@ class Coordinator:
             self.insert(new, substeps)
             self._note(change)
 
-    def _look_or_undo(self, undo: Callable[[], None]) -> None:
-        """Check the speeds after the last change of the journal; where they are refused, undo it."""
+    def _look_or_undo(self, undo: Callable[[], None], numbers: NDArray[np.int64]) -> None:
+        """Check the speeds after the last change of the journal, of these discs; where they are refused, undo it."""
         try:
-            substeps = self.look()
+            substeps = self.look(changed=numbers)
             self._access.notices.give()  # where a filter makes an error of a warning, nothing is changed
             if substeps != self.solver.substeps:
                 self.between_frames(lambda: self.solver.divide(substeps))

@@ -523,13 +523,20 @@ class StepLimits:
             speed_limit = SpeedLimit(JUST_ABOVE * BOUND, self._surface)
         solver.set_speed_limit(speed_limit)
 
-    def check(self, solver: Solver, notices: Notices, new: NewDiscs | None = None) -> int:
+    def check(
+        self,
+        solver: Solver,
+        notices: Notices,
+        new: NewDiscs | None = None,
+        changed: NDArray[np.int64] | None = None,
+    ) -> int:
         """Check the speeds, and warn if that is wanted. Returns the number of sub-steps from now on.
 
         Args:
             solver: whose discs are looked at.
             notices: which take a warning.
             new: discs that are about to be added.
+            changed: numbers of the discs that alone can have become faster; sub-steps depend on all.
 
         Raises:
             TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
@@ -540,7 +547,7 @@ class StepLimits:
                 self.set_limit(solver)
             return usual
         frame = solver.frame
-        speeds = solver.speeds(new).or_faster(solver.disc_too_fast())
+        speeds = solver.speeds(new, None if self.adapts else changed).or_faster(solver.disc_too_fast())
         if self.adapts:
             self.set_limit(solver)
             return self.substeps_for(speeds, frame)

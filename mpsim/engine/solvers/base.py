@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.columns import EXITS, MASS, Column, kept_sizes
+from mpsim.core.columns import COLUMNS, EXITS, MASS, Column, kept_sizes
 from mpsim.core.state import Box, State, part_of
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
 from mpsim.engine.workers.shared import ArraySpec
@@ -376,6 +376,21 @@ class NewDiscs(NamedTuple):
         """Which of them have left, shape (K,)."""
         return self.of(EXITS)[:, 0] != 0
 
+    def rows(self, numbers: NDArray[np.int64]) -> "NewDiscs":
+        """Those of these numbers, in this order."""
+        columns = {name: values[numbers] for name, values in self.columns.items()}
+        return NewDiscs(self.position[numbers], self.velocity[numbers], self.radius[numbers], columns)
+
+    def with_rows(self, discs: "NewDiscs", numbers: NDArray[np.int64]) -> "NewDiscs":
+        """Copies, in which these discs, of the same radii, take the place of those of these numbers."""
+        position, velocity, columns = self.position.copy(), self.velocity.copy(), dict(self.columns)
+        position[numbers], velocity[numbers] = discs.position, discs.velocity
+        for column in COLUMNS:
+            if column.name in discs.columns:
+                columns[column.name] = self.of(column).copy()
+                columns[column.name][numbers] = discs.of(column)
+        return NewDiscs(position, velocity, self.radius, columns)
+
 
 @dataclass(frozen=True)
 class Capabilities:
@@ -558,16 +573,20 @@ class Solver(ABC):
 
     # --- changes between two frames
 
-    def discs(self) -> NewDiscs:
-        """Copies of all discs now, with all that they have, for `replace`.
+    def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
+        """Copies of discs now, with all that they have, for `replace`.
+
+        numbers: of them, shape (K,), each once; None: all.
 
         Raises:
             InputError: if the method cannot change discs between two frames.
         """
         raise self._cannot_change()
 
-    def replace(self, discs: NewDiscs) -> None:
+    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
         """Continue from here with these discs in place of those that are there, as many, of the same radii.
+
+        numbers: of those that they replace, shape (K,), each once; None: all.
 
         Raises:
             InputError: for discs that the method cannot do.
@@ -722,8 +741,11 @@ class Solver(ABC):
         """The disc that was too fast in the last command, reported once; None where there was none."""
         return None
 
-    def speeds(self, new: NewDiscs | None = None) -> Speeds:
-        """How fast the discs are, those that are about to be added included."""
+    def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
+        """How fast the discs are, those that are about to be added included.
+
+        numbers: of discs, if others need not be looked at.
+        """
         return Speeds()
 
     def set_speed_limit(self, limit: SpeedLimit) -> None:  # noqa: B027 - not abstract: a method may have no steps

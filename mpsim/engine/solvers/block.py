@@ -5,6 +5,7 @@ import os
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,15 +28,18 @@ from mpsim.engine.solvers.base import (
     Terms,
     count_in,
 )
-from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, disc_too_fast, fastest_in
+from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, disc_too_fast, fastest_in, speeds_of
 from mpsim.engine.solvers.stepped import (
     SteppedSolver,
     absorbed_in,
+    discs_of,
     first_not_finite,
     live_discs,
     places_and_speeds,
     state_in,
+    state_of,
     write_discs,
+    write_discs_of,
 )
 from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, Grid, SharedBlock, block_arrays, resident_bytes
 from mpsim.errors import DivergedError
@@ -189,6 +193,10 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     prepare_first_step(arrays)
 
 
+FEW = 16
+"""Discs that are fewer than one in so many are looked for in memory; otherwise all are put in order."""
+
+
 class BlockSolver(SteppedSolver):
     """What `naive`, `grid` and `parallel` have in common.
 
@@ -316,7 +324,10 @@ class BlockSolver(SteppedSolver):
 
     # --- steps
 
-    def speeds(self, new: NewDiscs | None = None) -> Speeds:
+    def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
+        if numbers is not None:
+            found = speeds_of(self.discs(numbers).velocity, self._radii[numbers], self._scene, self.time)
+            return replace(found, disc=int(numbers[found.disc]))
         return self._speeds(places_and_speeds(self._block, self.count)[1], self.absorbed, new)
 
     @property
@@ -333,6 +344,13 @@ class BlockSolver(SteppedSolver):
 
     def state(self) -> State:
         return state_in(self._block, self._box, self.count)
+
+    def state_between(self, first: int, last: int) -> State:
+        if (last - first) * FEW > self.count:
+            return super().state_between(first, last)
+        discs = self.discs(np.arange(first, last))
+        found = {each.name: discs.of(each) for each in columns.in_state() if each.name in self._block.arrays}
+        return state_of(self._box, self._block.arrays, discs.position, discs.velocity, found, discs.absent)
 
     def read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
         count, arrays, discs = self.count, self._block.arrays, live_discs(self._block)
@@ -355,14 +373,19 @@ class BlockSolver(SteppedSolver):
         self.count, self._radii, self._masses = count, radii, masses
         self._configure()
 
-    def discs(self) -> NewDiscs:
+    def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
+        if numbers is not None:
+            return discs_of(self._block, numbers, self._radii, self._masses)
         position, velocity = places_and_speeds(self._block, self.count)
         arrays, count = self._block.arrays, self.count
         found = {each.name: arrays[each.name][..., :count].T.copy() for each in columns.COLUMNS if each.name in arrays}
         return NewDiscs(position, velocity, self._radii, {**found, columns.MASS.name: self._masses})
 
-    def replace(self, discs: NewDiscs) -> None:
-        write_discs(self._block, discs, 0)
+    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+        if numbers is None:
+            write_discs(self._block, discs, 0)
+        else:
+            write_discs_of(self._block, discs, numbers, self.count)
 
     def adopt(self, terms: Terms, choice: Choice) -> None:
         snapshot = self.snapshot()

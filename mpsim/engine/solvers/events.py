@@ -276,14 +276,17 @@ class EventSolver(Solver):
         everyone = NewDiscs(places, speeds, radii, {**kept, MASS.name: masses})
         self._place_anew(everyone, choice, self._present, new.velocity)
 
-    def discs(self) -> NewDiscs:
-        found = self._found()
-        now = event_block.state_of(self._scene, self._clock_time, found, self._radii)
-        columns = {**found, **vars(now)}
+    def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
+        there = self._found()
+        now = event_block.state_of(self._scene, self._clock_time, there, self._radii)
+        columns = {**there, **vars(now)}
         kept = {each.name: columns[each.name] for each in columns_of(self._scene) if each.name in columns}
-        return NewDiscs(now.position, now.velocity, self._radii, {**kept, MASS.name: self._masses})
+        found = NewDiscs(now.position, now.velocity, self._radii, {**kept, MASS.name: self._masses})
+        return found if numbers is None else found.rows(numbers)
 
-    def replace(self, discs: NewDiscs) -> None:
+    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+        if numbers is not None:
+            discs = self.discs().with_rows(discs, numbers)
         self._place_anew(discs, self.choice, self._present, discs.velocity)
 
     def _assume(self, terms: Terms) -> None:

@@ -151,9 +151,10 @@ class GridSolver(BlockSolver):
             self._pool.stop()
             self._pool = None
 
-    def replace(self, discs: NewDiscs) -> None:
-        self._sorted_grid = None
-        super().replace(discs)
+    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+        if numbers is None:
+            self._sorted_grid = None
+        super().replace(discs, numbers)
 
     def _enter(self, snapshot: SolverState) -> None:
         self._sorted_grid = None

@@ -446,7 +446,7 @@ class MpiSolver(OnRanks):
 
     # --- steps
 
-    def speeds(self, new: NewDiscs | None = None) -> Speeds:
+    def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
         present = ~self.absorbed if self._scene.loses_discs else None
         there = There(self._scene, self.time, self._radii, present)
         return speeds_on_ranks(there, self.local_state(), new, self._shared())
@@ -498,10 +498,13 @@ class MpiSolver(OnRanks):
         self._enter(records, new, first, self._progress)
         self._half_done = False
 
-    def discs(self) -> NewDiscs:
-        return self._by_number().discs(self._radii, self._masses)
+    def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
+        found = self._by_number().discs(self._radii, self._masses)
+        return found if numbers is None else found.rows(numbers)
 
-    def replace(self, discs: NewDiscs) -> None:
+    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+        if numbers is not None:
+            discs = self.discs().with_rows(discs, numbers)
         progress, self._half_done = self._progress, True
         self._enter_all(lambda a, b: (discs.position[a:b], discs.velocity[a:b]), discs.columns, progress)
         self._half_done = False

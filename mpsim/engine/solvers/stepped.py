@@ -57,6 +57,42 @@ def write_discs(block: SharedBlock, new: NewDiscs, first: int) -> None:
             arrays[column.name][..., first:last] = new.of(column).T
 
 
+def _slots_of(discs: records.Discs, numbers: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Where the discs of these numbers lie."""
+    slots = np.flatnonzero(np.isin(discs.id[:count], numbers))
+    order = np.argsort(discs.id[slots])
+    return slots[order][np.argsort(np.argsort(numbers))]
+
+
+def discs_of(
+    block: SharedBlock, numbers: NDArray[np.int64], radii: NDArray[np.float64], masses: NDArray[np.float64]
+) -> NewDiscs:
+    """Copies of some discs, with all that they have.
+
+    Args:
+        block: in which they are.
+        numbers: of the discs, shape (K,), each once.
+        radii, masses: of all discs, shape (N,) [length], [mass].
+    """
+    discs, arrays = live_discs(block), block.arrays
+    slots = _slots_of(discs, numbers, len(radii))
+    position, velocity = np.stack([discs.x[slots], discs.y[slots]], 1), np.stack([discs.vx[slots], discs.vy[slots]], 1)
+    found = {each.name: arrays[each.name][..., numbers].T.copy() for each in columns.COLUMNS if each.name in arrays}
+    return NewDiscs(position, velocity, radii[numbers], {**found, columns.MASS.name: masses[numbers]})
+
+
+def write_discs_of(block: SharedBlock, new: NewDiscs, numbers: NDArray[np.int64], count: int) -> None:
+    """Write discs in place of those of these numbers, of the same radii; count: of all discs."""
+    arrays, discs = block.arrays, live_discs(block)
+    slots = _slots_of(discs, numbers, count)
+    discs.x[slots], discs.y[slots] = new.position.T
+    discs.vx[slots], discs.vy[slots] = new.velocity.T
+    arrays["control"].in_order = 0
+    for column in columns.COLUMNS:
+        if column.name in arrays:
+            arrays[column.name][..., numbers] = new.of(column).T
+
+
 def places_and_speeds(block: SharedBlock, count: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Positions and velocities as they lie in the block, in the order of the scene's discs."""
     discs = live_discs(block)
