@@ -9,12 +9,13 @@
 """
 
 import importlib
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import mpsim.core.interpreter  # noqa: F401  # pyright: ignore[reportUnusedImport]  # isort: skip
 from mpsim import errors, measure
-from mpsim.core import state
+from mpsim.core import calls, checks, state
 from mpsim.core.state import State
 from mpsim.core.units import Units
 from mpsim.core.version import __version__ as __version__
@@ -46,7 +47,7 @@ from mpsim.features import (
 )
 from mpsim.measure.time_correlations import Correlations
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import OF_PROCESSES, Settings
 from mpsim.studies.findings import Findings, findings
 from mpsim.studies.sweep import Sweep, sweep
 from mpsim.studies.tradeoff import Tradeoff, tradeoff
@@ -99,7 +100,9 @@ for _view, _where in _VIEWS.items():
 def __getattr__(name: str) -> Any:
     """Import on first use what writes files and pictures."""
     if name in _LATE:
-        return getattr(importlib.import_module(_LATE[name]), name)
+        module = importlib.import_module(_LATE[name])
+        calls.explain_wrong_calls(module, [name])
+        return getattr(module, name)
     raise AttributeError(f"module 'mpsim' has no attribute {name!r}")
 
 
@@ -154,3 +157,13 @@ __all__ = [
     "tune",
     "view",
 ]
+
+calls.explain_wrong_calls(
+    sys.modules[__name__],
+    [name for name in __all__ if name not in _LATE],
+    instead={
+        "Settings": {name: f"Simulation(scene, settings, {name}=...)" for name in OF_PROCESSES},
+        "Simulation": {name: f"Settings({name}=...)" for name in checks.names_of(Settings)},
+    },
+)
+calls.explain_wrong_calls(measure, measure.__all__)

@@ -1,13 +1,12 @@
 """Checks of user input, and objects that refuse assignments."""
 
 import difflib
-import functools
 import inspect
 import math
 import numbers
 import reprlib
 from collections.abc import Callable, Iterable
-from typing import Any, ClassVar, NoReturn, ParamSpec, TypeVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +14,6 @@ from numpy.typing import NDArray
 from mpsim.errors import InputError, UnknownArgumentError
 
 # --- All checks of user input: finite, dtype, shape, range. Messages: name, rule, value received, what to do
-
-P = ParamSpec("P")
-R = TypeVar("R")
-C = TypeVar("C")
 
 
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
@@ -191,10 +186,11 @@ def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     words = list(allowed)
     if isinstance(value, str) and value in words:  # an array would be compared word by word
         return str(value)
-    raise InputError(_must_be_one_of(name, value, words))
+    raise InputError(must_be_one_of(name, value, words))
 
 
-def _must_be_one_of(name: str, value: Any, words: Iterable[str]) -> str:
+def must_be_one_of(name: str, value: Any, words: Iterable[str]) -> str:
+    """The refusal of a word that is none of those allowed, with one that is similar."""
     meant = near(value, words)
     hint = f" Did you mean {meant!r}?" if meant else ""
     return f"{name} must be one of {', '.join(map(repr, words))}; got {brief(value)}.{hint}"
@@ -205,7 +201,7 @@ def known_arguments(function: str, names: Iterable[str], known: Iterable[str]) -
     words = list(dict.fromkeys(known))
     for name in names:
         if name not in words:
-            raise UnknownArgumentError(_must_be_one_of(f"an argument of {function}", name, words))
+            raise UnknownArgumentError(must_be_one_of(f"an argument of {function}", name, words))
 
 
 def names_of(function: Callable[..., Any]) -> tuple[str, ...]:
@@ -217,108 +213,6 @@ def names_of(function: Callable[..., Any]) -> tuple[str, ...]:
     by_keyword = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     parameters = inspect.signature(function).parameters.values()
     return tuple(each.name for each in parameters if each.kind in by_keyword and each.name not in ("self", "cls"))
-
-
-def known_names(
-    *further: Callable[..., Any],
-    without: Iterable[str] = (),
-    called: str = "",
-    elsewhere: Callable[[str], str] = lambda name: "",
-) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """A decorator: keywords that a function does not have raise UnknownArgumentError, which suggests a similar one.
-
-    So do values without a name where the function takes them only by name, missing arguments, and surplus values.
-
-    Args:
-        further: functions whose arguments it takes as well, as `**others`.
-        without: those of their arguments that it sets itself.
-        called: its name in texts; "": that which it has.
-        elsewhere: from a name, what to write instead where another function takes it; "" for all other names.
-
-    >>> @known_names()
-    ... def draw(*, colour): ...
-    >>> draw(color="red")
-    Traceback (most recent call last):
-        ...
-    mpsim.errors.UnknownArgumentError: an argument of draw must be one of 'colour'; got 'color'. Did you mean 'colour'?
-    """
-
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        signature = inspect.signature(function)
-        parameters = signature.parameters.values()
-        kinds = [each.kind for each in parameters]
-        checks_itself = inspect.Parameter.VAR_KEYWORD in kinds and not further
-        every = dict.fromkeys(name for each in (function, *further) for name in names_of(each))
-        names = tuple(name for name in every if name not in without)
-        known = frozenset(names)
-        by_name = [each.name for each in parameters if each.kind is inspect.Parameter.KEYWORD_ONLY]
-        first = kinds.index(inspect.Parameter.KEYWORD_ONLY) if by_name else None
-        own = called or function.__qualname__.removesuffix(".__init__")
-        what = f"an argument of {own}"
-
-        @functools.wraps(function)
-        def door(*args: P.args, **kwargs: P.kwargs) -> R:
-            if not kwargs.keys() <= known and not checks_itself:
-                unknown = next(name for name in kwargs if name not in known)
-                instead = elsewhere(unknown)
-                hint = f" Use {instead}." if instead else ""
-                raise UnknownArgumentError(_must_be_one_of(what, unknown, names) + hint)
-            if first is not None and len(args) > first and inspect.Parameter.VAR_POSITIONAL not in kinds:
-                name = next((name for name in by_name if name not in kwargs), by_name[0])
-                given = brief(args[first])
-                raise UnknownArgumentError(
-                    f"{what} must be given with its name, such as {name}=...; got {given} alone."
-                )
-            try:
-                return function(*args, **kwargs)
-            except TypeError as error:
-                known_already = isinstance(error, UnknownArgumentError)
-                if known_already or (wrong := _why_not_bound(own, signature, args, kwargs)) is None:
-                    raise
-            raise UnknownArgumentError(wrong)
-
-        return door
-
-    return decorate
-
-
-def _why_not_bound(function: str, signature: inspect.Signature, args: Any, kwargs: Any) -> str | None:
-    """Why a function cannot be called with such arguments, in words; None if it can."""
-    every = signature.parameters.values()
-    by_place = [each.name for each in every if each.kind < inspect.Parameter.VAR_POSITIONAL]
-    placed = by_place[: len(args)]
-    if twice := [name for name in placed if name in kwargs]:
-        return f"{twice[0]} of {function} must be given once; got two. Leave one out."
-    open_ended = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
-    needed = [each.name for each in every if each.default is inspect.Parameter.empty and each.kind not in open_ended]
-    if missing := [name for name in needed if name not in placed and name not in kwargs]:
-        words = ", ".join(f"{name}=..." for name in missing)
-        return f"{', '.join(missing)} of {function} must be given; got none. Write {function}({words})."
-    if len(args) > len(by_place) and open_ended[0] not in [each.kind for each in every]:
-        names, more = ", ".join(name for name in by_place if name not in ("self", "cls")), len(args) - len(by_place)
-        return f"{function} must be given no more values than {names}; got {more} more. Leave them out."
-    return None
-
-
-def known_names_of_methods(cls: type[C]) -> type[C]:
-    """A decorator of classes: `known_names` for the constructor and all public methods of their own.
-
-    >>> @known_names_of_methods
-    ... class Run:
-    ...     def save(self, path): ...
-    >>> Run().save(file="run.csv")
-    Traceback (most recent call last):
-        ...
-    mpsim.errors.UnknownArgumentError: an argument of Run.save must be one of 'path'; got 'file'.
-    """
-    for name, value in list(vars(cls).items()):
-        if name.startswith("_") and name != "__init__":
-            continue
-        if isinstance(value, classmethod | staticmethod):
-            setattr(cls, name, type(value)(known_names()(value.__func__)))
-        elif inspect.isfunction(value) and not hasattr(value, "__wrapped__"):
-            setattr(cls, name, known_names()(value))
-    return cls
 
 
 def number(name: str, value: Any, rule: str) -> float:

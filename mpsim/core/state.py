@@ -47,7 +47,6 @@ NOT_DIGESTED: dict[str, str] = {"box": "it follows from the scene and the time"}
 """What the digest of a state leaves out, and why."""
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True, init=False, repr=False)
 class State:
     """All discs at one moment: copies, in the order of the scene's discs, in arrays that cannot be written.

@@ -65,7 +65,6 @@ _TIME_FROM: dict[str, Callable[[float, float, float], float]] = {
 """The unit of time that follows from another unit."""
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True, init=False)
 class Units:
     """What the numbers of a scene are in SI: the size of one unit of length, of mass and of time. Immutable.
@@ -116,7 +115,6 @@ class Units:
     mass: float
     time: float
 
-    @checks.known_names()
     def __init__(
         self,
         *,

@@ -17,7 +17,6 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
-from mpsim.core import checks
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.errors import BusyError, ForkedError, level_of_caller
 
@@ -302,7 +301,6 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
     method.__qualname__ = f"Simulation.{method.__name__}"  # as callers know it, not the class that shares the work
     what = f"{method.__name__.strip('_')}()"
 
-    @checks.known_names()
     @functools.wraps(method)
     def door(self: S, *args: P.args, **kwargs: P.kwargs) -> R:
         access, use = self._access, Use(what)
@@ -328,7 +326,6 @@ def reading(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P
     """A method that reads a simulation: for the process that made it, and between two slices of frames."""
     method.__qualname__ = f"Simulation.{method.__name__}"
 
-    @checks.known_names()
     @functools.wraps(method)
     def door(self: S, *args: P.args, **kwargs: P.kwargs) -> R:
         access = self._access

@@ -50,7 +50,6 @@ MOST_BYTES = 2**28
 KEYS = ("format", "frame", "digest", "scene", "settings", "change")
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Journal:
     """All that was done to a simulation from outside, up to a frame. Iterating over it gives the changes, in order.

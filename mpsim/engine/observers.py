@@ -28,7 +28,6 @@ KINDS = ("discs", "walls", "obstacles")
 """What a disc can collide with; `kind` of a table is an index of these."""
 
 
-@checks.known_names_of_methods
 class Collisions:
     """Every collision of a run, for `Simulation.run(observe=...)`; the run stays the same to the bit.
 
@@ -74,7 +73,6 @@ class Collisions:
     (5.0, [6.0, 0.5], -1.9998)
     """
 
-    @checks.known_names()
     def __init__(
         self,
         *,
@@ -132,7 +130,6 @@ class Collisions:
             self._callback(sim, table)
 
 
-@checks.known_names_of_methods
 class Sensor(Collisions):
     """A counter of the collisions on an obstacle, on a wall or in a region, for `Simulation.run(observe=...)`.
 
@@ -159,7 +156,6 @@ class Sensor(Collisions):
     ([21, 42], [156, 1])
     """
 
-    @checks.known_names()
     def __init__(
         self,
         *,

@@ -104,7 +104,6 @@ def frames_wanted(
 TABLE = "a table of times"
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Report:
     """Times, counts and measures of one `run`. Frame times do not include compilation and the start of workers.

@@ -293,7 +293,6 @@ class Changing(ReadOnly):
 Result = TypeVar("Result")
 
 
-@checks.known_names_of_methods
 class Simulation(Changing):
     """A scene being simulated. Use it in a `with` block: leaving it stops the workers and frees the shared memory.
 
@@ -327,7 +326,6 @@ class Simulation(Changing):
     (100, 1.0, 100, 'grid')
     """
 
-    @checks.known_names(elsewhere=lambda name: f"Settings({name}=...)" if name in checks.names_of(Settings) else "")
     def __init__(
         self,
         scene: Scene,

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mpsim.core import checks
 from mpsim.engine.solvers.base import SolverState, Terms, count_in
 
 if TYPE_CHECKING:
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from mpsim.scene.settings import Settings
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True, eq=False, repr=False)
 class Snapshot:
     """Copies of all that the next frame of a simulation depends on, by `Simulation.snapshot`.

@@ -62,9 +62,6 @@ class Thermostat:
         object.__setattr__(self, "seed", check_seed("seed of a Thermostat", self.seed))
 
 
-Thermostat.__init__ = checks.known_names()(Thermostat.__init__)
-
-
 def check_seed(name: str, seed: Any) -> int:
     """A seed of random numbers; None, as in a file without one, is 0."""
     return checks.whole(name, 0 if seed is None else seed, 0, MOST_SEED, "Any whole number will do.")
@@ -207,9 +204,6 @@ class ThermalWalls:
     def by_edge(self) -> tuple[float, ...]:
         """Temperature of each edge, in the order left, right, bottom, top; 0 of one that is not thermal."""
         return tuple(self.temperatures.get(edge, 0.0) for edge in EDGES)
-
-
-ThermalWalls.__init__ = checks.known_names()(ThermalWalls.__init__)
 
 
 def check_thermal_walls(thermal_walls: Any) -> dict[str, Any]:

@@ -87,9 +87,6 @@ class Emitter:
         return f"Emitter({', '.join(f'{name}={value!r}' for name, value in values.items())})"
 
 
-Emitter.__init__ = checks.known_names()(Emitter.__init__)
-
-
 def check_emitters(emitters: object) -> tuple[Emitter, ...]:
     """The emitters as a tuple, checked; a single one may come without a list."""
     each_of: Any = emitters

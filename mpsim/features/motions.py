@@ -256,5 +256,3 @@ class Path(Motion):
 
 
 MOTIONS: tuple[type[Motion], ...] = (Translation, Oscillation, Rotation, Path)
-for _kind in MOTIONS:
-    _kind.__init__ = checks.known_names()(_kind.__init__)

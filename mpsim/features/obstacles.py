@@ -92,9 +92,6 @@ class FixedDisc(Obstacle):
         return [(x, y, x, y, self.radius)]
 
 
-FixedDisc.__init__ = checks.known_names()(FixedDisc.__init__)
-
-
 @dataclass(frozen=True, repr=False)
 class Polyline(Obstacle):
     """A chain of straight walls that discs cannot cross from either side, such as a funnel, a channel or a bin.
@@ -131,9 +128,6 @@ class Polyline(Obstacle):
     def capsules(self) -> list[tuple[float, float, float, float, float]]:
         points: Any = self.points
         return [(ax, ay, bx, by, self.thickness / 2) for (ax, ay), (bx, by) in pairwise(points)]
-
-
-Polyline.__init__ = checks.known_names()(Polyline.__init__)
 
 
 def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> NDArray[np.float64]:

@@ -71,9 +71,6 @@ class Piston:
         return f"Piston(wall={self.wall!r}, speed={self.speed!r}, stop={self.stop!r}{start})"
 
 
-Piston.__init__ = checks.known_names()(Piston.__init__)
-
-
 def check_piston(
     piston: Any, boundary: tuple[str, str], width: float, height: float, absorbing: tuple[str, ...]
 ) -> Piston | None:

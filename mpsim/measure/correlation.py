@@ -147,7 +147,6 @@ class PairCorrelation:
     references: int
 
 
-@checks.known_names()
 def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r_max: float) -> PairCorrelation:
     """Pair-correlation function g(r) from contact to r_max, of one state or averaged over several of the same scene.
 

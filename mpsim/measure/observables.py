@@ -79,7 +79,6 @@ class TrajectoryDeviation:
     disc: int
 
 
-@checks.known_names()
 def kinetic_energy(state: Discs, scene: Scene) -> float:
     """Kinetic energy, sum of m v^2 / 2 over the discs [mass length^2/time^2], >= 0. `scene`: that of the state.
 
@@ -96,7 +95,6 @@ def kinetic_energy(state: Discs, scene: Scene) -> float:
     return translation + rotational_energy(state, scene) if moments.any_spin(state) else translation
 
 
-@checks.known_names()
 def rotational_energy(state: Discs, scene: Scene) -> float:
     """Kinetic energy of rotation, sum of m a^2 spin^2 / 4 over the discs [mass length^2/time^2]; 0 for smooth ones.
 
@@ -115,7 +113,6 @@ def rotational_energy(state: Discs, scene: Scene) -> float:
     return moments.energy_of_rotation(state, masses_of(name, scene, state), radii_of(name, scene, state))
 
 
-@checks.known_names()
 def potential_energy(state: Discs, scene: Scene) -> float:
     """Potential energy of gravity and of each disc's own acceleration, -sum of m_i (g + a_i).r_i from the box's origin.
 
@@ -160,7 +157,6 @@ def has_periodic_field(scene: Scene) -> bool:
     )
 
 
-@checks.known_names()
 def momentum(state: Discs, scene: Scene) -> NDArray[np.float64]:
     """Total momentum, sum of m v, shape (2,) [mass length/time]. `scene`: that of the state.
 
@@ -174,7 +170,6 @@ def momentum(state: Discs, scene: Scene) -> NDArray[np.float64]:
     return moments.mass_and_momentum(state, masses_of("momentum", scene, state))[1]
 
 
-@checks.known_names()
 def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> float:
     """Temperature kT: mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0.
 
@@ -205,7 +200,6 @@ def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> fl
     return squares / (2 * (count - 1 if remove_drift else count))
 
 
-@checks.known_names()
 def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None) -> Overlap:
     """Number of overlapping pairs, their largest and mean depth. O(N) by cells of the largest diameter.
 
@@ -251,7 +245,6 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     return Overlap(pairs, largest, total / pairs if pairs else 0.0, worst)
 
 
-@checks.known_names()
 def speed_kurtosis(state: Discs) -> float:
     """Fourth moment of the speeds over the square of the second, <v^4>/<v^2>^2 [1], >= 1.
 
@@ -275,7 +268,6 @@ def speed_kurtosis(state: Discs) -> float:
     return float((fourth / count) / (second / count) ** 2)
 
 
-@checks.known_names()
 def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistribution:
     """Distribution of speeds, and Maxwell's of the same mean square, with density (v/kT) exp(-v^2/(2 kT)) in 2-D.
 
@@ -311,7 +303,6 @@ def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistrib
     return SpeedDistribution(edges, counted / (count * width), np.diff(below) / width, distance)
 
 
-@checks.known_names()
 def mean_squared_displacement(before: State, after: State, scene: Scene | None = None) -> float:
     """Mean over the discs of |r(after) - r(before)|^2 [length^2], >= 0, for the same discs in the same order.
 
@@ -357,7 +348,6 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
     return float((moved**2).sum(axis=1).mean())
 
 
-@checks.known_names()
 def trajectory_error(state: State, reference: State, scene: Scene | None = None) -> TrajectoryDeviation:
     """Deviation of the discs from their positions in a reference state at the same time, such as the exact solver's.
 

@@ -82,7 +82,6 @@ class HexaticCorrelation:
     pairs: NDArray[np.int64]
 
 
-@checks.known_names()
 def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k_max: float) -> StructureFactor:
     """Static structure factor S(k) = |sum over discs of exp(i k.r)|^2 / K in a periodic box, in shells from 0 to k_max.
 
@@ -141,7 +140,6 @@ def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k
         return StructureFactor(lengths / vectors, s, s / np.sqrt(vectors), vectors // len(states))
 
 
-@checks.known_names()
 def hexatic_order(state: State, scene: Scene) -> HexaticOrder:
     """Bond-orientational order psi_6(i) = mean over the six nearest neighbours j of exp(6 i angle of r_j - r_i).
 
@@ -174,7 +172,6 @@ def hexatic_order(state: State, scene: Scene) -> HexaticOrder:
     return HexaticOrder(np.flatnonzero(state.present), psi, float(np.abs(psi).mean()), float(np.abs(psi.mean())))
 
 
-@checks.known_names()
 def hexatic_correlation(states: State | Sequence[State], scene: Scene, bins: int, r_max: float) -> HexaticCorrelation:
     """Correlation function of bond-orientational order, g_6(r) = Re <psi_6(0)* psi_6(r)>.
 
@@ -216,7 +213,6 @@ def hexatic_correlation(states: State | Sequence[State], scene: Scene, bins: int
         return HexaticCorrelation((edges[:-1] + edges[1:]) / 2, sums / pairs, pairs)
 
 
-@checks.known_names()
 def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
     """The discs that are present, in freud's form: a two-dimensional box, and points, shape (K, 3) [length].
 

@@ -40,7 +40,6 @@ class Predictability:
     comparable_until: float
 
 
-@checks.known_names()
 def predictability(time: ArrayLike, distance: ArrayLike, *, lowest: float = 0.0, highest: float) -> Predictability:
     """Largest Lyapunov exponent and horizon from the distance between two runs whose starts differ a little.
 
@@ -97,7 +96,6 @@ def predictability(time: ArrayLike, distance: ArrayLike, *, lowest: float = 0.0,
     return Predictability(growth, 1 / rate, AGREEMENT / rate, ASSERTED * AGREEMENT / rate)
 
 
-@checks.known_names()
 def comparable_until(rate: float) -> float:
     """Time up to which the trajectories of two float64 solvers may be compared, ASSERTED x AGREEMENT / rate [time].
 
@@ -113,7 +111,6 @@ def comparable_until(rate: float) -> float:
     return ASSERTED * AGREEMENT / checks.positive("rate", rate, "[1/time]")
 
 
-@checks.known_names()
 def require_predictable(time: float, rate: float) -> None:
     """Refuse to compare trajectories at times at which even two correct float64 solvers differ.
 

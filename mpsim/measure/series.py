@@ -46,7 +46,6 @@ class OneSimulation:
 # --- A function of the state as a time series along a run
 
 
-@checks.known_names_of_methods
 class Series:
     """An observer for `Simulation.run(observe=...)` that records a function of the state every few frames.
 
@@ -70,7 +69,6 @@ class Series:
     (101, np.float64(20.0))
     """
 
-    @checks.known_names()
     def __init__(self, function: Callable[[State, Scene], float], every: int = 1):
         if not callable(function):
             raise InputError(

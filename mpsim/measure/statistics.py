@@ -242,7 +242,6 @@ def energy_in_bath(values: NDArray[np.float64], memory: float, count: int) -> Sl
     return SlowVariable(values, seen if seen > BY_CHANCE * error else error, memory * MEMORIES <= 1)
 
 
-@checks.known_names()
 def block_average(
     series: ArrayLike,
     *,
@@ -375,7 +374,6 @@ def average_beside(
     return replace(found, error=math.hypot(rest.error, follows), settled=rest.settled and slow.known, upper=upper)
 
 
-@checks.known_names()
 def ratio_average(numerator: ArrayLike, denominator: ArrayLike) -> Measure:
     """Ratio of two sums and its standard error, such as a mean over a varying number of events.
 
@@ -408,7 +406,6 @@ def ratio_average(numerator: ArrayLike, denominator: ArrayLike) -> Measure:
     return Measure(value, error, events, settled, residues.upper and not settled)
 
 
-@checks.known_names()
 def block_errors(series: ArrayLike) -> NDArray[np.float64]:
     """Standard errors of the mean from blocks of 1, 2, 4, ... samples: the curve whose plateau is the error.
 
@@ -436,7 +433,6 @@ def block_errors(series: ArrayLike) -> NDArray[np.float64]:
     return np.array(errors)
 
 
-@checks.known_names()
 def independent_average(values: ArrayLike) -> Measure:
     """Mean of independent values, such as one per random start, with standard error: deviation / sqrt(number).
 
@@ -455,7 +451,6 @@ def independent_average(values: ArrayLike) -> Measure:
     return Measure(value, float((samples - value).std(ddof=1)) / math.sqrt(len(samples)), len(samples))
 
 
-@checks.known_names()
 def fit_order(h: ArrayLike, bias: ArrayLike, errors: ArrayLike | None = None) -> Measure:
     """Order p of a bias that falls like h^p, by a weighted straight line through log|bias| against log h.
 
@@ -535,7 +530,6 @@ class Equilibration:
     measure: Measure
 
 
-@checks.known_names()
 def equilibration(series: ArrayLike, *, batch: int = 5) -> Equilibration:
     """Where to start averaging a series, so that its mean is not biased by the initial transient.
 

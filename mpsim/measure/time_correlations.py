@@ -202,7 +202,6 @@ MOST_LOOKS = 10**12
 """Looks in the longest lag at most."""
 
 
-@checks.known_names_of_methods
 class Correlations:
     """An observer for `Simulation.run(observe=...)` that averages correlations in time over discs and time origins.
 
@@ -247,7 +246,6 @@ class Correlations:
     True
     """
 
-    @checks.known_names()
     def __init__(
         self,
         every: int = 1,

@@ -321,7 +321,6 @@ class Animation(PosixPath):
         return f'<img src="data:image/gif;base64,{content}">'
 
 
-@checks.known_names()
 def animate(
     scene: Scene,
     settings: Settings | None = None,

@@ -514,7 +514,6 @@ KINDS: dict[str, tuple[str, Callable[[Shown], Any]]] = {
 """What discs can be coloured by, with the words of the colour bar."""
 
 
-@checks.known_names()
 def draw(
     state: State | Frame | Simulation | Scene,
     scene: Scene | None = None,

@@ -310,7 +310,6 @@ def unwritable(path: Path, error: OSError) -> OutputError:
 # are read.
 
 
-@checks.known_names_of_methods
 class Trajectory:
     """A trajectory to read: a sequence of frames, each read from the file when it is needed.
 

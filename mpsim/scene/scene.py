@@ -6,7 +6,7 @@ import copy
 import functools
 import hashlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -145,7 +145,6 @@ LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
 
 
-@checks.known_names_of_methods
 class Scene(ReadOnly, HasDiscs, Recommends):
     """Discs in a box. It is checked when made; its arrays are read-only copies. Unused features cost nothing.
 
@@ -205,7 +204,6 @@ class Scene(ReadOnly, HasDiscs, Recommends):
     _capsule_index: CapsuleIndex | None = None
     _overlaps: str | None = None
 
-    @checks.known_names()
     def __init__(
         self,
         *,
@@ -518,7 +516,6 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         return brief(self)
 
     @classmethod
-    @checks.known_names(__init__, without=("position", "velocity"))
     def random(
         cls,
         *,
@@ -564,6 +561,7 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         >>> round(mixture.packing, 12)
         0.7
         """
+        _check_others(cls.random, others)
         count = checks.whole("count", count, 0, LARGEST_COUNT, "Give a number in this range.")
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
         radius = check_radius(radius, count)
@@ -586,7 +584,6 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         return made.redraw_with(functools.partial(_drawn_again, cls.random, kind, seed))
 
     @classmethod
-    @checks.known_names(__init__, without=("position", "velocity"))
     def lattice(
         cls,
         *,
@@ -627,6 +624,7 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         >>> bool((scene.rows(70_000, 70_100)[0] == scene.position[70_000:70_100]).all())
         True
         """
+        _check_others(cls.lattice, others)
         count = checks.whole("count", count, 0, LARGEST_COUNT, "Give a number in this range.")
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
         demand_equal_discs(radius, others)
@@ -641,6 +639,12 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         demand_whole_box(made)
         kind |= {"count": count, "temperature": temperature}
         return made.redraw_with(functools.partial(_drawn_again, cls.lattice, kind, seed))
+
+
+def _check_others(draw: Callable[..., Scene], others: Iterable[str]) -> None:
+    """Refuse names that are arguments neither of `draw`, Scene.random or Scene.lattice, nor of Scene."""
+    names = {*checks.names_of(draw), *checks.names_of(Scene.__init__)} - {"position", "velocity"}
+    checks.known_arguments(f"Scene.{draw.__name__}", others, names)
 
 
 def _drawn_again(draw: Callable[..., Scene], arguments: dict[str, Any], first: int, seed: int) -> Scene:

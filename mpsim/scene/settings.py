@@ -110,11 +110,6 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
     return Settings(**{name: value for name, value in values.items() if name not in OF_PROCESSES})
 
 
-Settings.__init__ = checks.known_names(
-    elsewhere=lambda name: f"Simulation(scene, settings, {name}=...)" if name in OF_PROCESSES else ""
-)(Settings.__init__)
-
-
 # --- What a scene recommends for runs of it: length, settings, pictures and what to measure
 
 # pyright: reportUnnecessaryIsInstance=false

@@ -306,7 +306,6 @@ PROMISES: dict[str, type[Promise]] = {
 # --- The result of a named scene: expected and found numbers
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Findings:
     """The results of a run of a named scene. Prints one line for each number.
@@ -362,7 +361,6 @@ def found_by(name: str, promise: Promise, sim: Simulation) -> Findings:
     return Findings(name, tuple(promise.findings(sim)), tuple(times.tolist()), tuple(seen.tolist()))
 
 
-@checks.known_names()
 def findings(name: str, settings: Settings | None = None) -> Findings:
     """Run a scene that comes with mpsim for its recommended duration, and compare the results with the expected ones.
 

@@ -725,7 +725,6 @@ class SweepRow:
         return {**found, "failure": self.failure, **versions}
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True, repr=False)
 class Sweep:
     """The rows of a sweep, in the order of the grid: its last name changes fastest, and the runs of a point in it.
@@ -1074,7 +1073,6 @@ _NO_PICKLE = re.compile("pickle|serializ|get attribute", re.IGNORECASE)
 """In texts of errors of executors that could not send something."""
 
 
-@checks.known_names()
 def sweep(
     function: Callable[..., Any] | Scene | str,
     grid: Mapping[str, Iterable[Any]],

@@ -124,7 +124,6 @@ class Row:
         return values
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Tradeoff:
     """Costs and errors of candidates on one scene.
@@ -254,7 +253,6 @@ def label(settings: Settings) -> str:
     return " ".join([*words, f"dt={settings.dt:.3g}"])
 
 
-@checks.known_names()
 def tradeoff(
     scene: Scene,
     candidates: Iterable[Settings] | None = None,

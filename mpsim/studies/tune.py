@@ -181,7 +181,6 @@ VERIFICATIONS = 4
 """Settings that may fail their verification before the search gives up."""
 
 
-@checks.known_names()
 def tune(
     scene: Scene,
     max_error: Mapping[str, float],

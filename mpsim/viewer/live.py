@@ -91,7 +91,6 @@ def source_of(
 HOST = "127.0.0.1"  # address at which a view listens; other machines cannot reach it
 
 
-@checks.known_names()
 def view(
     source: Viewed,
     settings: Settings | None = None,
@@ -163,7 +162,6 @@ def view(
     return shown
 
 
-@checks.known_names_of_methods
 class View:
     """A page that shows a simulation. `mpsim.view` makes it; leaving a `with` block closes it.
 

@@ -24,7 +24,6 @@ PING_SECONDS = 10.0  # time between two pings. A page that has sent nothing for 
 POLICY, LATER = 1008, 1013  # codes that say why a connection was closed, as in server.py
 
 
-@checks.known_names()
 def live(
     source: Viewed,
     settings: Settings | None = None,
@@ -68,7 +67,6 @@ def live(
     return Live(source, settings, playing=playing, height=height, name=name, colour=colour, beside=beside)
 
 
-@checks.known_names_of_methods
 class Live:
     """A page in a notebook that shows a simulation. `mpsim.live` makes it; leaving a `with` block closes it.
 

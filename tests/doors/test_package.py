@@ -2,6 +2,7 @@
 
 import inspect
 import os
+import pickle
 import subprocess
 import sys
 import sysconfig
@@ -53,10 +54,24 @@ DOORS = [(name, call, own) for name, call, own in doors() if not name.endswith("
 
 def test_each_public_door_answers_a_name_that_it_does_not_have():
     assert len(DOORS) > 100
-    for name, call, own in DOORS:
-        with pytest.raises(mpsim.InputError) as caught:
-            call(*own, nonsense=1)
-        assert "nonsense" in str(caught.value), name
+    with mpsim.Simulation(mpsim.Scene.load("cradle"), mpsim.Settings(method="naive")) as sim:
+        for name, call, own in DOORS:
+            with pytest.raises(mpsim.InputError) as caught:
+                call(*([sim] if own and name.startswith("Simulation.") else own), nonsense=1)
+            assert "nonsense" in str(caught.value), name
+
+
+def test_an_error_of_a_function_that_is_given_is_no_wrong_call_and_public_functions_can_be_pickled():
+    def wrong(done, frames):
+        raise TypeError("mine")
+
+    with (
+        mpsim.Simulation(mpsim.Scene.load("cradle"), mpsim.Settings(method="naive")) as sim,
+        pytest.raises(TypeError, match=r"^mine$"),
+    ):
+        sim.run(frames=2, progress=wrong)
+    for function in (measure.temperature, mpsim.tune, mpsim.draw):
+        assert pickle.loads(pickle.dumps(function)) is function
 
 
 TOP = Path(__file__).parents[2]
