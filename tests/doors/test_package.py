@@ -150,8 +150,3 @@ def test_the_installed_wheel_and_its_command_run(programs, tmp_path):
 def test_what_takes_long_to_import_waits_until_it_is_needed():
     code = "import sys, mpsim; assert not {'matplotlib', 'pandas'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
-
-
-@pytest.mark.parametrize("module", [mpsim, mpsim.measure], ids=lambda module: module.__name__)
-def test_dir_shows_what_is_public(module):
-    assert {name for name in dir(module) if not name.startswith("__")} == set(module.__all__)

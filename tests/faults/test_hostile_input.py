@@ -108,16 +108,10 @@ SCENES = {
         r"must be a file .*; got 'a{50,56}\.\.\.",
     ),
     "a key nested 30,000 deep": (lambda: "a." * 30_000 + "a = 1\n", "at most 16 parts"),
-    "a table nested 30,000 deep": (lambda: "[" + "a." * 30_000 + "a]\n", "at most 16 parts"),
-    "a quoted key of 50,000 parts": (lambda: '"a".' * 50_000 + "a = 1\n", "at most 16 parts"),
-    "a key of 50,000 parts with blanks": (lambda: "a . " * 50_000 + "a = 1\n", "at most 16 parts"),
     "a key of 50,000 parts behind a text": (
         lambda: "x = {a = '''b'''', " + "c." * 50_000 + "c = 1}\n", "at most 16 parts"
     ),
     "escaped quotation marks without an end": (lambda: 'x = "' + '\\"' * 25_000, "must be TOML"),
-    "escaped quotation marks in threes": (lambda: 'x = """\n' + '\\"""\n' * 8_500, "must be TOML"),
-    "a backslash at the end": (lambda: 'x = """\n' + '\\"""\n' * 8_500 + "\\", "must be TOML"),
-    "quotation marks in threes": (lambda: "x = " + '"""\\' * 12_500, "must be TOML"),
     "single quotation marks": (lambda: "x = " + "'''a''" * 170_000, "must be TOML"),
     "tables in tables": (lambda: "x = " + "{a = " * 30_000 + "1" + "}" * 30_000, "nested too deeply"),
     "lists in lists": (lambda: "x = " + "[" * 30_000 + "]" * 30_000, "nested too deeply"),
@@ -125,21 +119,13 @@ SCENES = {
     "very many unknown keys": (
         lambda: "".join(f"k{i} = 1\n" for i in range(3500)), "at least 3,400 more"
     ),
-    "very many unknown tables": (lambda: "".join(f"[k{i}]\n" for i in range(3500)), "at least 3,400 more"),
     "800,000 pegs": (lambda: "[[obstacles]]\nposition=[1,1]\nradius=1\n" * 800_000, "bytes, and at most 1,048,576"),
     "10,001 pegs": (lambda: "[[obstacles]]\nposition=[1,1]\nradius=1\n" * 10_001, "at most 10,000 tables; got 10,001"),
-    "empty obstacles": (lambda: "obstacles = " + many("{},", 10_001), "obstacles must be at most 10,000 tables"),
     "bad obstacles": (lambda: "obstacles = " + many("{radius=-1},", 500), "at least 900 more"),
-    "pegs outside": (lambda: "obstacles = " + many("{position=[1,9],radius=1},", 500), "and at least 1 more"),
     "the last peg outside": (
         lambda: "obstacles = [" + "{position=[1,1],radius=1}," * 499 + "{position=[1,9],radius=1}]\n",
         r"obstacles\[499\] must lie in the box",
     ),
-    "emitters outside": (
-        lambda: "emitters = " + many("{position=[1,9],velocity=[0,1],interval=1,radius=1},", 500),
-        "and at least 1 more",
-    ),
-    "groups outside": (lambda: "discs = " + many("{position=[[1,9]],radius=1},", 500), r"must lie in \[1, 9\]"),
     "a lattice of a million pegs": (
         lambda: "[[obstacles]]\nplaces='square'\nspacing=0.008\nradius=1e-5\nregion=[0,0,9,8]\n",
         "spacing must leave at most 1,000,000 obstacles in the region; got 1,1",
@@ -152,25 +138,13 @@ SCENES = {
         lambda: "[[obstacles]]\npoints = " + many("[1,1],", 7500),
         "neighbours at different places",
     ),
-    "many lines of no points": (
-        lambda: f"[[obstacles]]\npoints = [[1,1],[2,2]]\nlengths = [{'2,-2,' * 5000}2]\n", "whole numbers >= 2"
-    ),
     "a line longer than its points": (
         lambda: "[[obstacles]]\npoints = [[1,1],[2,2]]\nlengths = [1e300, 1e300]\n", "add up to 2, the rows of points"
     ),
     "a width of 6,000 digits": (lambda: "", "width must be"),
     "a place of 6,000 digits": (lambda: f"[[discs]]\nradius=1\nposition=[[0x{'f' * 6000},1]]\n", "7,22[45] digits"),
-    "a count of 6,000 digits": (
-        lambda: f"[[discs]]\nradius=1\nplaces='random'\ncount=0x{'f' * 6000}\n", "a whole number of 7,22[45] digits"
-    ),
-    "a number of frames of 10,000 digits": (
-        lambda: f"[[emitters]]\nposition=[1,1]\nvelocity=[1,1]\ninterval=1\nevery=0x{'f' * 10_000}\n",
-        "every must be a whole number from .* got a whole number of 12,042 digits",
-    ),
     "a word of a megabyte": (lambda: f"boundary = '{'w' * 1_000_000}'\n", r"got 'w{50,60}\.\.\."),
-    "a key of a megabyte": (lambda: f"{'w' * 1_000_000} = 1\n", r"w{50,60}\.\.\. must be a key"),
     "a gravity of 401 digits": (lambda: f"gravity = {10**400}\n", "gravity must be two numbers"),
-    "numbers in 200 lists": (lambda: f"gravity = {'[' * 200}1{']' * 200}\n", "gravity.*must"),
     "a row too short": (lambda: "[[discs]]\nradius=1\nposition=[" + "[1,1]," * 7500 + "[1]]\n", "1 to 2"),
 }  # fmt: skip
 

@@ -1,10 +1,8 @@
 """scripts/make_notebooks.py: a page of the tutorial as a notebook, and notebooks as Jupyter runs them."""
 
 import json
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from support.pages import ROOT
@@ -100,30 +98,3 @@ def test_blocks_become_cells_that_do_the_same_and_text_keeps_its_words_and_pictu
         2,
         "make_notebooks: there is no file no.md; give pages of the docs\n",
     )
-
-
-def execute(path, folder):
-    """The notebook with its outputs, run in a folder with the programs of this Python."""
-    import nbformat  # noqa: PLC0415 - seconds
-    from nbclient import NotebookClient  # noqa: PLC0415
-
-    node = nbformat.read(path, as_version=4)
-    nbformat.validate(node)
-    environment = os.environ | {
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONPATH": str(ROOT),
-    }
-    client = NotebookClient(node, timeout=170, resources={"metadata": {"path": str(folder)}})
-    return client.execute(env=environment)
-
-
-PAGES = {each.stem: each for each in sorted((ROOT / "docs" / "tutorial").glob("*.md"))}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", PAGES)
-@pytest.mark.timeout(900)
-def test_the_notebook_of_a_page_runs(name, tmp_path):
-    assert make(PAGES[name], out=tmp_path).returncode == 0
-    done = execute(tmp_path / f"{name}.ipynb", tmp_path)
-    assert [cell for cell in done.cells if cell.cell_type == "code" and cell.outputs]

@@ -107,20 +107,3 @@ def test_units_change_no_bit_of_any_scene():
 def test_units_change_no_random_start():
     for seed in range(4):
         check_placed(seed)
-
-
-class Forgetful(Units):
-    """Units in which one length or speed is left as it was."""
-
-    forgotten = "width"
-
-    def scene(self, scene):
-        return mpsim.Scene(**features_of(super().scene(scene)) | {self.forgotten: getattr(scene, self.forgotten)})
-
-
-@pytest.mark.parametrize(("forgotten", "length"), [("width", 0.5), ("radius", 2.0), ("velocity", 2.0)])
-def test_a_length_or_speed_that_is_not_scaled_is_seen(forgotten, length, monkeypatch):
-    """The control."""
-    monkeypatch.setattr(Forgetful, "forgotten", forgotten)
-    with pytest.raises(AssertionError, match="control, Forgetful"):
-        check(any_gas(5), FRAMES, Forgetful(length, 4.0, 8.0), "control", method="grid", dt=0.1)
