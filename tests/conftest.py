@@ -37,8 +37,11 @@ SLOW_EXAMPLES = {
     "mpsim.studies.tune.tune",
     "mpsim.scene.scene.Scene.compressed",
     "mpsim.measure.time_correlations.Correlations",
+    "mpsim.measure.order.to_freud",
+    "mpsim.studies.sweep.sweep",
+    "mpsim.studies.tradeoff.tradeoff",
 }
-"""Examples of docstrings that compile several kernels."""
+"""Examples of docstrings that compile several kernels, run for seconds, or import a large package."""
 
 LONGEST_EXIT = 60
 """Seconds that the interpreter may take to end after the last test."""

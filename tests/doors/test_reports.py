@@ -47,6 +47,5 @@ def test_tables_of_pandas_and_parquet_are_those_of_csv(report, tmp_path, monkeyp
 def test_places_that_cannot_be_written_are_refused(report, tmp_path):
     with pytest.raises(mpsim.InputError, match=r"a table of times must .*Use 'times\.csv', or to_parquet\."):
         report.to_csv(tmp_path / "times.parquet")
-    for write, name in ((report.to_csv, "times.csv"), (report.to_parquet, "times.parquet")):
-        with pytest.raises(mpsim.errors.OutputError, match="a table of times must be a file that can be written; got "):
-            write(tmp_path / "none" / name)
+    with pytest.raises(mpsim.errors.OutputError, match="a table of times must be a file that can be written; got "):
+        report.to_csv(tmp_path / "none" / "times.csv")

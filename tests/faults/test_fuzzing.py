@@ -22,7 +22,7 @@ import mpsim
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import PACKAGED
 
-FEW, MANY = 40, 20_000
+FEW, MANY = 20, 20_000
 """Executions of each test by default, and with --long."""
 
 MEMORY = 100_000_000

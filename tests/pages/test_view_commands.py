@@ -325,6 +325,7 @@ def test_two_stages_are_at_one_time_and_their_numbers_are_those_of_both():
         assert np.abs(page.stages[1].position - place).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_equal_stages_differ_by_nothing_and_others_part_for_good():
     with paused(SCENE, GRID, beside=GRID) as page:
         page.step_to(20)

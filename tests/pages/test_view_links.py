@@ -149,6 +149,7 @@ main({!r})
 """
 
 
+@pytest.mark.slow
 def test_the_command_opens_what_an_address_asks_for_until_ctrl_c():
     words = ["view", f"http://127.0.0.1:8000/a-token/?{ASKED}&wait&speed=2#top", "--passes", "2", "--no-browser"]
     with Script(COMMAND.format(words), env={"NUMBA_DISABLE_JIT": "1"}) as script:
