@@ -88,7 +88,7 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if hasattr(config, "workerinput"):
         end_with_parent()
-    config.stash[_end] = time.monotonic() + LONGEST_SESSION[kind]
+    config.stash[_end], config.stash[_errors] = time.monotonic() + LONGEST_SESSION[kind], os.dup(2)
     end_later(config)
     if kind == "default" and pytest_xdist_auto_num_workers(config):
         sorts.announce()
@@ -102,7 +102,9 @@ def pytest_unconfigure(config):
 
 def end_later(config):
     """End a session that hangs, in whatever code, with the stacks of all threads."""
-    faulthandler.dump_traceback_later(max(config.stash[_end] - time.monotonic(), 1), exit=True, file=ERRORS)
+    faulthandler.dump_traceback_later(
+        max(config.stash[_end] - time.monotonic(), 1), exit=True, file=config.stash[_errors]
+    )
 
 
 @pytest.hookimpl(trylast=True)
@@ -111,8 +113,8 @@ def pytest_exception_interact(node):
     end_later(node.config)
 
 
-ERRORS = os.dup(2)
 _end = pytest.StashKey[float]()
+_errors = pytest.StashKey[int]()
 _figures = pytest.StashKey[Figures]()
 
 
