@@ -5,7 +5,6 @@ public_face.txt has them. After one was changed on purpose:
     python -m pytest tests/contracts/test_public_face.py --renew
 """
 
-import ast
 import dataclasses
 import importlib
 import inspect
@@ -127,23 +126,3 @@ def test_the_pages_show_every_python_with_the_bounds(script, monkeypatch):
     changed = script.project()["dependencies"][0].replace(">=", ">=1!")
     monkeypatch.setattr(script, "project", lambda: {"name": "mpsim", "dependencies": [changed]})
     assert wrong_rows(script), "the control: a bound that was changed and not tried"
-
-
-OTHERS = {"core/interpreter.py", "core/optional_packages.py", "engine/solvers/mpi_ranks.py"}
-"""Modules that look up modules of others, which may be missing."""
-
-
-def imports_by_name(source):
-    """Lines on which something is called that imports a module by its name, which no checker of imports sees."""
-    calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
-    return [c.lineno for c in calls if ast.unparse(c.func).split(".")[-1] in ("import_module", "__import__")]
-
-
-def test_only_the_package_itself_looks_up_its_modules_by_name():
-    package = Path(mpsim.__file__).parent
-    texts = {path: text for path in package.rglob("*.py") if "import_" in (text := path.read_text())}
-    found = {str(path.relative_to(package)) for path, text in texts.items() if imports_by_name(text)}
-    assert found == {"__init__.py"} | OTHERS
-    assert [name for name in OTHERS if '"mpsim.' in (package / name).read_text()] == []
-    for line in ("importlib.import_module('mpsim.cli')", "import_module(name)", "__import__('mpsim')"):
-        assert imports_by_name(f"import importlib\n{line}") == [2]

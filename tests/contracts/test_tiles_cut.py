@@ -2,7 +2,6 @@
 
 import itertools
 
-import numpy as np
 import pytest
 from support.compare import assert_same_bits
 from support.internals import solver_of
@@ -18,7 +17,6 @@ pytestmark = [pytest.mark.compiled, pytest.mark.slow, pytest.mark.timeout(300)]
 COUNT, FRAMES, DT = 3000, 24, 0.125
 NAMES = ["pressure", "collision_rate"]
 SCENES = {"walls": {"radius": 0.5}, "everything": everything(COUNT)}
-EMITTERS = (mpsim.Emitter((2.0, 2.0), (3.0, 2.0), interval=0.7), mpsim.Emitter((60.0, 2.0), (-2.0, 3.0), interval=0.45))
 TILING = (3, 2)
 
 
@@ -51,33 +49,6 @@ def test_a_run_that_is_resumed_in_other_tiles_on_other_workers_has_the_same_bits
     assert_same_bits(state, expected, name)
     assert collisions == report.collisions > COUNT
     figures.note("R1", "event on 2, 1, 3, 1", f"digest after 3 resumes: {name}", "of an uninterrupted run", "the same")
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
-@pytest.mark.parametrize("dt", [0.05, 1.7])
-def test_emitters_that_stop_inside_frames_have_the_same_bits(dt, tmp_path):
-    """A disc enters at its time, which lies inside a frame; also of a run that is resumed in between."""
-    gas, strip = scene_of("walls"), np.array([0.0, 5.0])
-    scene = mpsim.Scene(width=gas.width, height=gas.height + 5.0, radius=0.5, position=gas.position + strip,
-                        velocity=gas.velocity, emitters=EMITTERS)  # fmt: skip
-    frames = round(5.1 / dt)
-    with on_tiles(scene, (1, 1), dt=dt) as sim:
-        report = sim.run(frames=frames, measures=["pressure"])
-        expected = sim.state
-        assert sim.count > COUNT + 10
-    with on_tiles(scene, (2, 2), 2, dt=dt) as sim, always_tiled(2, 2):
-        found = sim.run(frames=frames, measures=["pressure"])
-        assert_same_bits(sim.state, expected, "emitters on 2 workers")
-        assert windows_of(sim)["windows"] > 0
-    assert (repr(found.measures), found.collisions) == (repr(report.measures), report.collisions)
-    with always_tiled(2, 2):
-        with simulate(scene, method="event", workers=2, dt=dt) as sim:
-            sim.run(frames=frames // 2)
-            sim.save(tmp_path / "run")
-        with mpsim.Simulation.resume(tmp_path / "run", workers=3) as sim:
-            sim.run(frames=frames - frames // 2)
-            assert_same_bits(sim.state, expected, "emitters, resumed")
 
 
 # --- commands whose time is over

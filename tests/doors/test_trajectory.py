@@ -201,19 +201,6 @@ def test_frames_that_are_written_meanwhile_are_found(path):
         trajectory.refresh()
 
 
-def test_half_a_frame_is_left_for_later(tmp_path):
-    written(tmp_path / "whole.xyz", gas(5, 0.1), frames=4, every=1, method="naive")
-    text, growing = (tmp_path / "whole.xyz").read_bytes(), tmp_path / "growing.xyz"
-    growing.write_bytes(text[: len(text) // 2])
-    with pytest.warns(mpsim.errors.TrajectoryWarning, match="ends in the middle of a frame"):
-        trajectory = mpsim.Trajectory(growing)
-    before = len(trajectory)
-    growing.write_bytes(text[:-1])
-    assert 0 < before < trajectory.refresh() == 4, "the last number may be cut short"
-    growing.write_bytes(text)
-    assert trajectory.refresh() == 5
-
-
 def test_a_trajectory_is_a_sequence(path, tmp_path):
     written(path, gas(5, 0.1), frames=10, every=1, method="naive")
     trajectory, side = mpsim.Trajectory(path), gas(5, 0.1).width

@@ -2,7 +2,6 @@
 
 import inspect
 import re
-import shutil
 import subprocess
 import sys
 
@@ -52,19 +51,3 @@ def test_the_site(tmp_path):
     for page in pages:
         (name,) = re.findall(r'href="([^"]+[.]ipynb)"', page.read_text())
         assert (page.parent / name).is_file(), "each page of the tutorial offers its notebook"
-
-
-def test_pages_that_lead_nowhere_are_errors_and_what_is_loaded_from_elsewhere_is_seen(tmp_path):
-    """The control."""
-    shutil.copy(ROOT / "docs" / "conf.py", tmp_path)
-    (tmp_path / "index.md").write_text("# A\n\n[b](b.md)\n\n```{eval-rst}\n.. autofunction:: mpsim.nothing\n```\n")
-    done = build(tmp_path, tmp_path / "out")
-    assert done.returncode != 0
-    assert "cross-reference target not found: 'b.md'" in done.stderr
-    assert "failed to import 'nothing'" in done.stderr
-    other = tmp_path / "other"
-    other.mkdir()
-    (other / "a.html").write_text('<a href="https://a.org">go</a> <link rel="x" href="https://b.org/c.css">')
-    (other / "a.css").write_text("@import url(//fonts.org/a); body { background: url(here.png) }")
-    first, second = loaded_from_elsewhere(other)
-    assert ("b.org/c.css" in first, "fonts.org/a" in second) == (True, True)
