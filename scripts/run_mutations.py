@@ -51,14 +51,17 @@ FAMILIES = {
 """Modules in which faults are drawn, by subject."""
 
 FIRST = {
-    **{key: ["tests/twins", "tests/contracts", "tests/physics"] for key in ("contacts", "laws", "sort", "events")},
-    "windows": ["tests/twins", "tests/contracts"],
-    "checkpoint": ["tests/contracts", "tests/faults"],
+    **{
+        family: ["tests/contracts/test_golden.py", "tests/twins", "tests/contracts", "tests/physics"]
+        for family in ("contacts", "laws", "sort", "events")
+    },
+    "windows": ["tests/twins/test_tiles_of_few.py", "tests/twins", "tests/contracts"],
+    "checkpoint": ["tests/contracts/test_written_files.py", "tests/faults/test_checkpoints_read.py", "tests/contracts"],
     "changes": ["tests/doors/test_changes.py", "tests/contracts"],
-    "statistics": ["tests/physics", "tests/doors"],
-    "readers": ["tests/doors"],
+    "statistics": ["tests/doors/test_averages.py", "tests/doors/test_correlations.py", "tests/physics", "tests/doors"],
+    "readers": ["tests/doors/test_files.py", "tests/doors/test_trajectory.py", "tests/doors"],
 }
-"""Folders whose tests run first, those that need no machine code, with kernels as plain Python: nothing is compiled."""
+"""Tests that run first, those that need no machine code, with kernels as plain Python: nothing is compiled."""
 
 SWAPS = {
     ast.Lt: ("<", "<="), ast.LtE: ("<=", "<"), ast.Gt: (">", ">="), ast.GtE: (">=", ">"),
