@@ -41,7 +41,7 @@ def windows_of(sim: mpsim.Simulation) -> NDArray[np.int64]:
 
 
 def _solver_of(sim: mpsim.Simulation) -> Any:
-    return sim._coordinator.open_solver()  # type: ignore[attr-defined]
+    return sim._open_solver()  # type: ignore[attr-defined]
 
 
 # --- what is compiled ---------------------------------------------------------------------------------------------

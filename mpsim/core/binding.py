@@ -17,7 +17,7 @@ class Binding:
         return self._first is not None
 
     def refusal(self, one: Any) -> str:
-        """Why an observer cannot go on with a simulation, as "belongs to ..., got ..."; "" if it can.
+        """To what an observer belongs that cannot go on with a simulation, in words; "" if it can.
 
         It can if this is the first simulation, and that has not gone back since.
         """
@@ -26,7 +26,7 @@ class Binding:
         first = self._first()
         if first is not one:
             owner = "which is gone by now" if first is None else str(first)
-            return f"belongs to one simulation, {owner}; got another, {one}."
+            return f"one simulation, {owner}; got another, {one}"
         if getattr(one, "restores", 0) != self._restores:
-            return f"belongs to frames of {one} that may be undone, as sim.restore(...) was called; got it again."
+            return f"frames that may be undone, as sim.restore(...) was called; got {one} again"
         return ""

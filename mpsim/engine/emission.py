@@ -149,6 +149,8 @@ class Emission:
     whose place is occupied, by 1. So what enters when depends on the state and on these counts alone, not on how a run
     is cut into slices; and times are products, in which rounding does not add up.
 
+    Attribute emits: whether there are emitters.
+
     Raises:
         InputError: for an interval so short that more discs would enter in a frame than a scene may have.
     """
@@ -165,6 +167,7 @@ class Emission:
         self._notices = notices
         self._precision = settings.precision
         self._emitters = scene.emitters
+        self.emits: bool = bool(scene.emitters)
         self._common_radius = scene.largest_radius
         self._emitted = [0] * len(scene.emitters)
         self._due = [emitter.every or TRIES for emitter in scene.emitters]

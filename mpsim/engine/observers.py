@@ -107,7 +107,7 @@ class Collisions:
         if not self._owner.exists:
             self._handed = sim.frame
         if refusal := self._owner.refusal(sim):
-            raise InputError(f"{type(self).__name__} {refusal} Make one for each.")
+            raise InputError(f"{type(self).__name__} belongs to {refusal}. Make one for each.")
 
     def take_collisions(self, table: NDArray[Any], frame: int) -> None:
         """Take a table: the collisions up to the end of a frame, those of frames that have been taken left out."""

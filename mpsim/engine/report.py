@@ -8,6 +8,7 @@ import io
 import math
 import os
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -109,15 +110,13 @@ class Report:
     """Times, counts and measures of one `run`. Frame times do not include compilation and the start of workers.
 
     Attributes:
-        frame_seconds: wall time of each frame, shape (frames,), float64 [s].
-        phase_seconds: phase name -> shape (frames, workers) [s]; "wait" is the time spent at barriers. For each worker
-            the phases of a frame add up to its frame time, except that a worker that the system interrupts at the end
-            of a frame may count this time in the next one.
+        times: wall time of each phase, shape (workers, frames, phases), int64 [ns]; see `frame_seconds` and
+            `phase_seconds`.
         collisions: contacts resolved.
         method, workers: those used ("auto" is resolved).
-        memory_bytes: resident memory of each process at the end of the run, the coordinator first; 0 for a process that
-            has died since its last frame, or where the system does not say. The shared block is included for each
-            process that has used it.
+        memory_bytes: resident memory of each process at the end of the run, the coordinator first, read ten times a
+            second at most; 0 for a process that has died since its last frame, or where the system does not say. The
+            shared block is included for each process that has used it.
         block_bytes: size of the shared block.
         measures: name -> Measure(value, error, samples), for the measures that `run` was given.
         guarded: number of collisions in which the exact solver suppressed the energy loss (see `contact_time`).
@@ -128,8 +127,7 @@ class Report:
         contact_time: contact time of the exact solver [time]; 0 if there was none.
     """
 
-    frame_seconds: NDArray[np.float64]
-    phase_seconds: dict[str, NDArray[np.float64]]
+    times: NDArray[np.int64]
     collisions: int
     method: str
     workers: int
@@ -144,7 +142,22 @@ class Report:
     @property
     def frames(self) -> int:
         """Number of frames run."""
-        return len(self.frame_seconds)
+        return self.times.shape[1]
+
+    @cached_property
+    def frame_seconds(self) -> NDArray[np.float64]:
+        """Wall time of each frame, shape (frames,) [s]."""
+        return (self.times[0] * 1e-9).sum(axis=1)
+
+    @cached_property
+    def phase_seconds(self) -> dict[str, NDArray[np.float64]]:
+        """Phase name -> shape (frames, workers) [s]; "wait" is the time spent at barriers.
+
+        For each worker the phases of a frame add up to its frame time, except that a worker that the system interrupts
+        at the end of a frame may count this time in the next one.
+        """
+        seconds = self.times * 1e-9
+        return {name: seconds[:, :, index].T.astype(np.float64) for index, name in enumerate(PHASES)}
 
     @property
     def waiting(self) -> float:
@@ -226,10 +239,3 @@ class Report:
 
     def __repr__(self) -> str:
         return f"<Report: {', '.join([self.summary, *(f'{name} {each!r}' for name, each in self.measures.items())])}>"
-
-
-def phase_seconds(nanoseconds: NDArray[np.int64]) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-    """frame_seconds and phase_seconds from int64 times of shape (workers, frames, phases)."""
-    seconds = (nanoseconds * 1e-9).astype(np.float64)
-    by_phase = {name: seconds[:, :, index].T.copy() for index, name in enumerate(PHASES)}
-    return seconds[0].sum(axis=1), by_phase

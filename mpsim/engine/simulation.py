@@ -1,14 +1,22 @@
-"""`Simulation`, the public class: checks arguments and returns copies."""
+"""`Simulation`, the public class: its life, its frames, and what changes it in between.
+
+It owns the solver, and acts between two commands to it: emitters add discs, speeds are checked, the length of the next
+command is chosen, and if a worker has died the run goes back to a snapshot. Who may call what is settled at the doors
+(`access.py`); what moves discs holds `access.state_lock`.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 import os
 import threading
+import time
+import weakref
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import NoReturn, TypeVar, Unpack
+from typing import Any, NamedTuple, NoReturn, TypeVar, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,284 +24,87 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks
 from mpsim.core.checks import ReadOnly
 from mpsim.core.columns import GivenColumns
+from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.progress import checked_progress, of_frames
-from mpsim.core.state import State
-from mpsim.engine import changes, checkpoint, report, step_limits
+from mpsim.core.state import Discs, State, StateInChunks
+from mpsim.engine import changes, checkpoint, report
 from mpsim.engine import checkpoint as checkpoint_file
-from mpsim.engine.access import Access, exclusive, reading
+from mpsim.engine.access import Access, Closing, Once, exclusive, reading, warn
+from mpsim.engine.changes import REMOVE, Change, edited, with_wall
 from mpsim.engine.checkpoint import Checkpointer
-from mpsim.engine.coordinator import BetweenSlices, Coordinator, Interruption, run_frames
-from mpsim.engine.journal import Changed, Journal, replayed
+from mpsim.engine.emission import Emission, Insert, Progress
+from mpsim.engine.journal import Changed, Journal, parameters_after, replayed
 from mpsim.engine.observers import Observer, Observers
-from mpsim.engine.parameters import Parameters, check_names, demand_steps, plain
+from mpsim.engine.parameters import Parameters, check_names, demand_steps, in_force, plain
 from mpsim.engine.report import Report
+from mpsim.engine.run import (
+    BatchSizer,
+    Beside,
+    Interruption,
+    RecoverySnapshots,
+    RunRecord,
+    retried_on_new_workers,
+)
 from mpsim.engine.snapshot import Snapshot
-from mpsim.engine.solvers.base import Columns, InPlace, OnWorkerDeath, Processes, Solver, StartMethod
+from mpsim.engine.solvers import methods
+from mpsim.engine.solvers.base import (
+    Choice,
+    Columns,
+    InPlace,
+    NewDiscs,
+    OnWorkerDeath,
+    Origin,
+    Processes,
+    Solver,
+    SolverState,
+    StartMethod,
+    Terms,
+    count_in,
+)
 from mpsim.engine.solvers.grid import Pass, frame_in_passes
 from mpsim.engine.solvers.methods import capabilities_of, check_processes, on_ranks, same_bits
 from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together
-from mpsim.errors import CheckpointError, InputError
+from mpsim.engine.step_limits import StepLimits, check_precision
+from mpsim.engine.workers.shared import MOST_FRAMES, refusals_named
+from mpsim.errors import (
+    BusyError,
+    CheckpointError,
+    ClosedError,
+    GuardWarning,
+    InputError,
+    TooFastError,
+    WorkerDiedError,
+    WorkerStalledError,
+)
 from mpsim.features import FEATURES
-from mpsim.measure.registry import checked
+from mpsim.kernels.compiling import compile_seconds
+from mpsim.measure.registry import Measures, Run, RunAverages, checked
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings, settings_for
-
-# --- The public methods that change a simulation between two frames, with checks of their input
-
-
-class Changing(ReadOnly):
-    """A simulation, as far as it is changed from outside.
-
-    Between two frames: between two calls of `run`, or in a callback of one. A change is made as a whole or, if it is
-    refused, not at all. It is an entry of the journal, and the same on any number of workers.
-    """
-
-    _instead = "Use sim.change(...) for parameters and settings, and sim.set(...) for discs"
-
-    _access: Access
-    _coordinator: Coordinator
-
-    def __reduce__(self) -> NoReturn:
-        raise InputError(
-            "a Simulation cannot be pickled or copied, as its discs are in shared memory. Pass sim.state on, or a file "
-            "of sim.save(...), from which Simulation.resume(...) continues."
-        )
-
-    @exclusive
-    def add(
-        self,
-        position: ArrayLike,
-        velocity: ArrayLike,
-        acceleration: ArrayLike | None = None,
-        *,
-        radius: ArrayLike | None = None,
-        mass: ArrayLike | None = None,
-        **others: Unpack[GivenColumns],
-    ) -> None:
-        """Add one disc, or several.
-
-        Args:
-            position, velocity: shape (2,) or (K, 2); centres inside the box as it is now, clear of what stands in it
-                [length], [length/time]. A new disc may overlap others: the next frames push them apart.
-            acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
-            radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
-                larger than the largest of the scene [length], [mass].
-            others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
-                one each; left out it is zero.
-
-        Raises:
-            InputError: naming the argument, its rule and the value received; then nothing was added.
-            TooFastError: as settings.on_fast says; then nothing was added either.
-        """
-        given = position, velocity, acceleration, radius, mass, others
-        self._coordinator.open_solver().demand_alike("the discs that are added", given)
-        place = self._place()
-        brought = {"acceleration": acceleration, **others}
-        radii = place.solver.radii[~place.solver.absorbed] if place.scene.loses_discs else place.solver.radii
-        now = place.scene, place.precision, place.solver.time, radii
-        new = changes.checked(*now, position, velocity, radius, mass, brought)
-        changes.check_momentum(place.solver, "velocity", new.velocity, new.mass)
-        substeps = self._coordinator.look(new)
-        self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
-        self._coordinator.add(place.change(changes.ADD, changes.arguments_of(place.scene, new)), new, substeps)
-
-    @exclusive
-    def set(
-        self,
-        ids: ArrayLike,
-        position: ArrayLike | None = None,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-        **others: Unpack[GivenColumns],
-    ) -> None:
-        """Put discs elsewhere, or give them other velocities, between two frames.
-
-        What is left out stays as it is; image flags do, so that a disc that is put elsewhere has jumped.
-
-        Args:
-            ids: numbers of discs that are there, one or shape (K,), each once.
-            position: shape (2,) for one disc or (K, 2); centres inside the box as it is now, clear of what stands in it
-                [length]. Discs may overlap others, which the next frames push apart; of `event` they must not.
-            velocity: one for all, shape (2,), or one each, shape (K, 2) [length/time].
-            acceleration: shape (K, 2), only in a scene that has it [length/time^2].
-            others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
-                one each.
-
-        Raises:
-            InputError: naming the argument, its rule and the value received; then nothing is changed.
-            TooFastError: as settings.on_fast says; then nothing is changed either.
-
-        >>> from mpsim import Scene, Simulation
-        >>> scene = Scene(width=4, height=3, position=[[1, 1], [3, 2]], velocity=[[1, 0], [0, 0]], radius=0.5)
-        >>> with Simulation(scene) as sim:
-        ...     sim.set(1, position=(2.5, 1.5), velocity=(0, 1))
-        ...     sim.state.position.tolist(), sim.state.velocity.tolist()
-        ([[1.0, 1.0], [2.5, 1.5]], [[1.0, 0.0], [0.0, 1.0]])
-        """
-        self._coordinator.open_solver().demand_alike("what is set", (ids, position, velocity, acceleration, others))
-        place = self._place("set")
-        self._coordinator.change(changes.checked_set(place, ids, position, velocity, acceleration, others))
-
-    @exclusive
-    def kick(self, ids: ArrayLike, impulse: ArrayLike) -> None:
-        """Give discs a kick between two frames: impulse / mass is added to their velocities.
-
-        Args:
-            ids: numbers of discs that are there, one or shape (K,), each once.
-            impulse: one for all, shape (2,), or one each, shape (K, 2) [mass length/time].
-
-        Raises:
-            InputError, TooFastError: as `set`.
-
-        >>> from mpsim import Scene, Simulation
-        >>> scene = Scene(width=4, height=3, position=[[1, 1]], velocity=[[1, 0]], radius=0.5)
-        >>> with Simulation(scene) as sim:
-        ...     sim.kick(0, (0.5, 2.0))
-        ...     sim.state.velocity.tolist()
-        [[1.5, 2.0]]
-        """
-        self._coordinator.open_solver().demand_alike("the kick", (ids, impulse))
-        self._coordinator.change(changes.checked_kick(self._place("kick"), ids, impulse))
-
-    @exclusive
-    def remove(self, ids: ArrayLike) -> None:
-        """Take discs out between two frames.
-
-        The numbers of the others stay. A removed disc keeps its own, as one does that an edge has absorbed: `count` and
-        the rows of arrays include it, `sim.state.present` is False for it, it rests where it was, meets nobody, and no
-        observable, picture or trajectory has it. It does not come back; add another one.
-
-        The first one that is removed from a scene without absorbing edges makes the simulation load other kernels,
-        compiled once on each machine, and the exact solver then plays the box as a whole, in one process.
-
-        Args:
-            ids: numbers of discs that are there, one or shape (K,), each once.
-
-        Raises:
-            InputError: naming the rule and the value received; then nothing is changed.
-
-        >>> from mpsim import Scene, Simulation
-        >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
-        >>> with Simulation(scene) as sim:
-        ...     sim.remove([1, 3])
-        ...     sim.count, sim.state.present.tolist()
-        (5, [True, False, True, False, True])
-        """
-        self._coordinator.open_solver().demand_alike("the discs that are removed", ids)
-        self._coordinator.change(changes.checked_remove(self._place("remove"), ids))
-
-    @exclusive
-    def change(self, **parameters: Unpack[Parameters]) -> None:
-        """Change parameters of the scene or the settings between two frames; those not given stay as they are.
-
-        `scene` and `settings` then are those in force.
-
-        Args:
-            parameters: by name, as Scene, Emitter and Settings have them: gravity, restitution, wall_restitution, dt,
-                contact, passes, substeps (the last three not of "event", which has no steps), workers; friction and
-                wall_friction, of a scene in which they are > 0, and > 0 again; temperature, of a thermostat;
-                wall_temperature, one number for all thermal walls or a list with one for each, in the order left,
-                right, bottom, top; interval or every of emitters, one number for all that have it or a list with one
-                for each; piston_speed, of a piston that then goes on from where it is. What is left of an emitter's
-                interval shrinks or grows as the interval does. dt not in a callback of `run`.
-
-        Raises:
-            InputError: naming the parameter, its rule and the value received, and what can be changed; then nothing is
-                changed.
-            TooFastError: as settings.on_fast says; then nothing is changed either.
-
-        >>> from mpsim import Scene, Simulation
-        >>> scene = Scene(width=9, height=9, position=[[4, 5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1))
-        >>> with Simulation(scene) as sim:
-        ...     sim.change(gravity=(1, 0), dt=0.005)
-        ...     sim.run(frames=200).frames, sim.state.velocity.round(12).tolist(), round(sim.time, 12)
-        (200, [[1.0, 0.0]], 1.0)
-        """
-        given = dict(parameters)
-        self._coordinator.open_solver().demand_alike("the parameters that are changed", given)
-        place = self._place("change")
-        check_names(given)
-        demand_steps(given, self._coordinator.settings)
-        use = self._access.use
-        if "dt" in given and use is not None and use.outer is not None:
-            raise InputError(
-                "dt can be changed between two runs, not in a callback of a run, which counts frames of this "
-                "length; got "
-                f"{given['dt']!r}. Return from the run before."
-            )
-        self._coordinator.change_parameters(place.change(changes.PARAMETERS, plain(given)))
-
-    @exclusive
-    def add_wall(self, points: ArrayLike, thickness: float = 0.0) -> None:
-        """Put up a wall between two frames: one more Polyline among the obstacles of `scene`.
-
-        The first obstacle of a scene makes the simulation load other kernels, compiled once on each machine. Measures
-        that mean nothing in a scene with obstacles are NaN for a run in which a wall is put up.
-
-        Args:
-            points: its corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
-            thickness: of the wall, >= 0 [length].
-
-        Raises:
-            InputError: naming the argument, its rule and the value received, also where it leaves a disc, an emitter or
-                the piston no room; then nothing is changed.
-
-        >>> from mpsim import Scene, Simulation
-        >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
-        >>> with Simulation(scene) as sim:
-        ...     sim.add_wall([(4, 0), (4, 4)])
-        ...     report = sim.run(frames=300)
-        ...     sim.scene.obstacles, sim.state.velocity.tolist()
-        ((Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
-        """
-        coordinator = self._coordinator
-        coordinator.open_solver().demand_alike("the wall", (points, thickness))
-        place, start = self._place("add_wall"), coordinator.start_of_all[0]
-        coordinator.add_wall(changes.checked_wall(place, start, points, thickness))
-
-    @property
-    @reading
-    def journal(self) -> Journal:
-        """What the simulation started from, and every change by set, kick, remove, add, change and add_wall, in order.
-
-        A checkpoint holds it, so that of a resumed simulation begins where the first one did. `journal.save` writes it,
-        and `Simulation.replay` runs it again, with the same bits. On ranks all ask for it; one of them saves it.
-
-        >>> from mpsim import Scene, Simulation
-        >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
-        >>> with Simulation(scene) as sim:
-        ...     sim.kick([0, 1], impulse=(1, 0))
-        ...     [(change.frame, change.what, change.values["ids"].tolist()) for change in sim.journal]
-        [(0, 'kick', [0, 1])]
-        """
-        coordinator = self._coordinator
-        solver = coordinator.open_solver()
-        return Journal(*coordinator.start_of_all, tuple(coordinator.journal), solver.frame, solver.digest())
-
-    @property
-    @reading
-    def origin(self) -> tuple[int, float]:
-        """Frame and time [time] of the last `change` of dt, since which frames are counted; (0, 0.0) without one."""
-        frame, time = self._coordinator.open_solver().origin
-        return frame, time
-
-    def _place(self, what: str = "") -> changes.Place:
-        """Where the simulation stands; what: the call, if that needs a whole frame."""
-        coordinator = self._coordinator
-        solver = coordinator.open_solver()
-        if what:
-            changes.demand_whole_frame(solver, what)
-        return changes.Place(solver, coordinator.scene, coordinator.settings.precision)
-
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+MANY_GUARDED = 1_000_000
+"""So many collisions of a run in which the guard acts, up to a second of work, and it is said before the run ends."""
+
+MEMORY_SECONDS = 0.1
+"""Time between two readings of the memory of processes, at least: each opens files of the system."""
+
+NO_MEASURES = Measures()
 
 Result = TypeVar("Result")
 
 
-class Simulation(Changing):
+class Memory(NamedTuple):
+    """Resident memory of each process and size of the block [bytes], of these workers, until a time [s]."""
+
+    until: float
+    pids: list[int]
+    resources: tuple[tuple[int, ...], int]
+
+
+class Simulation(ReadOnly):
     """A scene being simulated. Use it in a `with` block: leaving it stops the workers and frees the shared memory.
 
     Args:
@@ -326,6 +137,8 @@ class Simulation(Changing):
     (100, 1.0, 100, 'grid')
     """
 
+    _instead = "Use sim.change(...) for parameters and settings, and sim.set(...) for discs"
+
     def __init__(
         self,
         scene: Scene,
@@ -339,18 +152,51 @@ class Simulation(Changing):
         chosen = scene.settings if settings is None and isinstance(scene, Scene) else settings
         with _refused_together(chosen, comm):
             self._set_up(scene, settings, Processes(comm, start_method, on_worker_death, unguarded))
-        self._coordinator.start()
+        self._begin(self._step_limits.at_start(), self._solver.start)
 
     def _set_up(self, scene: Scene, settings: Settings | None, processes: Processes) -> None:
         """All that comes before the solver is started."""
         settings = settings_for(scene, settings)
         check_processes(settings, processes)
-        self._access = Access()
-        self._restores = 0
         for feature in FEATURES:
             feature.check_law(scene, settings.law)
-        step_limits.check_precision(scene, settings)
-        self._coordinator = Coordinator(self, scene, settings, self._access, processes)
+        check_precision(scene, settings)
+        self._access = Access()
+        self._scene: Scene = scene
+        self._settings: Settings = settings
+        self._processes = processes
+        self._restores = 0
+        self._last_frame: int = 0
+        self._last_time: float = 0.0
+        self._start: tuple[Scene, Settings] = (scene, settings)
+        self._changes: list[Change] = []
+        self._record: RunRecord | None = None
+        self._compiled_before = compile_seconds()
+        self._emission: Emission = Emission(scene, settings, self._access.notices)
+        choice = methods.choose(scene.count, settings, processes)
+        solver = methods.METHODS[choice.method].solver
+        self._step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
+        self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
+        self._memory: Memory | None = None
+        self._rest, self._guard = Once(), Once()
+        self._logged: list[Any] = []  # collisions of a frame in hand: an interrupted run leaves them to the next one
+        self._solver: Solver = solver(scene, settings, choice)
+        self._closing = Closing(self, self._solver, self._access)  # before there is anything to close
+
+    def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
+        try:
+            with self._solver.together():
+                for text, kind in warned_of:
+                    warn(text, kind)
+            methods.note_remark(self._solver.choice, None, self._access.notices)
+            self._access.notices.give()
+            with self._access.state_lock, refusals_named():  # the end of the program waits until it can be closed
+                start()
+                self._step_limits.set_limit(self._solver)
+        except BaseException:
+            with interrupts_held_back():
+                self._closing()
+            raise
 
     def __enter__(self) -> Simulation:
         return self
@@ -364,46 +210,91 @@ class Simulation(Changing):
         Raises:
             BusyError: while another thread is changing the simulation.
         """
-        if self._coordinator.alive:  # not in a fork, where it was closed at the fork
+        if self._alive:  # not in a fork, where it was closed at the fork
             self._close()
 
     @exclusive
     def _close(self) -> None:
-        self._coordinator.end()
+        self._end()
+
+    def _end(self) -> None:
+        """Close the simulation, also from within another call of this thread; Ctrl-C waits."""
+        with interrupts_held_back(), self._access.moving():
+            if self._alive:
+                self._last_frame, self._last_time = self._solver.frame, self._solver.time_of(self._solver.frame)
+                self._closing()
+
+    @property
+    def _alive(self) -> bool:
+        """Whether the solver is still to be closed."""
+        return self._closing.alive
+
+    def _open_solver(self) -> Solver:
+        """The solver.
+
+        Raises:
+            ClosedError, ForkedError: if there is none any more, or none in this process.
+        """
+        self._access.demand_own_process()
+        if not self._alive:
+            self._access.stop_if_ending()
+            raise ClosedError(
+                f"this simulation was closed after frame {self._last_frame}. A closed simulation has no state. "
+                "Use it inside its `with` block, take sim.state before, or make a new one."
+            )
+        return self._solver
+
+    def __reduce__(self) -> NoReturn:
+        raise InputError(
+            "a Simulation cannot be pickled or copied, as its discs are in shared memory. Pass sim.state on, or a file "
+            "of sim.save(...), from which Simulation.resume(...) continues."
+        )
+
+    def __repr__(self) -> str:
+        return f"<Simulation: of process {self._access.creator}>" if self._access.forked else self._described()
+
+    @reading
+    def _described(self) -> str:
+        if not self._alive:
+            return f"<Simulation: closed after frame {self._last_frame}>"
+        method = self._solver.choice.method
+        return f"<Simulation: {self.count} discs by {method}, frame {self.frame}, time {self.time:g}>"
+
+    # --- what is there
 
     @property
     def scene(self) -> Scene:
         """The scene as given, with the changes made by `change` and `add_wall`, but without discs added since."""
-        return self._coordinator.scene
+        return self._scene
 
     @property
     def settings(self) -> Settings:
         """The settings as given, with the changes made by `change`."""
-        return self._coordinator.settings
+        return self._settings
 
     @property
     @reading
     def frame(self) -> int:
         """Number of frames since the start; after `close`, the number at that time."""
-        return self._solver.frame if self._coordinator.alive else self._coordinator.last_frame
+        return self._solver.frame if self._alive else self._last_frame
 
     @property
     @reading
     def time(self) -> float:
         """Simulated time since the start [time]: frame * dt; a little more after Ctrl-C inside a frame of `event`."""
-        return self._solver.time if self._coordinator.alive else self._coordinator.last_time
+        return self._solver.time if self._alive else self._last_time
 
     @property
     @reading
     def count(self) -> int:
         """Number of discs now."""
-        return self._coordinator.open_solver().count
+        return self._open_solver().count
 
     @property
     @reading
     def substeps(self) -> int:
         """Steps in each frame now: as set, or as chosen by on_fast="substep"; 1 for `event`, which has no steps."""
-        return self._coordinator.open_solver().substeps
+        return self._open_solver().substeps
 
     @property
     @reading
@@ -444,7 +335,56 @@ class Simulation(Changing):
         ...     len(numbers), state.position.shape
         (50, (50, 2))
         """
-        return self._coordinator.open_solver().local_state()
+        return self._open_solver().local_state()
+
+    @property
+    @reading
+    def absorbed(self) -> NDArray[np.bool_]:
+        """Discs that have left through an absorbing edge, shape (N,), bool. They stay where they left."""
+        return self._open_solver().absorbed
+
+    @property
+    @reading
+    def radii(self) -> NDArray[np.float64]:
+        """Radius of each disc, including added ones, shape (N,), read-only [length]."""
+        return self._open_solver().radii
+
+    @property
+    @reading
+    def masses(self) -> NDArray[np.float64]:
+        """Mass of each disc, including added ones, shape (N,), read-only [mass]."""
+        return self._open_solver().masses
+
+    @reading
+    def columns(self) -> Columns:
+        """Grid column of each disc, the worker that the column belongs to, and the number of columns.
+
+        Raises:
+            InputError: for `naive` and `event`, which have no columns.
+        """
+        solver = self._open_solver()
+        if (found := solver.columns()) is None:
+            raise InputError(
+                "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
+                f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."
+            )
+        return found
+
+    @property
+    @reading
+    def array_names(self) -> tuple[str, ...]:
+        """Names of the arrays in the shared block; those of a feature exist only if the scene has the feature."""
+        return self._open_solver().array_names
+
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers of the worker processes, without this process, the coordinator. May be read at any moment."""
+        return self._open_solver().pids
+
+    @reading
+    def digest(self) -> str:
+        """Hex digest of the state in the order of the scene's discs: equal digests mean equal bits."""
+        return self._whole("digest").digest()
 
     def once(self, act: Callable[[], Result]) -> Result:
         """Call a function on the first rank only, and return its result on all ranks.
@@ -460,7 +400,7 @@ class Simulation(Changing):
         ...     sim.once(lambda: sim.count)
         50
         """
-        return self._coordinator.open_solver().once(act)
+        return self._open_solver().once(act)
 
     @reading
     def _read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
@@ -471,19 +411,11 @@ class Simulation(Changing):
         use = self._access.use
         if capabilities_of(self.settings).on_ranks and use is not None and use.thread != threading.get_ident():
             raise self._access.busy(f"reading {what} of other ranks", use)  # whose turn comes at other moments
-        if (solver := self._coordinator.open_solver()).half_done:  # in a signal handler, just after a worker has died
+        if (solver := self._open_solver()).half_done:  # in a signal handler, just after a worker has died
             raise self._access.busy(f"reading {what}", self._access.use)
         return solver
 
-    @property
-    def pids(self) -> list[int]:
-        """Process numbers of the worker processes, without this process, the coordinator. May be read at any moment."""
-        return self._coordinator.open_solver().pids
-
-    @reading
-    def digest(self) -> str:
-        """Hex digest of the state in the order of the scene's discs: equal digests mean equal bits."""
-        return self._whole("digest").digest()
+    # --- runs
 
     @exclusive
     def run(
@@ -525,65 +457,592 @@ class Simulation(Changing):
             DivergedError, WorkerDiedError, WorkerStalledError: the run cannot continue; the simulation is closed.
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
-        coordinator, access = self._coordinator, self._access
+        access, solver = self._access, self._open_solver()
         measures = measures if measures is None or isinstance(measures, str) else tuple(measures)
-        given = frames, until, measures, start, checkpoint, checkpoint_every, checkpoint_seconds
-        solver = coordinator.open_solver()
-        solver.demand_alike("arguments of run", given)
+        if on_ranks := solver.capabilities.on_ranks:
+            given = frames, until, measures, start, checkpoint, checkpoint_every, checkpoint_seconds
+            solver.demand_alike("arguments of run", given)
         progress = checked_progress(progress, "progress(done, of_frames)")
         if progress is True and not solver.is_first:
             progress = None  # of several ranks the first one shows it
-        frames = report.frames_wanted(frames, until, self.settings.dt, self.frame, self.time, solver.origin)
-        skipped = report.frames_skipped(start, measures, frames, self.settings.dt, self.frame, solver.origin)
-        observers, names = Observers(observe), checked(measures, self.scene, self.count)
+        dt, origin, frame = self._settings.dt, solver.origin, solver.frame
+        frames = report.frames_wanted(frames, until, dt, frame, solver.time, origin)
+        skipped = report.frames_skipped(start, measures, frames, dt, frame, origin)
+        observers = None if observe is None else Observers(observe)
+        names = checked(measures, self._scene, solver.count)
         with access.state_lock:
-            record = coordinator.begin_record(names, frames, observers.want_collisions, skipped)
-        solver = coordinator.open_solver()
-        place = None if checkpoint is None else solver.once(lambda: checkpoint_file.checked_place(checkpoint))
+            record = self._begin_record(names, frames, observers is not None and observers.want_collisions, skipped)
+        if progress or on_ranks or checkpoint is not None or checkpoint_every is not None or checkpoint_seconds != 60.0:
+            place = None if checkpoint is None else solver.once(lambda: checkpoint_file.checked_place(checkpoint))
 
-        def save(path: Path) -> None:
-            coordinator.open_solver().once(observers.keep)
-            self.save(path)
+            def save(path: Path) -> None:
+                if observers is not None:
+                    self._open_solver().once(observers.keep)
+                self.save(path)
 
-        with (
-            Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.any_of) as checkpoints,
-            Interruption(solver) as interruption,
-            of_frames(progress) as show,
-        ):
-            between = BetweenSlices(self, observers, checkpoints, show, interruption)
-            run_frames(frames, coordinator, access, record, between)
+            with (
+                Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.any_of) as checkpoints,
+                Interruption(solver) as interruption,
+                of_frames(progress) as show,
+            ):
+                self._run_frames(frames, record, observers, Beside(checkpoints, show, interruption))
+        else:
+            self._run_frames(frames, record, observers)
         with access.state_lock:
-            return coordinator.report(record, observers.seconds)
+            return self._report(record, 0.0 if observers is None else observers.seconds)
+
+    def _begin_record(self, names: tuple[str, ...], frames: int, logged: bool, skipped: int) -> RunRecord:
+        """Begin the record of a run of so many frames, with averages for measures of these names.
+
+        logged: whether collisions are logged. skipped: frames at the beginning that the averages leave out.
+        """
+        solver = self._solver
+        whole = solver.capabilities.has_steps or solver.time == solver.time_of(solver.frame)
+        averages = None
+        if names:
+            me = weakref.ref(self)  # a cycle would keep a simulation that is dropped from being closed at once
+
+            def of_discs(function: Callable[[Discs], Any]) -> Any:
+                return cast("Simulation", me())._of_discs(function)
+
+            averages = RunAverages(names, frames, self._scene, of_discs, whole, skipped)
+        if logged != solver.logging:
+            self._between_frames(lambda: self._solver.log_collisions(logged))
+            solver = self._solver
+        solver.tallied = averages is not None and averages.counting
+        if not logged:
+            self._logged.clear()
+        self._record = RunRecord(max(solver.choice.workers), averages, whole, solver.guarded, self._logged)
+        return self._record
+
+    def _of_discs(self, function: Callable[[Discs], Any]) -> Any:
+        """The result of a function of the present state, in all processes that share the simulation.
+
+        On ranks, where no process has it all, it is read in chunks.
+        """
+        solver = self._solver
+        if solver.capabilities.on_ranks:
+            return solver.once(lambda: function(StateInChunks(solver.state_between, solver.count)))
+        return function(solver.state())
+
+    def _recovery(self, record: RunRecord) -> RecoverySnapshots | None:
+        """Snapshots for a run to go back to if a worker dies; None where the error is raised."""
+        if self._processes.on_worker_death != "restart":
+            return None
+        changes = lambda: len(self._changes)  # noqa: E731
+        return RecoverySnapshots(self._copies, self._go_on_from, record, self._access.notices, changes)
+
+    def _run_frames(
+        self, frames: int, record: RunRecord, observers: Observers | None, beside: Beside | None = None
+    ) -> None:
+        """Run frames in slices, and record them. Between two slices others read, and callbacks may change something."""
+        access, use, recovery = self._access, self._access.use, self._recovery(record)
+        assert use is not None  # that of `run`
+        use.in_callback = True
+        if observers is not None:
+            observers.begin(self)
+            if record.whole:
+                observers.observe(self, 0)
+        if beside is not None and not frames:
+            beside.checkpoints.look(0, last=True)
+        use.in_callback = False
+        while record.done < frames:
+            ahead = frames - record.done
+            if beside is not None:
+                ahead = min(ahead, beside.checkpoints.frames_ahead(record.done))
+            access.let_readers_in()
+            with access.state_lock:
+                access.waiting = False
+                before = self._open_solver().frame  # which says so if an observer has closed it
+                if observers is not None:
+                    ahead = min(ahead, observers.frames_ahead(before))
+                self._advance(ahead, record, recovery)
+            use.in_callback = True
+            access.notices.give()
+            if observers is not None and (frame := self._solver.frame) > before:
+                if observers.want_collisions:
+                    observers.take_collisions(record.take_logged(frame), frame)
+                observers.observe(self, record.collisions)
+            if beside is not None:
+                beside.checkpoints.look(record.done, last=record.done == frames)
+                if beside.progress is not None:
+                    beside.progress(record.done, frames)
+                beside.interruption.look()
+            use.in_callback = False
+
+    def _advance(self, most: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
+        """Run one slice of frames: emitters add discs, the solver runs a command; if a worker dies, go back."""
+        if self._solver.too_fast or self._step_limits.is_due(self._solver.frame, self._solver.count):
+            self._adapt()
+        try:
+            if self._emission.emits:
+                self._emit(self._emission.before_frame)
+            if recovery is not None and self._solver.pids:
+                recovery.take()
+            workers, frames, until = self._next_slice(most, record)
+            part = self._solver.advance(frames, workers, until)
+        except WorkerDiedError as death:
+            try:
+                if recovery is None or not self._alive:
+                    raise
+                with interrupts_held_back():
+                    recovery.go_back(death)
+            except Exception:
+                self._end()
+                raise
+            return
+        except BaseException as error:
+            refused = isinstance(error, (BusyError, TooFastError))  # which change nothing
+            if self._solver.half_done or (isinstance(error, Exception) and not refused):
+                self._end()
+            raise
+        if frames := part.times.shape[1]:
+            seconds = part.times[0].sum(axis=1)
+            self._batch_sizer.note(workers, frames, float(seconds[0] if frames == 1 else np.median(seconds)) * 1e-9)
+        record.take(part)
+        self._look_after(record)
+
+    def _next_slice(self, most: int, record: RunRecord) -> tuple[int, int, float]:
+        """Workers of the next command, its frames, and the time at which it ends if that comes first."""
+        solver, emission, averages, until = self._solver, self._emission, record.averages, math.inf
+        if emission.emits:
+            most, until = min(most, emission.frames_ahead(solver.frame)), emission.next_time
+        if averages is not None:
+            most = min(most, averages.frames_to_sample(record.done))
+        most = min(most, self._step_limits.frames_ahead(solver.frame, solver.count))
+        return *self._batch_sizer.next_slice(most), until
+
+    def _look_after(self, record: RunRecord) -> None:
+        """Look at what has come of a command: collisions, discs at rest, too fast or pressed, and those to enter."""
+        solver, limits = self._solver, self._step_limits
+        if solver.logging:
+            self._take_collisions()
+        if (guarded := solver.guarded - record.guarded) >= MANY_GUARDED:
+            self._warn_of_rest(guarded)
+        if solver.too_fast:  # look now: the run may end here, or be saved
+            self._adapt()
+        if limits.may_be_pressed(solver.count):
+            limits.look_for_pressed(solver, self._access.notices)
+        if self._emission.emits:
+            self._emit(self._emission.in_time)
+
+    def _take_collisions(self) -> None:
+        """Take over what the solver has logged, before it moves to another block."""
+        if self._solver.logging:
+            with interrupts_held_back():
+                self._logged.append(self._solver.take_collisions())
+
+    def _warn_of_rest(self, guarded: int) -> None:
+        """Warn once, while it runs: the guard has acted so often in the run that discs must be at rest."""
+        self._access.notices.warn(
+            "discs seem to have come to rest: method='event' simulates each of their tiny bounces, "
+            f"{guarded} so far, so its frames take long. Give a contact_time longer than "
+            f"{self._solver.contact_time:.3g} (the result is then a model, not exact), use contact='impact' with "
+            "another method, or end the run earlier.",
+            GuardWarning,
+            self._rest,
+        )
+
+    def _emit(self, enter: Callable[[Solver, Insert], None]) -> None:
+        """Have the emitters add what is due."""
+        before = self._solver.count
+        try:
+            enter(self._solver, lambda new: self._insert(new, self._look(new)))
+        except Exception:  # of a signal handler, say
+            if self._solver.count != before:  # the discs are there, and the emitters' books do not know of them
+                self._end()
+            raise
+
+    def _adapt(self) -> None:
+        """Check the speeds if it is time to, and divide the following frames into as many steps as they need."""
+        solver = self._solver
+        if solver.too_fast or self._step_limits.is_due(solver.frame, solver.count):
+            with interrupts_held_back(), self._access.moving():
+                solver.divide(self._step_limits.check(solver, self._access.notices))
+
+    def _look(self, new: NewDiscs | None = None, changed: NDArray[np.int64] | None = None) -> int:
+        """Check the speeds of all discs and new ones; warn or refuse as is set. Returns the sub-steps from now on.
+
+        changed: numbers of the discs that alone can have become faster.
+        """
+        solver, notices = self._solver, self._access.notices
+        with interrupts_held_back(), self._access.moving():
+            return self._step_limits.check(solver, notices, new, changed)
+
+    def _report(self, record: RunRecord, observing_seconds: float) -> Report:
+        """The report of a run that is over."""
+        solver, averages, measures = self._open_solver(), record.averages, NO_MEASURES
+        if averages is not None:
+            measures = averages.measures(Run(self._scene, solver.count, self._settings.dt))
+        method, workers = methods.what_ran(solver.choice, self._batch_sizer.best, self._settings)
+        guarded = solver.guarded - record.guarded
+        if guarded:
+            self._access.notices.warn(
+                f"in {guarded} collisions the contact-time guard suppressed the loss of energy, because the previous "
+                "collision of a disc was less than the contact time ago, as in inelastic collapse or for a disc at "
+                "rest. Without the guard the run would never end. This is said once; report.guarded counts.",
+                GuardWarning,
+                self._guard,
+            )
+        if compiled := compile_seconds() - self._compiled_before:
+            self._compiled_before += compiled
+        return Report(
+            record.times,
+            record.collisions,
+            method,
+            workers,
+            *self._resources(solver),
+            measures,
+            guarded,
+            observing_seconds,
+            compiled,
+            solver.contact_time,
+        )
+
+    def _resources(self, solver: Solver) -> tuple[tuple[int, ...], int]:
+        """Memory of the processes and of the block, read anew after a while, and by another solver's processes."""
+        now, known = time.monotonic(), self._memory
+        if solver.capabilities.on_ranks or known is None or now >= known.until or known.pids != solver.pids:
+            known = Memory(now + MEMORY_SECONDS, solver.pids, solver.resources())
+            self._memory = known
+        return known.resources
+
+    # --- changes between two frames
+    #
+    # Between two calls of `run`, or in a callback of one. A change is made as a whole or, if it is refused, not at all.
+    # It is an entry of the journal, and the same on any number of workers.
 
     @exclusive
-    def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write everything that the next frame depends on to a file, from which `resume` continues with the same bits.
+    def add(
+        self,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        acceleration: ArrayLike | None = None,
+        *,
+        radius: ArrayLike | None = None,
+        mass: ArrayLike | None = None,
+        **others: Unpack[GivenColumns],
+    ) -> None:
+        """Add one disc, or several.
 
-        The file is never incomplete, even if the process or the machine dies while it is written. The previous one is
-        kept as <path>.previous. The file contains no pickle: reading it runs no code.
+        Args:
+            position, velocity: shape (2,) or (K, 2); centres inside the box as it is now, clear of what stands in it
+                [length], [length/time]. A new disc may overlap others: the next frames push them apart.
+            acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
+            radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
+                larger than the largest of the scene [length], [mass].
+            others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
+                one each; left out it is zero.
 
         Raises:
-            OutputError: if it cannot be written; an existing file is left untouched.
-            ClosedError: after `close`.
-
-        >>> import tempfile
-        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     with Simulation(scene, Settings(method="grid")) as sim:
-        ...         report = sim.run(frames=10)
-        ...         path = sim.save(f"{folder}/run.mpsim")
-        ...         report = sim.run(frames=10)
-        ...     with Simulation.resume(path) as again:
-        ...         report = again.run(frames=10)
-        ...         again.frame
-        20
+            InputError: naming the argument, its rule and the value received; then nothing was added.
+            TooFastError: as settings.on_fast says; then nothing was added either.
         """
-        self._coordinator.open_solver().demand_alike("paths of checkpoints", path)
-        with self._access.state_lock:
-            solver = self._coordinator.open_solver()
-            run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
-            start, changed = self._coordinator.start_of_all, self._coordinator.changed
-        return solver.once(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
+        given = position, velocity, acceleration, radius, mass, others
+        self._open_solver().demand_alike("the discs that are added", given)
+        place = self._place()
+        brought = {"acceleration": acceleration, **others}
+        radii = place.solver.radii[~place.solver.absorbed] if place.scene.loses_discs else place.solver.radii
+        now = place.scene, place.precision, place.solver.time, radii
+        new = changes.checked(*now, position, velocity, radius, mass, brought)
+        changes.check_momentum(place.solver, "velocity", new.velocity, new.mass)
+        substeps = self._look(new)
+        self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
+        change = place.change(changes.ADD, changes.arguments_of(place.scene, new))
+        with interrupts_held_back():
+            self._insert(new, substeps)
+            self._note(change)
+
+    @exclusive
+    def set(
+        self,
+        ids: ArrayLike,
+        position: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        **others: Unpack[GivenColumns],
+    ) -> None:
+        """Put discs elsewhere, or give them other velocities, between two frames.
+
+        What is left out stays as it is; image flags do, so that a disc that is put elsewhere has jumped.
+
+        Args:
+            ids: numbers of discs that are there, one or shape (K,), each once.
+            position: shape (2,) for one disc or (K, 2); centres inside the box as it is now, clear of what stands in it
+                [length]. Discs may overlap others, which the next frames push apart; of `event` they must not.
+            velocity: one for all, shape (2,), or one each, shape (K, 2) [length/time].
+            acceleration: shape (K, 2), only in a scene that has it [length/time^2].
+            others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
+                one each.
+
+        Raises:
+            InputError: naming the argument, its rule and the value received; then nothing is changed.
+            TooFastError: as settings.on_fast says; then nothing is changed either.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=4, height=3, position=[[1, 1], [3, 2]], velocity=[[1, 0], [0, 0]], radius=0.5)
+        >>> with Simulation(scene) as sim:
+        ...     sim.set(1, position=(2.5, 1.5), velocity=(0, 1))
+        ...     sim.state.position.tolist(), sim.state.velocity.tolist()
+        ([[1.0, 1.0], [2.5, 1.5]], [[1.0, 0.0], [0.0, 1.0]])
+        """
+        self._open_solver().demand_alike("what is set", (ids, position, velocity, acceleration, others))
+        place = self._place("set")
+        self._change_discs(changes.checked_set(place, ids, position, velocity, acceleration, others))
+
+    @exclusive
+    def kick(self, ids: ArrayLike, impulse: ArrayLike) -> None:
+        """Give discs a kick between two frames: impulse / mass is added to their velocities.
+
+        Args:
+            ids: numbers of discs that are there, one or shape (K,), each once.
+            impulse: one for all, shape (2,), or one each, shape (K, 2) [mass length/time].
+
+        Raises:
+            InputError, TooFastError: as `set`.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=4, height=3, position=[[1, 1]], velocity=[[1, 0]], radius=0.5)
+        >>> with Simulation(scene) as sim:
+        ...     sim.kick(0, (0.5, 2.0))
+        ...     sim.state.velocity.tolist()
+        [[1.5, 2.0]]
+        """
+        self._open_solver().demand_alike("the kick", (ids, impulse))
+        self._change_discs(changes.checked_kick(self._place("kick"), ids, impulse))
+
+    @exclusive
+    def remove(self, ids: ArrayLike) -> None:
+        """Take discs out between two frames.
+
+        The numbers of the others stay. A removed disc keeps its own, as one does that an edge has absorbed: `count` and
+        the rows of arrays include it, `sim.state.present` is False for it, it rests where it was, meets nobody, and no
+        observable, picture or trajectory has it. It does not come back; add another one.
+
+        The first one that is removed from a scene without absorbing edges makes the simulation load other kernels,
+        compiled once on each machine, and the exact solver then plays the box as a whole, in one process.
+
+        Args:
+            ids: numbers of discs that are there, one or shape (K,), each once.
+
+        Raises:
+            InputError: naming the rule and the value received; then nothing is changed.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     sim.remove([1, 3])
+        ...     sim.count, sim.state.present.tolist()
+        (5, [True, False, True, False, True])
+        """
+        self._open_solver().demand_alike("the discs that are removed", ids)
+        self._change_discs(changes.checked_remove(self._place("remove"), ids))
+
+    @exclusive
+    def change(self, **parameters: Unpack[Parameters]) -> None:
+        """Change parameters of the scene or the settings between two frames; those not given stay as they are.
+
+        `scene` and `settings` then are those in force.
+
+        Args:
+            parameters: by name, as Scene, Emitter and Settings have them: gravity, restitution, wall_restitution, dt,
+                contact, passes, substeps (the last three not of "event", which has no steps), workers; friction and
+                wall_friction, of a scene in which they are > 0, and > 0 again; temperature, of a thermostat;
+                wall_temperature, one number for all thermal walls or a list with one for each, in the order left,
+                right, bottom, top; interval or every of emitters, one number for all that have it or a list with one
+                for each; piston_speed, of a piston that then goes on from where it is. What is left of an emitter's
+                interval shrinks or grows as the interval does. dt not in a callback of `run`.
+
+        Raises:
+            InputError: naming the parameter, its rule and the value received, and what can be changed; then nothing is
+                changed.
+            TooFastError: as settings.on_fast says; then nothing is changed either.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=9, height=9, position=[[4, 5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1))
+        >>> with Simulation(scene) as sim:
+        ...     sim.change(gravity=(1, 0), dt=0.005)
+        ...     sim.run(frames=200).frames, sim.state.velocity.round(12).tolist(), round(sim.time, 12)
+        (200, [[1.0, 0.0]], 1.0)
+        """
+        given = dict(parameters)
+        self._open_solver().demand_alike("the parameters that are changed", given)
+        place = self._place("change")
+        check_names(given)
+        demand_steps(given, self._settings)
+        use = self._access.use
+        if "dt" in given and use is not None and use.outer is not None:
+            raise InputError(
+                "dt can be changed between two runs, not in a callback of a run, which counts frames of this "
+                "length; got "
+                f"{given['dt']!r}. Return from the run before."
+            )
+        change = place.change(changes.PARAMETERS, plain(given))
+        origin = Origin(change.frame, change.time) if "dt" in given else place.solver.origin
+        self._take_over(change, *in_force(self._scene, self._settings, change.values, change.time), origin)
+
+    @exclusive
+    def add_wall(self, points: ArrayLike, thickness: float = 0.0) -> None:
+        """Put up a wall between two frames: one more Polyline among the obstacles of `scene`.
+
+        The first obstacle of a scene makes the simulation load other kernels, compiled once on each machine. Measures
+        that mean nothing in a scene with obstacles are NaN for a run in which a wall is put up.
+
+        Args:
+            points: its corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
+            thickness: of the wall, >= 0 [length].
+
+        Raises:
+            InputError: naming the argument, its rule and the value received, also where it leaves a disc, an emitter or
+                the piston no room; then nothing is changed.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
+        >>> with Simulation(scene) as sim:
+        ...     sim.add_wall([(4, 0), (4, 4)])
+        ...     report = sim.run(frames=300)
+        ...     sim.scene.obstacles, sim.state.velocity.tolist()
+        ((Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
+        """
+        self._open_solver().demand_alike("the wall", (points, thickness))
+        place, start = self._place("add_wall"), self._start[0]
+        change = changes.checked_wall(place, start, points, thickness)
+        self._take_over(change, with_wall(self._scene, change.values), self._settings, place.solver.origin)
+
+    def _place(self, what: str = "") -> changes.Place:
+        """Where the simulation stands; what: the call, if that needs a whole frame."""
+        solver = self._open_solver()
+        if what:
+            changes.demand_whole_frame(solver, what)
+        return changes.Place(solver, self._scene, self._settings.precision)
+
+    def _change_discs(self, change: Change) -> None:
+        """Make a change of discs that has been checked, and note it in the journal."""
+        numbers = change.values["ids"]
+        before = self._solver.discs(numbers)
+        after = edited(before, change)
+
+        def act() -> None:
+            if change.what == REMOVE and not self._scene.loses_discs:
+                self._adopt(self._scene.replace(has_gaps=True), self._settings, self._solver.origin)
+            self._solver.replace(after, numbers)
+
+        with interrupts_held_back():
+            self._between_frames(act)
+            self._note(change)
+        if change.what != REMOVE:  # which makes no disc faster
+            self._look_or_undo(lambda: self._solver.replace(before, numbers), numbers)
+
+    def _look_or_undo(self, undo: Callable[[], None], numbers: NDArray[np.int64]) -> None:
+        """Check the speeds after the last change of the journal, of these discs; where they are refused, undo it."""
+        try:
+            substeps = self._look(changed=numbers)
+            self._access.notices.give()  # where a filter makes an error of a warning, nothing is changed
+            if substeps != self._solver.substeps:
+                self._between_frames(lambda: self._solver.divide(substeps))
+        except Exception:
+            with interrupts_held_back():
+                self._between_frames(undo)
+                self._changes.pop()
+            raise
+
+    def _take_over(self, change: Change, scene: Scene, settings: Settings, origin: Origin) -> None:
+        """Continue under the scene and settings that a change has made, and note it in the journal."""
+        solver, notices = self._solver, self._access.notices
+        check_precision(scene, settings)
+        emission = self._emission.under(scene, settings, solver.frame, solver.time)
+        limits = self._step_limits.under(scene, settings, origin)
+        try:
+            with interrupts_held_back(), self._access.moving():
+                substeps = limits.check(solver, notices)
+            notices.give()  # where a filter makes an error of a warning, nothing is changed
+        except Exception:
+            self._step_limits.set_limit(solver)
+            raise
+
+        def act() -> None:
+            self._adopt(scene, settings, origin)
+            limits.set_limit(self._solver)
+            self._solver.divide(substeps)
+
+        with interrupts_held_back():
+            before = self._solver.choice
+            self._between_frames(act)
+            self._emission, self._step_limits = emission, limits
+            if self._solver.choice != before:
+                self._batch_sizer = BatchSizer(self._solver.choice.workers, MOST_FRAMES)
+            self._note(change)
+
+    def _note(self, change: Change) -> None:
+        """Note a change that has been made."""
+        self._changes.append(change)
+        if self._record is not None and self._record.averages is not None:
+            self._record.averages.interrupted(self._scene, self._solver.count)
+
+    def _adopt(self, scene: Scene, settings: Settings, origin: Origin) -> None:
+        """Take another scene and settings for those in force."""
+        choice = methods.choose(self._solver.count, settings, self._processes)
+        self._solver.adopt(Terms(scene, settings, origin), choice)
+        self._scene, self._settings = scene, settings
+
+    def _insert(self, new: NewDiscs, substeps: int) -> None:
+        """Add discs that have been checked; the solver may then continue by another method."""
+        count = self._solver.count + len(new.position)
+        before, choice = self._solver.choice, methods.choose(count, self._settings, self._processes)
+
+        def grow() -> None:
+            if not methods.same_solver(self._solver.choice, choice):
+                self._replace_solver(choice, self._solver.snapshot(), self._solver.terms, count)
+            self._solver.add(new, choice)
+            if substeps != self._solver.substeps:
+                self._solver.divide(substeps)
+
+        self._between_frames(grow)
+        methods.note_remark(choice, before, self._access.notices)
+        if choice != before:
+            self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
+
+    # --- changes between two frames
+
+    def _between_frames(self, action: Callable[[], None]) -> None:
+        """Do what may move the discs to another block; on new workers if one has died. Signals wait for its end."""
+        self._take_collisions()
+        renew = (lambda: self._go_on_from(self._copies())) if self._processes.on_worker_death == "restart" else None
+        with interrupts_held_back(), self._access.moving():
+            try:
+                retried_on_new_workers(action, renew, self._access.notices)
+            except BaseException as error:
+                left_halfway = isinstance(error, BusyError | WorkerDiedError | WorkerStalledError)
+                if self._solver.half_done or left_halfway:
+                    self._end()
+                raise
+
+    # --- earlier moments: journal, snapshots and checkpoints
+
+    @property
+    @reading
+    def journal(self) -> Journal:
+        """What the simulation started from, and every change by set, kick, remove, add, change and add_wall, in order.
+
+        A checkpoint holds it, so that of a resumed simulation begins where the first one did. `journal.save` writes it,
+        and `Simulation.replay` runs it again, with the same bits. On ranks all ask for it; one of them saves it.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     sim.kick([0, 1], impulse=(1, 0))
+        ...     [(change.frame, change.what, change.values["ids"].tolist()) for change in sim.journal]
+        [(0, 'kick', [0, 1])]
+        """
+        solver = self._open_solver()
+        return Journal(*self._start, tuple(self._changes), solver.frame, solver.digest())
+
+    @property
+    @reading
+    def origin(self) -> tuple[int, float]:
+        """Frame and time [time] of the last `change` of dt, since which frames are counted; (0, 0.0) without one."""
+        frame, time = self._open_solver().origin
+        return frame, time
 
     @exclusive
     def snapshot(self) -> Snapshot:
@@ -596,8 +1055,8 @@ class Simulation(Changing):
         """
         self._demand_one_process("snapshot")
         with self._access.state_lock:
-            self._coordinator.open_solver()
-            return self._coordinator.moment()
+            self._open_solver()
+            return self._moment()
 
     @exclusive
     def restore(self, snapshot: Snapshot) -> None:
@@ -624,8 +1083,7 @@ class Simulation(Changing):
         (0, 0, True)
         """
         self._demand_one_process("restore")
-        coordinator = self._coordinator
-        coordinator.open_solver()
+        self._open_solver()
         if not isinstance(snapshot, Snapshot):
             raise InputError(f"restore needs a Snapshot, from sim.snapshot(); got {checks.brief(snapshot)}.")
         use = self._access.use
@@ -634,12 +1092,12 @@ class Simulation(Changing):
                 "restore must be called between two runs, not in a callback of a run, which counts its frames; got one "
                 f"in frame {self.frame}. Return from the run before, or continue elsewhere by Simulation.from_snapshot."
             )
-        if not _same_start(snapshot.start, coordinator.start_of_all):
+        if not _same_start(snapshot.start, self._start):
             raise InputError(
                 f"restore needs a snapshot of a simulation of the same scene and settings; got {snapshot!r} of another "
                 "one. Use Simulation.from_snapshot to continue that one."
             )
-        coordinator.go_back(snapshot)
+        self._go_back(snapshot)
         self._restores += 1
 
     @property
@@ -684,7 +1142,7 @@ class Simulation(Changing):
         sim = cls.__new__(cls)
         settings = dataclasses.replace(settings, workers=workers)
         sim._set_up(scene, settings, Processes(None, start_method, on_worker_death))
-        sim._coordinator.resume(snapshot.arrays, snapshot.emission, Changed(snapshot.changes, origin))
+        sim._continue_from(snapshot.arrays, snapshot.emission, Changed(snapshot.changes, origin))
         return sim
 
     def _demand_one_process(self, what: str) -> None:
@@ -693,6 +1151,36 @@ class Simulation(Changing):
                 f"{what} is not there with method={self.settings.method!r}, whose ranks hold a part of the discs each. "
                 "Use sim.save and Simulation.resume."
             )
+
+    @exclusive
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write everything that the next frame depends on to a file, from which `resume` continues with the same bits.
+
+        The file is never incomplete, even if the process or the machine dies while it is written. The previous one is
+        kept as <path>.previous. The file contains no pickle: reading it runs no code.
+
+        Raises:
+            OutputError: if it cannot be written; an existing file is left untouched.
+            ClosedError: after `close`.
+
+        >>> import tempfile
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     with Simulation(scene, Settings(method="grid")) as sim:
+        ...         report = sim.run(frames=10)
+        ...         path = sim.save(f"{folder}/run.mpsim")
+        ...         report = sim.run(frames=10)
+        ...     with Simulation.resume(path) as again:
+        ...         report = again.run(frames=10)
+        ...         again.frame
+        20
+        """
+        self._open_solver().demand_alike("paths of checkpoints", path)
+        with self._access.state_lock:
+            solver = self._open_solver()
+            run, arrays = {"frame": solver.frame, "emission": self._emission.progress}, solver.snapshot()
+            start, changed = self._start, Changed(tuple(self._changes), solver.origin)
+        return solver.once(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
 
     @classmethod
     def resume(
@@ -731,7 +1219,7 @@ class Simulation(Changing):
             raise CheckpointError(
                 f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
             ) from error
-        sim._coordinator.resume(found.arrays, found.run["emission"], found.changed)
+        sim._continue_from(found.arrays, found.run["emission"], found.changed)
         return sim
 
     @classmethod
@@ -772,58 +1260,80 @@ class Simulation(Changing):
         """
         return replayed(cls, source, frame, workers=workers, method=method, comm=comm, start_method=start_method)
 
-    def __repr__(self) -> str:
-        return f"<Simulation: of process {self._access.creator}>" if self._access.forked else self._described()
+    def _continue_from(self, snapshot: SolverState, emission: Progress, changed: Changed) -> None:
+        """Start the solver from a checkpoint; if that fails, close it."""
+        if changed.changes:
+            scene, settings = parameters_after(self._scene, self._settings, changed.changes)
+            self._emission = self._emission.under(scene, settings, 0, 0.0)
+            self._step_limits = self._step_limits.under(scene, settings, changed.origin)
+            self._scene, self._settings, self._changes = scene, settings, list(changed.changes)
+        terms = Terms(self._scene, self._settings, changed.origin)
+        self._begin(self._step_limits.at_resume(), lambda: self._go_on_from((snapshot, emission), terms))
 
-    @reading
-    def _described(self) -> str:
-        if not self._coordinator.alive:
-            return f"<Simulation: closed after frame {self._coordinator.last_frame}>"
-        method = self._solver.choice.method
-        return f"<Simulation: {self.count} discs by {method}, frame {self.frame}, time {self.time:g}>"
+    def _copies(self) -> tuple[Any, Any]:
+        """Copies of everything that the next frame depends on: of the solver, and of the emitters."""
+        return self._solver.snapshot(), self._emission.progress
 
-    @property
-    @reading
-    def array_names(self) -> tuple[str, ...]:
-        """Names of the arrays in the shared block; those of a feature exist only if the scene has the feature."""
-        return self._coordinator.open_solver().array_names
+    def _go_on_from(self, kept: tuple[Any, Any], terms: Terms | None = None) -> None:
+        """Go back, or on, to such a snapshot, on new workers; see `Solver.restore`."""
+        snapshot, progress = kept
+        before, choice = self._solver.choice, methods.choose(count_in(snapshot), self._settings, self._processes)
+        with interrupts_held_back(), self._access.moving():
+            self._enter(choice, snapshot, terms or self._solver.terms)
+            methods.note_remark(choice, before, self._access.notices)
+            self._emission.progress = progress
+            self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
 
-    @property
-    @reading
-    def radii(self) -> NDArray[np.float64]:
-        """Radius of each disc, including added ones, shape (N,), read-only [length]."""
-        return self._coordinator.open_solver().radii
+    def _moment(self) -> Snapshot:
+        """A snapshot of this moment, for `go_back` and for other simulations."""
+        solver, (arrays, emission) = self._solver, self._copies()
+        changes = tuple(self._changes)
+        return Snapshot(solver.frame, solver.time, self._start, changes, solver.terms, arrays, emission)
 
-    @property
-    @reading
-    def masses(self) -> NDArray[np.float64]:
-        """Mass of each disc, including added ones, shape (N,), read-only [mass]."""
-        return self._coordinator.open_solver().masses
+    def _go_back(self, to: Snapshot) -> None:
+        """Continue from a snapshot of this simulation, under the scene and settings then in force."""
+        scene, settings, origin = to.terms
+        before, choice = self._solver.choice, methods.choose(to.count, settings, self._processes)
+        emission = self._emission.under(scene, settings, to.frame, to.time)
+        emission.progress = to.emission
+        limits = self._step_limits.under(scene, settings, origin)
 
-    @reading
-    def columns(self) -> Columns:
-        """Grid column of each disc, the worker that the column belongs to, and the number of columns.
+        def act() -> None:
+            self._enter(choice, to.arrays, to.terms, new_workers=False)
+            limits.set_limit(self._solver)
 
-        Raises:
-            InputError: for `naive` and `event`, which have no columns.
-        """
-        solver = self._coordinator.open_solver()
-        if (found := solver.columns()) is None:
-            raise InputError(
-                "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
-                f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."
-            )
-        return found
+        with interrupts_held_back():
+            self._between_frames(act)
+            self._scene, self._settings, self._changes = scene, settings, list(to.changes)
+            self._emission, self._step_limits = emission, limits
+            self._last_frame, self._last_time = to.frame, self._solver.time_of(to.frame)
+            self._logged.clear()
+            if choice != before:
+                self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
+        methods.note_remark(choice, before, self._access.notices)
 
-    @property
-    @reading
-    def absorbed(self) -> NDArray[np.bool_]:
-        """Discs that have left through an absorbing edge, shape (N,), bool. They stay where they left."""
-        return self._coordinator.open_solver().absorbed
+    def _enter(self, choice: Choice, snapshot: SolverState, terms: Terms, new_workers: bool = True) -> None:
+        """Have the solver, or another one that `choice` asks for, continue from a snapshot."""
+        if methods.same_solver(self._solver.choice, choice):
+            self._solver.restore(snapshot, choice, terms=terms, new_workers=new_workers)
+        else:
+            self._replace_solver(choice, snapshot, terms)
 
-    @property
-    def _solver(self) -> Solver:
-        return self._coordinator.solver
+    def _replace_solver(self, choice: Choice, snapshot: SolverState, terms: Terms, room: int = 0) -> None:
+        """Replace the solver by one of another method, chosen by `auto`."""
+        old, new = self._solver, methods.METHODS[choice.method].solver(terms.scene, terms.settings, choice)
+        new.tallied, new.logging = old.tallied, old.logging
+        self._closing.solvers.append(new)  # before there is anything to close
+        try:
+            new.restore(snapshot, choice, room, terms)
+            self._step_limits.set_limit(new)
+        except BaseException:
+            self._closing.solvers.remove(new)
+            new.close()
+            raise
+        self._solver = new
+        self._closing.solvers.remove(old)
+        old.close()
 
 
 def read_in_place(sim: Simulation, read: Callable[[InPlace], Result]) -> Result:
@@ -840,8 +1350,7 @@ def next_frame_in_passes(sim: Simulation) -> list[Pass]:
     Raises:
         InputError: for a method or a scene whose frame is not made of an even and an odd pass alone.
     """
-    coordinator = sim._coordinator  # pyright: ignore[reportPrivateUsage]
-    return frame_in_passes(coordinator.open_solver(), coordinator.scene, coordinator.settings)
+    return frame_in_passes(sim._open_solver(), sim.scene, sim.settings)  # pyright: ignore[reportPrivateUsage]
 
 
 def _same_start(one: tuple[Scene, Settings], other: tuple[Scene, Settings]) -> bool:

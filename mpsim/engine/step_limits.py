@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -384,6 +384,14 @@ JUST_ABOVE = 1 + 1e-5
 START = Origin()
 
 
+class _Between(NamedTuple):
+    """Frames of two looks, one after the other, and the number of discs for which they are."""
+
+    last: int
+    next: int
+    discs: int
+
+
 class StepLimits:
     """Looks at the fastest disc, and at collisions in a step, and acts as Settings.on_fast says.
 
@@ -408,6 +416,9 @@ class StepLimits:
         )
         self._often = settings.on_fast == "substep" or narrow
         self._squeezing, self._squeezed = self._frames_of_moving_wall()
+        self._may_be_pressed = may_be_pressed(scene, scene.count)
+        self._count_at_start = scene.count
+        self._between = _Between(0, 0, 0)
 
     def under(self, scene: Scene, settings: Settings, origin: Origin) -> "StepLimits":
         """Those under another scene and settings; what has been warned of is not warned of again."""
@@ -494,24 +505,33 @@ class StepLimits:
 
     def frames_ahead(self, frame: int, count: int) -> int:
         """Number of frames until the next check; very large if there is none."""
-        if self._fast.given and not self._looks_for_pressed(count):
+        if self._fast.given and not self.may_be_pressed(count):
             return 2**62
-        return min(every - frame % every for every in self._intervals(frame, count))
+        if (between := self._between).last < frame < between.next and count == between.discs:
+            return between.next - frame
+        intervals = self._intervals(frame, count)
+        ahead = min(every - frame % every for every in intervals)
+        self._between = _Between(max(frame - frame % every for every in intervals), frame + ahead, count)
+        return ahead
 
     def is_due(self, frame: int, count: int) -> bool:
         """Whether to check speeds before this frame, or to lift the limit, as the warning has been given.
 
         At the first frame they are: a snapshot in which no frame has been done does not tell the sub-steps.
         """
-        return self._has_limit if self._fast.given else frame == self._origin.frame or self._is_look(frame, count, 1)
+        if self._fast.given:
+            return self._has_limit
+        if (between := self._between).last < frame < between.next and count == between.discs:
+            return frame == self._origin.frame
+        return frame == self._origin.frame or self._is_look(frame, count, 1)
 
     def _is_look(self, frame: int, count: int, rarer: int) -> bool:
         """Whether this frame is one of every so many looks, for any reason to look."""
         return any(frame % (rarer * every) == 0 for every in self._intervals(frame, count))
 
-    def _looks_for_pressed(self, count: int) -> bool:
+    def may_be_pressed(self, count: int) -> bool:
         """Whether so many discs are to be looked at for what presses them into each other."""
-        return not self._pressed.given and may_be_pressed(self._scene, count)
+        return (self._may_be_pressed or count > self._count_at_start) and not self._pressed.given
 
     def set_limit(self, solver: Solver) -> None:
         """Have the solver end its commands when a disc is too fast; never, once that has been warned of."""
@@ -564,7 +584,7 @@ class StepLimits:
             TooFastError: if the settings do not allow it.
         """
         frame, count = solver.frame, solver.count
-        if not self._looks_for_pressed(count) or not self._is_look(frame, count, 1):
+        if not self.may_be_pressed(count) or not self._is_look(frame, count, 1):
             return
         anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
         if not anyway and not is_crowded(self._scene, solver.radii, solver.time):

@@ -39,8 +39,10 @@ class OneSimulation:
             InputError: if it is another one.
         """
         if refusal := self._owner.refusal(sim):
-            advice = "Make one for each; measure.independent_average takes means over them."
-            raise InputError(f"{self._name} {refusal} {advice}")
+            raise InputError(
+                f"{self._name} belongs to {refusal}. Make one for each; measure.independent_average takes means over "
+                "them."
+            )
 
 
 # --- A function of the state as a time series along a run

@@ -60,7 +60,7 @@ class Ownership:
                 f"there; the method is {sim.settings.method!r}. Open it on all ranks, or without comm."
             )
         if refusal := self._owner.refusal(sim):
-            raise OutputError(f"the {self._name} {refusal} {self._advice}")
+            raise OutputError(f"the {self._name} belongs to {refusal}. {self._advice}")
 
 
 # --- Files of MPI ranks: the first rank reads and writes them, and sends the content to the others

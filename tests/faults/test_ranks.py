@@ -102,7 +102,7 @@ def unwritable():
 def diverging():
     with mpsim.Simulation(start, mpsim.Settings(method="mpi")) as sim:
         sim.run(frames=3)
-        part = sim._coordinator.solver._part
+        part = sim._solver._part
         discs, count = part.arguments().a, part.count
         discs.x[:count][discs.id[:count] == 7] = np.nan
         sim.run(frames=3)

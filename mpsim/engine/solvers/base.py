@@ -431,6 +431,7 @@ class Solver(ABC):
         tallied: whether what measures need is counted, and put into Slice.tally; may be set between two commands.
         logging: whether collisions are logged, for `take_collisions`; may be set before `start`, and changed by
             `log_collisions`.
+        too_fast: whether a disc was too fast in the last command, and so ended it.
     """
 
     capabilities: ClassVar[Capabilities]
@@ -440,6 +441,7 @@ class Solver(ABC):
     origin: Origin = Origin()
     tallied: bool = False
     logging: bool = False
+    too_fast: bool = False
 
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
@@ -731,11 +733,6 @@ class Solver(ABC):
         return None
 
     # --- steps: without them no disc is too fast for one
-
-    @property
-    def too_fast(self) -> bool:
-        """Whether a disc was too fast in the last command, and so ended it."""
-        return False
 
     def disc_too_fast(self) -> Speeds | None:
         """The disc that was too fast in the last command, reported once; None where there was none."""

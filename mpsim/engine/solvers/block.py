@@ -283,20 +283,24 @@ class BlockSolver(SteppedSolver):
         if abort != records.RUNNING:
             raise self._failure(abort)
         arrays = self._block.arrays
-        frames = int(arrays["control"].frames)
-        contacts = int(arrays["team"]["collisions"].sum())
+        frames, team = int(arrays["control"]["frames"]), arrays["team"]
+        contacts = int(team["collisions"].sum())
+        self.too_fast = bool(team["fastest"].any())
         tally = self._totals(arrays["tally"][:, :frames]) if self.tallied else None
         return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
 
     def _write_command(self, frames: int, workers: int, stop: float) -> None:
         """Write a command into the block: its record, and zeros where it counts."""
-        arrays, control, frames = self._block.arrays, self._control, self._frames_to(stop, frames)
-        control.frames = frames
-        control.workers = control.members = workers
-        for counted in ("collisions", "fastest"):
-            arrays["team"][counted] = 0
+        arrays = self._block.arrays
+        control, team = arrays["control"], arrays["team"]
+        if stop < math.inf:
+            frames = self._frames_to(stop, frames)
+        control["frames"] = frames
+        control["workers"] = control["members"] = workers
+        team["collisions"] = 0
+        team["fastest"] = 0
         self._begin_counts(arrays, frames)
-        self._begun = int(control.done)
+        self._begun = int(control["done"])
 
     def log_collisions(self, wanted: bool) -> None:
         if wanted != self.logging:
@@ -320,7 +324,7 @@ class BlockSolver(SteppedSolver):
 
     @property
     def frame(self) -> int:
-        return self.origin.frame + int(self._block.arrays["control"].done)
+        return self.origin.frame + int(self._block.arrays["control"]["done"])
 
     # --- steps
 
@@ -330,14 +334,10 @@ class BlockSolver(SteppedSolver):
             return replace(found, disc=int(numbers[found.disc]))
         return self._speeds(places_and_speeds(self._block, self.count)[1], self.absorbed, new)
 
-    @property
-    def too_fast(self) -> bool:
-        return bool(self._block.arrays["team"]["fastest"].any())
-
     def disc_too_fast(self) -> Speeds | None:
         arrays = self._block.arrays
         found, fast = fastest_in(arrays["team"]), float(arrays["parameters"].fast)
-        arrays["team"]["fastest"] = 0
+        arrays["team"]["fastest"], self.too_fast = 0, False
         return disc_too_fast(found, fast, self._radii, has_radii(self._scene), self.frame - 1)
 
     # --- discs
@@ -534,7 +534,7 @@ class BlockSolver(SteppedSolver):
         """Write a snapshot into the present block."""
         arrays = self._block.arrays
         self._begun = -1
-        arrays["team"]["fastest"] = 0
+        arrays["team"]["fastest"], self.too_fast = 0, False
         frames, steps = self._begin_from(snapshot)
         if not stepped.put_as_they_lay(self._block, snapshot):
             self._write(np.asarray(snapshot["position"]), np.asarray(snapshot["velocity"]), {})

@@ -382,6 +382,7 @@ class MpiSolver(OnRanks):
         failures, fastest, collisions, times, tallies = zip(*told, strict=True)
         ranks.raise_any(failures)
         self._fastest = max(fastest)
+        self.too_fast = self._fastest.fraction > 0
         counted = self._totals(np.concatenate(tallies)) if self.tallied else None
         return Slice(np.concatenate(times), sum(collisions), counted)
 
@@ -451,12 +452,8 @@ class MpiSolver(OnRanks):
         there = There(self._scene, self.time, self._radii, present)
         return speeds_on_ranks(there, self.local_state(), new, self._shared())
 
-    @property
-    def too_fast(self) -> bool:
-        return self._fastest.fraction > 0
-
     def disc_too_fast(self) -> Speeds | None:
-        found, self._fastest = self._fastest, Fastest()
+        found, self._fastest, self.too_fast = self._fastest, Fastest(), False
         fast = float(self._held().arrays["parameters"].fast)
         return disc_too_fast(found, fast, self._radii, has_radii(self._scene), self.frame - 1)
 

@@ -39,7 +39,7 @@ from mpsim.scene.settings import Settings
 
 def live_discs(block: SharedBlock) -> records.Discs:
     """The buffer that holds the state."""
-    return buffers_of(block)[int(block.arrays["control"].live)]
+    return buffers_of(block)[int(block.arrays["control"]["live"])]
 
 
 def write_discs(block: SharedBlock, new: NewDiscs, first: int) -> None:
@@ -318,7 +318,7 @@ class SteppedSolver(Solver):
 
     def _begin_counts(self, arrays: dict[str, Any], frames: int) -> None:
         """Write zeros where workers count in the next frames, and whether they count what measures need."""
-        self._control.tallied = self.tallied
+        arrays["control"]["tallied"] = self.tallied
         for name in ("times", "tally") if self.tallied else ("times",):
             arrays[name][:, :frames] = 0
 

@@ -301,6 +301,7 @@ class SharedBlock:
     Attributes:
         name: of the block, mpsim-<pid of the coordinator>-<token>.
         arrays: views by name, arrays and records; they are dropped by `close`, and never handed out of the engine.
+        calls: arguments of kernels, made of these, by whom they are for; they are dropped, too.
     """
 
     def __init__(self, specs: dict[str, ArraySpec], name: str | None = None, alone: bool = False):
@@ -313,6 +314,7 @@ class SharedBlock:
         self.alone = alone
         self.nbytes: int = _offsets(specs)[-1]
         self.arrays: dict[str, Any] = {}
+        self.calls: dict[Any, Any] = {}
         self._memory: SharedMemory | None = None
         self._owner = False
         self._creator = os.getpid()
@@ -404,6 +406,7 @@ class SharedBlock:
     def close(self) -> None:
         """Drop the views and the mapping; the owner also removes the block. May be called again, and at any moment."""
         self.arrays.clear()
+        self.calls.clear()
         memory = self._memory
         if memory is not None:
             try:

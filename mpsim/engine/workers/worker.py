@@ -73,9 +73,11 @@ class GridArguments(NamedTuple):
 
 def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
     """What one worker calls its kernel with."""
+    if (known := block.calls.get(worker)) is not None:
+        return known
     arrays = block.arrays
     a, b = buffers_of(block)
-    return GridArguments(
+    found = block.calls[worker] = GridArguments(
         a=a,
         b=b,
         start=arrays["start"],
@@ -90,6 +92,7 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
         worker=worker,
         linger=LINGER,
     )
+    return found
 
 
 def buffers_of(block: SharedBlock) -> tuple[records.Discs, records.Discs]:

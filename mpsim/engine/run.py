@@ -1,0 +1,345 @@
+"""What a run needs beside the simulation: its record, recovery, the size of slices, and Ctrl-C on ranks."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.deferred_signals import Noted
+from mpsim.engine.access import Notices
+from mpsim.engine.checkpoint import Checkpointer
+from mpsim.engine.solvers import base
+from mpsim.engine.solvers.base import Slice, Solver
+from mpsim.errors import WorkerDiedError
+from mpsim.kernels.records import PHASES
+from mpsim.measure.registry import RunAverages
+
+# --- Times and counts that a run has collected so far
+
+
+class Mark(NamedTuple):
+    """How far a run had come: frames and collisions, slices of times, what had been gathered for measures, logged."""
+
+    done: int
+    collisions: int
+    slices: int
+    gathered: Any
+    logged: tuple[NDArray[Any], ...]
+
+
+class RunRecord:
+    """Times, collisions and counts of the frames of a run so far.
+
+    Attributes:
+        averages: averages for its measures; None: it has none.
+        whole: whether it began between two frames, not inside one.
+        guarded: losses that the solver's guard had suppressed before.
+        done: frames.
+        collisions: contacts resolved.
+        logged: tables of collisions that nobody has taken yet.
+    """
+
+    def __init__(
+        self, workers: int, averages: RunAverages | None, whole: bool, guarded: int, logged: list[NDArray[Any]]
+    ):
+        self.averages = averages
+        self.whole: bool = whole
+        self.guarded: int = guarded
+        self.done: int = 0
+        self.collisions: int = 0
+        self.logged: list[NDArray[Any]] = logged
+        self._workers = workers
+        self._times: list[NDArray[np.int64]] = []
+
+    def take(self, part: Slice) -> None:
+        """Add what one command of the solver took and counted."""
+        size = part.times.shape[1]
+        self.done += size
+        self._times.append(part.times)
+        self.collisions += part.contacts
+        if size and self.averages is not None:
+            self.averages.take(part.tally, self.done)
+
+    def mark(self) -> Mark:
+        """How far the run has come, for `rewind`."""
+        gathered = None if self.averages is None else self.averages.mark()
+        return Mark(self.done, self.collisions, len(self._times), gathered, tuple(self.logged))
+
+    def rewind(self, mark: Mark) -> None:
+        """Forget what came after a mark."""
+        self.done, self.collisions = mark.done, mark.collisions
+        del self._times[mark.slices :]
+        if self.averages is not None:
+            self.averages.rewind(mark.gathered)
+        self.logged[:] = mark.logged
+
+    def take_logged(self, frame: int) -> NDArray[Any]:
+        """The collisions up to the end of a frame that nobody has taken yet, in order: TABLE. Later ones stay."""
+        table = base.joined(self.logged)
+        late = table["frame"] > frame
+        self.logged[:] = [table[late]]
+        return base.in_order(table[~late])
+
+    @property
+    def times(self) -> NDArray[np.int64]:
+        """Times of all frames, (workers, frames, phases); growth under `auto` may have raised the number of workers."""
+        if len(self._times) == 1 and len(self._times[0]) == self._workers:
+            return self._times[0]
+        workers = max([self._workers, *(part.shape[0] for part in self._times)])
+        times = np.zeros((workers, sum(part.shape[1] for part in self._times), len(PHASES)), np.int64)
+        end = 0
+        for part in self._times:
+            begin, end = end, end + part.shape[1]
+            times[: len(part), begin:end] = part
+        return times
+
+
+# --- Recovery after the death of a worker: back to the last snapshot in memory, then on with new workers
+
+SNAPSHOT_FRACTION = 0.01
+"""Fraction of the running time that in-memory snapshots may take: the next one waits until the last one's time is so
+small a fraction of what has passed since."""
+
+SNAPSHOT_SECONDS = 0.2
+"""Time between two snapshots, at least."""
+
+MOST_DEATHS = 5
+"""Deaths of workers without a snapshot in between after which there is no use in trying again."""
+
+
+def log_death(death: WorkerDiedError, what_now: str, notices: Notices) -> None:
+    """Log a death from which the run recovers."""
+    notices.log(
+        "mpsim: worker %d (process %s) ended with exit code %s in frame %d, phase '%s'; %s, on new workers.",
+        death.worker,
+        death.pid,
+        death.exitcode,
+        death.frame,
+        death.phase,
+        what_now,
+    )
+
+
+def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | None, notices: Notices) -> None:
+    """Act; if a worker dies, act again on new ones.
+
+    Args:
+        act: changes nothing if a worker dies.
+        renew: starts new workers; None: a death is not to be healed.
+        notices: which take a line for each death.
+
+    Raises:
+        WorkerDiedError: if that does not help.
+    """
+    died = False
+    for chances in range(MOST_DEATHS, -1, -1):
+        try:
+            if died and renew is not None:
+                renew()
+            act()
+            return
+        except WorkerDiedError as death:
+            if renew is None or not chances:
+                raise
+            log_death(death, "trying again", notices)
+            died = True
+
+
+class RecoveryPoint(NamedTuple):
+    """A snapshot, where the record of the run stood, and how many changes there had been."""
+
+    snapshot: Any
+    mark: Mark
+    changes: int
+
+
+class RecoverySnapshots:
+    """Snapshots of a run, and the return to the last one when a worker has died.
+
+    Args:
+        take: copies everything that the next frame depends on.
+        restore: goes back to such a copy, on new workers.
+        record: of the run, which is rewound too.
+        notices: which take a line for each death.
+        changes: how often discs or parameters have been changed from outside: a snapshot from before is of no use.
+    """
+
+    def __init__(
+        self,
+        take: Callable[[], Any],
+        restore: Callable[[Any], None],
+        record: RunRecord,
+        notices: Notices,
+        changes: Callable[[], int] = lambda: 0,
+    ):
+        self._changes = changes
+        self._take = take
+        self._restore = restore
+        self._record = record
+        self._notices = notices
+        self._kept: RecoveryPoint | None = None
+        self._due = 0.0
+        self._deaths = 0
+
+    def take(self) -> None:
+        """Take a snapshot if it is time for one and there is anything new to keep."""
+        started = time.perf_counter()
+        is_new = self._kept is None or self._record.done > self._kept.mark.done
+        is_changed = self._kept is not None and self._kept.changes != self._changes()
+        if is_changed or (is_new and started >= self._due):
+            self._kept = RecoveryPoint(self._take(), self._record.mark(), self._changes())
+            now = time.perf_counter()
+            self._due = now + max(SNAPSHOT_SECONDS, (now - started) / SNAPSHOT_FRACTION)
+            self._deaths = 0
+
+    def go_back(self, death: WorkerDiedError) -> None:
+        """Restore the last snapshot.
+
+        Raises:
+            WorkerDiedError: the death itself, if workers die faster than snapshots can be taken.
+        """
+        while True:
+            self._deaths += 1
+            if self._kept is None or self._deaths > MOST_DEATHS:
+                raise death
+            snapshot, mark, _ = self._kept
+            frames = self._record.done - mark.done
+            log_death(death, f"going back {frames} frames and more" if frames else "trying again", self._notices)
+            self._record.rewind(mark)
+            try:
+                self._restore(snapshot)
+                return
+            except WorkerDiedError as another:  # a new worker, before it was ready
+                death = another
+
+
+# --- Number of frames of the next command, and number of workers that run it
+
+MOST_SECONDS = 0.05
+"""Length of a slice of frames: how long Ctrl-C, progress, or the report of a dead worker may have to wait."""
+
+TRIAL_SECONDS = 0.005
+"""Length of a slice that measures how fast a number of workers is."""
+
+TRIALS = 7
+"""Slices that decide: their median leaves out the first ones, in which caches are cold and workers asleep."""
+
+FEW_TRIALS, HOPELESS = 3, 1.3
+"""Slices after which a number of workers is given up if all of them were so many times slower than another number: so
+that a run that is not long does not consist of trials."""
+
+TRIAL_AFTER = 1.0
+"""Seconds of running after which `auto` tries the slower number of workers again: machine and scene may change."""
+
+
+class BatchSizer:
+    """Chooses the next slice of a run from the frame times of those before.
+
+    Attribute best: the number of workers with the shortest recent frame time.
+
+    Args:
+        choices: numbers of workers to choose from, the likely best first. All give the same bits, so the choice may
+            follow the clock.
+        most_frames: frames of a slice at most.
+    """
+
+    def __init__(self, choices: tuple[int, ...], most_frames: int):
+        self._most_frames = most_frames
+        self._recent = {workers: deque(maxlen=TRIALS) for workers in choices}
+        self._median = dict.fromkeys(choices, math.inf)  # frame time of the last slices; infinite before the first
+        self._seconds_run = 0.0
+        self.best: int = choices[0]
+
+    def next_slice(self, remaining: int) -> tuple[int, int]:
+        """Workers and frames of the next slice."""
+        if len(self._recent) > 1:
+            if self._seconds_run > TRIAL_AFTER:
+                self._seconds_run = 0.0
+                slowest = max(self._median, key=self._median.__getitem__)
+                self._recent[slowest].clear()
+                self._median[slowest] = math.inf
+            for workers, recent in self._recent.items():
+                if len(recent) < TRIALS and not self._is_hopeless(workers):
+                    return workers, self._fit(TRIAL_SECONDS, self._median[workers], remaining)
+        return self.best, 1 if remaining == 1 else self._fit(MOST_SECONDS, self._median[self.best], remaining)
+
+    def _is_hopeless(self, workers: int) -> bool:
+        """Whether so many workers need not be tried further."""
+        recent, others = self._recent[workers], (self._median[other] for other in self._recent if other != workers)
+        return len(recent) >= FEW_TRIALS and min(recent) > HOPELESS * min(others)
+
+    def note(self, workers: int, frames: int, seconds_per_frame: float) -> None:
+        """Note the time of a frame in the last slice: its median, which one late worker does not disturb [s]."""
+        self._seconds_run += frames * seconds_per_frame
+        recent = self._recent[workers]
+        recent.append(max(seconds_per_frame, 1e-9))
+        ordered = sorted(recent)
+        middle = len(ordered) // 2
+        self._median[workers] = ordered[middle] if len(ordered) % 2 else 0.5 * (ordered[middle - 1] + ordered[middle])
+        if len(self._median) > 1:
+            self.best = min(self._median, key=self._median.__getitem__)
+
+    def _fit(self, seconds: float, seconds_per_frame: float, remaining: int) -> int:
+        """Number of frames that take so many seconds; one where nothing is known yet."""
+        frames = 1 if math.isinf(seconds_per_frame) else int(seconds / seconds_per_frame)
+        return max(min(frames, remaining, self._most_frames), 1)
+
+
+# --- Ctrl-C in a run on MPI ranks: all ranks stop after the same slice of frames
+
+
+class Interruption:
+    """Notes Ctrl-C, and raises it where all processes look. Use it in a `with` block.
+
+    Else it would come to each of them somewhere else, and the others would wait there for ever. In a run of one process
+    it comes as it always does.
+
+    Args:
+        solver: that runs the frames.
+    """
+
+    def __init__(self, solver: Solver):
+        self._solver = solver
+        self._noted = Noted(signal.SIGINT)
+
+    def __enter__(self) -> Interruption:
+        if self._is_shared:
+            self._noted.begin()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
+        self._noted.end()
+        if kind is None:
+            self.look()  # it may have come after the last slice
+        elif self._noted.came and kind is not KeyboardInterrupt:  # the run has ended otherwise
+            self._noted.send_again()
+
+    def look(self) -> None:
+        """Raise KeyboardInterrupt in all processes if Ctrl-C has come to one. All of them look."""
+        if self._is_shared and self._solver.any_of(self._noted.came):
+            raise KeyboardInterrupt
+
+    @property
+    def _is_shared(self) -> bool:
+        return self._solver.capabilities.on_ranks
+
+
+class Beside(NamedTuple):
+    """What goes on beside the frames of a run, where anything does.
+
+    Attributes:
+        checkpoints: of the run.
+        progress: called as progress(done, of_frames); None: nobody asks.
+        interruption: Ctrl-C, where processes share the run.
+    """
+
+    checkpoints: Checkpointer
+    progress: Callable[[int, int], None] | None
+    interruption: Interruption
