@@ -1101,6 +1101,7 @@ class Simulation(ReadOnly):
         self._restores += 1
 
     @property
+    @reading
     def restores(self) -> int:
         """Number of calls of `restore` so far. When it rises, frames that an observer has seen may be undone."""
         return self._restores

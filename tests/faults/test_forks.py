@@ -122,7 +122,7 @@ GIVEN = {
     "add_wall": {"points": [(0.1, 0.1), (0.2, 0.1)]}, "save": {"path": "/dev/null/never"},
     "state_between": {"first": 1, "last": 3}, "once": {"act": lambda: 0},
 }  # fmt: skip
-HARMLESS = {"close", "scene", "settings", "resume", "replay"}
+HARMLESS = {"close", "scene", "settings", "resume", "replay", "from_snapshot"}
 
 
 def tried(sim):
