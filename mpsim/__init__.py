@@ -75,12 +75,12 @@ _VIEWS = {
     "scene_from_file": ("mpsim.scene.scenefile", "load"),
     "scene_to_file": ("mpsim.scene.scenefile", "save"),
     "compressed": ("mpsim.scene.compression", "compressed"),
-    "scene_png": ("mpsim.output.notebook", "scene_png"),
-    "report_html": ("mpsim.output.notebook", "report_html"),
+    "scene_png": ("mpsim.output.drawing", "scene_png"),
+    "report_html": ("mpsim.output.tables", "report_html"),
     "report_times": ("mpsim.output.figures", "times"),
-    "trade_text": ("mpsim.output.frontier", "terminal_table"),
-    "trade_html": ("mpsim.output.frontier", "html_table"),
-    "tuned_html": ("mpsim.output.notebook", "tuned_html"),
+    "trade_text": ("mpsim.output.tables", "terminal_table"),
+    "trade_html": ("mpsim.output.tables", "html_table"),
+    "tuned_html": ("mpsim.output.tables", "tuned_html"),
     "measure_names": ("mpsim.measure.registry", "names"),
 }
 """What upper modules do for objects of lower ones; each is imported when it is asked for."""

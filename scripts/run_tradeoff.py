@@ -27,10 +27,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from run_bench import machine, make_folder
 from tradeoff_answers import Effort, SavedAnswers, answers
+from tradeoff_figures import markdown_table, save
 
 import mpsim
 from mpsim.core.machine import usable_cores
-from mpsim.output import frontier
 
 COUNT = 200
 SEED = 1
@@ -166,7 +166,7 @@ def write(table: mpsim.Tradeoff, words: str, made: str, folder: Path) -> None:
     """The table in three forms."""
     table.to_csv(folder / "table.csv")
     table.to_json(folder / "table.json")
-    text = [frontier.markdown_table(table), words, made]
+    text = [markdown_table(table), words, made]
     (folder / "table.md").write_text("\n\n".join(part for part in text if part) + "\n")
 
 
@@ -189,7 +189,7 @@ def run(options: argparse.Namespace) -> None:
             console.print(f"{name}. {words}", highlight=False, soft_wrap=True)
             console.print(str(found[name]), highlight=False, markup=False, soft_wrap=True)
         progress.add_task("pictures", total=None)
-        list(pool.map(frontier.save, found.values(), [options.out / name for name in found]))
+        list(pool.map(save, found.values(), [options.out / name for name in found]))
         if not (options.answers or options.docs or options.full):
             return
         task = progress.add_task("answers", total=None)

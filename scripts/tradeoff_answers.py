@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tradeoff_figures import short_label
 
 import mpsim
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure import kinetic_energy
-from mpsim.output.frontier import UNITS, error_text, short_label
+from mpsim.output.tables import UNITS, error_text
 from mpsim.studies import replicas
 from mpsim.studies.deviations import Deviation
 from mpsim.studies.tradeoff import Row, label

@@ -31,7 +31,7 @@ from mpsim.engine.solvers.methods import METHODS, capabilities_of
 from mpsim.errors import InputError, MpsimError, OutputError, reason_of
 from mpsim.measure.registry import NAMES
 from mpsim.output.frames import FirstRank, frame_of
-from mpsim.output.frontier import measure_text
+from mpsim.output.tables import measure_text
 from mpsim.output.trajectory import FORMATS, Trajectory
 from mpsim.scene import scenefile
 from mpsim.scene.scene import Scene

@@ -17,7 +17,7 @@ from mpsim.core.files import CSV, JSON, PARQUET, TEXT, demand_parquet
 from mpsim.core.text import json_text
 from mpsim.errors import OutputError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
-from mpsim.output.frontier import UNITS
+from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
 from mpsim.scene.settings import Settings, settings_for
 from mpsim.studies import tradeoff as tradeoffs

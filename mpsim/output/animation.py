@@ -61,21 +61,13 @@ IN_MEMORY = 2**27  # bytes of moments that are kept in memory; what is more lies
 
 
 class Moment(NamedTuple):
-    """What a picture shows of a simulation.
-
-    Attributes:
-        time: [time].
-        walls: x_low, x_high, y_low, y_high [length].
-        position: shape (N, 2), float32 [length]; NaN of absorbed discs.
-        radius: shape (N,), float32 [length].
-        values: numbers to colour by, shape (N,), float32; of length 0 if there are none.
-    """
+    """What a picture shows of a simulation of N discs."""
 
     time: float
     walls: Box
-    position: NDArray[np.float32]
-    radius: NDArray[np.float32]
-    values: NDArray[np.float32]
+    position: NDArray[np.float32]  # shape (N, 2); NaN of absorbed discs
+    radius: NDArray[np.float32]  # shape (N,)
+    values: NDArray[np.float32]  # numbers to colour by, shape (N,), or (0,) if there are none
 
     @property
     def present(self) -> NDArray[np.bool_]:
@@ -117,16 +109,9 @@ def _read(file: IO[bytes]) -> Moment:
 
 
 class Picture:
-    """The figure of a simulation, updated before each frame of an animation.
+    """The figure of a simulation, updated before each frame of an animation; absorbed discs are hidden.
 
-    Discs that have left through an absorbing edge are hidden.
-
-    Args:
-        sim: what is shown.
-        pixels: length of the longer side of the box.
-        colour: as in `animate`.
-        scale: of the speeds; None: that of the speeds now.
-        theme: colours of everything except discs.
+    The arguments are those of `animate`; scale: of the speeds; None: that of the speeds now.
     """
 
     def __init__(
@@ -232,16 +217,10 @@ def image_of(figure: Figure) -> Image.Image:
 
 
 def write_film(path: str | os.PathLike[str], images: Iterable[Image.Image], rate: float, instead: str) -> None:
-    """Write images as a film, in the format of the path's ending, .gif or .mp4.
-
-    Args:
-        path: of the file.
-        images: one or more, of one size.
-        rate: images per second.
-        instead: what to do without an ffmpeg, for errors.
+    """Write images, at least one, as a film at a rate [1/s], in the format of the path's ending, .gif or .mp4.
 
     Raises:
-        OutputError: if ffmpeg, which .mp4 needs, is missing or fails.
+        OutputError: if ffmpeg, which .mp4 needs, is missing or fails; `instead` says what to do without it.
     """
     if Path(path).suffix.lower() == ".mp4":
         _write_mp4(path, iter(images), rate, instead)
@@ -470,9 +449,6 @@ def pictures_of(
 
     The arguments are those of `animate`; rate: pictures per second.
 
-    Raises:
-        InputError: if one is out of range, or if they contradict each other.
-
     >>> pictures_of(Scene.load("pi"), Settings(dt=0.01), None, None)
     (211, 20)
     >>> pictures_of(Scene.load("pi"), Settings(dt=0.01), None, None, until=20.0)
@@ -533,12 +509,7 @@ def _demand_path(settings: object, path: object) -> None:
 
 
 def checked_target(path: str | os.PathLike[str]) -> Path:
-    """The path of an animation, after a check that it can be written.
-
-    Raises:
-        InputError: for another ending.
-        OutputError: without ffmpeg for .mp4, or if the path cannot be written.
-    """
+    """The path of an animation, after a check that it can be written."""
     target = Path(path)
     ending = target.suffix.lower()
     if ending not in (".gif", ".mp4"):
@@ -559,9 +530,5 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
 
 
 def pictures_until(end: float, every: int, settings: Settings) -> int:
-    """Pictures from time 0 to `end` [time], with so many frames between two.
-
-    >>> pictures_until(1.0, every=20, settings=Settings(dt=0.01))
-    6
-    """
+    """Pictures from time 0 to `end` [time], with `every` frames between two."""
     return int(end / (every * settings.dt) + 1e-9) + 1

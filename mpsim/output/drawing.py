@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from mpsim.core import checks, files
 from mpsim.core.state import Box, State, present_in
@@ -185,13 +186,9 @@ def figure_around(
     below: tuple[float, float],
     theme: Theme = LIGHT,
 ) -> Figure:
-    """A figure for a box, its title and its colour bar.
+    """A figure for a box of this size [inch], its title and its colour bar.
 
-    Args:
-        scene: has the box.
-        size: width and height of the box in the figure [inch].
-        beside, below: what title and colour bar add to them, if the bar is beside the box, and if it is below [inch].
-        theme: colours.
+    beside, below: what title and colour bar add to it, if the bar is beside the box, and if it is below [inch].
     """
     more = below if _is_flat(scene) else beside
     return new_figure(size[0] + more[0], size[1] + more[1], theme)
@@ -201,10 +198,6 @@ def with_images(position: ArrayLike, scene: Scene) -> NDArray[np.float64]:
     """Centres and their images beyond the nearer periodic edges, the centres first: shape (N, 2), (2 N, 2) or (4 N, 2).
 
     Images of discs far from an edge lie outside the box, where nothing is drawn.
-
-    >>> scene = Scene(width=4, height=4, position=[[0.25, 1]], velocity=[[0, 0]], radius=0.5, boundary="periodic")
-    >>> with_images(scene.position, scene).tolist()
-    [[0.25, 1.0], [4.25, 1.0], [0.25, 5.0], [4.25, 5.0]]
     """
     places = np.array(position, dtype=np.float64).reshape(-1, 2)
     for axis, length in enumerate((scene.width, scene.height)):
@@ -318,17 +311,7 @@ def colour_bar(
 
 
 def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> Rectangle | None:
-    """The region of the box behind a moving wall, as a shape to be drawn; None if all walls are at rest.
-
-    Args:
-        scene: the whole box.
-        walls: their present positions, as in `State.box`; None: unknown.
-        theme: gives its colour.
-
-    >>> half = {"width": 4, "height": 2, "position": [[1, 1]], "velocity": [[0, 0]], "radius": 0.5}
-    >>> closed_off(Scene(**half), (0.0, 4.0, 0.0, 2.0)) is None
-    True
-    """
+    """The region of the box behind a moving wall, as a shape to be drawn; None if all walls are at rest, or unknown."""
     wall = scene.moving_wall
     if wall is None or walls is None:
         return None
@@ -391,14 +374,7 @@ class MovingDiscs:
         walls: Box,
         capsules: NDArray[np.float64],
     ) -> None:
-        """Show a moment.
-
-        Args:
-            position, radii: of the discs, shape (N, 2) and (N,) [length]; NaN: not drawn.
-            values: numbers to colour by, shape (N,), if there is a scale.
-            walls: where the walls are, as in `State.box` [length].
-            capsules: obstacles, from `Scene.capsules_at`.
-        """
+        """Show a moment: discs, NaN where absent, numbers to colour them by, walls, and `Scene.capsules_at`."""
         if capsules is not self._capsules:
             self._capsules = capsules
             if self._obstacles is not None:
@@ -416,14 +392,7 @@ class MovingDiscs:
 
 
 def checked_picture(path: str | os.PathLike[str]) -> Path:
-    """The path of a picture, after a check that its ending is that of a format that can be written.
-
-    Raises:
-        InputError: for another ending.
-
-    >>> checked_picture("story.pdf").name
-    'story.pdf'
-    """
+    """The path of a picture, or raise InputError if its ending is that of no format that can be written."""
     target = Path(path)
     if target.suffix.lower() not in ENDINGS:
         raise InputError(
@@ -434,12 +403,7 @@ def checked_picture(path: str | os.PathLike[str]) -> Path:
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
-    """Write a figure in mpsim's style, in the format of the path's ending.
-
-    Raises:
-        InputError: for an ending of a format that cannot be written.
-        OutputError: if it cannot be written.
-    """
+    """Write a figure in mpsim's style, in the format of the path's ending."""
     target = checked_picture(path)
     try:
         with matplotlib.rc_context(fname=STYLE), files.atomic_write(target) as file:
@@ -710,3 +674,32 @@ def _write(axes: Axes, shown: Shown, discs: EllipseCollection, texts: list[str])
     for (x, y), text, light in zip((shown.position + shown.corner).tolist(), texts, luminance, strict=True):
         ink = "white" if light < DARK_BELOW else "black"
         axes.text(x, y, text, color=ink, fontsize=size, ha="center", va="center", clip_on=True)
+
+
+# --- A still of a scene, for a notebook
+
+STILL = 3.2  # longer side of a still
+STILL_COLOURS = 48  # colours of a still: more hardly show, and fewer make it small
+
+
+def scene_png(scene: Scene) -> bytes:
+    """A scene as a PNG of less than 100 kB, coloured by speed; of very many discs, only some are drawn."""
+    step = max(math.ceil(scene.count / MOST_DISCS), 1)
+    speeds = speeds_of(scene.velocity[::step])
+    with matplotlib.rc_context(fname=STYLE):
+        longer = max(scene.width, scene.height)
+        figure = new_figure(max(STILL * scene.width / longer, 1), max(STILL * scene.height / longer, 0.6) + 0.3)
+        axes = figure.add_subplot()
+        discs = draw_discs(axes, scene.position[::step], scene, radii=scene.radii[::step])
+        discs.set_array(speeds)
+        discs.set_cmap("viridis")
+        if step > 1 or len(speeds) > 5000:
+            discs.set_linewidth(0)
+        words = f"{scene.count:,} discs" if step == 1 else f"{len(speeds):,} of {scene.count:,} discs"
+        axes.set_title(f"{words}, packing {scene.packing:.3g}", fontsize=9)
+        file = io.BytesIO()
+        figure.savefig(file, dpi=90, format="png")
+    small = io.BytesIO()
+    with Image.open(file) as picture:
+        picture.convert("RGB").quantize(STILL_COLOURS).save(small, format="PNG", optimize=True)
+    return small.getvalue()

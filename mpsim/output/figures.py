@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mpsim.engine.report import Report
-from mpsim.engine.solvers.methods import METHODS
 from mpsim.kernels.records import PHASES
 from mpsim.output.drawing import (
     COARSE,
@@ -24,6 +23,7 @@ from mpsim.output.drawing import (
     save_figure,
 )
 from mpsim.output.frames import Frame
+from mpsim.output.tables import phases_of
 from mpsim.scene.scene import Scene
 
 # --- Figure of a report: time of each frame, and of its phases for each worker
@@ -72,12 +72,6 @@ def times(report: Report) -> Figure:
     return figure
 
 
-def phases_of(report: Report) -> dict[str, str]:
-    """The phases that took any time, and their names for this method."""
-    words = METHODS[report.method].phases
-    return {name: words.get(name, name) for name in PHASES if report.phase_seconds[name].any()}
-
-
 def frames_of_the_workers(report: Report) -> NDArray[np.bool_]:
     """The frames in which as many workers took part as the report names, shape (frames,); all if there are none.
 
@@ -94,13 +88,6 @@ def usual_phases(report: Report) -> dict[str, NDArray[np.float64]]:
     Frames with another number of workers than the report names are left out. For each worker the phases add up to the
     mean time of these frames. Medians of phases would not, and means over all frames would be dominated by the few that
     were disturbed.
-
-    >>> from mpsim import Scene, Simulation
-    >>> with Simulation(Scene.random(count=50, packing=0.2, radius=0.5)) as sim:
-    ...     report = sim.run(frames=20)
-    >>> low, high = np.quantile(report.frame_seconds, [0.25, 0.75])
-    >>> low <= sum(seconds[0] for seconds in usual_phases(report).values()) <= high
-    np.True_
     """
     seconds, chosen = report.frame_seconds, frames_of_the_workers(report)
     if not len(seconds):
@@ -117,14 +104,7 @@ TALL, LOW = 1.25, 0.45
 
 
 def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, title: str) -> Figure:
-    """Four panels.
-
-    Args:
-        table: columns of measures.csv, see mpsim.output.recorder.
-        scene: box and obstacles.
-        last: the discs that are drawn.
-        title: of the whole.
-    """
+    """Four panels: curves of a table of `mpsim.output.recorder`, and the last discs in the box of the scene."""
     with matplotlib.rc_context(fname=STYLE):
         figure, energy, rate, overlap, place = _panels(scene.height / scene.width)
         time = table["time"]
@@ -148,11 +128,7 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
 
 
 def final_picture(scene: Scene, last: Frame, path: str | os.PathLike[str]) -> Path:
-    """The last frame of a run as a picture, in the format of the path's ending.
-
-    Raises:
-        InputError, OutputError: as `save_figure`.
-    """
+    """The last frame of a run as a picture, in the format of the path's ending."""
     return save_figure(draw(last, scene), path)
 
 

@@ -24,11 +24,7 @@ from mpsim.features.edges import check_boundary, wraps_of
 class Ownership:
     """Binds an observer that writes to the first simulation that it observes.
 
-    Args:
-        what: what is written, for the error: "trajectory".
-        path: of the file.
-        advice: how the other simulation can have its own.
-        on_ranks: whether all ranks of a communicator observe together.
+    advice: how another simulation can have its own. on_ranks: whether all ranks of a communicator observe together.
     """
 
     def __init__(self, what: str, path: Path, advice: str, on_ranks: bool = False):
@@ -69,15 +65,9 @@ Result = TypeVar("Result")
 
 
 class FirstRank:
-    """Does for all ranks what only one process may do, such as writing a file. Without ranks, this process does it.
+    """Does for all ranks of a communicator what only one process may do, such as writing a file.
 
-    All ranks make the same calls, except `alone`.
-
-    Args:
-        comm: a communicator of mpi4py; None: there are no ranks.
-
-    Attributes:
-        comm: as it was given.
+    All ranks make the same calls, except `alone`. Without a communicator, this process does it.
     """
 
     def __init__(self, comm: Any = None):
@@ -226,11 +216,7 @@ class Given:
 
     @classmethod
     def of(cls, box: object, boundary: object, radius: object) -> "Given":
-        """From arguments of the user.
-
-        Raises:
-            InputError: naming the argument, its rule and the value received.
-        """
+        """From arguments of the user."""
         walls: Any = None
         if box is not None:
             rule = "(width, height) or (x_low, x_high, y_low, y_high)"
@@ -306,11 +292,7 @@ FLAT = 1e-6
 
 
 def _in_plane(name: str, vectors: NDArray[Any], z: ArrayLike, scale: float, where: str) -> NDArray[Any]:
-    """Vectors of shape (N, 2), from some of shape (N, 2) or (N, 3) whose last component must be `z`.
-
-    Raises:
-        TrajectoryError: if it is not.
-    """
+    """Vectors of shape (N, 2), from some of shape (N, 2) or (N, 3) whose last component must be `z`."""
     off = np.flatnonzero(np.abs(vectors[:, 2:] - z) > FLAT * scale)
     if len(off):
         raise TrajectoryError(
@@ -340,11 +322,7 @@ def _written_as(name: str) -> str:
 
 
 def kind_of(column: Column) -> str:
-    """Type and width of a column in extended XYZ, where pairs are vectors that have a z as well.
-
-    >>> kind_of(Column("image", "", (2,), integer=True)), kind_of(Column("charge", ""))
-    ('I:3', 'R:1')
-    """
+    """Type and width of a column in extended XYZ, where pairs are vectors that have a z as well."""
     return f"{'I' if column.integer else 'R'}:{3 if column.components else 1}"
 
 

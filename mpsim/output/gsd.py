@@ -116,11 +116,7 @@ class GsdReader:
             raise self._damaged(f"the number of frame {index} of", error) from None
 
     def read(self, index: int) -> Frame:
-        """One frame: what mpsim wrote, or the standard fields of a file from another program.
-
-        Raises:
-            TrajectoryError: if the file does not hold what it declares.
-        """
+        """One frame: what mpsim wrote, or the standard fields of a file from another program."""
         try:
             return self._read(index)
         except (MpsimError, TimeoutError):

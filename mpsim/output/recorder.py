@@ -36,15 +36,10 @@ Absorbed discs are not counted."""
 
 
 class Recorder:
-    """An observer that writes a table row by row, flushing each; rows later than the simulation's frame are rewritten.
+    """An observer that writes a table row by row, flushing each; it belongs to its simulation.
 
-    It belongs to its simulation: another one is refused by an OutputError.
-
-    Args:
-        path: of the CSV file; a table of the same run is continued.
-        every: frames between two rows, >= 1.
-        sim: the simulation to observe; collisions are counted from its frame on.
-        first_rank: of the ranks that share the simulation; it writes the table. None: there are no ranks.
+    A table of the same run is continued; rows later than the simulation's frame are written again. `first_rank` writes
+    for all ranks.
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int, sim: Simulation, first_rank: FirstRank | None = None):
@@ -102,13 +97,7 @@ class Recorder:
 
 
 def row_of(sim: Simulation, state: State, frames: int, met: int) -> list[float]:
-    """The row of a state, in the order of COLUMNS.
-
-    Args:
-        sim: whose state it is.
-        state: of all discs.
-        frames, met: frames since the row before, and contacts resolved in them.
-    """
+    """The row of a state, in the order of COLUMNS; met: contacts resolved in the frames since the row before."""
     here = state.present
     radii = sim.radii[here]
     energy = energy_of_translation(state, sim.masses) + energy_of_rotation(state, sim.masses, sim.radii)
@@ -119,11 +108,7 @@ def row_of(sim: Simulation, state: State, frames: int, met: int) -> list[float]:
 
 
 def read_table(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
-    """Columns of a table by name, each of shape (rows,).
-
-    Raises:
-        InputError: if there is no such file, or it is not the table of a run.
-    """
+    """Columns of a table by name, each of shape (rows,)."""
     rows = _rows(Path(path))
     try:
         values = np.array([[float(value) for value in row] for row in rows]).reshape(len(rows), len(COLUMNS))

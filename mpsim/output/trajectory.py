@@ -47,11 +47,7 @@ def discrepancy(sim: Simulation, now: Frame, first: Frame, last: Frame) -> str |
     must be possible ones: added discs have new numbers, and absorbed ones do not return. If both hold the same moment,
     the present or the start, positions and velocities must agree too.
 
-    Args:
-        sim: as it is now.
-        now: its present frame.
-        first: of the file; compared with the start of the scene if it is frame 0.
-        last: of the file up to now; the first one if all are later.
+    now: the present frame of the simulation. first, last: frames of the file, the last one up to now.
     """
     wrong = _setting(sim, now, last) or _discs(sim, now, last)
     if wrong is None and last.frame == now.frame:
@@ -159,32 +155,17 @@ FORMATS: tuple[str, ...] = tuple(dict.fromkeys(each.name for each in ENDINGS.val
 
 
 def ending_of(path: str | os.PathLike[str]) -> str:
-    """The ending of a file, such as .xyz.gz.
-
-    >>> ending_of("run/a.1.XYZ.gz"), ending_of("a.dump"), ending_of("xyz")
-    ('.xyz.gz', '.dump', '')
-    """
+    """The ending of a file, such as .xyz.gz, in lower case."""
     suffixes = [suffix.lower() for suffix in Path(os.fsdecode(path)).suffixes]
     return "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
 
 
 class FrameFile:
-    """A file to which frames are appended, locked against other writers.
-
-    Args:
-        path: with one of the ENDINGS.
-        mode: "x" for a new file only, "w" to replace an existing one, "a" to continue one.
-
-    Raises:
-        OutputError: if the file exists (mode "x"), has another writer, or cannot be written.
-
-    Attributes:
-        last: number of the frame that was written last; -1: none.
-    """
+    """A file to which frames are appended, locked against other writers; mode: as in `Trajectory.write`."""
 
     def __init__(self, path: Path, mode: str):
         self._path = path
-        self.last: int = -1
+        self._last = -1  # number of the frame that was written last
         if mode == "x" and path.exists():
             raise OutputError(
                 f"the trajectory {str(path)!r} exists already, and is not overwritten. Choose another name, or "
@@ -213,20 +194,17 @@ class FrameFile:
             raise
 
     def append(self, sim: Simulation, now: Frame, every: int) -> bool:
-        """Write the present frame, unless the file has it. Returns whether it was written.
-
-        Args:
-            sim: whose frame it is.
-            now: the frame.
-            every: frames of the simulation between two of the file.
-        """
-        if not self._is_due(sim, now, every):
+        """Write the present frame of a simulation, unless the file has it. Returns whether it was written."""
+        if self._unchecked:
+            self._continue(sim, now.whole(), every)
+            self._unchecked = False
+        if now.frame <= self._last:
             return False
         try:
             self._writer.write(now)
         except OSError as error:
             raise unwritable(self._path, error) from error
-        self.last = now.frame
+        self._last = now.frame
         return True
 
     def close(self) -> None:
@@ -238,13 +216,6 @@ class FrameFile:
                 self._lock.release()  # which fails, too, where a network disk is gone
         except OSError as error:
             raise unwritable(self._path, error) from error
-
-    def _is_due(self, sim: Simulation, now: Frame, every: int) -> bool:
-        """Whether the file does not have the present frame yet; arguments as of `append`."""
-        if self._unchecked:
-            self._continue(sim, now.whole(), every)
-            self._unchecked = False
-        return now.frame > self.last
 
     def _continue(self, sim: Simulation, now: Frame, every: int) -> None:
         """Cut the file back to the frame of the simulation, after a check that it belongs to it."""
@@ -273,7 +244,7 @@ class FrameFile:
                     TrajectoryWarning,
                     stacklevel=level_of_caller(),
                 )
-            self.last = last.frame
+            self._last = last.frame
         self._writer.truncate(kept)
         self._lock.renew()
 

@@ -37,20 +37,14 @@ class LineError(Exception):
 
 
 class Lines:
-    """The lines of a file that is scanned for frames.
-
-    Attributes:
-        begin: offset of the line that `first` found.
-        unended: whether the file ended in the last line, before its newline.
-        even: whether that line has as many words as the one before it.
-    """
+    """The lines of a file that is scanned for frames."""
 
     def __init__(self, file: BinaryIO):
         self._file = file
         self._row = 0
-        self.begin: int = 0
-        self.unended: bool = False
-        self.even: bool = True
+        self.begin: int = 0  # offset of the line that `first` found
+        self.unended: bool = False  # the file ended in the last line, before its newline
+        self.even: bool = True  # that line has as many words as the one before it
 
     def first(self) -> bytes:
         """The next line that is not blank, or its beginning if it is too long; empty at the end of the file."""
@@ -84,17 +78,11 @@ class Lines:
 
 
 class Scan(NamedTuple):
-    """Where each complete frame of a file begins, and where the last one ends.
-
-    Attributes:
-        offsets: of the frames, and of the end of the last one.
-        lost: bytes of an incomplete frame at the end.
-        unended: whether the last line of the last frame is the end of the file, without a newline.
-    """
+    """Where each complete frame of a file begins, and where the last one ends."""
 
     offsets: list[int]
-    lost: int
-    unended: bool
+    lost: int  # bytes of an incomplete frame at the end
+    unended: bool  # whether the last line of the last frame is the end of the file, without a newline
 
 
 Skip = Callable[[Lines, bytes], bool]
@@ -105,13 +93,7 @@ It raises EOFError if the file ends within the frame, LineError if that is no fr
 
 
 def scan(path: Path, skip: Skip, known: Sequence[int] = (0,)) -> Scan:
-    """Find the frames of a file, which is streamed, not held.
-
-    known: offsets from an earlier scan; that part is not read again.
-
-    Raises:
-        TrajectoryError: if it is no such file.
-    """
+    """Find the frames of a file, which is streamed; known: offsets from an earlier scan, which is not done again."""
     with _opened(path) as file:
         offsets = [offset for offset in known if offset <= os.fstat(file.fileno()).st_size]
         file.seek(offsets[-1])
@@ -168,12 +150,7 @@ def _located(error: LineError, path: Path, index: int, begin: int) -> Trajectory
 
 
 class TextReader:
-    """Reads frames at their positions in a file.
-
-    Args:
-        path: of the file.
-        given: what its frames may lack.
-    """
+    """Reads frames at their positions in a file; given: what its frames may lack."""
 
     def __init__(self, path: Path, given: Given | None = None):
         self._path = path
@@ -221,11 +198,7 @@ class TextReader:
         return self.read(index).frame
 
     def read(self, index: int) -> Frame:
-        """One frame.
-
-        Raises:
-            TrajectoryError: naming what the file lacks.
-        """
+        """One frame, or raise a TrajectoryError that names what the file lacks."""
         start, end = self._offsets[index : index + 2]
         begin, where = start, f"frame {index} of {str(self._path)!r}"
         try:
@@ -273,14 +246,9 @@ def table(
     """The numbers of some columns, by name, each of shape (N, width).
 
     Args:
-        lines: of the discs.
-        first: index in the frame of the first one.
-        columns: names and widths of all columns in a line.
-        kinds: float or int, of those that are read.
+        lines: of the discs; first: index in the frame of the first one.
+        columns: names and widths of all columns in a line; kinds: float or int, of those that are read.
         says: what in the frame names the columns, and a verb, for error texts.
-
-    Raises:
-        LineError: for a line with another number of columns, or without a finite number where one must be.
     """
     dtype = np.dtype([(f"{i}", kinds.get(name, "U1"), (width,)) for i, (name, width) in enumerate(columns)])
     found = np.zeros(0, dtype)
@@ -327,11 +295,7 @@ def _wrong(
 
 
 def real(text: str, key: str, line: int) -> float:
-    """A finite number under a key.
-
-    Raises:
-        LineError: if it is none.
-    """
+    """A finite number under a key."""
     try:
         value = float(_FORTRAN.sub(r"\1e\2", text))
     except ValueError:
@@ -629,9 +593,7 @@ _COLON = re.compile(r"\b(Timestep|Time): +")  # what stands before a value in th
 
 
 def keys_of(comment: str) -> dict[str, str]:
-    """Keys, in lower case, and values of the second line of a frame.
-
-    Values are in quotes or brackets, or are words. Words without a key continue the value of `pbc=T T F`.
+    """Keys, in lower case, and values of the second line of a frame. Words without a key continue `pbc=T T F`.
 
     >>> keys_of("Lattice='1 0 0 0 2 0 0 0 1' Time=0.5 PBC=[T, F, F]")
     {'lattice': '1 0 0 0 2 0 0 0 1', 'time': '0.5', 'pbc': 'T, F, F'}

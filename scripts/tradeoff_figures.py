@@ -1,14 +1,9 @@
-"""A trade-off study as figures, cost against error with the Pareto front, and as tables of text."""
+"""Figures of a trade-off study, cost against error with the Pareto front, and its table for a page of the docs."""
 
-import html
-import io
-import math
-import shutil
-import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -21,145 +16,18 @@ from matplotlib.text import Annotation, Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from matplotlib.transforms import Bbox, Transform
 from numpy.typing import NDArray
-from rich.cells import cell_len
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text as Words
 
-from mpsim.core.text import with_error
+from mpsim import Settings, Tradeoff
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.measure.registry import ERRORS, OBSERVABLES
-from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
 from mpsim.output.drawing import STYLE, new_figure, save_figure
-from mpsim.scene.settings import Settings
-from mpsim.studies import deviations
-from mpsim.studies.deviations import FEW_RUNS, RESOLVED, Deviation
-from mpsim.studies.replicas import Cost
-from mpsim.studies.tradeoff import Row, Tradeoff
-
-if TYPE_CHECKING:
-    from mpsim.studies.tradeoff import Row, Tradeoff
-
-
-# --- Tables of a trade-off study as text, for a terminal, a notebook or a page
-
-UNITS = {name: OBSERVABLES[name].unit for name in ERRORS if OBSERVABLES[name].unit != "%"}
-"""Units of errors; those of all others are per cent."""
-
-WIDTH = 220  # columns of the page where there is no terminal
-FRAME = 3  # characters that a column of a table takes beside its text: a line and two spaces
-
-
-def header(table: "Tradeoff") -> list[str]:
-    """Headers of the columns."""
-    errors = [f"{name.replace('_', ' ')} [{UNITS.get(name, '%')}]" for name in table.measures]
-    return ["settings", "ns / (disc time)", "ran", "bytes per disc", *errors]
-
-
-def cells(row: "Row", measures: tuple[str, ...]) -> list[str]:
-    """One row in words: errors with their standard errors in brackets, `<` if they are not resolved."""
-    if row.cost is None:
-        return [row.label, f"failed: {row.failure}"]
-    ran = f"{row.cost.method} x{row.cost.workers}"
-    errors = [error_text(name, row.errors[name]) for name in measures]
-    return [row.label, cost_text(row.cost), ran, f"{row.cost.memory:.0f}", *errors]
-
-
-def cost_text(cost: Cost) -> str:
-    """A cost such as "12300(140)" or "1.523(20)": the median, and half the distance of the quartiles."""
-    spread = (cost.high - cost.low) / 2
-    return with_error(cost.median, spread) if spread > 0 else f"{cost.median:.3g}"
-
-
-def error_text(name: str, error: Deviation) -> str:
-    """An error such as "-1.92(6)"; "< 0.12" if it is not resolved, "n/m" if it is not measurable."""
-    scale = 1.0 if name in UNITS else 100.0
-    if not error.measurable:
-        return "n/m"
-    if not error.resolved and 0 < error.bound < math.inf:
-        return f"< {scale * error.bound:.2g}"
-    if error.exact:
-        return "0"
-    return with_error(scale * error.value, scale * error.error)
-
-
-def unresolved_text(errors: Iterable[Deviation]) -> str:
-    """What "not resolved" means for some errors, in words: the number of standard errors needed, more for few runs."""
-    freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
-    few = f", or {deviations.t_from_z(RESOLVED, freedom):.3g} with so few runs" if freedom + 1 < FEW_RUNS else ""
-    return f"not resolved, below {RESOLVED:g} standard errors{few}"
-
-
-def measure_text(name: str, measure: Measure) -> str:
-    """A measure in words such as "2.240(16)"; if its error is not known, the words say why."""
-    if math.isnan(measure.error):
-        return f"{measure.value:.6g} ({_why_no_error(name, measure)})"
-    if measure.settled:
-        return repr(measure)
-    bound = "at most" if measure.upper else "at least"
-    return f"{measure!r} (error {bound} {measure.error:.2g}, not settled: run longer or start later)"
-
-
-def _why_no_error(name: str, measure: Measure) -> str:
-    what = OBSERVABLES[name]
-    if what.drift or what.error == "largest":
-        return "one number per run, without an error"
-    if what.error == "depth" and not measure.samples:
-        return "no overlaps"
-    return "too few samples for an error" if measure.samples < FEWEST_BLOCKS else "error unknown"
-
-
-def terminal_table(table: "Tradeoff", width: int | None = None) -> str:
-    """The table with lines; if it is wider than the terminal, it is split into parts, each with the settings.
-
-    Args:
-        table: what is shown.
-        width: columns of the terminal; None: as it is now.
-    """
-    width = shutil.get_terminal_size((WIDTH, 24)).columns if width is None else width
-    heads, rows = header(table), [cells(row, table.measures) for row in table.rows]
-    rows = [line if len(line) == len(heads) else [line[0], "failed", *[""] * (len(heads) - 2)] for line in rows]
-    columns = [[head, *column] for head, *column in zip(heads, *rows, strict=True)]
-    widths = [max([*map(cell_len, column[1:]), *map(len, column[0].split())]) for column in columns]
-    parts = [
-        _grid([columns[index] for index in part], [widths[index] for index in part]) for part in _parts(widths, width)
-    ]
-    console = Console(width=max(width, 2 * max(widths) + 9), record=True, file=io.StringIO())
-    lines = textwrap.wrap(title(table), max(width, 20))
-    for part in parts:
-        console.print(part)
-    lines += [line.rstrip() for line in console.export_text(styles=False).splitlines()]
-    for row in table.rows:
-        if row.cost is None:
-            lines += textwrap.wrap(f"{row.label} failed: {row.failure}", max(width, 20))
-    for text in reasons(table):
-        lines += textwrap.wrap(text, max(width, 20))
-    return "\n".join(lines)
-
-
-def reasons(table: "Tradeoff") -> list[str]:
-    """Why some errors are not measurable, one line for each reason."""
-    found = {(name, error.reason): None for row in table.rows for name, error in row.errors.items() if error.reason}
-    return [f"n/m, {name.replace('_', ' ')}: {reason}" for name, reason in found]
-
-
-def html_table(table: "Tradeoff") -> str:
-    """The table as HTML."""
-    heads = header(table)
-    lines = []
-    for row in table.rows:
-        texts = [html.escape(cell) for cell in cells(row, table.measures)]
-        span = f' colspan="{len(heads) - 1}"' if row.cost is None else ""
-        lines.append(f"<tr><td>{texts[0]}</td>" + "".join(f"<td{span}>{text}</td>" for text in texts[1:]) + "</tr>")
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
-    caption = html.escape(". ".join([title(table), *reasons(table)]))
-    return f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
-
+from mpsim.output.tables import UNITS, cells, header, reasons, title
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.tradeoff import Row
 
 ASIDE = ("ran", "bytes per disc", "energy drift", "momentum drift")  # columns that a page does without
 
 
-def markdown_table(table: "Tradeoff") -> str:
+def markdown_table(table: Tradeoff) -> str:
     """The table for a page of the docs, with the exact solver and what "auto" has chosen."""
     heads = header(table)
     kept = [column for column, head in enumerate(heads) if not head.startswith(ASIDE)]
@@ -171,41 +39,6 @@ def markdown_table(table: "Tradeoff") -> str:
             lines.append(f"| {' | '.join(texts[column] for column in kept)} |")
     return "\n".join([*lines, "", title(table), *reasons(table)])
 
-
-def title(table: "Tradeoff") -> str:
-    """The scene, the reference, the length of the runs, and the meaning of the signs."""
-    unresolved = unresolved_text(error for row in table.rows for error in row.errors.values())
-    return (
-        f"{table.scene}; errors against {table.reference}; "
-        f"{f'averages over {table.starts}; ' if table.starts else ''}runs of {table.until:.3g}, short ones of "
-        f"{table.short:.3g}; <: {unresolved}; n/m: not measurable"
-    )
-
-
-def _parts(widths: list[int], width: int) -> list[list[int]]:
-    """Columns of each part, of which column 0 is always the first."""
-    parts, used = [[0]], widths[0] + FRAME + 1
-    for index, each in enumerate(widths[1:], start=1):
-        if used + each + FRAME > width and len(parts[-1]) > 1:
-            parts.append([0])
-            used = widths[0] + FRAME + 1
-        parts[-1].append(index)
-        used += each + FRAME
-    return parts
-
-
-def _grid(columns: list[list[str]], widths: list[int]) -> Table:
-    """One part. Texts are no markup: a unit in brackets is not a style."""
-    grid = Table()
-    for (head, *_), width in zip(columns, widths, strict=True):
-        left = head in ("settings", "ran")
-        grid.add_column(Words("\n".join(textwrap.wrap(head, width))), justify="left" if left else "right", no_wrap=True)
-    for line in zip(*(column[1:] for column in columns), strict=True):
-        grid.add_row(*map(Words, line))
-    return grid
-
-
-# --- Figures of a trade-off study: cost against error, with the Pareto front
 
 FAMILIES = {
     "impact": ("#0072B2", "o"),

@@ -1,0 +1,213 @@
+"""Tables of text: of a trade-off study for a terminal and a notebook, of a report and of tuned settings."""
+
+import html
+import io
+import math
+import shutil
+import textwrap
+from collections.abc import Iterable
+
+import numpy as np
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text as Words
+
+from mpsim.core.text import with_error
+from mpsim.engine.report import Report
+from mpsim.engine.solvers.methods import METHODS
+from mpsim.kernels.records import PHASES
+from mpsim.measure.registry import ERRORS, OBSERVABLES
+from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
+from mpsim.studies import deviations
+from mpsim.studies.deviations import FEW_RUNS, RESOLVED, Deviation
+from mpsim.studies.replicas import Cost
+from mpsim.studies.tradeoff import Row, Tradeoff, label
+from mpsim.studies.tune import Tuned
+
+# --- Trade-off studies
+
+UNITS = {name: OBSERVABLES[name].unit for name in ERRORS if OBSERVABLES[name].unit != "%"}
+"""Units of errors; those of all others are per cent."""
+
+WIDTH = 220  # columns of the page where there is no terminal
+FRAME = 3  # characters that a column of a table takes beside its text: a line and two spaces
+
+
+def header(table: Tradeoff) -> list[str]:
+    """Headers of the columns."""
+    errors = [f"{name.replace('_', ' ')} [{UNITS.get(name, '%')}]" for name in table.measures]
+    return ["settings", "ns / (disc time)", "ran", "bytes per disc", *errors]
+
+
+def cells(row: Row, measures: tuple[str, ...]) -> list[str]:
+    """One row in words: errors with their standard errors in brackets, `<` if they are not resolved."""
+    if row.cost is None:
+        return [row.label, f"failed: {row.failure}"]
+    ran = f"{row.cost.method} x{row.cost.workers}"
+    errors = [error_text(name, row.errors[name]) for name in measures]
+    return [row.label, cost_text(row.cost), ran, f"{row.cost.memory:.0f}", *errors]
+
+
+def cost_text(cost: Cost) -> str:
+    """A cost such as "12300(140)" or "1.523(20)": the median, and half the distance of the quartiles."""
+    spread = (cost.high - cost.low) / 2
+    return with_error(cost.median, spread) if spread > 0 else f"{cost.median:.3g}"
+
+
+def error_text(name: str, error: Deviation) -> str:
+    """An error such as "-1.92(6)"; "< 0.12" if it is not resolved, "n/m" if it is not measurable."""
+    scale = 1.0 if name in UNITS else 100.0
+    if not error.measurable:
+        return "n/m"
+    if not error.resolved and 0 < error.bound < math.inf:
+        return f"< {scale * error.bound:.2g}"
+    if error.exact:
+        return "0"
+    return with_error(scale * error.value, scale * error.error)
+
+
+def unresolved_text(errors: Iterable[Deviation]) -> str:
+    """What "not resolved" means for some errors, in words: the number of standard errors needed, more for few runs."""
+    freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
+    few = f", or {deviations.t_from_z(RESOLVED, freedom):.3g} with so few runs" if freedom + 1 < FEW_RUNS else ""
+    return f"not resolved, below {RESOLVED:g} standard errors{few}"
+
+
+def measure_text(name: str, measure: Measure) -> str:
+    """A measure in words such as "2.240(16)"; if its error is not known, the words say why."""
+    if math.isnan(measure.error):
+        return f"{measure.value:.6g} ({_why_no_error(name, measure)})"
+    if measure.settled:
+        return repr(measure)
+    bound = "at most" if measure.upper else "at least"
+    return f"{measure!r} (error {bound} {measure.error:.2g}, not settled: run longer or start later)"
+
+
+def _why_no_error(name: str, measure: Measure) -> str:
+    what = OBSERVABLES[name]
+    if what.drift or what.error == "largest":
+        return "one number per run, without an error"
+    if what.error == "depth" and not measure.samples:
+        return "no overlaps"
+    return "too few samples for an error" if measure.samples < FEWEST_BLOCKS else "error unknown"
+
+
+def terminal_table(table: Tradeoff, width: int | None = None) -> str:
+    """The table with lines; if it is wider than the terminal, it is split into parts, each with the settings."""
+    width = shutil.get_terminal_size((WIDTH, 24)).columns if width is None else width
+    heads, rows = header(table), [cells(row, table.measures) for row in table.rows]
+    rows = [line if len(line) == len(heads) else [line[0], "failed", *[""] * (len(heads) - 2)] for line in rows]
+    columns = [[head, *column] for head, *column in zip(heads, *rows, strict=True)]
+    widths = [max([*map(cell_len, column[1:]), *map(len, column[0].split())]) for column in columns]
+    parts = [
+        _grid([columns[index] for index in part], [widths[index] for index in part]) for part in _parts(widths, width)
+    ]
+    console = Console(width=max(width, 2 * max(widths) + 9), record=True, file=io.StringIO())
+    lines = textwrap.wrap(title(table), max(width, 20))
+    for part in parts:
+        console.print(part)
+    lines += [line.rstrip() for line in console.export_text(styles=False).splitlines()]
+    for row in table.rows:
+        if row.cost is None:
+            lines += textwrap.wrap(f"{row.label} failed: {row.failure}", max(width, 20))
+    for text in reasons(table):
+        lines += textwrap.wrap(text, max(width, 20))
+    return "\n".join(lines)
+
+
+def reasons(table: Tradeoff) -> list[str]:
+    """Why some errors are not measurable, one line for each reason."""
+    found = {(name, error.reason): None for row in table.rows for name, error in row.errors.items() if error.reason}
+    return [f"n/m, {name.replace('_', ' ')}: {reason}" for name, reason in found]
+
+
+def html_table(table: Tradeoff) -> str:
+    """The table as HTML."""
+    heads = header(table)
+    lines = []
+    for row in table.rows:
+        texts = [html.escape(cell) for cell in cells(row, table.measures)]
+        span = f' colspan="{len(heads) - 1}"' if row.cost is None else ""
+        lines.append(f"<tr><td>{texts[0]}</td>" + "".join(f"<td{span}>{text}</td>" for text in texts[1:]) + "</tr>")
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
+    caption = html.escape(". ".join([title(table), *reasons(table)]))
+    return f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+
+
+def title(table: Tradeoff) -> str:
+    """The scene, the reference, the length of the runs, and the meaning of the signs."""
+    unresolved = unresolved_text(error for row in table.rows for error in row.errors.values())
+    return (
+        f"{table.scene}; errors against {table.reference}; "
+        f"{f'averages over {table.starts}; ' if table.starts else ''}runs of {table.until:.3g}, short ones of "
+        f"{table.short:.3g}; <: {unresolved}; n/m: not measurable"
+    )
+
+
+def _parts(widths: list[int], width: int) -> list[list[int]]:
+    """Columns of each part, of which column 0 is always the first."""
+    parts, used = [[0]], widths[0] + FRAME + 1
+    for index, each in enumerate(widths[1:], start=1):
+        if used + each + FRAME > width and len(parts[-1]) > 1:
+            parts.append([0])
+            used = widths[0] + FRAME + 1
+        parts[-1].append(index)
+        used += each + FRAME
+    return parts
+
+
+def _grid(columns: list[list[str]], widths: list[int]) -> Table:
+    """One part. Texts are no markup: a unit in brackets is not a style."""
+    grid = Table()
+    for (head, *_), width in zip(columns, widths, strict=True):
+        left = head in ("settings", "ran")
+        grid.add_column(Words("\n".join(textwrap.wrap(head, width))), justify="left" if left else "right", no_wrap=True)
+    for line in zip(*(column[1:] for column in columns), strict=True):
+        grid.add_row(*map(Words, line))
+    return grid
+
+
+# --- Reports and tuned settings, for a notebook
+
+
+def phases_of(report: Report) -> dict[str, str]:
+    """The phases that took any time, and their names for this method."""
+    words = METHODS[report.method].phases
+    return {name: words.get(name, name) for name in PHASES if report.phase_seconds[name].any()}
+
+
+def report_html(report: Report) -> str:
+    """A report as a table: what ran, and the time of a frame and of its phases."""
+    rows = [("method", f"{report.method}, {report.workers} worker{'s' * (report.workers > 1)}")]
+    rows += [("frames", f"{report.frames:,}"), ("collisions", f"{report.collisions:,}")]
+    if report.frames:
+        low, median, high = np.quantile(report.frame_seconds, [0.05, 0.5, 0.95]) * 1e6
+        rows.append(("time of a frame", f"median {median:.3g} µs (5 % to 95 %: {low:.3g} to {high:.3g} µs)"))
+        seconds = {word: float(report.phase_seconds[name].sum()) for name, word in phases_of(report).items()}
+        shares = [f"{word} {100 * part / sum(seconds.values()):.0f} %" for word, part in seconds.items()]
+        rows.append(("phases", ", ".join(shares)))
+    if report.compile_seconds:
+        rows.append(("compiling before", f"{report.compile_seconds:.1f} s"))
+    rows += [(name, measure_text(name, measure)) for name, measure in report.measures.items()]
+    return html_of(rows, "report.plot() draws it")
+
+
+def tuned_html(tuned: Tuned) -> str:
+    """The answer of `tune` as a table: the settings, their cost, and each error beside its budget."""
+    rows = [("settings", label(tuned.settings)), ("cost", f"{cost_text(tuned.cost)} ns per disc and unit of time")]
+    rows += [
+        (name.replace("_", " "), f"{error_text(name, tuned.errors[name])}, budget {budget:g}")
+        for name, budget in tuned.budgets.items()
+    ]
+    rows += [("claim", "exact" if tuned.exact else "verified with new runs"), ("averages over", tuned.starts)]
+    rows.append(("tried", f"{len(tuned.tried)} candidates"))
+    rows += [("mpsim warns", tuned.warning)] if tuned.warning else []
+    unresolved = unresolved_text(tuned.errors.values())
+    return html_of(rows, f"the cheapest settings inside the budgets; errors against {tuned.reference}; <: {unresolved}")
+
+
+def html_of(rows: list[tuple[str, str]], caption: str) -> str:
+    """Names and values as an HTML table."""
+    lines = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in rows]
+    return f"<table><caption>{html.escape(caption)}</caption><tbody>{''.join(lines)}</tbody></table>"
