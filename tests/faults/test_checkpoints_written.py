@@ -1,7 +1,6 @@
 """Whatever happens while a checkpoint is written, a whole one is found, and nothing else is lost."""
 
 import errno
-import json
 import os
 import resource
 from contextlib import contextmanager
@@ -10,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.checkpoints import WORDS, frame_in, saved, two
-from support.processes import assert_clean, run_script
 from support.scenes import lattice, simulate, zoo
 
 import mpsim
@@ -20,102 +18,6 @@ pytestmark = pytest.mark.plain
 
 def names(folder):
     return sorted(each.name for each in folder.iterdir())
-
-
-# --- killed
-
-KILLED = """
-import json, os, resource, shutil, signal, sys, tempfile, warnings
-from pathlib import Path
-import mpsim
-from support.checkpoints import frame_in
-from support.scenes import simulate, zoo
-
-STEP = {step}
-OURS = str(Path(mpsim.__file__).parent)
-base, folder = Path(tempfile.mkdtemp()), Path(tempfile.mkdtemp())
-os.fsync = lambda descriptor: None  # a kill loses nothing that the system has
-with simulate(zoo("", count=5), method="grid") as sim:
-    for _ in range(2):
-        sim.run(frames=1)
-        sim.save(base / "run")
-    sim.run(frames=1)
-    sim.save(base / "new")
-shutil.move(base / "new", base.with_suffix(".new"))
-
-def killing_at_line(limit):
-    lines = 0
-    def trace(frame, event, argument):
-        nonlocal lines
-        if not frame.f_code.co_filename.startswith(OURS):
-            return None
-        lines += event == "line"
-        if lines >= limit:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return trace
-    sys.settrace(trace)
-
-def killing_at_byte(limit):
-    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-def attempt(kill, limit):
-    # The frame that is found after a kill, 0 for none; or None where the writer came to its end.
-    shutil.rmtree(folder)
-    shutil.copytree(base, folder)
-    pid = os.fork()
-    if pid == 0:
-        try:
-            with mpsim.Simulation.resume(base.with_suffix(".new")) as sim:
-                kill(limit)
-                sim.save(folder / "run")
-                sys.settrace(None)
-        finally:
-            os._exit(0)
-    _, status = os.waitpid(pid, 0)
-    try:
-        found = frame_in(folder / "run")
-    except mpsim.CheckpointError:
-        found = 0
-    return (found if os.WIFSIGNALED(status) else None), found, len(list(folder.glob(".*.tmp")))
-
-warnings.simplefilter("error")
-warnings.simplefilter("ignore", DeprecationWarning)  # 3.12: fork in a process with threads
-results = {{}}
-for name, kill in (("line", killing_at_line), ("byte", killing_at_byte)):
-    limit, frames, littered = 1, [], 0
-    while True:
-        killed, found, leftovers = attempt(kill, limit)
-        if killed is None:
-            break
-        frames.append(killed)
-        littered += leftovers
-        limit += STEP[name]
-    results[name] = [frames, found, littered]
-with simulate(zoo("", count=5), method="grid") as again:  # what the killed have left is cleared by the next writer
-    again.save(folder / "run")
-results["left"] = [path.name for path in folder.iterdir() if path.name.endswith(".tmp")]
-print(json.dumps(results))
-"""
-
-
-@pytest.mark.slow
-def test_a_writer_killed_at_any_line_or_byte_leaves_a_whole_checkpoint(figures, request):
-    """Frames that are found after each kill; with --long at many more lines."""
-    step = 7 if request.config.getoption("--long") else 61
-    outcome = run_script(KILLED.format(step={"line": step, "byte": 300}), bound=170, warm=True)
-    assert_clean(outcome)
-    results = json.loads(outcome.out)
-    for name, what in (("line", f"at every {step}th line of our own code"), ("byte", "after every 300 bytes")):
-        frames, end, littered = results[name]
-        assert len(frames) > 10, f"only {len(frames)} kills by {name}: that tests little"
-        assert set(frames) <= {2, 3}, f"frames found after kills by {name}: {frames}"
-        assert end == 3
-        assert littered > 0, "no kill came between the beginning of the file and its renaming"
-        found = f"{len(frames)} of {len(frames)}"
-        figures.note("R4", "grid", f"kill -9 {what} of a write", "a complete checkpoint, no warning", found)
-    assert results["left"] == []
 
 
 # --- no room

@@ -206,13 +206,13 @@ def test_four_threads_save_one_scene_file_at_once(tmp_path, monkeypatch, figures
 
 # --- the end at any moment
 
-LIVES = """
-import json, os, signal, sys, tempfile, time, warnings
+MORTAL = """
+import json, os, shutil, signal, sys, tempfile, warnings
 from pathlib import Path
 import numpy as np
 import mpsim
+from support.checkpoints import frame_in
 from support.scenes import gas, simulate
-from support.trajectories import content
 
 OURS = str(Path(mpsim.__file__).parent)
 warnings.simplefilter("ignore", DeprecationWarning)  # 3.12: fork in a process with threads
@@ -233,9 +233,10 @@ def tracing(limit, act):
         return trace
     sys.settrace(trace)
 
-def killed(write, limit):
+def killed(write, limit, prepare=lambda: None):
     pid = os.fork()
     if pid == 0:
+        prepare()
         tracing(limit, lambda: os.kill(os.getpid(), signal.SIGKILL))
         write()
         sys.settrace(None)
@@ -253,11 +254,7 @@ def interrupted(write, limit):
     finally:
         sys.settrace(None)
     return False
-"""
 
-MORTAL = (
-    LIVES
-    + """
 scenes = [gas(70, 0.1, seed=seed) for seed in range(2)]
 small = [gas(9, 0.1, seed=seed) for seed in range(2)]
 states = [mpsim.State(np.full((9, 2), float(k)), np.ones((9, 2))) for k in range(2)]
@@ -301,9 +298,26 @@ for name, writer in writers.items():
                 assert not drafts(path.parent), f"{name}, {end.__name__} at line {limit}: leftovers stay"
             limit += STEP
         results[f"{name} {end.__name__}"] = [count, olds, left, mixed]
+
+with tempfile.TemporaryDirectory() as base:  # a checkpoint, beside which the one before is kept
+    with simulate(gas(9, 0.1), method="grid") as sim:
+        for name in ("run", "run", "new"):
+            sim.run(frames=1)
+            sim.save(Path(base, name))
+    path, again, limit, frames, left = Path(base, "a", "run"), [], 1, [], 0
+    resume = lambda: again.append(mpsim.Simulation.resume(Path(base, "new")))
+    while True:
+        shutil.rmtree(path.parent, ignore_errors=True)
+        shutil.copytree(base, path.parent)
+        if not killed(lambda: again[0].save(path), limit, resume):
+            break
+        frames.append(frame_in(path))
+        left += bool(drafts(path.parent))
+        limit += 4 * STEP
+    assert frame_in(path) == 3 and set(frames) <= {2, 3}, frames
+    results["checkpoint killed"] = [len(frames), frames.count(2), left, 0]
 print(json.dumps(results))
 """
-)
 
 
 @pytest.mark.slow
@@ -318,7 +332,8 @@ def test_a_kill_or_an_interrupt_at_any_line_leaves_the_old_file_or_the_new_one(f
         assert olds > 0, f"{name}: never the old one, which tests nothing"
         assert (left > 0) == name.endswith("killed"), f"{name}: {left} drafts left"
         assert mixed == 0 or name.startswith("large")
-        figures.note("R18", "-", f"{name} at any line", "the old file or the new one", f"{count} of {count}")
+        check = "R4" if name.startswith("checkpoint") else "R18"
+        figures.note(check, "-", f"{name} at any line", "the old file or the new one", f"{count} of {count}")
 
 
 @pytest.fixture(scope="module")
