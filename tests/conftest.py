@@ -96,8 +96,11 @@ def pytest_configure(config):
 
 
 def pytest_unconfigure(config):
-    config.stash[_end] = time.monotonic() + LONGEST_EXIT
-    end_later(config)
+    if hasattr(config, "workerinput"):  # which waits for the others, and ends with its parent
+        faulthandler.cancel_dump_traceback_later()
+    else:
+        config.stash[_end] = time.monotonic() + LONGEST_EXIT
+        end_later(config)
 
 
 def end_later(config):
