@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -127,8 +127,29 @@ class Live:
         return f"<Live: {self._name!r}>"
 
 
+class _Page:
+    """One of the pages: its name, the number of messages sent to it, and whether it owes an answer to its last ping."""
+
+    def __init__(self, name: str, post: Callable[..., None]):
+        self.name = name
+        self.sent = 0
+        self.asked = False
+        self.client: Client  # set when the page joins
+        self._post = post
+
+    async def send(self, message: str | bytes | bytearray) -> None:
+        if isinstance(message, str):
+            self.post_counted({"text": message})
+        else:
+            self.post_counted({"bytes": True}, [message])
+
+    def post_counted(self, content: dict[str, Any], buffers: Sequence[bytes | bytearray] = ()) -> None:
+        self.sent += 1
+        self._post(self.name, content, buffers)
+
+
 class NotebookPages(Pages):
-    """Pages in the outputs of a notebook; the audience of their source.
+    """Pages in the outputs of a notebook, whose messages go through a widget.
 
     A notebook may show one widget in several places. Each is a page, with a name of its own in all messages.
 
@@ -139,18 +160,13 @@ class NotebookPages(Pages):
 
     The server of a notebook may drop messages when there are many. So each ping contains the number of messages sent. A
     page that has received fewer is sent everything again.
-
-    Args:
-        widget: the widget that sends and receives the messages.
     """
 
     def __init__(self, widget: Any):
         super().__init__("mpsim live: notebook")
         self._widget = widget
-        self._named: dict[str, Client] = {}
-        self._connections: dict[str, _Connection] = {}  # by the same names
+        self._named: dict[str, _Page] = {}
         self._making: set[asyncio.Task[None]] = set()  # files that pages download
-        self._asked: set[str] = set()  # pages that have sent nothing since their last ping
         widget.on_msg(lambda _, content, buffers: self.from_outside(self._take, content))
 
     async def _until_the_end(self) -> None:
@@ -159,140 +175,112 @@ class NotebookPages(Pages):
                 await asyncio.wait_for(self._end.wait(), PING_SECONDS)
             except TimeoutError:
                 self._ask_for_life()
-        for page in list(self._named):
+        for page in list(self._named.values()):
             await self._end_of(page, POLICY, "the view was closed")
 
     def _ask_for_life(self) -> None:
         """Ping each page; one that has not answered the last ping is silent."""
-        for page in self._named.keys() & self._asked:
-            self._named[page].note(silent=True)
-        for page in self._named.keys() - self._asked:
-            self._asked.add(page)
-            self.post(page, {"ping": True, "sent": self._connections[page].sent})
+        for page in self._named.values():
+            if page.asked:
+                page.client.note(silent=True)
+            else:
+                page.asked = True
+                self._post(page.name, {"ping": True, "sent": page.sent})
         self._count()
-
-    def _heard(self, page: str) -> None:
-        self._asked.discard(page)
-        if (client := self._named[page]).silent:
-            client.note(silent=False)
-            self._count()
 
     def _take(self, content: Any) -> None:
         """Take a message from the widget's JavaScript module; ignore anything else."""
         match content:
-            case {"page": str(page), "open": True} if len(page) <= LONGEST_NAME:
-                self._open(page)
-            case {"page": str(page), "close": True} if page in self._named:
-                asyncio.ensure_future(self._leave(self._forget(page)))  # noqa: RUF006 - nothing waits for its end
-            case {"page": str(page), "pong": True, **more} if page in self._named:
-                self._heard(page)
-                if more.get("lost") is True:
-                    self._named[page].send_again(self._texts)
-            case {"page": str(page), "text": str(text)} if page in self._named:
-                self._heard(page)
-                self._obey(page, lambda client: self._do(client, read_action(text)))
-            case {"page": str(page), "keep": str(name)} if page in self._named:
-                self._heard(page)
-                self._obey(page, lambda client: self._keep(page, name))
+            case {"page": str(name), "open": True} if len(name) <= LONGEST_NAME:
+                self._open(name)
+            case {"page": str(name), **more} if name in self._named:
+                self._hear(self._named[name], more)
             case _:
                 pass
 
-    def _open(self, page: str) -> None:
-        if page in self._named:
-            self._end_of(page, POLICY, f"a page opens once; {page!r} was open")
+    def _open(self, name: str) -> None:
+        if name in self._named:
+            self._end_of(self._named[name], POLICY, f"a page opens once; {name!r} was open")
             return
         if len(self._named) >= MOST_PAGES:
-            silent = next((name for name, client in self._named.items() if client.silent), None)
+            silent = next((page for page in self._named.values() if page.client.silent), None)
             if silent is None:
-                self._refuse(page, LATER, f"at most {MOST_PAGES} pages at a time: close another one")
+                self._refuse(name, LATER, f"at most {MOST_PAGES} pages at a time: close another one")
                 return
             self._end_of(silent, LATER, "it did not answer, and another page needed its place")
-        self.post(page, {"opened": True})
-        self._connections[page] = _Connection(self, page)
-        self._named[page] = self._join(self._connections[page])
+        self._post(name, {"opened": True})
+        page = _Page(name, self._post)
+        page.client = self._join(page.send)
+        self._named[name] = page
 
-    def _obey(self, page: str, act: Callable[[Client], None]) -> None:
+    def _hear(self, page: _Page, content: dict[str, Any]) -> None:
+        match content:
+            case {"close": True}:
+                del self._named[page.name]
+                asyncio.ensure_future(self._leave(page.client))  # noqa: RUF006 - nothing waits for its end
+                return
+            case {"pong": True}:
+                act = partial(page.client.send_again, self._texts) if content.get("lost") is True else None
+            case {"text": str(text)}:
+                act = partial(self._obey, page, lambda: self._do(page.client, read_action(text)))
+            case {"keep": str(name)}:
+                act = partial(self._obey, page, lambda: self._keep(page, name))
+            case _:
+                return
+        page.asked = False
+        if page.client.silent:
+            page.client.note(silent=False)
+            self._count()
+        if act is not None:
+            act()
+
+    def _obey(self, page: _Page, act: Callable[[], None]) -> None:
         """Do what a page requests; close its connection if it breaks a rule."""
-        client = self._named[page]
         try:
-            client.spend(asyncio.get_running_loop().time())
-            act(client)
+            page.client.spend(asyncio.get_running_loop().time())
+            act()
         except InputError as error:
-            self.source.forget(client)
+            self.source.forget(page.client)
             self._end_of(page, POLICY, str(error))
 
-    def _keep(self, page: str, name: str) -> None:
-        making = asyncio.ensure_future(self._send_made(self._connections[page], name))
+    def _keep(self, page: _Page, name: str) -> None:
+        making = asyncio.ensure_future(self._send_made(page, name))
         self._making.add(making)
         making.add_done_callback(self._making.discard)
 
-    async def _send_made(self, connection: _Connection, name: str) -> None:
+    async def _send_made(self, page: _Page, name: str) -> None:
         try:
-            kept = await self._downloads.made(name, self.source)
+            made = await self._downloads.made(name, self.source)
         except Refusal as refusal:
-            connection.send_file({"kept": name, "refused": str(refusal)})
+            page.post_counted({"kept": name, "refused": str(refusal)})
         else:
-            connection.send_file({"kept": name, "kind": kept.kind}, kept.content)
+            page.post_counted({"kept": name, "kind": made.kind}, [made.content])
 
-    def _forget(self, page: str) -> Client:
-        self._asked.discard(page)
-        del self._connections[page]
-        return self._named.pop(page)
-
-    def _end_of(self, page: str, code: int, reason: str) -> asyncio.Task[None]:
+    def _end_of(self, page: _Page, code: int, reason: str) -> asyncio.Task[None]:
         """Close the connection of a page; the returned task ends when that is done."""
-        return asyncio.ensure_future(self._leave_and_say(self._forget(page), page, code, reason))
+        del self._named[page.name]
+        return asyncio.ensure_future(self._leave_and_say(page, code, reason))
 
-    async def _leave_and_say(self, client: Client, page: str, code: int, reason: str) -> None:
-        await self._leave(client)
-        self._refuse(page, code, reason)
+    async def _leave_and_say(self, page: _Page, code: int, reason: str) -> None:
+        await self._leave(page.client)
+        self._refuse(page.name, code, reason)
 
-    def _refuse(self, page: str, code: int, reason: str) -> None:
-        self.post(page, {"closed": {"code": code, "reason": reason}})
+    def _refuse(self, name: str, code: int, reason: str) -> None:
+        self._post(name, {"closed": {"code": code, "reason": reason}})
 
-    def post(self, page: str, content: Mapping[str, Any], buffers: Sequence[bytes | bytearray] = ()) -> None:
+    def _post(self, name: str, content: Mapping[str, Any], buffers: Sequence[bytes | bytearray] = ()) -> None:
         """Send a message to a page. If the notebook's connection fails, the page is silent until it is heard again."""
         try:
-            self._widget.send({"page": page, **content}, list(buffers))
+            self._widget.send({"page": name, **content}, list(buffers))
         except Exception:  # whatever the notebook's packages raise, such as for a kernel that is ending
-            if page in self._named:
-                self._named[page].note(silent=True)
+            if name in self._named:
+                self._named[name].client.note(silent=True)
                 self._count()
-
-
-class _Connection:
-    """Sends to one page.
-
-    Attributes:
-        sent: number of messages sent.
-    """
-
-    def __init__(self, pages: NotebookPages, page: str):
-        self.sent: int = 0
-        self._pages = pages
-        self._page = page
-
-    async def send(self, message: str | bytes | bytearray) -> None:
-        """Send a text, or bytes."""
-        self.sent += 1
-        if isinstance(message, str):
-            self._pages.post(self._page, {"text": message})
-        else:
-            self._pages.post(self._page, {"bytes": True}, [message])
-
-    def send_file(self, about: dict[str, str], *content: bytes) -> None:
-        """Send a file that the page has asked for, or the reason why there is none."""
-        self.sent += 1
-        self._pages.post(self._page, about, content)
 
 
 @cache
 def _widget_class() -> Any:
-    """The class of the widget.
-
-    Raises:
-        OutputError: if the package anywidget is missing.
-    """
+    """The class of the widget, or raise OutputError if the package anywidget is missing."""
     instead = "watch it on a page of its own, by mpsim.view"
     anywidget = imported("anywidget", "a live view in a notebook", "notebook", instead)
     traitlets = imported("traitlets", "a live view in a notebook", "notebook", instead)

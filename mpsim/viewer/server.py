@@ -14,12 +14,11 @@ import socket
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib import resources
-from typing import Any, Protocol
+from typing import Any
 
 from mpsim.core.optional_packages import imported
 from mpsim.errors import InputError, MpsimError, ResourceError
@@ -142,23 +141,15 @@ _IMPORT, _BARE = re.compile(r'\b(import|from) "\./([\w-]+\.js)"'), r'\1 "mpsim/\
 _INDENT = re.compile(r"^ +", re.MULTILINE)  # indentation, which is removed to make notebooks smaller
 
 
-@dataclass(frozen=True)
-class PageFile:
-    """One file: its content and its media type."""
-
-    content: bytes
-    kind: str
-
-
 @cache
-def page_files() -> dict[str, PageFile]:
+def page_files() -> dict[str, export.Download]:
     """All files of the page, by the name that a browser requests; the page itself has the empty name."""
     found = {}
     for file in _FOLDER.iterdir():
         ending = file.name.rpartition(".")[2]
         if ending in KINDS and file.name != WIDGET:
             name = "" if file.name == "index.html" else file.name
-            found[name] = PageFile(file.read_bytes(), f"{KINDS[ending]}; charset=utf-8")
+            found[name] = export.Download(file.read_bytes(), f"{KINDS[ending]}; charset=utf-8")
     return found
 
 
@@ -200,28 +191,13 @@ MOST_A_SECOND, BURST = 200.0, 400.0
 for each key press."""
 
 ORDER = (
-    "scene",
-    "obstacles",
-    "status",
-    "compiling",
-    "timeline",
-    "gauges",
-    "hands",
-    "link",
-    "colours",
-    "pair",
-    "tune",
+    "scene", "obstacles", "status", "compiling", "timeline", "gauges", "hands", "link", "colours", "pair", "tune",
     "pass",
-)
+)  # fmt: skip
 """Kinds of messages. Waiting messages are sent in this order."""
 
 
-class Connection(Protocol):
-    """A connection to one page."""
-
-    async def send(self, message: str | bytes | bytearray) -> None:
-        """Send a text, or bytes."""
-        ...
+Send = Callable[[str | bytes | bytearray], Awaitable[None]]  # sends a message to one page
 
 
 class Client:
@@ -231,10 +207,10 @@ class Client:
     several messages of one kind, only the latest is sent.
     """
 
-    def __init__(self, connection: Connection):
+    def __init__(self, send: Send):
         self.visible: bool = False  # as the page reports itself
         self.silent: bool = False  # it has not answered for so long that it may no longer exist: nothing is sent to it
-        self._connection = connection
+        self._send = send
         self._texts: dict[str, str] = {}
         self._picture: SentPicture | None = None
         self._radii: list[bytes | None] = [None, None]  # of each stage
@@ -306,20 +282,18 @@ class Client:
                 continue
             for kind in ORDER:
                 if (text := self._texts.pop(kind, None)) is not None:
-                    await self._connection.send(text)
+                    await self._send(text)
             picture = self._picture
             if picture is not None and self.visible and self._in_flight is None and self._can_show():
                 self._in_flight = self._last = picture.serial  # before the first await
-                for number, stage in reversed(
-                    [*enumerate(picture.stages)]
-                ):  # the page acknowledges the first one, for both
-                    await self._send(number, stage)
+                for number in reversed(range(len(picture.stages))):  # the page acknowledges the first one, for both
+                    await self._show_stage(number, picture.stages[number])
 
-    async def _send(self, number: int, stage: Stage) -> None:
+    async def _show_stage(self, number: int, stage: Stage) -> None:
         if stage.radii is not self._radii[number]:
             self._radii[number] = stage.radii
-            await self._connection.send(stage.radii)
-        await self._connection.send(stage.packed)
+            await self._send(stage.radii)
+        await self._send(stage.packed)
 
 
 # --- Files that pages download. They are made in other threads, a few at a time
@@ -351,21 +325,18 @@ class Downloads:
         if self._making >= MOST:
             raise Refusal(503, f"At most {MOST} files are made at a time. Try again.")
         try:
-            making = self._begin(name, source)
+            if name in export.FILMS:
+                making = self._drawing.submit(export.film, self._film.pictures(), source.scene, name)
+            else:
+                making = source.export(name)
             self._making += 1
             loop = asyncio.get_running_loop()
-            making.add_done_callback(lambda _: self._end_in(loop))
+            making.add_done_callback(lambda _: self._end_in(loop))  # maybe after the request has timed out
             return await asyncio.wait_for(asyncio.wrap_future(making), SECONDS)
         except TimeoutError:
             raise Refusal(503, "The simulation is busy. Try again.") from None
         except MpsimError as error:
             raise Refusal(409, str(error)) from None
-
-    def _begin(self, name: str, source: Source) -> Future[export.Download]:
-        """Start to make a file in another thread, which may continue after the request has timed out."""
-        if name not in export.FILMS:
-            return source.export(name)
-        return self._drawing.submit(export.film, self._film.pictures(), source.scene, name)
 
     def _end_in(self, loop: asyncio.AbstractEventLoop) -> None:
         """Count a file as made, in the thread of the pages, unless that has ended."""
@@ -459,9 +430,9 @@ class Pages(ABC):
         for client in self._clients:
             client.tell(kind, text)
 
-    def _join(self, connection: Connection) -> Client:
+    def _join(self, send: Send) -> Client:
         """Serve another page, and send it the last messages and picture."""
-        client = Client(connection)
+        client = Client(send)
         for kind, text in self._texts.items():
             client.tell(kind, text)
         if self._picture is not None:
@@ -523,21 +494,14 @@ HEADERS = {
 
 
 def websockets() -> Any:
-    """The package websockets.
-
-    Raises:
-        OutputError: if it is not installed.
-    """
-    imported("websockets.asyncio.server", "a live view", "view", "write a film by mpsim.animate or `mpsim animate`")
-    return imported("websockets", "a live view", "view", "write a film by mpsim.animate or `mpsim animate`")
+    """The package websockets, or raise OutputError if it is not installed."""
+    instead = "write a film by mpsim.animate or `mpsim animate`"
+    imported("websockets.asyncio.server", "a live view", "view", instead)
+    return imported("websockets", "a live view", "view", instead)
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """Open a listening socket.
-
-    Raises:
-        ResourceError: if the port is taken, or the host is not one of this machine.
-    """
+    """A listening socket, or raise ResourceError if the port is taken, or the host is not one of this machine."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
@@ -617,7 +581,7 @@ class Server(Pages):
         if len(self._clients) >= MOST_PAGES:
             await connection.close(LATER, f"at most {MOST_PAGES} pages at a time: close another one")
             return
-        client = self._join(connection)
+        client = self._join(connection.send)
         try:
             await self._listen(client, connection)
         finally:

@@ -12,18 +12,17 @@ export const $ = (id) => document.getElementById(id);
 export const isText = (element) => Boolean(element.closest?.("textarea, select, input:not([type=range], [type=checkbox])"));
 export const bound = (value, low, high) => Math.min(Math.max(value, low), high);
 
-/** The median of numbers, without sorting a million of them; 0 if there are none. */
-export function median(values) {
-  let low = Infinity, high = -Infinity, before = 0, bin = 0;
-  for (let k = 0; k < values.length; k++) {
-    if (values[k] < low) low = values[k];
-    if (values[k] > high) high = values[k];
-  }
-  const bins = new Uint32Array(4096), middle = values.length >> 1;
-  const binOf = (value) => (high > low ? Math.floor(((value - low) / (high - low)) * 4095) : 0);
-  for (let k = 0; k < values.length; k++) bins[binOf(values[k])] += 1;
-  while (before + bins[bin] <= middle && bin < 4095) before += bins[bin++];
-  return values.filter((each) => binOf(each) === bin).sort()[middle - before] ?? 0;
+export const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
+/** Do what `actOf(key, event)` returns, if anything, when a key is pressed alone and not into a text. */
+export function onKeys(actOf) {
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
+    const act = actOf(event.key.length === 1 ? event.key.toLowerCase() : event.key, event);
+    if (!act) return;
+    event.preventDefault();
+    act();
+  });
 }
 
 /** Colour of a byte, as CSS. */
@@ -70,5 +69,11 @@ export function sharpen(canvas) {
   return { width, height, ratio, changed };
 }
 
-/** Size of text on a canvas, in its pixels. */
-export const fontSize = (ratio) => parseFloat(getComputedStyle(document.documentElement).fontSize) * 0.82 * ratio;
+/** A cleared canvas to draw on: its context, with a font of so many times the usual size, and its sizes in pixels. */
+export function paper(canvas, times = 1) {
+  const { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d");
+  const size = parseFloat(getComputedStyle(document.documentElement).fontSize) * 0.82 * ratio * times;
+  c.clearRect(0, 0, width, height);
+  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
+  return { c, width, height, ratio, size };
+}

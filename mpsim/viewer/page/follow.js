@@ -1,6 +1,6 @@
 // One disc: its label under the pointer, following it, and its trail; or the trails of all discs, if they are few.
 
-import { $, ABSORBED, KNEE, FASTEST, digits, isText, state } from "./common.js";
+import { $, ABSORBED, KNEE, FASTEST, digits, onKeys, state } from "./common.js";
 import { discAt, held, nearest, onCanvas, placeOf, say, toBox } from "./hands.js";
 import { legendShows } from "./legend.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
@@ -40,20 +40,18 @@ addEventListener("pointermove", (event) => { // before the tools, which keep it 
 }, true);
 stage.addEventListener("pointerleave", () => { pointer = null; askLabel(); });
 
-document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
-  const key = event.key.toLowerCase();
+onKeys((key) => (key === "f" || key === "t" ? () => show(key) : null));
+function show(key) {
   if (key === "f") {
     followed = followed === null ? pointed() : null;
     say(followed === null ? "No disc is followed. Point at one and press F." : `Following disc ${followed}. F ends it.`);
-  } else if (key === "t") {
+  } else {
     trails = !trails;
     say(!trails ? "Trails off." : state.picture?.count > TRAILED ? `Trails of all discs are drawn for at most ${TRAILED} discs. Here only the followed disc has one.` : "Trails on.");
-  } else return;
+  }
   [past, own, seen] = [[], [], null];
-  event.preventDefault();
   requestDraw();
-});
+}
 
 /** Record the positions in a picture; another run, or other discs, begin new trails. */
 function record(picture) {

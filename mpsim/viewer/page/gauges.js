@@ -1,6 +1,6 @@
 // Draws the gauges: numbers with charts of their last readings, and the histogram of speeds.
 
-import { $, NONE, digits, fontSize, sharpen, state, whole, withError } from "./common.js";
+import { $, NONE, digits, paper, state, whole, withError } from "./common.js";
 
 export const KEPT = 240; // readings of a gauge in its chart
 
@@ -53,12 +53,10 @@ function pressureNote(gauges) {
 function drawWorkers(gauges) {
   const canvas = $("workers"), each = gauges?.workers;
   canvas.style.height = `${1.3 * (each?.length ?? 1) + 1.6 * Math.ceil((gauges?.phases.length ?? 1) / 2)}rem`;
-  const { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d"), size = fontSize(ratio);
-  c.clearRect(0, 0, width, height);
+  const { c, width, height, ratio, size } = paper(canvas);
   $("workers-note").textContent = each ? `waiting ${Math.round(100 * gauges.waiting)} %` : "not running";
   if (!each) return;
   const rows = Math.ceil(gauges.phases.length / 2), bar = (height - 1.5 * size * rows) / each.length;
-  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
   each.forEach((parts, k) => {
     let x = 0;
     parts.forEach((part, phase) => {
@@ -78,8 +76,7 @@ function drawWorkers(gauges) {
 
 /** The last readings of a gauge as a line, scaled from lowest to highest. */
 export function drawChart(canvas, values, smallest) {
-  const { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d");
-  c.clearRect(0, 0, width, height);
+  const { c, width, height, ratio } = paper(canvas);
   const known = values.filter((value) => value !== null);
   if (known.length < 2) return;
   let low = Math.min(...known), high = Math.max(...known);
@@ -102,10 +99,7 @@ export function drawChart(canvas, values, smallest) {
 
 /** Histogram of the speeds, with Maxwell's curve if there is one. */
 export function drawSpeeds(speeds) {
-  const canvas = $("speeds"), { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d");
-  c.clearRect(0, 0, width, height);
-  const size = fontSize(ratio), left = ratio, bottom = height - 1.5 * size;
-  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
+  const { c, width, height, ratio, size } = paper($("speeds")), left = ratio, bottom = height - 1.5 * size;
   c.fillStyle = "#4d5661";
   c.fillRect(left, bottom, width - 2 * ratio, ratio);
   c.textAlign = "left";

@@ -1,7 +1,7 @@
 // Tools: drag, throw, add and remove discs, and draw walls, by pointer or by keys. The stage shows why an action was
 // refused.
 
-import { $, ABSORBED, bound, isText, median, state } from "./common.js";
+import { $, ABSORBED, ARROWS, bound, isText, state } from "./common.js";
 import { send, takers } from "./link.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
@@ -48,7 +48,7 @@ export const placeOf = (disc, picture = state.picture) => picture.extent.map((le
 let radiiOf = null, typical = 0;
 /** The median radius; computed once for the same radii, as there may be a million. */
 function typicalRadius() {
-  if (radiiOf !== state.radii) [radiiOf, typical] = [state.radii, median(state.radii ?? [])];
+  if (radiiOf !== state.radii) [radiiOf, typical] = [state.radii, state.radii?.slice().sort()[state.radii.length >> 1] ?? 0];
   return typical;
 }
 
@@ -296,7 +296,6 @@ function pointByKeys() {
   requestDraw();
 }
 
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 stage.addEventListener("keydown", (event) => {
   if (!cross || event.ctrlKey || event.metaKey || event.altKey || event.target !== stage) return;
   const arrow = ARROWS[event.key];

@@ -1,6 +1,6 @@
 // The quantity that the colours show: its choice, and the legend below the stage.
 
-import { $, FASTEST, KNEE, bound, colourOf, digits, fontSize, sharpen, state } from "./common.js";
+import { $, FASTEST, KNEE, bound, colourOf, digits, paper, sharpen, state } from "./common.js";
 import { send, takers } from "./link.js";
 import { afterDrawing, requestDraw } from "./stage.js";
 
@@ -37,19 +37,17 @@ function ticksOf(picture) {
 }
 
 function drawLegend() {
-  const canvas = $("legend"), { width, height, ratio, changed } = sharpen(canvas), picture = state.picture;
+  const canvas = $("legend"), { changed } = sharpen(canvas), picture = state.picture;
   const key = picture ? JSON.stringify([picture.usual, picture.fastest, colours]) : "";
   if (key === legendKey && !changed) return;
   legendKey = key;
-  const c = canvas.getContext("2d"), size = fontSize(ratio), bar = height - 2.95 * size, classes = colours.classes ?? 0;
-  c.clearRect(0, 0, width, height);
+  const { c, width, height, ratio, size } = paper(canvas), bar = height - 2.95 * size, classes = colours.classes ?? 0;
   if (!picture) return;
   for (let x = 0; x < width; x++) {
     const at = classes ? Math.floor((x / width) * classes) / Math.max(classes - 1, 1) : x / (width - 1);
     c.fillStyle = colourOf(at * FASTEST);
     c.fillRect(x, 0, 1, bar);
   }
-  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
   c.fillStyle = "#16191d";
   c.textAlign = "center";
   for (let k = 0; k < classes; k++) {

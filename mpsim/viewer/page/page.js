@@ -1,8 +1,8 @@
 // The page of mpsim's live view: buttons and keys. Other files of this folder draw what it shows.
 
-import { $, bound, isText, state } from "./common.js";
+import { $, bound, onKeys, state } from "./common.js";
 import { drawGauges } from "./gauges.js";
-import "./hands.js";
+import { onCanvas } from "./hands.js";
 import "./follow.js";
 import "./keep.js";
 import "./address.js";
@@ -42,11 +42,10 @@ $("zoom-in").addEventListener("click", () => camera.zoomBy(1.5));
 $("zoom-out").addEventListener("click", () => camera.zoomBy(1 / 1.5));
 $("zoom-all").addEventListener("click", () => camera.all());
 
-document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
-  const on = event.target, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+onKeys((key, event) => {
+  const on = event.target;
   const onControl = on.closest?.("button, input, summary");
-  if (onControl && (key === " " || key === "Enter" || key.startsWith("Arrow"))) return; // the control uses it
+  if (onControl && (key === " " || key === "Enter" || key.startsWith("Arrow"))) return null; // the control uses it
   const move = 0.1 * Math.min(camera.width, camera.height);
   const actions = {
     " ": () => disabled("play") || act.play(), ".": () => disabled("step") || act.step(), r: () => disabled("reset") || act.reset(),
@@ -58,16 +57,10 @@ document.addEventListener("keydown", (event) => {
     ArrowLeft: () => camera.moveBy(move, 0), ArrowRight: () => camera.moveBy(-move, 0),
     ArrowUp: () => camera.moveBy(0, move), ArrowDown: () => camera.moveBy(0, -move),
   });
-  if (!(key in actions)) return;
-  event.preventDefault();
-  actions[key]();
+  return Object.hasOwn(actions, key) ? actions[key] : null;
 });
 
 // The wheel zooms only on the stage; elsewhere it scrolls the page.
-const onCanvas = (event) => {
-  const box = stage.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
-  return [(event.clientX - box.left - stage.clientLeft) * ratio, (event.clientY - box.top - stage.clientTop) * ratio];
-};
 stage.addEventListener("wheel", (event) => {
   event.preventDefault();
   camera.zoomBy(Math.exp(-bound(event.deltaY * (event.deltaMode ? 30 : 1), -200, 200) / 400), ...onCanvas(event));

@@ -1,6 +1,6 @@
 // Two stages: draws the second one like the first, and compares both since their common start.
 
-import { $, NONE, digits, fontSize, sharpen, state, whole, withError } from "./common.js";
+import { $, NONE, digits, paper, sharpen, state, whole, withError } from "./common.js";
 import { send, takers } from "./link.js";
 import { afterDrawing, camera, drawGround, images, rendererFor, requestDraw } from "./stage.js";
 
@@ -44,19 +44,17 @@ for (const [name, [title]] of Object.entries(NUMBERS)) {
 
 /** The distance against time on a logarithmic scale: exponential growth is a straight line. */
 function drawDistance() {
-  const canvas = $("trade-chart"), { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d");
-  c.clearRect(0, 0, width, height);
+  const { c, width, height, ratio } = paper($("trade-chart"), 0.85);
   const known = history.filter(([, distance]) => distance > 0);
   if (known.length < 2) return;
   const low = Math.min(...known.map(([, each]) => Math.log10(each))), from = known[0][0], to = known.at(-1)[0];
-  const size = fontSize(ratio) * 0.85, x = (time) => ((time - from) / (to - from || 1)) * (width - 2 * ratio) + ratio;
+  const x = (time) => ((time - from) / (to - from || 1)) * (width - 2 * ratio) + ratio;
   const y = (each) => height - ratio - ((Math.log10(each) - low) / (Math.log10(1) - low || 1)) * (height - 2 * ratio);
   c.strokeStyle = "#0b5394";
   c.lineWidth = 1.6 * ratio;
   c.beginPath();
   known.forEach(([time, each], k) => (k ? c.lineTo(x(time), y(each)) : c.moveTo(x(time), y(each))));
   c.stroke();
-  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
   c.fillStyle = "#4d5661";
   c.textAlign = "right";
   c.fillText("log", width - ratio, height - 2 * ratio);

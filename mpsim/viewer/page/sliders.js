@@ -1,6 +1,6 @@
 // Changes parameters during a run: gravity by an arrow on a dial, the others by sliders.
 
-import { $, bound, digits, sharpen, state } from "./common.js";
+import { $, ARROWS, bound, digits, paper, state } from "./common.js";
 import { paced } from "./hands.js";
 import { send, takers } from "./link.js";
 
@@ -94,8 +94,7 @@ const dial = $("dial"), pull = sender("gravity");
 let gravity = null, dragged = null;
 
 function drawDial(value = gravity?.value) {
-  const { width, height, ratio } = sharpen(dial), c = dial.getContext("2d"), middle = width / 2, round = middle - 2 * ratio;
-  c.clearRect(0, 0, width, height);
+  const { c, width, height, ratio } = paper(dial), middle = width / 2, round = middle - 2 * ratio;
   if (!value) return;
   c.fillStyle = "#fff";
   c.strokeStyle = "#7d8895";
@@ -144,7 +143,6 @@ dial.addEventListener("pointerdown", (event) => {
 dial.addEventListener("pointermove", (event) => { if (dragged && dial.hasPointerCapture(event.pointerId)) pullBy(event); });
 for (const name of ["pointerup", "pointercancel"]) dial.addEventListener(name, () => { dragged = null; pull.end(); });
 
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 dial.addEventListener("keydown", (event) => {
   const arrow = ARROWS[event.key], none = ["Delete", "Backspace"].includes(event.key);
   if (!gravity || event.ctrlKey || event.metaKey || event.altKey || (!arrow && !none)) return;

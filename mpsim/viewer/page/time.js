@@ -1,6 +1,6 @@
 // Shows one frame pass by pass, with the worker of each bracket; the marked moment; the seed.
 
-import { $, isText, state } from "./common.js";
+import { $, onKeys, state } from "./common.js";
 import { send, takers } from "./link.js";
 import { ask, askNoMore } from "./question.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
@@ -17,13 +17,7 @@ const actions = {
 };
 for (const id of Object.keys(actions)) $(id).addEventListener("click", actions[id]);
 const KEYS = { p: "pass", s: "snapshot", g: "return" };
-document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
-  const id = KEYS[event.key.toLowerCase()];
-  if (!id || $(id).disabled) return;
-  event.preventDefault();
-  actions[id]();
-});
+onKeys((key) => (Object.hasOwn(KEYS, key) && !$(KEYS[key]).disabled ? actions[KEYS[key]] : null));
 
 takers.status.push(({ phase, snapshot, can_remember: can }) => {
   const ready = (phase === "playing" || phase === "paused") && !state.scene?.recording;

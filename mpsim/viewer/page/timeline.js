@@ -1,6 +1,6 @@
 // The time line of a recording: a slider over its frames, one frame back, and following a growing file.
 
-import { $, isText, state } from "./common.js";
+import { $, onKeys, state } from "./common.js";
 import { paced } from "./hands.js";
 import { send, takers } from "./link.js";
 
@@ -14,14 +14,10 @@ line.addEventListener("change", () => { dragged = false; });
 $("back").addEventListener("click", back);
 $("follow").addEventListener("click", follow);
 
-document.addEventListener("keydown", (event) => {
-  if (!state.timeline || event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
+onKeys((key, event) => {
   const keys = { ",": back, l: follow };
   if (!event.target.closest?.("input")) Object.assign(keys, { Home: () => seek(0), End: () => seek(last) });
-  const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (!act) return;
-  event.preventDefault();
-  act();
+  return state.timeline && Object.hasOwn(keys, key) ? keys[key] : null;
 });
 
 takers.scene.push(({ recording }) => {
