@@ -198,16 +198,16 @@ def outcome_of(fault: Fault | None, limit: float) -> str:
         if fault is not None:
             plant(fault, tree)
         first = [] if fault is None else FIRST[fault.family]
-        return (_failed(tree, first, limit) if first else "") or _failed(tree, [], limit) or "missed"
+        return next((words for part in [*first, ""] if (words := _failed(tree, part, limit))), "missed")
 
 
-def _failed(tree: Path, first: list[str], limit: float) -> str:
-    """The first test that fails in a copy of the project, of these folders or of the whole suite; "" if none does."""
+def _failed(tree: Path, first: str, limit: float) -> str:
+    """The first test that fails in a copy of the project, of a file or folder or of the whole suite; "" if none does."""
     environment = {**os.environ, "PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(MACHINE_CODE)}
     command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider"]
     if first:
         environment["NUMBA_DISABLE_JIT"] = "1"
-        command += ["-n", "0", "-m", "not compiled", *first]
+        command += ["-n", "0", "-m", "not compiled", first]
     try:
         done = subprocess.run(
             command, cwd=tree, env=environment, capture_output=True, text=True, timeout=limit, check=False
