@@ -53,7 +53,7 @@ class Motion:
     def body(self) -> tuple[Any, Floats]:
         """A record of the kernels with the motion, of dtype BODY, and the rows of its path, shape (P, 3)."""
         record = np.zeros(1, bodies.BODY)[0]
-        record.start, record.stop = self.start, math.inf
+        record.start, record.stop, record.fastest = self.start, math.inf, self.fastest(np.zeros((0, 5)))
         return record, self._fill(record)
 
     def _fill(self, record: Any) -> Floats:
@@ -68,6 +68,7 @@ class Motion:
         raise NotImplementedError
 
 
+@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Translation(Motion):
     """A motion along a straight line at constant speed, such as that of a lid that closes.
@@ -111,6 +112,7 @@ class Translation(Motion):
         return points.min(axis=0) + np.minimum(way, 0), points.max(axis=0) + np.maximum(way, 0)
 
 
+@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Oscillation(Motion):
     """A harmonic oscillation about where the obstacle was given: displacement amplitude sin(2 pi t / period + phase).
@@ -145,6 +147,7 @@ class Oscillation(Motion):
     def _fill(self, record: Any) -> Floats:
         record.kind, record.vector[:] = bodies.OSCILLATION, self.amplitude
         record.rate, record.phase = 1 / self.period, self.phase / TURN
+        record.bend = record.fastest * TURN / self.period
         return np.zeros((0, 3))
 
     def fastest(self, capsules: Floats) -> float:
@@ -155,6 +158,7 @@ class Oscillation(Motion):
         return points.min(axis=0) - way, points.max(axis=0) + way
 
 
+@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Rotation(Motion):
     """A rotation at constant rate, such as that of a drum, a rotor or a flipper.
@@ -208,6 +212,7 @@ class Rotation(Motion):
         return places.min(axis=(0, 1)), places.max(axis=(0, 1))
 
 
+@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Path(Motion):
     """A motion by a table of times and displacements, straight and at constant speed between them.
@@ -254,5 +259,10 @@ class Path(Motion):
         places = np.asarray(self.displacements)
         return points.min(axis=0) + places.min(axis=0), points.max(axis=0) + places.max(axis=0)
 
+
+Translation.__init__ = checks.known_names()(Translation.__init__)
+Oscillation.__init__ = checks.known_names()(Oscillation.__init__)
+Rotation.__init__ = checks.known_names()(Rotation.__init__)
+Path.__init__ = checks.known_names()(Path.__init__)
 
 MOTIONS: tuple[type[Motion], ...] = (Translation, Oscillation, Rotation, Path)

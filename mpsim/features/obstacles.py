@@ -225,11 +225,6 @@ class Obstacles(Feature):
     def works(self, scene: Scene) -> bool:
         return any(each.motion is not None or each.surface_velocity for each in self.of(scene))
 
-    def cannot_be_exact(self, scene: Scene) -> str:
-        if any(each.motion is not None for each in self.of(scene)):
-            return "an obstacle with a motion"
-        return "an obstacle with a surface_velocity" if self.works(scene) else ""
-
     def continued(self, scene: Scene, moment: Moment) -> tuple[Obstacle, ...]:
         return tuple(
             each if each.motion is None else dataclasses.replace(each, motion=each.motion.seen_from(moment.time))
@@ -270,9 +265,9 @@ class Obstacles(Feature):
         """
         return self._arrays(scene)[0]
 
-    def bodies(self, scene: Scene) -> dict[str, NDArray[Any]]:
-        """The arrays of `Bodies`: all obstacles that move; {} without any."""
-        return self._arrays(scene)[1]
+    def bodies(self, scene: Scene, margin: float = 0.0) -> dict[str, NDArray[Any]]:
+        """The arrays of `Bodies`: all obstacles that move; {} without any. margin: of their near lists [length]."""
+        return self._arrays(scene)[1] if margin == 0 else _made(self.of(scene), scene, margin)[1]
 
     def owners(self, scene: Scene) -> NDArray[np.int64]:
         """Index of the obstacle to which each number in the kernels' log of collisions belongs."""
@@ -318,7 +313,7 @@ def _plain(obstacle: Obstacle) -> dict[str, Any]:
 # --- What the kernels need: capsules at rest, bodies that move, and which obstacle each of their numbers belongs to
 
 
-def _made(obstacles: tuple[Obstacle, ...], scene: Scene) -> _Made:
+def _made(obstacles: tuple[Obstacle, ...], scene: Scene, margin: float = 0.0) -> _Made:
     at_rest = [number for number, each in enumerate(obstacles) if each.motion is None]
     listed, owners = _listed(obstacles, at_rest, scene)
     groups: dict[Motion, list[int]] = {}
@@ -327,7 +322,7 @@ def _made(obstacles: tuple[Obstacle, ...], scene: Scene) -> _Made:
             groups.setdefault(each.motion, []).append(number)
     if not groups:
         return _Made(listed, {}, owners)
-    made = [_body(motion, numbers, obstacles, scene) for motion, numbers in groups.items()]
+    made = [_body(motion, numbers, obstacles, scene, margin) for motion, numbers in groups.items()]
     return _Made(
         listed, _joined([each for each, _ in made], len(owners)), np.concatenate([owners, *(own for _, own in made)])
     )
@@ -360,25 +355,25 @@ def _listed(
 
 
 def _body(
-    motion: Motion, numbers: list[int], obstacles: tuple[Obstacle, ...], scene: Scene
+    motion: Motion, numbers: list[int], obstacles: tuple[Obstacle, ...], scene: Scene, margin: float
 ) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
     """Arrays of `Bodies` for obstacles of the same motion, with a grid over all of them, and the owner of each row."""
     rows, owners, along = _rows(obstacles, numbers)
-    (body, knots), reach = motion.body(), scene.largest_radius
+    (body, knots), reach = motion.body(), scene.largest_radius + margin
     for axis, length in enumerate((scene.width, scene.height)):
-        body.nearest[axis] = scene.periodic[axis] and 2 * _half_size(motion, rows, reach)[axis] <= length
+        body.nearest[axis] = scene.periodic[axis] and 2 * _half_size(motion, rows, scene.largest_radius)[axis] <= length
         if scene.periodic[axis] and not body.nearest[axis]:
             step = np.array([*np.tile(length * np.eye(2)[axis], 2), 0.0])
             rows = np.concatenate([rows, rows - step, rows + step])
             owners, along = np.tile(owners, 3), np.tile(along, 3)
-    ends, margin = rows[:, :4].reshape(-1, 2), 1.001 * (reach + float(rows[:, 4].max()))
-    low, high = ends.min(axis=0) - margin, ends.max(axis=0) + margin
+    ends, border = rows[:, :4].reshape(-1, 2), 1.001 * (reach + float(rows[:, 4].max()))
+    low, high = ends.min(axis=0) - border, ends.max(axis=0) + border
     width, height = (high - low).tolist()
     placed = rows - np.array([*low, *low, 0.0])
     lists = capsules.cell_lists(placed, (width, height), reach)
     halves = capsules.cut_at_ends(placed, lists, (width, height)) + np.array([*low, *low, 0.0])
     body.low[:], body.middle[:] = low, 0.5 * (low + high)
-    body.cells[:], body.per_length[:] = lists.grid, lists.per_length
+    body.cells[:], body.per_length[:], body.margin = lists.grid, lists.per_length, margin
     every = np.concatenate([rows, halves])
     arrays = {"capsule": every, "next_end": capsules.next_ends(every), "near": lists.near, "index": lists.listed}
     extra = len(halves)
@@ -389,7 +384,8 @@ def _body(
 def _joined(parts: list[dict[str, NDArray[Any]]], logged: int) -> dict[str, NDArray[Any]]:
     """Arrays of several bodies as one; logged: numbers in the log that others have."""
     first = {"near": 0, "index": 0, "capsule": 0, "knots": 0}
-    for part in parts:
+    for number, part in enumerate(parts):
+        part["owner"] = np.full(len(part["capsule"]), number)
         body = part["body"][0]
         body.first, body.logged = first["near"], logged
         body.knots[:] += first["knots"]

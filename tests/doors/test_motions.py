@@ -46,10 +46,11 @@ def test_translations_and_rotations_come_to_rest_and_all_motions_wait_for_their_
     assert MOTIONS[0].capsules_at(row, 50)[0, :2] == pytest.approx([5 + 2 / math.sqrt(5), 4 + 4 / math.sqrt(5)])
 
 
+@pytest.mark.parametrize("method", ["grid", "event"])
 @pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: type(motion).__name__)
-def test_a_motion_goes_through_checkpoints_and_another_start(tmp_path, motion):
+def test_a_motion_goes_through_checkpoints_and_another_start(tmp_path, motion, method):
     near = {"position": [[6, 5], [6.5, 2.5]], "velocity": [[0.5, -1], [0, 2]]}
-    scene, how = scene_of(motion, **near), {"method": "grid", "dt": 1 / 64, "contact": "impact"}
+    scene, how = scene_of(motion, **near), {"method": method, "dt": 1 / 64, "contact": "impact"}
     with simulate(scene, **how) as sim:
         sim.run(frames=40)
         state, time = sim.state, sim.time
@@ -118,14 +119,6 @@ def test_a_quarter_turn_that_stays_in_the_box_is_no_whole_one():
         mpsim.Scene(**BOX, obstacles=Polyline([(1, 4), (4, 4)], motion=Rotation((1, 4), rate=2, stop=math.pi)))
 
 
-def test_the_exact_solver_names_what_it_cannot_do():
-    with pytest.raises(mpsim.InputError, match=r"method='event' cannot do an obstacle with a motion\. Leave it out"):
-        mpsim.Simulation(scene_of(MOTIONS[0]), mpsim.Settings(method="event"))
-    belt = mpsim.Scene(**BOX, obstacles=FixedDisc((5, 5), 1, surface_velocity=1), wall_friction=0.5)
-    with pytest.raises(mpsim.InputError, match="method='event' cannot do an obstacle with a surface_velocity"):
-        mpsim.Simulation(belt, mpsim.Settings(method="event"))
-
-
 def test_a_fast_surface_is_named_as_fast_discs_are():
     scene = scene_of(Rotation((6, 4), rate=40))
     with pytest.raises(mpsim.TooFastError, match="towards an obstacle of speed 4"):
@@ -153,9 +146,10 @@ def test_added_discs_need_room_where_obstacles_are_now():
         sim.add((6, 4), (0, 0))
 
 
-def test_collisions_with_obstacles_that_move_have_their_index():
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_collisions_with_obstacles_that_move_have_their_index(method):
     table = mpsim.Collisions(between="obstacles")
-    with simulate(scene_of(Oscillation((1, 0), period=1)), method="grid", dt=1 / 64) as sim:
+    with simulate(scene_of(Oscillation((1, 0), period=1)), method=method, dt=1 / 64) as sim:
         sim.set([0, 1], position=[(6, 5), (1, 8)], velocity=[(0, -1), (0, 1)])
         sim.run(frames=80, observe=table)
     assert {*table.table["j"].tolist()} == {0, 1}

@@ -16,18 +16,19 @@ def one_disc(obstacle, position, velocity, time, dt=1 / 64, contact="impact", **
     scene = mpsim.Scene(
         width=12, height=6, position=[position], velocity=[velocity], radius=0.5, obstacles=obstacle, **features
     )
-    with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=dt, contact=contact, on_fast="error")) as sim:
+    how = {"method": "event"} if contact == "event" else {"method": "grid", "contact": contact, "on_fast": "error"}
+    with mpsim.Simulation(scene, mpsim.Settings(dt=dt, **how)) as sim:
         sim.run(frames=round(time / dt))
         return sim.state
 
 
-@pytest.mark.parametrize("contact", ["impact", "push"])
+@pytest.mark.parametrize("contact", ["impact", "push", "event"])
 @pytest.mark.parametrize("restitution", [1.0, 0.75, 0.0])
 def test_a_wall_reflects_in_its_own_frame(contact, restitution):
     wall = Polyline([(9, 0), (9, 6)], motion=Translation((-1.0, 0.0), stop=6))
     state = one_disc(wall, (4, 3), (1.0, 0.25), 4.0, contact=contact, wall_restitution=restitution)
     assert state.velocity[0] == pytest.approx([-1 - restitution * 2, 0.25], abs=1e-12)
-    if contact == "impact":  # they meet where 4.5 + t = 9 - t
+    if contact != "push":  # they meet where 4.5 + t = 9 - t
         assert state.position[0, 0] == pytest.approx(6.25 - (1 + 2 * restitution) * (4 - 2.25), abs=1e-12)
     assert one_disc(wall, (4, 3), (-1.0, 0.25), 4.0).velocity[0, 0] == 1, "the left wall of the box, not this one"
 
@@ -105,12 +106,13 @@ def cases():
 
 
 @pytest.mark.parametrize("case", [*cases()], ids=["oscillation", "rotation"])
-def test_contacts_are_of_second_order_or_better_by_impact_and_of_first_by_push(case):
+def test_contacts_are_of_second_order_or_better_by_impact_of_first_by_push_and_exact_by_event(case):
     obstacle, position, velocity, expected = case
     coarse, fine = errors(obstacle, position, velocity, expected, "impact", (1 / 16, 1 / 64))
     assert coarse < 1e-4
     assert fine < max(coarse / 16, 1e-9), "not even of second order"
     assert errors(obstacle, position, velocity, expected, "push", (1 / 64,))[0] > 100 * fine, "the control"
+    assert errors(obstacle, position, velocity, expected, "event", (1 / 4,))[0] < 1e-12
 
 
 def test_a_path_is_followed_and_rests_before_and_after():
@@ -132,11 +134,15 @@ def test_a_disc_on_a_belt_slides_and_then_rolls_at_its_speed():
     assert rolling.spin[0] * 0.5 == pytest.approx(-(0.5 - 1.5), rel=0.02)
     against = one_disc(Polyline([(12, 1), (0, 1)], surface_velocity=1.5), (9, 1.5), (0, 0), 4.0, **how)
     assert against.velocity[0, 0] == pytest.approx(-0.5, rel=0.02), "from the first point to the last"
-    peg = one_disc(FixedDisc((6, 3), 0.5, surface_velocity=2.0), (6, 4.1), (0, -1), 1.0, wall_friction=5.0)
-    assert peg.velocity[0, 0] < -0.1, "counter-clockwise"
+    peg, how = FixedDisc((6, 3), 0.5, surface_velocity=2.0), {"wall_friction": 5.0, "tangential_restitution": 0.5}
+    steps, exact = (one_disc(peg, (6.2, 4.1), (0, -1), 1.0, contact=by, **how) for by in ("impact", "event"))
+    assert exact.velocity[0, 0] < -0.1, "counter-clockwise"
+    assert np.abs(steps.velocity - exact.velocity).max() < 1e-9
+    assert steps.spin == pytest.approx(exact.spin, abs=1e-9)
 
 
-@pytest.mark.parametrize("contact", ["impact", "push"])
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
+@pytest.mark.parametrize("contact", ["impact", "push", "event"])
 def test_what_is_in_a_drum_stays_in_it_and_turns_with_it(contact):
     angle = np.linspace(0, 2 * math.pi, 25)
     points = np.column_stack([6 + 5 * np.cos(angle), 6 + 5 * np.sin(angle)])
@@ -147,7 +153,8 @@ def test_what_is_in_a_drum_stays_in_it_and_turns_with_it(contact):
         width=12, height=12, position=places, velocity=np.zeros((len(places), 2)), radius=0.5, gravity=(0, -1),
         restitution=0.5, wall_restitution=0.5, friction=0.5, wall_friction=0.5, obstacles=drum,
     )  # fmt: skip
-    with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.02, contact=contact)) as sim:
+    how = {"method": "event", "contact_time": 0.02} if contact == "event" else {"method": "grid", "contact": contact}
+    with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, **how)) as sim:
         sim.run(frames=400)
         state, now = sim.state, scene.capsules_at(sim.time)
     assert scene.deepest(state.position, np.full(len(places), 0.4), 8.0) is None, "deeper than a fifth of a radius"

@@ -313,7 +313,7 @@ OF_ITS_OWN = {"bare": 0, "periodic": 1, "giants": 2, "everything": 3, "everythin
 EXACT = {
     "bare", "giants", "periodic", "periodic y", "everything exact", "stream exact", "thermostat", "thermal walls",
     "absorbing left", "absorbing right", "absorbing top", "piston left", "piston right", "piston bottom",
-    "law reflect", "acceleration", "unguarded", "everything", "everything rough",
+    "law reflect", "acceleration", "unguarded", "everything", "everything rough", "moving, everything",
 }  # fmt: skip
 """Scenes that `event` refuses or plays by code, or with ends, that the two exact ones of many features lack."""
 

@@ -41,6 +41,7 @@ from mpsim.kernels.events.features.edges import Wall
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.kernels.events.solver import worst_overlap
 from mpsim.kernels.features import collisions
+from mpsim.kernels.features.bodies import Bodies
 from mpsim.measure.moments import gravity_strength, is_inelastic, thermal_speed
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -112,7 +113,7 @@ def refuse_extremes(scene: Scene, velocity: NDArray[np.floating], dt: float) -> 
             f"vanish; the fastest is {fastest:g}. Choose other units of time."
         )
     fall = math.sqrt(gravity_strength(scene) * scene.height)
-    push = 0.0 if scene.moving_wall is None else 2 * abs(scene.moving_wall.speed)
+    push = 2 * scene.surface_speed
     crossings = (fastest + fall + push) * dt / max(scene.width, scene.height)
     if crossings > MOST_CROSSINGS and fastest < LONGEST:  # which is refused with its disc
         raise InputError(
@@ -147,11 +148,11 @@ def longest_contact_time(scene: Scene) -> float:
 
 
 def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float | None = None) -> float | None:
-    """Speed of a disc that a wall crushes [length/time]; None without a wall that moves.
+    """Speed of a disc that a wall or an obstacle crushes [length/time]; None where nothing moves.
 
     velocity: of discs that are there or come in [length/time]. least: the speed so far.
     """
-    if scene.moving_wall is None:
+    if not scene.surface_speed:
         return None
     fall = math.sqrt(2 * gravity_strength(scene) * (scene.width + scene.height))
     fastest = max(_typical_speed(scene), float(np.abs(velocity).max(initial=0.0)), fall)
@@ -161,7 +162,12 @@ def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float
 def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> StalledError:
     """The error for a disc that a wall has made so fast [length/time] by a time [time]."""
     wall = scene.moving_wall
-    assert wall is not None
+    if wall is None:
+        return StalledError(
+            f"disc {disc} is crushed in frame {frame}: an obstacle that moves leaves it no room before another one, a "
+            f"wall or other discs, and has driven it to a speed of {speed:.3g}, more than {CRUSHING:g} times any at "
+            "the start. Let the obstacle stop earlier, or make room for the discs before it."
+        )
     return StalledError(
         f"disc {disc} is crushed in frame {frame}: the {wall.name}, now at {wall.place(time):.6g} and on its way to "
         f"{wall.stop:g}, leaves it no room before an obstacle, a wall or other discs, and has driven it to a speed of "
@@ -201,7 +207,7 @@ def _typical_speed(scene: Scene) -> float:
     speeds = [
         math.sqrt(squares + gravity_strength(scene) * smallest),
         *(math.hypot(*np.array(each.velocity)) for each in scene.emitters),
-        0.0 if scene.moving_wall is None else abs(scene.moving_wall.speed),
+        scene.surface_speed,
         thermal_speed(scene),
     ]
     return max(speeds)
@@ -231,7 +237,10 @@ def given(scene: Scene, cells: tuple[int, int], dt: float, origin: Origin) -> di
 
     dt: length of a frame [time]. origin: from which frames and the clock count.
     """
-    found: dict[str, Any] = {"capsules": _capsules(scene, cells)} if len(scene.capsules) else {}
+    found: dict[str, Any] = {"capsules": _capsules(scene, cells)} if OBSTACLES.arrays(scene) else {}
+    if bodies := OBSTACLES.bodies(scene, margin=2 * scene.largest_radius):
+        bodies["body"]["origin"] = origin.time
+        found["bodies"] = Bodies(**bodies)
     if (bath := scene.thermostat) is not None:
         found["thermostat"] = (probability_of(bath, dt), bath.temperature, bath.seed, origin.frame)
     if (wall := scene.moving_wall) is not None:
@@ -267,9 +276,9 @@ def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: N
 
 def _capsules(scene: Scene, cells: tuple[int, int]) -> CellCapsules:
     """The scene's capsules, listed by cells."""
-    capsule = OBSTACLES.arrays(scene)["capsule"]
-    lists, shift = lists_of_cells(capsule, (scene.width, scene.height), scene.largest_radius, cells)
-    return CellCapsules(capsule, lists.near, lists.listed, int(lists.grid[1]), shift)
+    arrays = OBSTACLES.arrays(scene)
+    lists, shift = lists_of_cells(arrays["capsule"], (scene.width, scene.height), scene.largest_radius, cells)
+    return CellCapsules(arrays["capsule"], lists.near, lists.listed, int(lists.grid[1]), shift, arrays.get("along"))
 
 
 # --- Snapshots of the exact solver: their content, and checks of it
@@ -355,7 +364,7 @@ def shapes(scene: Scene, count: int) -> Shapes:
     found: Shapes = {name: (array.dtype, array.shape) for name, array in blank.items()}
     found |= {saved: columns[name] for saved, name in _saved_columns(scene).items()}
     totals = records.numbers(np.empty((), records.TOTALS))
-    if scene.moving_wall is not None:
+    if scene.surface_speed:
         found[CRUSHING_SPEED] = (REAL, (1,))
     return found | shapes_in_each(count) | {"seen": (totals.dtype, totals.shape), "units": (REAL, (2,))}
 
@@ -411,6 +420,8 @@ def _check_links(scene: Scene, arrays: SolverState) -> None:
     demand(((partner >= 0) & (partner != np.arange(count)))[meets].all(), "an impact must have a partner")
     after_capsules = records.FIRST_CAPSULE + len(OBSTACLES.arrays(scene).get("capsule", ()))
     known = (side >= 0) & (side < after_capsules) & ((side != records.MOVING_WALL) | (scene.moving_wall is not None))
+    if bodies := OBSTACLES.bodies(scene):
+        known |= (side >= records.LOOK) & (side < records.FIRST_BODY + len(bodies["capsule"]))
     demand(known.all(), "a disc leaves its cell by one of four sides, or meets what is there before")
     for axis, length in enumerate((scene.width, scene.height)):
         along, place = cell[:, axis], disc["position"][:, axis]

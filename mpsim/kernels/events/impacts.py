@@ -14,6 +14,7 @@ from mpsim.kernels.events.features.hooks import (
     before_border,
     between_discs,
     is_absent,
+    is_look,
     leave,
     lets_out,
     mass_of,
@@ -279,7 +280,9 @@ def hit_wall(i, now, side, store, box, features):
 @inlined
 def hit_surface(i, now, side, store, box, features):
     """Impact of disc i, whose stored state is current, on something other than a disc or a fixed wall; False: none."""
-    met, nx, ny, depth, speed, edge = surface(i, side, now, store, box, features)
+    if is_look(side, features):
+        return True
+    met, nx, ny, depth, speed, running, edge = surface(i, side, now, store, box, features)
     if not met:
         return False
     disc = store.disc[i]
@@ -291,7 +294,7 @@ def hit_surface(i, now, side, store, box, features):
     change = max(leaving - inward, 0.0)  # in a grazing impact, rounding may have reversed it already
     disc.velocity[0] += change * nx
     disc.velocity[1] += change * ny
-    on_surface(i, nx, ny, change, store, box, features)
+    on_surface(i, nx, ny, change, running, store, box, features)
     disc.last_contact = now
     store.event[i].collision_count += 1
     store.counter.walls += counts(store.region)

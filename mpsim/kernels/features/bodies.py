@@ -38,16 +38,15 @@ BODY = record_of(
         ("rate", np.float64),  # turns per time of an oscillation or a rotation, counter-clockwise [1/time]
         ("phase", np.float64),  # of an oscillation [turns]
         ("knots", np.int64, (2,)),  # of a path: the first of its rows in `knots`, and one past the last
-        (
-            "nearest",
-            np.int64,
-            (2,),
-        ),  # along a periodic axis, 1: discs see its nearest image; 0: it has all images it needs
+        ("nearest", np.int64, (2,)),  # by axis, 1: discs see its nearest image; 0: its capsules include all images
         ("low", np.float64, (2,)),  # lower left corner of the grid of its near lists [length]
         ("middle", np.float64, (2,)),  # of that grid [length]
         ("cells", np.int64, (2,)),  # columns and rows
         ("per_length", np.float64, (2,)),  # columns per length along x, and rows along y [1/length]
         ("first", np.int64),  # of its cells in `near`
+        ("margin", np.float64),  # gap up to which the near lists name all capsules; 0 for stepped solvers [length]
+        ("fastest", np.float64),  # largest speed of its points, without that of a rotation [length/time]
+        ("bend", np.float64),  # and acceleration [length/time^2]
         ("logged", np.int64),  # what is added to the number of a capsule in the log of collisions
         ("origin", np.float64),  # time from which steps are counted [time]
         ("dt", np.float64),  # of a frame [time]
@@ -186,6 +185,7 @@ class Bodies(NamedTuple):
     body: of BODY, shape (M,). knots: of all paths, shape (P, 3): time since the start [time], displacement [length].
     capsule, next_end, near, index, along: as of `Capsules`, of all bodies; `near` by the cells of one body after the
         other; along is never None.
+    owner: number of the body of each capsule, shape (K,).
     """
 
     body: Any
@@ -195,6 +195,7 @@ class Bodies(NamedTuple):
     near: Any
     index: Any
     along: Any
+    owner: Any
 
 
 FIELDS = {"bodies": Bodies}

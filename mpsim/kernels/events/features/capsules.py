@@ -12,6 +12,7 @@ from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.features.properties import component, radius_of
 from mpsim.kernels.events.flight import INFINITY, time_to_circle, time_to_come_down, time_to_impact
 from mpsim.kernels.events.records import FIRST_CAPSULE
+from mpsim.kernels.features.capsules import surface_speed
 
 
 class CellCapsules(NamedTuple):
@@ -20,6 +21,7 @@ class CellCapsules(NamedTuple):
     capsule: shape (K, 5), including images through a periodic border: ax, ay, bx, by, radius [length].
     near: where the list of each square of cells begins in `listed`, column by column. listed: rows of `capsule`.
     rows: of squares. shift: squares are 2^shift cells wide.
+    along: speed of the surface of each along itself, shape (K,) [length/time]; None: all are at rest.
     """
 
     capsule: Any
@@ -27,6 +29,7 @@ class CellCapsules(NamedTuple):
     listed: Any
     rows: Any
     shift: Any
+    along: Any
 
 
 FIELDS = {"capsules": None}
@@ -139,12 +142,16 @@ def nearest_offset(x, y, capsule, k):
 def surface(capsules, i, side, store, box, features):
     """The obstacle that disc i, whose stored state is current, has met; see `hooks.surface`."""
     if capsules is None:
-        return False, 0.0, 0.0, 0.0, 0.0, -1
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, -1
     if side < FIRST_CAPSULE:
-        return False, 0.0, 0.0, 0.0, 0.0, -1
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, -1
     disc = store.disc[i]
     k = side - FIRST_CAPSULE
     rx, ry = nearest_offset(disc.position[0], disc.position[1], capsules.capsule, k)
     distance = math.sqrt(rx * rx + ry * ry)
     depth = radius_of(i, box, features) + capsules.capsule[k, 4] - distance
-    return True, rx / distance, ry / distance, depth, 0.0, -1
+    nx, ny = rx / distance, ry / distance
+    running = 0.0
+    if capsules.along is not None:
+        running = surface_speed(capsules.along, capsules.capsule, k, nx, ny)
+    return True, nx, ny, depth, 0.0, running, -1

@@ -107,13 +107,13 @@ def before_border(wall, i, store, box, features):
 def surface(wall, i, now, store, box, features):
     """The wall that disc i, whose stored state is current, has hit; see `hooks.surface`."""
     if wall is None:
-        return False, 0.0, 0.0, 0.0, 0.0, -1
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, -1
     axis = wall.edge >> 1
     inward = -1.0 if wall.edge & 1 else 1.0
     present = since_it_began(wall, now, store)
     speed = inward * motion.velocity(wall, present)
     depth = radius_of(i, box, features) - inward * (store.disc[i].position[axis] - motion.place(wall, present))
-    return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, wall.edge
+    return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, 0.0, wall.edge
 
 
 FIELDS = {"absorbing": absorbing_of, "exits": None, "moving_wall": None, "crushing_speed": None}

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import copy_entry, copy_row, inlined, swap_entries, swap_rows
-from mpsim.kernels.events.features import baths, capsules, collisions, edges, expansion, laws, properties
+from mpsim.kernels.events.features import baths, bodies, capsules, collisions, edges, expansion, laws, properties
 from mpsim.kernels.events.records import MOVING_WALL
 
-FEATURES = (properties, laws, edges, capsules, baths, collisions, expansion)
+FEATURES = (properties, laws, edges, capsules, bodies, baths, collisions, expansion)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -124,16 +124,27 @@ def surface(i, side, now, store, box, features):
     """The surface that disc i, whose stored state is current, has hit, if `side` of its event says so.
 
     Returns whether it has; the unit vector (x, y) from there to the disc; how far the disc must be moved along it to
-    touch (a rounding); the speed of the surface along it; which edge of the box it is (LEFT, ...), or -1.
+    touch (a rounding); the speed of the surface along it, and along (-ny, nx); which edge of the box it is (LEFT, ...),
+    or -1.
     """
     if side == MOVING_WALL:
         return edges.surface(features.moving_wall, i, now, store, box, features)
+    if bodies.is_one(features.bodies, side):
+        return bodies.surface(features.bodies, i, side, now, store, box, features)
     return capsules.surface(features.capsules, i, side, store, box, features)
+
+
+@inlined
+def is_look(side, features):
+    """Whether an event is nothing but an instant from which the disc is looked at again."""
+    return bodies.is_look(features.bodies, side)
 
 
 @inlined
 def is_crushed(i, side, store, features):
     """Whether disc i, which has just hit `side` of its event, is crushed there: no solver can follow it."""
+    if bodies.is_one(features.bodies, side):
+        return bodies.is_crushed(features.crushing_speed, store.disc[i])
     return side == MOVING_WALL and edges.is_crushed(features.moving_wall, features.crushing_speed, store.disc[i])
 
 
@@ -145,6 +156,7 @@ def before_border(i, store, box, features):
     """When it is known when disc i, whose stored state is current, leaves its cell: what it meets before that."""
     edges.before_border(features.moving_wall, i, store, box, features)
     capsules.before_border(features.capsules, i, store, box, features)
+    bodies.before_border(features.bodies, i, store, box, features)
 
 
 @inlined
@@ -165,10 +177,14 @@ def on_wall(i, axis, inward, normal_change, sliding, store, box, features):
 
 
 @inlined
-def on_surface(i, nx, ny, normal_change, store, box, features):
-    """After disc i has hit a surface that has changed its velocity by so much along n, the unit vector from there."""
-    sliding = laws.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
-    collisions.on_surface(features.log, i, nx, ny, normal_change, sliding, features.moving_wall, store, box, features)
+def on_surface(i, nx, ny, normal_change, running, store, box, features):
+    """After disc i has hit a surface that has changed its velocity by so much along n, the unit vector from there.
+
+    running: speed of the surface along (-ny, nx).
+    """
+    sliding = laws.on_surface(features.wall_friction, i, nx, ny, normal_change, running, store, box, features)
+    others = features.moving_wall, features.bodies
+    collisions.on_surface(features.log, i, nx, ny, normal_change, sliding, *others, store, box, features)
 
 
 @inlined

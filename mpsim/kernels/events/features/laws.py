@@ -68,14 +68,14 @@ def between_discs(friction, i, j, rx, ry, normal_impulse, store, box, features):
 
 
 @inlined
-def on_surface(wall_friction, i, nx, ny, normal_change, store, box, features):
-    """Friction of disc i on a fixed surface that changed its velocity by so much along n, the unit vector to it.
+def on_surface(wall_friction, i, nx, ny, normal_change, running, store, box, features):
+    """Friction of disc i on a surface that changed its velocity by so much along n, the unit vector from there.
 
-    Returns the change of its velocity along (-ny, nx).
+    running: speed of the surface along (-ny, nx). Returns the change of its velocity along (-ny, nx).
     """
     if wall_friction is not None:
         velocity, spin, radius = store.disc[i].velocity, features.spin, radius_of(i, box, features)
-        slip = velocity[1] * nx - velocity[0] * ny - radius * spin[i]
+        slip = velocity[1] * nx - velocity[0] * ny - radius * spin[i] - running
         impulse = tangential_impulse(wall_friction, slip, 1.0, normal_change)
         velocity[0] -= impulse * ny
         velocity[1] += impulse * nx
