@@ -68,7 +68,6 @@ class Motion:
         raise NotImplementedError
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Translation(Motion):
     """A motion along a straight line at constant speed, such as that of a lid that closes.
@@ -112,7 +111,6 @@ class Translation(Motion):
         return points.min(axis=0) + np.minimum(way, 0), points.max(axis=0) + np.maximum(way, 0)
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Oscillation(Motion):
     """A harmonic oscillation about where the obstacle was given: displacement amplitude sin(2 pi t / period + phase).
@@ -158,7 +156,6 @@ class Oscillation(Motion):
         return points.min(axis=0) - way, points.max(axis=0) + way
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Rotation(Motion):
     """A rotation at constant rate, such as that of a drum, a rotor or a flipper.
@@ -212,7 +209,6 @@ class Rotation(Motion):
         return places.min(axis=(0, 1)), places.max(axis=(0, 1))
 
 
-@checks.known_names_of_methods
 @dataclass(frozen=True)
 class Path(Motion):
     """A motion by a table of times and displacements, straight and at constant speed between them.
@@ -259,10 +255,5 @@ class Path(Motion):
         places = np.asarray(self.displacements)
         return points.min(axis=0) + places.min(axis=0), points.max(axis=0) + places.max(axis=0)
 
-
-Translation.__init__ = checks.known_names()(Translation.__init__)
-Oscillation.__init__ = checks.known_names()(Oscillation.__init__)
-Rotation.__init__ = checks.known_names()(Rotation.__init__)
-Path.__init__ = checks.known_names()(Path.__init__)
 
 MOTIONS: tuple[type[Motion], ...] = (Translation, Oscillation, Rotation, Path)

@@ -138,8 +138,8 @@ def _piston(wall: str, speed: float, stop: float, start: float | None = None) ->
 
 
 def _moved(motion: Any) -> list[Any]:
-    """A paddle in the middle of the box, by a motion."""
-    return [Polyline([(3.0, 3.5), (5.0, 3.5)], thickness=0.25, motion=motion)]
+    """A paddle beside the discs, by a motion."""
+    return [Polyline([(6.0, 5.9), (7.8, 5.9)], thickness=0.25, motion=motion)]
 
 
 def _crossed(*axes: int) -> Callable[[mpsim.State], Any]:
@@ -206,20 +206,21 @@ SCENES: dict[str, Pinned] = {
     "periodic": Pinned({"boundary": "periodic"}, acts=_crossed(0, 1)),
     "fixed disc": Pinned({"obstacles": PEG}),
     "polyline": Pinned({"obstacles": FUNNEL}),
-    "translation": Pinned({"obstacles": _moved(Translation((2.0, -1.0), stop=0.75))}),
-    "oscillation": Pinned({"obstacles": _moved(Oscillation((0.25, 0.5), period=0.375, phase=1.0, start=0.125))}),
-    "rotation": Pinned({"obstacles": _moved(Rotation((4.0, 3.5), rate=-5.0, stop=4.0))}),
-    "path": Pinned({"obstacles": _moved(Track([0.0, 0.25, 0.5], [(0, 0), (0.5, -1), (-0.5, 0)]))}),
+    "translation": Pinned({"obstacles": _moved(Translation((-2.0, -1.0), stop=0.75))}),
+    "oscillation": Pinned({"obstacles": _moved(Oscillation((0.125, 0.5), period=0.375, phase=1.0, start=0.125))}),
+    "rotation": Pinned({"obstacles": _moved(Rotation((6.9, 5.9), rate=-5.0, stop=4.0))}),
+    "path": Pinned({"obstacles": _moved(Track([0.0, 0.25, 0.5], [(0, 0), (-0.5, -1), (0, 0.5)]))}),
     "moving, everything": Pinned(
         {
             **{name: EVERYTHING[name] for name in ("gravity", "radius", "mass", "boundary", "wall_restitution")},
             **ROUGH,
             "obstacles": [
-                *_moved(Rotation((4.0, 3.5), rate=-5.0)),
-                Polyline([(0.0, 1.0), (8.0, 1.0)], motion=Oscillation((0.25, 0.5), period=0.375)),
-                FixedDisc((7.0, 5.0), 0.5, surface_velocity=-2.0),
+                *_moved(Rotation((6.9, 5.9), rate=-5.0)),
+                Polyline([(0.0, 6.9), (8.0, 6.9)], motion=Oscillation((0.25, 0.0625), period=0.375)),
+                FixedDisc((7.5, 1.0), 0.25, surface_velocity=-2.0),
             ],
         },
+        {"contact_time": 1 / 256},
         acts=_spun,
     ),
     "emitter by time": Pinned({"width": 11.0, "emitters": BY_TIME}, acts=_entered(3)),

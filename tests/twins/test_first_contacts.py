@@ -102,8 +102,8 @@ def test_no_contact_is_missed_and_none_is_invented():
     assert compare(1000, seed=1) > 100
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.long
+@pytest.mark.timeout(3600)
 def test_no_contact_of_a_hundred_thousand_is_missed():
     assert compare(100_000, seed=2) > 10_000
 
