@@ -253,6 +253,9 @@ COLUMNS: tuple[Column, ...] = (MASS, ACCELERATION, IMAGE, EXITS, SPIN)
 """All of them, in the order in which states and files have them."""
 
 
+_IN_STATE = [column for column in COLUMNS if column.in_state]
+
+
 class StateColumns(TypedDict, total=False):
     """Types of the columns that a state is made of by name, for type checkers."""
 
@@ -267,7 +270,7 @@ class GivenColumns(TypedDict, total=False):
 
 def in_state() -> list[Column]:
     """Those of a state."""
-    return [column for column in COLUMNS if column.in_state]
+    return _IN_STATE
 
 
 def given() -> list[Column]:

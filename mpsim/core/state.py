@@ -102,7 +102,8 @@ class State:
         box: Box | None = None,
         **others: Unpack[StateColumns],
     ):
-        columns.check_names("State", others, checks.names_of(State.__init__), columns.in_state())
+        if others:
+            columns.check_names("State", others, checks.names_of(State.__init__), columns.in_state())
         position = _two_each("position", position, None)
         count = len(position)
         velocity = None if velocity is None else _two_each("velocity", velocity, count)
@@ -123,6 +124,27 @@ class State:
         for name, value in values.items():
             if name != "velocity" or value is not None:
                 object.__setattr__(self, name, _read_only(value) if isinstance(value, np.ndarray) else value)
+
+    @classmethod
+    def taken_over(
+        cls,
+        position: NDArray[np.floating],
+        velocity: NDArray[np.floating],
+        present: NDArray[np.bool_],
+        box: Box,
+        found: Mapping[str, NDArray[Any]],
+    ) -> State:
+        """A state of arrays that are known to be right, without copies: they become read-only.
+
+        found: further columns of a state, by name.
+        """
+        state = cls.__new__(cls)
+        image, spin = found.get(columns.IMAGE.name), found.get(columns.SPIN.name)
+        for array in (position, velocity, image, present, spin):
+            if array is not None:
+                array.flags.writeable = False
+        vars(state).update(position=position, velocity=velocity, image=image, present=present, spin=spin, box=box)
+        return state
 
     if not TYPE_CHECKING:
 

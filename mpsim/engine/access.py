@@ -69,17 +69,17 @@ class Once:
 
 
 class Notices:
-    """Warnings and log lines that wait, in order, until the simulation can be read again.
+    """Warnings and log lines that wait, in order, until the simulation can be read again: attribute `waiting`.
 
     If a filter turns one into an error, or Ctrl-C comes between, the rest is given later.
     """
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[Once | None, Callable[[], None]]] = deque()
+        self.waiting: deque[tuple[Once | None, Callable[[], None]]] = deque()
 
     def warn(self, text: str, kind: type[Warning], once: Once | None = None) -> None:
         """Note a warning; one with `once` only if it has not been given and does not wait already."""
-        if once is not None and (once.given or any(each is once for each, _ in self._waiting)):
+        if once is not None and (once.given or any(each is once for each, _ in self.waiting)):
             return
 
         def say() -> None:
@@ -87,21 +87,21 @@ class Notices:
             if once is not None:
                 once.given = True
 
-        self._waiting.append((once, say))
+        self.waiting.append((once, say))
 
     def log(self, text: str, *values: Any, level: int = logging.WARNING) -> None:
         """Note a line of the log."""
-        self._waiting.append((None, lambda: logger.log(level, text, *values)))
+        self.waiting.append((None, lambda: logger.log(level, text, *values)))
 
     def give(self) -> None:
         """Give all that wait."""
-        while self._waiting:
-            _, say = self._waiting.popleft()
+        while self.waiting:
+            _, say = self.waiting.popleft()
             say()
 
     def give_beside(self, error: Exception) -> None:
         """Give all that wait while an error is being raised; a warning that is an error becomes a note of it."""
-        while self._waiting:
+        while self.waiting:
             try:
                 self.give()
             except Warning as warning:
@@ -307,7 +307,8 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
         try:
             access.claim(use)
             result = method(self, *args, **kwargs)
-            access.notices.give()
+            if access.notices.waiting:
+                access.notices.give()
             return result
         except Exception as error:
             access.stop_if_ending()

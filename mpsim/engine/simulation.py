@@ -408,11 +408,11 @@ class Simulation(ReadOnly):
 
     def _whole(self, what: str) -> Solver:
         """The solver, with a whole state to read."""
-        use = self._access.use
-        if capabilities_of(self.settings).on_ranks and use is not None and use.thread != threading.get_ident():
+        solver, use = self._open_solver(), self._access.use
+        if solver.capabilities.on_ranks and use is not None and use.thread != threading.get_ident():
             raise self._access.busy(f"reading {what} of other ranks", use)  # whose turn comes at other moments
-        if (solver := self._open_solver()).half_done:  # in a signal handler, just after a worker has died
-            raise self._access.busy(f"reading {what}", self._access.use)
+        if solver.half_done:  # in a signal handler, just after a worker has died
+            raise self._access.busy(f"reading {what}", use)
         return solver
 
     # --- runs
@@ -462,14 +462,18 @@ class Simulation(ReadOnly):
         if on_ranks := solver.capabilities.on_ranks:
             given = frames, until, measures, start, checkpoint, checkpoint_every, checkpoint_seconds
             solver.demand_alike("arguments of run", given)
-        progress = checked_progress(progress, "progress(done, of_frames)")
-        if progress is True and not solver.is_first:
-            progress = None  # of several ranks the first one shows it
-        dt, origin, frame = self._settings.dt, solver.origin, solver.frame
-        frames = report.frames_wanted(frames, until, dt, frame, solver.time, origin)
-        skipped = report.frames_skipped(start, measures, frames, dt, frame, origin)
+        if progress is not None:
+            progress = checked_progress(progress, "progress(done, of_frames)")
+            if progress is True and not solver.is_first:
+                progress = None  # of several ranks the first one shows it
+        if until is not None or type(frames) is not int or not 0 <= frames <= report.MOST_FRAMES_OF_A_RUN:
+            now = solver.frame, solver.time, solver.origin
+            frames = report.frames_wanted(frames, until, self._settings.dt, *now)
+        skipped = 0
+        if start is not None:
+            skipped = report.frames_skipped(start, measures, frames, self._settings.dt, solver.frame, solver.origin)
         observers = None if observe is None else Observers(observe)
-        names = checked(measures, self._scene, solver.count)
+        names = () if measures is None else checked(measures, self._scene, solver.count)
         with access.state_lock:
             record = self._begin_record(names, frames, observers is not None and observers.want_collisions, skipped)
         if progress or on_ranks or checkpoint is not None or checkpoint_every is not None or checkpoint_seconds != 60.0:
@@ -556,9 +560,10 @@ class Simulation(ReadOnly):
                 before = self._open_solver().frame  # which says so if an observer has closed it
                 if observers is not None:
                     ahead = min(ahead, observers.frames_ahead(before))
-                self._advance(ahead, record, recovery)
+                self._advance(ahead, before, record, recovery)
             use.in_callback = True
-            access.notices.give()
+            if access.notices.waiting:
+                access.notices.give()
             if observers is not None and (frame := self._solver.frame) > before:
                 if observers.want_collisions:
                     observers.take_collisions(record.take_logged(frame), frame)
@@ -570,16 +575,19 @@ class Simulation(ReadOnly):
                 beside.interruption.look()
             use.in_callback = False
 
-    def _advance(self, most: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
-        """Run one slice of frames: emitters add discs, the solver runs a command; if a worker dies, go back."""
-        if self._solver.too_fast or self._step_limits.is_due(self._solver.frame, self._solver.count):
+    def _advance(self, most: int, frame: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
+        """Run one slice of frames: emitters add discs, the solver runs a command; if a worker dies, go back.
+
+        most: frames of the slice at most. frame: frames done before it.
+        """
+        if self._solver.too_fast or self._step_limits.is_due(frame, self._solver.count):
             self._adapt()
         try:
             if self._emission.emits:
                 self._emit(self._emission.before_frame)
             if recovery is not None and self._solver.pids:
                 recovery.take()
-            workers, frames, until = self._next_slice(most, record)
+            workers, frames, until = self._next_slice(most, frame, record)
             part = self._solver.advance(frames, workers, until)
         except WorkerDiedError as death:
             try:
@@ -602,14 +610,14 @@ class Simulation(ReadOnly):
         record.take(part)
         self._look_after(record)
 
-    def _next_slice(self, most: int, record: RunRecord) -> tuple[int, int, float]:
+    def _next_slice(self, most: int, frame: int, record: RunRecord) -> tuple[int, int, float]:
         """Workers of the next command, its frames, and the time at which it ends if that comes first."""
         solver, emission, averages, until = self._solver, self._emission, record.averages, math.inf
         if emission.emits:
-            most, until = min(most, emission.frames_ahead(solver.frame)), emission.next_time
+            most, until = min(most, emission.frames_ahead(frame)), emission.next_time
         if averages is not None:
             most = min(most, averages.frames_to_sample(record.done))
-        most = min(most, self._step_limits.frames_ahead(solver.frame, solver.count))
+        most = min(most, self._step_limits.frames_ahead(frame, solver.count))
         return *self._batch_sizer.next_slice(most), until
 
     def _look_after(self, record: RunRecord) -> None:

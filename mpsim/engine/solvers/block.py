@@ -299,7 +299,10 @@ class BlockSolver(SteppedSolver):
         control["workers"] = control["members"] = workers
         team["collisions"] = 0
         team["fastest"] = 0
-        self._begin_counts(arrays, frames)
+        control["tallied"] = self.tallied
+        arrays["times"][:, :frames] = 0
+        if self.tallied:
+            arrays["tally"][:, :frames] = 0
         self._begun = int(control["done"])
 
     def log_collisions(self, wanted: bool) -> None:

@@ -316,7 +316,10 @@ class MpiSolver(OnRanks):
         part.deal(any(border.is_left for border in self._borders))
         team = part.arrays["team"]
         team["collisions"] = team["fastest"] = team["frame"] = 0
-        self._begin_counts(part.arrays, frames)
+        self._control.tallied = self.tallied
+        part.arrays["times"][:, :frames] = 0
+        if self.tallied:
+            part.arrays["tally"][:, :frames] = 0
 
     def _balance(self, part: Subdomain, ranks: Communicator) -> None:
         """Deal the columns anew where one rank has far more discs than others: all know how many each column has."""

@@ -152,7 +152,7 @@ def state_of(
     for column in columns.in_state():
         if column.name in found and not column.rests:
             found[column.name][absorbed] = 0
-    return State(position, velocity, present=~absorbed, box=box, **found)
+    return State.taken_over(position, velocity, ~absorbed, box, found)
 
 
 def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tuple[float, float]]:
@@ -290,11 +290,13 @@ class SteppedSolver(Solver):
         self.substeps: int = settings.substeps
         self._speed_limit = SpeedLimit()
         self._tally_scale = _tally_scale(scene, settings)
+        self._box_at_rest = None if scene.moving_wall else scene.box
 
     def _assume(self, terms: Terms) -> None:
         if terms != self.terms:
             super()._assume(terms)
             self._tally_scale = _tally_scale(terms.scene, terms.settings)
+            self._box_at_rest = None if terms.scene.moving_wall else terms.scene.box
 
     @abstractmethod
     def _configure(self) -> None:
@@ -315,12 +317,6 @@ class SteppedSolver(Solver):
         return base.MOST_COUNTED / float(self._parameters.tally_scale)
 
     # --- counts
-
-    def _begin_counts(self, arrays: dict[str, Any], frames: int) -> None:
-        """Write zeros where workers count in the next frames, and whether they count what measures need."""
-        arrays["control"]["tallied"] = self.tallied
-        for name in ("times", "tally") if self.tallied else ("times",):
-            arrays[name][:, :frames] = 0
 
     def _totals(self, tally: NDArray[Any]) -> NDArray[Any]:
         """What all workers counted, in the scene's units: COUNTS, shape (frames,). tally: as of `slices.totals`."""
@@ -349,6 +345,8 @@ class SteppedSolver(Solver):
     @property
     def _box(self) -> Box:
         """The box after the steps done: inside a frame too, where one is run pass by pass."""
+        if self._box_at_rest is not None:
+            return self._box_at_rest
         return self._scene.box_at(self.origin.time + float(self._control.steps) / self.substeps * self._settings.dt)
 
     # --- steps

@@ -97,7 +97,10 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
 
 def buffers_of(block: SharedBlock) -> tuple[records.Discs, records.Discs]:
     """Both buffers of discs; `control.live` tells which of them holds the state."""
+    if (known := block.calls.get("buffers")) is not None:
+        return known
     a, b = (records.Discs(*(block.arrays.get(f"{name}.{field}") for field in records.Discs._fields)) for name in "ab")
+    block.calls["buffers"] = a, b
     return a, b
 
 
