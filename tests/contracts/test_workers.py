@@ -28,8 +28,15 @@ def expected():
     return state_after(dense(), FRAMES, method="grid", **SETTINGS)
 
 
+WAYS = [
+    (1, "forkserver"),
+    (3, "fork"),
+    *(pytest.param(*way, marks=pytest.mark.slow) for way in ((2, "spawn"), (4, "fork"))),
+]
+
+
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
-@pytest.mark.parametrize(("workers", "start_method"), [(1, "forkserver"), (2, "spawn"), (3, "forkserver"), (4, "fork")])
+@pytest.mark.parametrize(("workers", "start_method"), WAYS)
 def test_any_number_of_workers_has_the_bits_of_grid_however_they_start(workers, start_method, expected):
     how = {"method": "parallel", "workers": workers, "start_method": start_method, **SETTINGS}
     with simulate(dense(), **how) as sim:

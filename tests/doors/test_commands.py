@@ -2,7 +2,7 @@
 
 import json
 import re
-import subprocess
+import runpy
 import sys
 import warnings
 
@@ -142,11 +142,13 @@ def test_help_has_examples_that_begin_with_the_command():
     assert mpsim_command("--version").stdout == f"mpsim, version {mpsim.__version__}\n"
 
 
-def test_the_module_is_the_command():
-    run = [sys.executable, "-m", "mpsim", "show", "none"]
-    refused = subprocess.run(run, capture_output=True, text=True, timeout=60, check=False)
-    assert (refused.returncode, refused.stdout) == (2, "")
-    assert refused.stderr.startswith("Error: scene must be a path that ends in .toml or one of ")
+def test_the_module_is_the_command(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["mpsim", "show", "none"])
+    with pytest.raises(SystemExit) as refused:
+        runpy.run_module("mpsim", run_name="__main__")
+    told = capsys.readouterr()
+    assert (refused.value.code, told.out) == (2, "")
+    assert told.err.startswith("Error: scene must be a path that ends in .toml or one of ")
 
 
 def test_scenes_and_shells_are_completed():

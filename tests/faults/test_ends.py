@@ -23,7 +23,7 @@ from support.processes import (
     wait_until,
 )
 from support.scenes import lattice, simulate
-from support.selection import long_but, slow_but
+from support.selection import long_but
 
 import mpsim
 
@@ -130,7 +130,8 @@ ENDINGS = {
 }
 
 
-@pytest.mark.parametrize("ending", slow_but(ENDINGS, "by an error"))
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", ENDINGS)
 def test_a_program_may_end_without_closing_and_without_a_main_guard(ending):
     start, text, code = ENDINGS[ending]
     outcome = run_script(f"""

@@ -80,7 +80,10 @@ def kurtosis_from_equal_speeds(count, starts, frames, **settings):
     return independent_average(values)
 
 
-@pytest.mark.parametrize(("count", "method"), [(3, "event"), pytest.param(10, "naive", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("count", "method"),
+    [pytest.param(3, "event", marks=pytest.mark.slow), pytest.param(10, "naive", marks=pytest.mark.long)],
+)
 def test_speeds_of_few_discs_have_the_moments_of_fixed_energy(count, method, figures):
     """2N/(N+1), from equal speeds: neither Maxwell's 2 nor the 1 of the start, which `reflect` never leaves."""
     settings = {"method": method, "contact": "impact", "dt": 1.0 if method == "event" else 0.02}
