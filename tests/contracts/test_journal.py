@@ -115,7 +115,7 @@ def test_a_journal_that_lacks_a_change_is_replayed_to_other_bits(tmp_path):
         assert again.digest() != journal.digest
 
 
-@pytest.mark.parametrize("words", ALL)
+@pytest.mark.parametrize("words", ["grid", pytest.param("event as a whole", marks=pytest.mark.slow)])
 def test_walls_have_the_same_bits_in_one_run_resumed_and_replayed(words, tmp_path):
     found, scene = [], room()
     for workers in {1, *SEVERAL}:

@@ -74,6 +74,7 @@ def test_a_cache_folder_that_cannot_be_written_costs_one_log_line_and_nothing_el
     assert "NUMBA_CACHE_DIR" in outcome.err
 
 
+@pytest.mark.slow
 def test_a_home_that_does_not_exist_is_no_error():
     env = {"HOME": "/proc/nowhere", "XDG_CACHE_HOME": "", "NUMBA_CACHE_DIR": ""}
     outcome = run_script("import mpsim; print(mpsim.__version__)", env=env)

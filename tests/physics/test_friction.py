@@ -217,6 +217,7 @@ def test_no_collision_of_a_gas_between_rough_walls_raises_the_energy():
 # --- heaps
 
 
+@pytest.mark.slow
 def test_a_pyramid_of_three_discs_stands_from_the_friction_on_that_statics_asks_for():
     """The upper disc pushes the lower ones apart along 30 degrees; they do not roll from mu = tan 15 = 0.268 on.
 
