@@ -1,6 +1,7 @@
 """Changes of discs between two frames, and added discs: checked, then applied to a copy."""
 
 import math
+import numbers
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -13,7 +14,8 @@ from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.errors import InputError
 from mpsim.features import FEATURES, feature
-from mpsim.features.obstacles import Polyline
+from mpsim.features.motions import Motion
+from mpsim.features.obstacles import Polyline, Removed, capsules_of
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.scene.scene import Scene
 
@@ -133,7 +135,8 @@ def _one_each(name: str, value: ArrayLike | None, common: float, count: int, own
 # the journal, written to checkpoints and session files, and applied again when those are replayed.
 
 
-SET, KICK, REMOVE, ADD, PARAMETERS, WALL = "set", "kick", "remove", "add", "change", "add_wall"
+SET, KICK, REMOVE, ADD, PARAMETERS = "set", "kick", "remove", "add", "change"
+WALL, MOVE_WALL, REMOVE_WALL = WALLS = "add_wall", "move_wall", "remove_wall"
 """What a change can be: each is called as the method of a simulation that makes it."""
 
 
@@ -143,7 +146,7 @@ class Change(NamedTuple):
     Attributes:
         frame: frames done when it was made.
         time: then [time].
-        what: SET, KICK, REMOVE, ADD, PARAMETERS or WALL.
+        what: SET, KICK, REMOVE, ADD, PARAMETERS, WALL, MOVE_WALL or REMOVE_WALL.
         values: the arguments of that method by name, those that were given: arrays and plain values.
     """
 
@@ -264,28 +267,64 @@ def checked_remove(place: Place, ids: ArrayLike) -> Change:
     return place.change(REMOVE, {"ids": _present_numbers(place.solver, ids)})
 
 
-def checked_wall(place: Place, start: Scene, points: ArrayLike, thickness: float) -> Change:
+def checked_wall(place: Place, start: Scene, wall: Polyline) -> Change:
     """`Simulation.add_wall`, checked; start: the scene at the start, whose emitters and piston must keep their room."""
-    wall = Polyline(points, thickness)
-    values = {"points": np.array(wall.points), "thickness": wall.thickness}
+    values: dict[str, Any] = {"points": np.array(wall.points), "thickness": wall.thickness}
+    values |= {"motion": wall.motion} if wall.motion else {}
+    values |= {"surface_velocity": wall.surface_velocity} if wall.surface_velocity else {}
     size = place.scene.width, place.scene.height
     for index in np.flatnonzero(((values["points"] < 0) | (values["points"] > size)).any(axis=1))[:1].tolist():
         raise InputError(
             f"points of a wall must be in the box, [0, {size[0]:g}] x [0, {size[1]:g}]; points[{index}] is "
             f"{tuple(values['points'][index].tolist())}. Move it."
         )
-    with_wall(place.scene, values)
+    change = place.change(WALL, values)
+    with_walls(place.scene, change)
     for each in FEATURES:
-        each.check(with_wall(start, values))
+        each.check(with_walls(start, change))
     discs, here = place.solver.discs(), np.flatnonzero(~place.solver.absorbed)
     position, radius = discs.position[here].astype(np.float64), discs.radius[here]
-    if (found := place.scene.replace(obstacles=wall).deepest(position, radius)) is not None:
+    alone = place.scene.replace(obstacles=with_walls(place.scene, change).obstacles[-1])
+    if (found := alone.deepest(position, radius, change.time)) is not None:
         number, at = here[found.disc], tuple(position[found.disc].tolist())
         raise InputError(
             f"a wall must be clear of all discs; got disc {number} at {at}, {found.depth:.3g} inside it with radius "
             f"{radius[found.disc]:g}. Put it elsewhere, or move the disc first."
         )
-    return place.change(WALL, values)
+    return change
+
+
+def checked_move(place: Place, wall: int, motion: Motion | None) -> Change:
+    """`Simulation.move_wall`, checked."""
+    number = _present_wall(place.scene, wall)
+    change = place.change(MOVE_WALL, {"wall": number, "motion": motion} if motion else {"wall": number})
+    moved = with_walls(place.scene, change)
+    for each in FEATURES:
+        each.check(moved)
+    before, after = (scene.obstacles[number] for scene in (place.scene, moved))
+    jump = np.abs(capsules_of((after,), change.time) - capsules_of((before,), change.time)).max()
+    if jump > 1e-9 * max(place.scene.width, place.scene.height):
+        raise InputError(
+            f"motion must begin where the wall is; got {motion!r}, which would displace it at once by {jump:.3g}. Use "
+            "a phase of 0, or a first displacement of (0, 0)."
+        )
+    return change
+
+
+def checked_removal(place: Place, wall: int) -> Change:
+    """`Simulation.remove_wall`, checked."""
+    return place.change(REMOVE_WALL, {"wall": _present_wall(place.scene, wall)})
+
+
+def _present_wall(scene: Scene, wall: int) -> int:
+    """The number of an obstacle that is there."""
+    there = [number for number, each in enumerate(scene.obstacles) if not isinstance(each, Removed)]
+    if isinstance(wall, bool) or not isinstance(wall, numbers.Integral) or int(wall) not in there:
+        raise InputError(
+            f"wall must be the number of an obstacle that is there, as sim.add_wall returns it; got {wall!r:.60}, and "
+            f"there are {checks.brief(there)}. It is the index in sim.scene.obstacles."
+        )
+    return int(wall)
 
 
 def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
@@ -342,9 +381,18 @@ def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> N
 # --- what it makes of the scene, and of discs ------------------------------------------------------------------------
 
 
-def with_wall(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    """A scene after a wall has been added, of which a change of the kind WALL has the values."""
-    return scene.replace(obstacles=(*scene.obstacles, Polyline(**values)))
+def with_walls(scene: Scene, change: Change) -> Scene:
+    """A scene after a change of its obstacles, of one of the kinds WALLS."""
+    values, obstacles = dict(change.values), list(scene.obstacles)
+    motion = values.pop("motion", None)
+    if change.what == WALL:
+        obstacles.append(Polyline(**values).turned_over_to(motion, change.time))
+    else:
+        number = values["wall"]
+        obstacles[number] = (
+            Removed() if change.what == REMOVE_WALL else obstacles[number].turned_over_to(motion, change.time)
+        )
+    return scene.replace(obstacles=tuple(obstacles))
 
 
 def edited(discs: NewDiscs, change: Change) -> NewDiscs:

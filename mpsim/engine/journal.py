@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks, files
-from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALL, Change, with_wall
+from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALLS, Change, with_walls
 from mpsim.engine.parameters import in_force
 from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.solvers.base import Origin
 from mpsim.engine.solvers.methods import same_bits
 from mpsim.errors import InputError, OutputError, reason_of
+from mpsim.features import motions
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings, settings_from
 from mpsim.scene.toml import pairs
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 #     session.toml            settings, and a table for each change
 #     session.scene.toml      the scene at the start, with long arrays in files beside it
 
-KINDS = (SET, KICK, REMOVE, ADD, PARAMETERS, WALL)
+KINDS = (SET, KICK, REMOVE, ADD, PARAMETERS, *WALLS)
 
 JOURNAL = "journal"
 """Name of the array of a checkpoint that holds what has been changed; only where something has."""
@@ -57,7 +58,8 @@ class Journal:
     Attributes:
         scene, settings: at the start.
         changes: each with `frame` and `time` at which it was made, `what` it was ("set", "kick", "remove", "add",
-            "change" or "add_wall", the method that was called), and its `values`, the arguments by name.
+            "change", "add_wall", "move_wall" or "remove_wall", the method that was called), and its `values`, the
+            arguments by name.
         frame: the last one; `replay` ends there.
         digest: of the state then.
 
@@ -103,7 +105,7 @@ class Journal:
         head = {"format": FORMAT, "frame": self.frame, "digest": self.digest, "scene": start.name}
         lines = [*pairs(head), "", "[settings]", *pairs(dataclasses.asdict(self.settings)), ""]
         for each in self.changes:
-            entry = {"frame": each.frame, "time": each.time, "what": each.what, **each.values}
+            entry = {"frame": each.frame, "time": each.time, "what": each.what, **_values_in_a_file(each)}
             lines += ["[[change]]", *pairs(entry), ""]
         text = "\n".join(lines).encode()
         if len(text) > MOST_BYTES:
@@ -204,13 +206,15 @@ def checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:
             raise ValueError(f"frames must be whole numbers that do not fall, up to {frame!r:.30}; got {at!r:.30}")
         if type(time) not in (int, float) or what not in KINDS or not isinstance(values, dict):
             raise ValueError(f"change {number} must have a time and be one of {', '.join(KINDS)}; got {what!r:.60}")
+        if "motion" in values:
+            values["motion"] = motions.from_plain(values["motion"])
         found.append(Change(at, float(time), what, values))
     return tuple(found)
 
 
 def packed(changes: Iterable[Change]) -> NDArray[np.uint8]:
     """Changes as the array of a checkpoint: text, in which numbers lose no bit."""
-    plain = [(*each[:3], {name: _plain(value) for name, value in each.values.items()}) for each in changes]
+    plain = [(*each[:3], {name: _plain(value) for name, value in _values_in_a_file(each).items()}) for each in changes]
     return np.frombuffer(json.dumps(plain).encode(), np.uint8)
 
 
@@ -240,6 +244,12 @@ def unpacked(array: NDArray[Any], frame: Any) -> tuple[Change, ...]:
     return checked_entries(found, frame)
 
 
+def _values_in_a_file(change: Change) -> dict[str, Any]:
+    """The values of a change, a motion as plain values."""
+    motion = change.values.get("motion")
+    return {**change.values, **({} if motion is None else {"motion": motions.to_plain(motion)})}
+
+
 def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
@@ -251,8 +261,8 @@ def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]
             scene, settings = in_force(scene, settings, values, each.time)
         if each.what == REMOVE and not scene.loses_discs:
             scene = scene.replace(has_gaps=True)
-        if each.what == WALL:
-            scene = with_wall(scene, each.values)
+        if each.what in WALLS:
+            scene = with_walls(scene, each)
     return scene, settings
 
 

@@ -30,7 +30,7 @@ from mpsim.core.state import Discs, State, StateInChunks
 from mpsim.engine import changes, checkpoint, report
 from mpsim.engine import checkpoint as checkpoint_file
 from mpsim.engine.access import Access, Closing, Once, exclusive, reading, warn
-from mpsim.engine.changes import REMOVE, Change, edited, with_wall
+from mpsim.engine.changes import REMOVE, Change, edited
 from mpsim.engine.checkpoint import Checkpointer
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.journal import Changed, Journal, parameters_after, replayed
@@ -77,6 +77,8 @@ from mpsim.errors import (
     WorkerStalledError,
 )
 from mpsim.features import FEATURES
+from mpsim.features.motions import Motion
+from mpsim.features.obstacles import Polyline
 from mpsim.kernels.compiling import compile_seconds
 from mpsim.measure.registry import Measures, Run, RunAverages, checked
 from mpsim.scene.scene import Scene
@@ -890,7 +892,14 @@ class Simulation(ReadOnly):
         self._take_over(change, *in_force(self._scene, self._settings, change.values, change.time), origin)
 
     @exclusive
-    def add_wall(self, points: ArrayLike, thickness: float = 0.0) -> None:
+    def add_wall(
+        self,
+        points: ArrayLike,
+        thickness: float = 0.0,
+        *,
+        motion: Motion | None = None,
+        surface_velocity: float = 0.0,
+    ) -> int:
         """Put up a wall between two frames: one more Polyline among the obstacles of `scene`.
 
         The first obstacle of a scene makes the simulation load other kernels, compiled once on each machine. Measures
@@ -899,6 +908,10 @@ class Simulation(ReadOnly):
         Args:
             points: its corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
             thickness: of the wall, >= 0 [length].
+            motion, surface_velocity: as of Polyline; times of the motion count from now.
+
+        Returns:
+            Its number, the index in `scene.obstacles`. A wall keeps its number; none is used twice.
 
         Raises:
             InputError: naming the argument, its rule and the value received, also where it leaves a disc, an emitter or
@@ -907,15 +920,66 @@ class Simulation(ReadOnly):
         >>> from mpsim import Scene, Simulation
         >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
         >>> with Simulation(scene) as sim:
-        ...     sim.add_wall([(4, 0), (4, 4)])
+        ...     wall = sim.add_wall([(4, 0), (4, 4)])
         ...     report = sim.run(frames=300)
-        ...     sim.scene.obstacles, sim.state.velocity.tolist()
-        ((Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
+        ...     wall, sim.scene.obstacles, sim.state.velocity.tolist()
+        (0, (Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
         """
-        self._open_solver().demand_alike("the wall", (points, thickness))
-        place, start = self._place("add_wall"), self._start[0]
-        change = changes.checked_wall(place, start, points, thickness)
-        self._take_over(change, with_wall(self._scene, change.values), self._settings, place.solver.origin)
+        self._open_solver().demand_alike("the wall", (points, thickness, motion, surface_velocity))
+        wall = Polyline(points, thickness, motion=motion, surface_velocity=surface_velocity)
+        self._change_walls(changes.checked_wall(self._place("add_wall"), self._start[0], wall))
+        return len(self._scene.obstacles) - 1
+
+    @exclusive
+    def move_wall(self, wall: int, motion: Motion | None = None) -> None:
+        """Give an obstacle another motion between two frames, from where it is.
+
+        Args:
+            wall: its number, the index in `scene.obstacles`.
+            motion: a Translation, Oscillation, Rotation or Path, whose times count from now; None: it stays there.
+
+        Raises:
+            InputError: naming the argument, its rule and the value received, also where the motion would leave the box,
+                or begin elsewhere; then nothing is changed.
+            TooFastError: as settings.on_fast says; then nothing is changed either.
+
+        >>> from mpsim import Scene, Simulation, Translation
+        >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[0, 0]], radius=0.5)
+        >>> with Simulation(scene) as sim:
+        ...     wall = sim.add_wall([(4, 0), (4, 4)])
+        ...     sim.move_wall(wall, Translation((-1, 0), stop=3))
+        ...     report = sim.run(frames=200)
+        ...     sim.state.velocity.round(9).tolist()
+        [[-2.0, 0.0]]
+        """
+        self._open_solver().demand_alike("the motion of the wall", (wall, motion))
+        self._change_walls(changes.checked_move(self._place("move_wall"), wall, motion))
+
+    @exclusive
+    def remove_wall(self, wall: int) -> None:
+        """Take an obstacle away between two frames; the others keep their numbers.
+
+        Args:
+            wall: its number, the index in `scene.obstacles`.
+
+        Raises:
+            InputError: if there is no such obstacle, with those that are there; then nothing is changed.
+
+        >>> from mpsim import Polyline, Scene, Simulation
+        >>> partition = Polyline([(4, 0), (4, 4)])
+        >>> scene = Scene(width=8, height=4, position=[[3, 2]], velocity=[[1, 0]], radius=0.5, obstacles=partition)
+        >>> with Simulation(scene) as sim:
+        ...     sim.remove_wall(0)
+        ...     report = sim.run(frames=200)
+        ...     sim.state.position.round(9).tolist()
+        [[5.0, 2.0]]
+        """
+        self._open_solver().demand_alike("the wall", wall)
+        self._change_walls(changes.checked_removal(self._place("remove_wall"), wall))
+
+    def _change_walls(self, change: Change) -> None:
+        """Make a change of obstacles that has been checked, and note it in the journal."""
+        self._take_over(change, changes.with_walls(self._scene, change), self._settings, self._solver.origin)
 
     def _place(self, what: str = "") -> changes.Place:
         """Where the simulation stands; what: the call, if that needs a whole frame."""
@@ -1030,7 +1094,7 @@ class Simulation(ReadOnly):
     @property
     @reading
     def journal(self) -> Journal:
-        """What the simulation started from, and every change by set, kick, remove, add, change and add_wall, in order.
+        """What the simulation started from, and every change by set, kick, remove, add, change or of walls, in order.
 
         A checkpoint holds it, so that of a resumed simulation begins where the first one did. `journal.save` writes it,
         and `Simulation.replay` runs it again, with the same bits. On ranks all ask for it; one of them saves it.

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features import capsules
+from mpsim.features import capsules, motions
 from mpsim.features.capsules import Deepest
 from mpsim.features.feature import MOST_VALUES, AddedDiscs, Feature, Floats, Invalidation, Moment, Shapes
 from mpsim.features.motions import MOTIONS, Motion, Rotation
@@ -56,6 +56,20 @@ class Obstacle:
         """Capsules where the obstacle was given: (ax, ay, bx, by, radius) [length]."""
         raise NotImplementedError
 
+    def at_place(self, capsules: Floats) -> dict[str, Any]:
+        """The arguments that would put it where its capsules, shape (K, 5), have come to [length]."""
+        raise NotImplementedError
+
+    def turned_over_to(self, motion: Motion | None, time: float) -> Obstacle:
+        """The same obstacle with another motion, from where it is at a time on; times of the motion count from then."""
+        here = self if self.motion is None else dataclasses.replace(
+            self, **self.at_place(capsules_of((self,), time)), motion=None
+        )  # fmt: skip
+        if motion is None:
+            return here
+        checked = dataclasses.replace(here, motion=motion)
+        return dataclasses.replace(checked, motion=motion.seen_from(-time))
+
 
 _UNSAID = {"motion": None, "surface_velocity": 0.0}
 """Values that go without saying."""
@@ -90,6 +104,9 @@ class FixedDisc(Obstacle):
         place: Any = self.position
         x, y = place
         return [(x, y, x, y, self.radius)]
+
+    def at_place(self, capsules: Floats) -> dict[str, Any]:
+        return {"position": capsules[0, :2]}
 
 
 @dataclass(frozen=True, repr=False)
@@ -129,6 +146,17 @@ class Polyline(Obstacle):
         points: Any = self.points
         return [(ax, ay, bx, by, self.thickness / 2) for (ax, ay), (bx, by) in pairwise(points)]
 
+    def at_place(self, capsules: Floats) -> dict[str, Any]:
+        return {"points": np.concatenate([capsules[:1, :2], capsules[:, 2:4]])}
+
+
+@dataclass(frozen=True, repr=False)
+class Removed(Obstacle):
+    """What is left of an obstacle that was removed while a simulation ran: its number, which no other gets."""
+
+    def capsules(self) -> list[tuple[float, float, float, float, float]]:
+        return []
+
 
 def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> NDArray[np.float64]:
     """All obstacles as capsules, shape (K, 5): ax, ay, bx, by, radius [length]; at a time, None: as they were given."""
@@ -162,7 +190,7 @@ def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obs
             f"obstacles must be at most {MOST_VALUES:,}; got {len(chosen):,}. Use fewer: a Polyline is one."
         )
     for index, obstacle in enumerate(chosen):
-        if not isinstance(obstacle, kinds):
+        if not isinstance(obstacle, (*kinds, Removed)):
             names = " or ".join(f"mpsim.{kind.__name__}" for kind in kinds)
             raise InputError(f"obstacles[{index}] must be an {names}; got {type(obstacle).__name__}.")
     ends = capsules_of(chosen)[:, :4].reshape(-1, 2)
@@ -189,7 +217,7 @@ class Obstacles(Feature):
 
     argument = "obstacles"
     kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)
-    exact: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)  # kinds that are nothing but their capsules
+    exact: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline, Removed)  # kinds that are nothing but their capsules
     examples: ClassVar[tuple[Any, ...]] = (FixedDisc((0, 0), 1), Polyline([(0, 0), (1, 0)]))
     excludes = True
     invalidates: ClassVar[tuple[Invalidation, ...]] = (
@@ -229,6 +257,7 @@ class Obstacles(Feature):
         return tuple(
             each if each.motion is None else dataclasses.replace(each, motion=each.motion.seen_from(moment.time))
             for each in self.of(scene)
+            if not isinstance(each, Removed)
         )
 
     def deepest(self, scene: Scene, position: Floats, radius: Floats, time: float) -> Deepest | None:
@@ -283,12 +312,12 @@ class Obstacles(Feature):
         return [[type(each).__name__, _plain(each)] for each in self.of(scene)]
 
     def from_plain(self, plain: Any) -> Any:
-        kinds = {kind.__name__: kind for kind in (*self.kinds, *MOTIONS)}
-        for _, fields in plain:
-            if "motion" in fields:
-                kind, values = fields["motion"]
-                fields["motion"] = kinds[kind](**values)
-        return super().from_plain(plain)
+        kinds: dict[str, Any] = {kind.__name__: kind for kind in (*self.kinds, Removed)}
+        made: list[Obstacle] = []
+        for kind, fields in plain:
+            motion = {"motion": motions.from_plain(fields["motion"])} if "motion" in fields else {}
+            made.append(kinds[kind](**{**fields, **motion}))
+        return made
 
     def description(self, scene: Scene) -> str:
         return f"{len(self.of(scene))}"
@@ -306,7 +335,7 @@ def _plain(obstacle: Obstacle) -> dict[str, Any]:
     """Fields of an obstacle as plain values, without those that go without saying."""
     fields = {name: value for name, value in vars(obstacle).items() if value != _UNSAID.get(name, obstacle)}
     if obstacle.motion is not None:
-        fields["motion"] = [type(obstacle.motion).__name__, dict(vars(obstacle.motion))]
+        fields["motion"] = motions.to_plain(obstacle.motion)
     return fields
 
 

@@ -849,7 +849,7 @@ def save(
     lines += ["[[discs]]", *array_lines(discs, target, "", arrays), ""]
     tables = 0
     for feature in sorted((each for each in FEATURES if each.kinds), key=lambda each: not each.several):
-        own = _table_lines(feature, feature.of(scene), target, arrays) if feature.several else []
+        own = _table_lines(feature, _there(feature, scene), target, arrays) if feature.several else []
         tables = max(tables, own.count(f"[[{feature.argument}]]"))
         lines += own
         if not feature.several and feature.is_in(scene):
@@ -880,6 +880,11 @@ def _scene_lines(scene: Scene) -> list[str]:
     values |= {"duration": scene.duration, "picture_interval": scene.picture_interval}
     values["measures"] = scene.measures or None
     return pairs(values)
+
+
+def _there(feature: Feature, scene: Scene) -> list[Any]:
+    """Values of a feature, without what is left of those that were removed while the scene ran."""
+    return [each for each in feature.of(scene) if isinstance(each, feature.kinds)]
 
 
 def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: Files) -> list[str]:

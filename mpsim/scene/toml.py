@@ -180,7 +180,7 @@ Files = list[tuple[Path, Callable[[BinaryIO], object]]]
 
 
 def text(value: Any) -> str:
-    """A value as TOML, from which the same bits are read; a dataclass as a table in the line."""
+    """A value as TOML, from which the same bits are read; a dataclass, or values by name, as a table in the line."""
     if isinstance(value, str):
         # JSON's escapes are valid in TOML, which requires one more.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
@@ -189,7 +189,9 @@ def text(value: Any) -> str:
     if isinstance(value, tuple | list | np.ndarray):
         return f"[{', '.join(map(text, value))}]"
     if dataclasses.is_dataclass(value):
-        return f"{{ {', '.join(pairs(chosen(value)))} }}"
+        value = chosen(value)
+    if isinstance(value, dict):
+        return f"{{ {', '.join(pairs(value))} }}"
     return repr(int(value)) if isinstance(value, int | np.integer) else repr(float(value))
 
 

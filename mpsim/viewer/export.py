@@ -22,6 +22,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.feature import Moment
+from mpsim.features.motions import Motion
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.piston import PISTON
 from mpsim.output.animation import DPI, image_of, write_film
@@ -262,7 +263,7 @@ def _named_or_written_out(scene: Scene, name: str) -> str:
 
 def _text(value: Any) -> str:
     """A value as a Python expression that evaluates to the same bits."""
-    if isinstance(value, tuple(kind for feature in FEATURES for kind in feature.kinds)):
+    if isinstance(value, (*(kind for feature in FEATURES for kind in feature.kinds), Motion)):
         return _call(value)
     if isinstance(value, np.ndarray | np.generic):
         return repr(value.tolist())
