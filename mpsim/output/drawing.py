@@ -124,18 +124,13 @@ ENDINGS = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".w
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of everything except discs.
-
-    Attributes:
-        ground, ink: of the paper, and of lines and words on it.
-        solid: of obstacles. behind: of the region behind a moving wall. edge: around each disc.
-    """
+    """Colours of everything except discs."""
 
     ground: str
-    ink: str
-    solid: str
-    behind: str
-    edge: str
+    ink: str  # of lines and words
+    solid: str  # of obstacles
+    behind: str  # of the region behind a moving wall
+    edge: str  # around each disc
 
     @property
     def style(self) -> dict[Any, Any]:
@@ -325,16 +320,8 @@ def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> Rectang
 class MovingDiscs:
     """Discs in their box, with obstacles and walls, which move from one picture of a film to the next.
 
-    Args:
-        axes: where to draw.
-        scene: box, and obstacles at the start.
-        position, radii: of the discs at first, shape (N, 2) and (N,) [length].
-        scale: of the numbers that colour the discs; None: one colour.
-        colours: colours for that scale; None: viridis.
-        theme: other colours.
-
-    Attributes:
-        discs: those that are drawn now.
+    They begin at these positions. scale: of the numbers that colour the discs; None: one colour. colours: for that
+    scale; None: viridis.
     """
 
     def __init__(
@@ -440,33 +427,20 @@ FONT_SIZES = (4.0, 11.0)  # smallest and largest labels [points]
 
 @dataclass(frozen=True)
 class Shown:
-    """The discs that a picture shows, in the order of their numbers. Absorbed discs are not among them.
+    """The N discs that a picture shows, in the order of their numbers. Absorbed discs are not among them."""
 
-    Attributes:
-        scene: box and obstacles.
-        corner: where the coordinates of the picture have the lower left corner of that box [length].
-        walls: where the walls are; None: unknown.
-        time: of the moment [time]; None: unknown.
-        here: which discs of the state these are: an index of arrays of one row per disc.
-        number: their numbers, shape (N,).
-        position, velocity: shape (N, 2) [length], [length/time]; no velocity: unknown.
-        radius, mass: shape (N,) [length], [mass].
-        spin: shape (N,) [1/time]; None: smooth discs.
-        given: discs that the state has, absorbed ones included.
-    """
-
-    scene: Scene
-    corner: tuple[float, float]
-    walls: Box | None
-    time: float | None
-    here: Any
+    scene: Scene  # box and obstacles
+    corner: tuple[float, float]  # where the coordinates of the picture have the lower left corner of that box
+    walls: Box | None  # None: unknown
+    time: float | None  # None: unknown
+    here: Any  # which discs of the state these are: an index of arrays of one row per disc
     number: NDArray[np.int64]
     position: NDArray[np.floating]
-    velocity: NDArray[np.floating] | None
+    velocity: NDArray[np.floating] | None  # None: unknown
     radius: NDArray[np.float64]
     mass: NDArray[np.float64]
-    spin: NDArray[np.floating] | None
-    given: int
+    spin: NDArray[np.floating] | None  # None: smooth discs
+    given: int  # discs that the state has, absorbed ones included
 
 
 KINDS: dict[str, tuple[str, Callable[[Shown], Any]]] = {

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,12 +39,7 @@ class Ownership:
         self._closed = advice
 
     def bind_or_check(self, sim: Simulation) -> None:
-        """Bind to this simulation the first time; after that, check that it is the same.
-
-        Raises:
-            OutputError: if it is another one, or after `close`; nothing was written.
-            InputError: if the simulation runs on ranks and the observer does not, or the other way round.
-        """
+        """Bind to this simulation the first time; after that, refuse another one, and any after `close`."""
         if self._closed is not None:
             raise OutputError(
                 f"the {self._name} must be open to be written to, and was closed, as by the end of its `with` block; "
@@ -372,43 +367,3 @@ def differs(a: Frame, b: Frame) -> str | None:
         if both == 1 or (both and not checks.equal(ours[name], theirs[name])):
             return f"its {name} of the discs differs"
     return None
-
-
-class Reader(Protocol):
-    """What reads a file of frames."""
-
-    def __len__(self) -> int:
-        """Whole frames in the file."""
-        ...
-
-    def refresh(self) -> None:
-        """Look for frames written since the last call."""
-        ...
-
-    def read(self, index: int) -> Frame:
-        """The frame of an index, 0 <= index < len."""
-        ...
-
-    def number(self, index: int) -> int:
-        """The frame of the simulation that is at an index."""
-        ...
-
-    def close(self) -> None:
-        """Close the file."""
-        ...
-
-
-class Writer(Protocol):
-    """What writes a file of frames; each frame has reached the operating system when `write` returns."""
-
-    def write(self, frame: Frame) -> None:
-        """Append a frame."""
-        ...
-
-    def truncate(self, frames: int) -> None:
-        """Cut the file after its first frames."""
-        ...
-
-    def close(self) -> None:
-        """Close the file."""
-        ...

@@ -8,9 +8,9 @@ import math
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller, reason_of
 from mpsim.features.edges import BoundaryName
 from mpsim.measure.correlation import lengths_of, to_nearest_image
-from mpsim.output.frames import FirstRank, Frame, Given, Ownership, Reader, Writer, differs, frame_of, select
+from mpsim.output.frames import FirstRank, Frame, Given, Ownership, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
 from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter
 from mpsim.scene.scene import Scene
@@ -33,11 +33,6 @@ NEEDED = {"time": "times", "velocity": "velocities", "radius": "radii", "mass": 
 
 ROUNDING = 16
 """Multiples of the precision by which computed places may differ: those of a moving wall, and of discs at the start."""
-
-
-def lacking(frame: Frame) -> list[str]:
-    """What mpsim writes but this frame, of another program or an earlier version, lacks, in words."""
-    return [words for name, words in NEEDED.items() if name not in frame.known]
 
 
 def discrepancy(sim: Simulation, now: Frame, first: Frame, last: Frame) -> str | None:
@@ -125,33 +120,24 @@ def _walls(corners: NDArray[np.float64]) -> str:
 logger: logging.Logger = logging.getLogger("mpsim")
 
 
-class Format(NamedTuple):
-    """A format of trajectories that is written: its usual ending, without the dot, and what writes it."""
+Reader = XyzReader | DumpReader | GsdReader
+Writer = XyzWriter | GsdWriter
 
-    name: str
-    writer: Callable[[Path, str], Writer]
+WRITERS: dict[str, type[Writer]] = {".xyz": XyzWriter, ".extxyz": XyzWriter, ".gsd": GsdWriter}
+"""What writes a file, by its ending."""
 
-
-XYZ, GSD = Format("xyz", XyzWriter), Format("gsd", GsdWriter)
-
-ENDINGS: dict[str, Format] = {".xyz": XYZ, ".extxyz": XYZ, ".gsd": GSD}
-"""Formats that are written, by the endings of their files."""
-
-READERS: dict[str, Callable[[Path, Given], Reader]] = {
+READERS: dict[str, type[Reader]] = {
     ".xyz": XyzReader,
     ".extxyz": XyzReader,
     ".gsd": GsdReader,
     ".lammpstrj": DumpReader,
     ".dump": DumpReader,
-    ".xyz.gz": XyzReader,
-    ".extxyz.gz": XyzReader,
-    ".lammpstrj.gz": DumpReader,
-    ".dump.gz": DumpReader,
 }
-"""What reads a file, by its ending."""
+"""What reads a file, by its ending; texts may be compressed."""
 
-FORMATS: tuple[str, ...] = tuple(dict.fromkeys(each.name for each in ENDINGS.values()))
-"""Names of all formats that are written."""
+READERS |= {f"{ending}.gz": reader for ending, reader in [*READERS.items()] if reader is not GsdReader}
+
+FORMATS = ("xyz", "gsd")  # usual endings of the formats that are written
 
 
 def ending_of(path: str | os.PathLike[str]) -> str:
@@ -176,7 +162,7 @@ class FrameFile:
         if mode != "x":
             FileLock(path).release()  # before the file is emptied, if nobody writes it
         self._unchecked = mode == "a" and path.exists() and path.stat().st_size > 0
-        kind = ENDINGS[path.suffix.lower()].writer
+        kind = WRITERS[path.suffix.lower()]
         try:
             # A trajectory grows frame by frame, under its own name: a kill costs the frame in hand, not all of them.
             if mode == "w":  # never through a link
@@ -251,7 +237,7 @@ class FrameFile:
     def _demand_same_run(self, sim: Simulation, now: Frame, first: Frame, last: Frame) -> None:
         """Refuse to continue a file of another run, or one that lacks what mpsim writes now."""
         name = f"the trajectory {str(self._path)!r}"
-        missing = lacking(last)
+        missing = [words for each, words in NEEDED.items() if each not in last.known]
         if missing:
             raise OutputError(
                 f"{name} must hold {', '.join(missing)} to be continued, so that all its frames hold the same; it was "
@@ -449,7 +435,7 @@ class TrajectoryWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x", comm: object = None):
-        self.path: Path = _path_of(path, ENDINGS)
+        self.path: Path = _path_of(path, WRITERS)
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes every frame.")
         checks.choice("mode", mode, ("x", "w", "a"))
         self.frames: int = 0

@@ -114,19 +114,19 @@ def scan(path: Path, skip: Skip, known: Sequence[int] = (0,)) -> Scan:
     return Scan(offsets, 0, lines.unended and len(offsets) > 1)
 
 
-def _opened(path: Path) -> contextlib.AbstractContextManager[BinaryIO]:
-    file = files.opened(path)
-    return _unpacked(file) if _is_compressed(path) else file
-
-
 def _is_compressed(path: Path) -> bool:
     return path.suffix.lower() == ".gz"
 
 
 @contextlib.contextmanager
-def _unpacked(file: BinaryIO) -> Iterator[BinaryIO]:
-    with file, gzip.GzipFile(fileobj=file) as content:
-        yield cast(BinaryIO, content)
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    """The content of a file, open for reading."""
+    with files.opened(path) as file:
+        if not _is_compressed(path):
+            yield file
+            return
+        with gzip.GzipFile(fileobj=file) as content:
+            yield cast(BinaryIO, content)
 
 
 DAMAGED = EOFError, zlib.error, gzip.BadGzipFile  # errors of a compressed file that is damaged or cut off
@@ -507,26 +507,19 @@ class XyzReader(TextReader):
 def text_of(frame: Frame) -> Iterator[Any]:
     """A frame as text, as bytes in parts: for ten million discs, the text is longer than all their arrays."""
     yield _head_of(frame)
-    yield from (_text_of_rows(frame, *rows) for rows in ranges(len(frame.position), PART))
-
-
-def _text_of_rows(frame: Frame, first: int, last: int) -> bytes:
-    return _rows_of(_columns_of(frame, slice(first, last)), last - first).tobytes()
+    for first, last in ranges(len(frame.position), PART):
+        yield _rows_of(_columns_of(frame, slice(first, last)), last - first).tobytes()
 
 
 def _head_of(frame: Frame) -> bytes:
     (width, height), (left, low) = frame.box, frame.origin
     wraps = " ".join("T" if wrap else "F" for wrap in (*frame.periodic, False))
+    further = [f":{name}:{kind_of(column)}" for name, column in _of_states().items() if column.name in frame.known]
     return (
         f'{len(frame.position)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} '
-        f'0.0" Properties={_properties_of(frame)} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
+        f'0.0" Properties={PROPERTIES}{"".join(further)} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
         f"precision={frame.position.dtype}\n"
     ).encode()
-
-
-def _properties_of(frame: Frame) -> str:
-    further = (f":{name}:{kind_of(column)}" for name, column in _of_states().items() if column.name in frame.known)
-    return "".join([PROPERTIES, *further])
 
 
 def _columns_of(frame: Frame, part: slice) -> list[NDArray[Any] | str]:

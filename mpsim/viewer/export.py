@@ -45,7 +45,7 @@ class Download(NamedTuple):
 # Two stages are drawn side by side. Each picture shows the walls as they were at its time.
 
 SECONDS, PICTURES_A_SECOND = 6, 20  # longest duration of a film [s], and its pictures per second
-MOST_BYTES = 2**26  # largest size of the kept pictures of both stages, in bytes
+MOST_BYTES = 2**26  # largest size of the discs of the kept pictures, in bytes
 
 MOST_DISCS = 150_000
 """Largest number of discs in all pictures of a film together: some seconds of drawing. With more discs, some pictures
@@ -77,11 +77,8 @@ class Film:
             self._kept.popleft()
 
     def _bytes(self) -> int:
-        """Bytes of all kept arrays. Pictures mostly share radii and walls with the picture before; these count once."""
-        sizes = {id(picture.capsules): picture.capsules.nbytes for picture in self._kept}
-        for stage in (stage for picture in self._kept for stage in picture.stages):
-            sizes |= {id(stage.packed): len(stage.packed), id(stage.radii): len(stage.radii)}
-        return sum(sizes.values())
+        # Pictures mostly share radii and walls with the picture before.
+        return sum(len(stage.packed) for picture in self._kept for stage in picture.stages)
 
     def pictures(self) -> list[SentPicture]:
         """The kept pictures, the oldest first."""

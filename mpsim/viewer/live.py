@@ -34,11 +34,7 @@ Viewed = Scene | Simulation | Trajectory | Recording | Link
 
 
 def demand_viewed(viewed: object, settings: object, beside: object = None) -> None:
-    """Refuse what a view cannot show, before anything is opened.
-
-    Raises:
-        InputError: if the source, its settings, or those of a second stage are of the wrong type.
-    """
+    """Refuse what a view cannot show, before anything is opened."""
     if not isinstance(viewed, Viewed):
         raise InputError(
             f"a view shows an mpsim.Scene, an mpsim.Simulation or an mpsim.Trajectory; got {type(viewed).__name__}. "
@@ -64,11 +60,7 @@ def source_of(
     colour: ArrayLike | None = None,
     beside: Settings | None = None,
 ) -> Source:
-    """Make the source for the pages of a view.
-
-    Raises:
-        InputError, TrajectoryError: as `Session` and `Recording`; also if colours are given with a trajectory.
-    """
+    """The source for the pages of a view; it raises errors as `Session` and `Recording` do."""
     name = in_utf8(name)
     if isinstance(viewed, Trajectory):
         viewed = Recording(viewed.path, **viewed.given)
