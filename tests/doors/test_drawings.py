@@ -189,10 +189,10 @@ def report():
 
 
 def test_a_report_is_drawn_with_a_bar_for_each_worker_that_adds_up_to_a_usual_frame(report):
-    seconds = np.full(20, 6e-6)
-    phases = {name: np.full((20, 2), 6e-6 / len(report.phase_seconds)) for name in report.phase_seconds}
-    seconds[3] = 1.0  # a frame that was disturbed is in no bar
-    made = dataclasses.replace(report, frame_seconds=seconds, phase_seconds=phases, workers=2, method="parallel")
+    times = np.full((2, 20, 5), 1200)
+    times[:, 3] = 2 * 10**8  # a frame that was disturbed is in no bar
+    seconds = times[0].sum(axis=1) * 1e-9
+    made = dataclasses.replace(report, times=times, workers=2, method="parallel")
     above, below = made.plot().axes
     assert above.lines[0].get_ydata() == pytest.approx(seconds * 1e6)
     assert above.get_title() == "20 frames by parallel, 2 workers"
@@ -205,10 +205,10 @@ def test_a_report_is_drawn_with_a_bar_for_each_worker_that_adds_up_to_a_usual_fr
 
 
 def test_frames_before_auto_had_chosen_are_in_no_bar(report):
-    phases = {name: np.zeros((8, 2)) for name in report.phase_seconds}
-    phases["move"][:3] = 50e-6, 50e-6
-    phases["move"][3:, 0] = 10e-6
-    made = dataclasses.replace(report, frame_seconds=phases["move"][:, 0].copy(), phase_seconds=phases)
+    times = np.zeros((2, 8, 5), np.int64)
+    times[:, :3, 0] = 50_000
+    times[0, 3:, 0] = 10_000
+    made = dataclasses.replace(report, times=times)
     (bars,) = made.plot().axes[1].containers
     assert [round(bar.get_width(), 6) for bar in bars] == [10.0]
 
