@@ -22,8 +22,8 @@ from rich.console import Console
 import mpsim
 from mpsim.output.animation import Picture, pictures_until
 from mpsim.output.drawing import LIGHT, STYLE, ColourScale, percentile_scale, sampled, speeds_of
+from mpsim.scene.scene import frames_between_pictures, settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
-from mpsim.scene.settings import frames_between_pictures, settings_for
 from mpsim.studies.findings import Promise, promise_of
 
 WHOLE = ("brownian", "cooling", "cradle", "galton", "growth", "pi", "piston", "rough-sediment")

@@ -115,7 +115,7 @@ class Album:
             radii = radii or protocol.pack_radii(scene.radii, header)
             packed = read_in_place(self._sim, functools.partial(protocol.pack, header))
             self.seconds.append(time.thread_time() - before)
-            self._server.show(protocol.SentPicture(serial, scene.capsules, (protocol.Stage(packed, radii),)))
+            self._server.show(protocol.SentPicture(serial, scene.capsules_at(0.0), (protocol.Stage(packed, radii),)))
         self._asked.acquire()
         return (time.process_time() - started) / (pictures - 3)
 

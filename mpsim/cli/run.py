@@ -34,8 +34,8 @@ from mpsim.output.frames import FirstRank, frame_of
 from mpsim.output.tables import measure_text
 from mpsim.output.trajectory import FORMATS, Trajectory
 from mpsim.scene import scenefile
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import MethodName, Settings, frames_between_pictures
+from mpsim.scene.scene import Scene, frames_between_pictures
+from mpsim.scene.settings import MethodName, Settings
 from mpsim.studies.findings import Promise, found_by, promise_of
 
 # --- The folder of a run: its files, and the record run.json

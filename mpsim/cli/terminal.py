@@ -26,8 +26,9 @@ from mpsim.engine.solvers.mpi_ranks import library
 from mpsim.errors import InputError
 from mpsim.output.frames import FirstRank
 from mpsim.scene import scenefile
+from mpsim.scene.scene import settings_for
 from mpsim.scene.scenefile import SceneFile
-from mpsim.scene.settings import CONTACTS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings, settings_for
+from mpsim.scene.settings import CONTACTS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings
 
 # --- Kinds of arguments and progress bars, shared by the commands
 

@@ -19,7 +19,8 @@ from mpsim.errors import OutputError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
-from mpsim.scene.settings import Settings, settings_for
+from mpsim.scene.scene import settings_for
+from mpsim.scene.settings import Settings
 from mpsim.studies import tradeoff as tradeoffs
 from mpsim.studies import tune as tuning
 from mpsim.studies.preliminary import KINDS

@@ -126,7 +126,7 @@ class State:
                 object.__setattr__(self, name, _read_only(value) if isinstance(value, np.ndarray) else value)
 
     @classmethod
-    def taken_over(
+    def _taken_over(
         cls,
         position: NDArray[np.floating],
         velocity: NDArray[np.floating],

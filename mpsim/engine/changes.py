@@ -85,7 +85,7 @@ def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, cou
 
 def _check_new(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:
     """Refuse discs that are not in the box as it is now, or for which a feature of the scene leaves no room."""
-    scene.check_inside(name, position, radius, time)
+    scene._check_inside(name, position, radius, time)
     new = feature.AddedDiscs(name, position, radius, present, time)
     for each in FEATURES:
         each.check_room(scene, new)
@@ -284,8 +284,8 @@ def checked_wall(place: Place, start: Scene, wall: Polyline) -> Change:
         each.check(with_walls(start, change))
     discs, here = place.solver.discs(), np.flatnonzero(~place.solver.absorbed)
     position, radius = discs.position[here].astype(np.float64), discs.radius[here]
-    alone = place.scene.replace(obstacles=with_walls(place.scene, change).obstacles[-1])
-    if (found := alone.deepest(position, radius, change.time)) is not None:
+    alone = place.scene._replace(obstacles=with_walls(place.scene, change).obstacles[-1])
+    if (found := alone._deepest(position, radius, change.time)) is not None:
         number, at = here[found.disc], tuple(position[found.disc].tolist())
         raise InputError(
             f"a wall must be clear of all discs; got disc {number} at {at}, {found.depth:.3g} inside it with radius "
@@ -366,8 +366,8 @@ def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> N
     """Refuse places outside the box as it is now, or where a feature of the scene leaves no room."""
     solver, scene = place.solver, place.scene
     radius = solver.radii[numbers]
-    scene.check_inside("position", position, radius, solver.time)
-    if scene.loses_discs or has_radii(scene):
+    scene._check_inside("position", position, radius, solver.time)
+    if scene._loses_discs or has_radii(scene):
         others = ~solver.absorbed
         others[numbers] = False
         beside = solver.radii[others]
@@ -392,7 +392,7 @@ def with_walls(scene: Scene, change: Change) -> Scene:
         obstacles[number] = (
             Removed() if change.what == REMOVE_WALL else obstacles[number].turned_over_to(motion, change.time)
         )
-    return scene.replace(obstacles=tuple(obstacles))
+    return scene._replace(obstacles=tuple(obstacles))
 
 
 def edited(discs: NewDiscs, change: Change) -> NewDiscs:

@@ -61,7 +61,7 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     plain: dict[str, Any] = {
         name: getattr(scene, name) for name in ("width", "height", "restitution", "wall_restitution", "boundary")
     }
-    lattice = scene.on_lattice
+    lattice = scene._on_lattice
     names = ARRAYS if lattice is None else (*PER_DISC, *VECTORS)
     arrays = {name: np.asarray(value) for name in names if (value := getattr(scene, name)) is not None}
     given = [each for each in FEATURES if not each.is_numeric and each.argument in vars(scene)]
@@ -100,7 +100,7 @@ def _on_lattice(lattice: dict[str, Any], values: dict[str, Any]) -> Scene:
     if not isinstance(lattice, dict) or lattice.keys() != {*OF_LATTICE, "digest"}:
         raise ValueError(f"its lattice must have {', '.join(OF_LATTICE)} and digest; got {lattice!r:.60}")
     scene = Scene.lattice(**{name: lattice[name] for name in OF_LATTICE}, **values)
-    start = scene.on_lattice
+    start = scene._on_lattice
     if start is None or start.digest_of_some() != lattice["digest"]:
         raise ValueError("its lattice has other discs here: another version of NumPy has drawn other random numbers")
     return scene

@@ -97,7 +97,7 @@ def wall_limits(scene: Scene) -> tuple[float, float, float, float]:
 def _rms_momentum(scene: Scene) -> float:
     """Root mean square of the components of the momenta at the start; 0 without discs [mass length/time]."""
     squares = 0.0
-    for first, velocity in scene.velocities_in_pieces():
+    for first, velocity in scene._velocities_in_pieces():
         mass = None if scene.mass is None else scene.mass[first : first + len(velocity), None]
         squares += float(((velocity if mass is None else velocity * mass) ** 2).sum())
     return math.sqrt(squares / (2 * scene.count)) if scene.count else 0.0
@@ -112,7 +112,7 @@ def typical_momentum(scene: Scene, dt: float) -> float:
     mass = float(scene.mass.mean()) if scene.count and scene.mass is not None else 1.0
     fall = math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
     speeds = [fall, thermal_speed(scene)]
-    speeds += [scene.surface_speed] if scene.surface_speed else []
+    speeds += [scene._surface_speed] if scene._surface_speed else []
     momenta = [_rms_momentum(scene)]
     if scene.emitters:
         masses = np.array([1.0 if emitter.mass is None else emitter.mass for emitter in scene.emitters])

@@ -259,8 +259,8 @@ def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]
     for each in changes:
         if each.what == PARAMETERS and (values := without_workers(each.values)):
             scene, settings = in_force(scene, settings, values, each.time)
-        if each.what == REMOVE and not scene.loses_discs:
-            scene = scene.replace(has_gaps=True)
+        if each.what == REMOVE and not scene._loses_discs:
+            scene = scene._replace(_has_gaps=True)
         if each.what in WALLS:
             scene = with_walls(scene, each)
     return scene, settings

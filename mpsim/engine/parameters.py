@@ -117,7 +117,7 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], time: f
     if "wall_temperature" in given:
         values["thermal_walls"] = _with_walls_at(scene.thermal_walls, given["wall_temperature"])
     changed = dataclasses.replace(settings, **{name: given[name] for name in OF_SETTINGS if name in given})
-    scene = scene.replace(**values) if values else scene
+    scene = scene._replace(**values) if values else scene
     for feature in FEATURES:
         feature.check_law(scene, changed.law)
     return scene, changed
@@ -140,7 +140,7 @@ def _rubbing(scene: Scene, name: str, value: Any) -> float:
 
 def _at_speed(scene: Scene, speed: Any, time: float) -> dict[str, Any]:
     """The piston at another speed from a time on, and this time."""
-    wall = scene.moving_wall
+    wall = scene._moving_wall
     if scene.piston is None or wall is None:
         raise InputError(
             f"piston_speed can be changed only in a scene with a piston, and got {checks.brief(speed)}. Give the scene "
@@ -148,7 +148,7 @@ def _at_speed(scene: Scene, speed: Any, time: float) -> dict[str, Any]:
         )
     return {
         "piston": dataclasses.replace(scene.piston, speed=speed, start=wall.place(time)),
-        "piston_began": time,
+        "_piston_began": time,
     }
 
 

@@ -5,6 +5,9 @@ command is chosen, and if a worker has died the run goes back to a snapshot. Who
 (`access.py`); what moves discs holds `access.state_lock`.
 """
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 from __future__ import annotations
 
 import contextlib
@@ -81,8 +84,8 @@ from mpsim.features.motions import Motion
 from mpsim.features.obstacles import Polyline
 from mpsim.kernels.compiling import compile_seconds
 from mpsim.measure.registry import Measures, Run, RunAverages, checked
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings, settings_for
+from mpsim.scene.scene import Scene, settings_for
+from mpsim.scene.settings import Settings
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -752,7 +755,7 @@ class Simulation(ReadOnly):
         self._open_solver().demand_alike("the discs that are added", given)
         place = self._place()
         brought = {"acceleration": acceleration, **others}
-        radii = place.solver.radii[~place.solver.absorbed] if place.scene.loses_discs else place.solver.radii
+        radii = place.solver.radii[~place.solver.absorbed] if place.scene._loses_discs else place.solver.radii
         now = place.scene, place.precision, place.solver.time, radii
         new = changes.checked(*now, position, velocity, radius, mass, brought)
         changes.check_momentum(place.solver, "velocity", new.velocity, new.mass)
@@ -995,8 +998,8 @@ class Simulation(ReadOnly):
         after = edited(before, change)
 
         def act() -> None:
-            if change.what == REMOVE and not self._scene.loses_discs:
-                self._adopt(self._scene.replace(has_gaps=True), self._settings, self._solver.origin)
+            if change.what == REMOVE and not self._scene._loses_discs:
+                self._adopt(self._scene._replace(_has_gaps=True), self._settings, self._solver.origin)
             self._solver.replace(after, numbers)
 
         with interrupts_held_back():

@@ -56,7 +56,7 @@ def speeds_in_equilibrium(speeds: Speeds, scene: Scene) -> Speeds:
         speed=float(speed[worst]),
         limit=float(scene.radii[worst]),
         between="",
-        collision_rate=estimated_collision_rate(scene.radii, mean_speed, sides_at(scene, 0.0), list(scene.pieces())),
+        collision_rate=estimated_collision_rate(scene.radii, mean_speed, sides_at(scene, 0.0), list(scene._pieces())),
         mean_speed=mean_speed,
         when="once collisions have shared the energy out",
     )
@@ -122,10 +122,10 @@ def check_precision(scene: Scene, settings: Settings) -> None:
         checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
     checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
     checks.fitting("dt", np.array([settings.dt]), precision)
-    if (wall := scene.moving_wall) is not None:
+    if (wall := scene._moving_wall) is not None:
         checks.fitting("speed of a wall", np.array([wall.speed]), precision)
     fastest = 0.0
-    for first, velocity in scene.velocities_in_pieces():
+    for first, velocity in scene._velocities_in_pieces():
         checks.fitting("velocity", velocity, precision, first)
         fastest = max(fastest, float(np.abs(velocity).max(initial=0.0)))
     for name in (*VECTORS, *(column.name for column in given())):
@@ -162,7 +162,7 @@ def spacing_of(scene: Scene, precision: str) -> float:
 
 def rms_speed(scene: Scene) -> float:
     """Root mean square of the speeds at the start; 0 without discs [length/time]."""
-    squares = sum(float((velocity**2).sum(axis=1).sum()) for _, velocity in scene.velocities_in_pieces())
+    squares = sum(float((velocity**2).sum(axis=1).sum()) for _, velocity in scene._velocities_in_pieces())
     return math.sqrt(squares / scene.count) if scene.count else 0.0
 
 
@@ -250,13 +250,13 @@ NONE = Overlap(0, 0.0, 0.0, None)
 
 def may_be_pressed(scene: Scene, count: int) -> bool:
     """Whether discs can have come to lack room: by a moving wall, emitters, or added discs."""
-    return scene.surface_speed > 0 or bool(scene.emitters) or count > scene.count
+    return scene._surface_speed > 0 or bool(scene.emitters) or count > scene.count
 
 
 def is_crowded(scene: Scene, radii: Floats, time: float) -> bool:
     """Whether discs and capsules fill so much of the box at a time that most discs can be pressed."""
     low, high = scene.walls_at(time)
-    ax, ay, bx, by, radius = scene.capsules.T
+    ax, ay, bx, by, radius = scene.capsules_at(0.0).T
     solid = math.pi * radius**2 + 2 * radius * np.hypot(bx - ax, by - ay)
     area = math.pi * float((radii * radii).sum()) + float(solid.sum())
     return area > CROWDED * float((high - low).prod())
@@ -317,11 +317,11 @@ def _most_of_them(found: Overlap, radii: Floats) -> str | None:
 def _into_capsules(
     state: State, scene: Scene, time: float, radii: Floats, displacement: Floats, mean: float
 ) -> str | None:
-    if not len(scene.capsules):
+    if not len(scene.capsules_at(0.0)):
         return None
     discs = np.flatnonzero(state.present)
     position = state.position[discs].astype(np.float64)
-    found = scene.deepest(position, radii[discs], time)
+    found = scene._deepest(position, radii[discs], time)
     if found is None:
         return None
     disc, depth = int(discs[found.disc]), found.depth
@@ -428,7 +428,7 @@ class StepLimits:
 
     def _frames_of_moving_wall(self) -> tuple[int, int]:
         """Frames in which a wall takes SQUEEZE of the room that is left in the end, and the last of such looks."""
-        wall, dt = self._scene.moving_wall, self._settings.dt
+        wall, dt = self._scene._moving_wall, self._settings.dt
         if wall is None:
             return 0, -1
         before, after = (sides_at(self._scene, time)[wall.axis] for time in (0.0, math.inf))
@@ -625,7 +625,7 @@ class StepLimits:
 
         Of the last frame at which sub-steps are looked at anyway: what a simulation that is resumed there would find.
         """
-        last, wall = frame - frame % ADAPT_EVERY, self._scene.moving_wall
+        last, wall = frame - frame % ADAPT_EVERY, self._scene._moving_wall
         push = 2 * abs(wall.speed) if wall is not None and last <= self._squeezed else 2 * self._surface
         return self._acceleration * self._settings.dt * frames + push
 

@@ -1,5 +1,8 @@
 """Edges that absorb discs: an absorbed disc keeps its number, stays where it left, and no longer collides."""
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -28,7 +31,7 @@ class Absorption(Feature):
     )
 
     def has_columns(self, scene: Scene) -> bool:
-        return scene.loses_discs
+        return scene._loses_discs
 
     def description(self, scene: Scene) -> str:
         return ", ".join(scene.absorbing)

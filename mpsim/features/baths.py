@@ -1,5 +1,8 @@
 """Baths: a thermostat, and walls at a temperature."""
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 from __future__ import annotations
 
 import hashlib
@@ -241,7 +244,7 @@ class ThermalWallsFeature(Feature):
         walls: ThermalWalls | None = self.of(scene)
         if walls is None:
             return
-        moving = scene.moving_wall
+        moving = scene._moving_wall
         for edge in walls.temperatures:
             demand_wall("thermal_walls", edge, scene.boundary)
             if edge in scene.absorbing:

@@ -1,5 +1,8 @@
 """Emitters: places where discs enter. Checked when made; immutable."""
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
@@ -127,8 +130,8 @@ class Emitters(Feature):
         if emitters:
             position = np.array([each.position for each in emitters])
             radius = np.array([scene.radius if each.radius is None else each.radius for each in emitters])
-            scene.check_inside("the position of emitters", position, radius)
-            check_clear(scene.deepest(position, radius), "the position of emitters", position, radius)
+            scene._check_inside("the position of emitters", position, radius)
+            check_clear(scene._deepest(position, radius), "the position of emitters", position, radius)
 
     def description(self, scene: Scene) -> str:
         words: list[str] = []

@@ -1,5 +1,8 @@
 """Obstacles: discs and polylines, at rest or moving, all made of capsules. Checked when made; immutable."""
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
@@ -243,7 +246,7 @@ class Obstacles(Feature):
                 _check_motion(f"obstacles[{index}]", each, scene)
 
     def check_room(self, scene: Scene, new: AddedDiscs) -> None:
-        found = scene.deepest(new.position, new.radius, new.time)
+        found = scene._deepest(new.position, new.radius, new.time)
         capsules.check_clear(found, new.name, new.position, new.radius)
 
     def surface_speed(self, scene: Scene) -> float:
@@ -262,7 +265,7 @@ class Obstacles(Feature):
 
     def deepest(self, scene: Scene, position: Floats, radius: Floats, time: float) -> Deepest | None:
         size = (scene.width, scene.height)
-        depth = scene.capsule_index(time).depths(position, radius)
+        depth = scene._capsule_index_at(time).depths(position, radius)
         number = int((depth > 8 * np.finfo(np.float64).eps * max(size)).sum())
         if not number:
             return None

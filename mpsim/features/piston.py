@@ -1,5 +1,8 @@
 """A piston: a wall of the box that moves. Checked when made; immutable."""
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
@@ -135,7 +138,7 @@ class PistonFeature(Feature):
             return None
         edge = EDGES.index(piston.wall)
         start = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
-        return MovingWall("piston", edge, start, piston.stop, piston.speed, scene.piston_began)
+        return MovingWall("piston", edge, start, piston.stop, piston.speed, scene._piston_began)
 
     def continued(self, scene: Scene, moment: Moment) -> Piston | None:
         piston: Piston | None = self.of(scene)
@@ -197,6 +200,6 @@ def _check_end(scene: Scene, name: str, radius: Floats, number: Floats) -> None:
             f"{length:g} (packing {math.pi * float((number * radius**2).sum()) / (length * across):.3g}). Let the "
             "piston stop earlier, or use fewer or smaller discs."
         )
-    if len(scene.capsules) and not any(scene.periodic):
+    if len(scene.capsules_at(0.0)) and not any(scene.periodic):
         x_low, y_low, x_high, y_high = *low.tolist(), *high.tolist()
-        check_room_among(scene.capsules, name, radius, number, (x_low, y_low), (x_high, y_high), wall)
+        check_room_among(scene.capsules_at(0.0), name, radius, number, (x_low, y_low), (x_high, y_high), wall)

@@ -1,5 +1,8 @@
 """Pairs of discs, and the pair-correlation function."""
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 from __future__ import annotations
 
 import math
@@ -260,7 +263,7 @@ def _demand_uniform(states: Sequence[State], scene: Scene) -> None:
 
 def _box_of(states: Sequence[State], scene: Scene) -> Box:
     """The walls in all states: those of the scene, except for one that has moved and come to rest."""
-    wall = scene.moving_wall
+    wall = scene._moving_wall
     if wall is None:
         return scene.box
     places = {None if state.box is None else state.box[wall.edge] for state in states}

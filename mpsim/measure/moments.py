@@ -54,7 +54,7 @@ def is_inelastic(scene: Scene) -> bool:
 
 def has_losses(scene: Scene) -> bool:
     """Whether contacts take energy from the motion of the discs."""
-    return is_inelastic(scene) or scene.dissipates
+    return is_inelastic(scene) or any(feature.dissipates(scene) for feature in FEATURES)
 
 
 def is_heated(scene: Scene) -> bool:
@@ -209,7 +209,7 @@ def placed(discs: Any, scene: Scene) -> Any:
 
 def _fits(scene: Scene, box: Sequence[float]) -> bool:
     """Whether the sides of a box are those of the scene, but along an axis with a wall that moves."""
-    moving = scene.moving_wall
+    moving = scene._moving_wall
     return all(
         abs((box[2 * axis + 1] - box[2 * axis]) / side - 1) <= SAME_BOX
         for axis, side in enumerate((scene.width, scene.height))

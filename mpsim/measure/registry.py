@@ -506,7 +506,7 @@ _REFUSALS: tuple[_Refusal, ...] = (
     ),
     _Refusal(
         (*_VIRIALS, "collision_rate", "contact_rate"),
-        lambda scene: scene.loses_discs and not scene.absorbing,
+        lambda scene: scene._loses_discs and not scene.absorbing,
         "removed discs, which its number of discs counts",
         "Measure in a scene without them, scene.starting_from(sim.state).",
     ),

@@ -48,8 +48,8 @@ from mpsim.output.drawing import (
     sampled,
     speeds_of,
 )
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings, frames_between_pictures, settings_for
+from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
+from mpsim.scene.settings import Settings
 
 # --- A picture of a simulation that is updated for each frame of an animation
 

@@ -307,7 +307,7 @@ def colour_bar(
 
 def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> Rectangle | None:
     """The region of the box behind a moving wall, as a shape to be drawn; None if all walls are at rest, or unknown."""
-    wall = scene.moving_wall
+    wall = scene._moving_wall
     if wall is None or walls is None:
         return None
     length, place = (scene.width, scene.height)[wall.axis], walls[wall.edge]
@@ -335,7 +335,7 @@ class MovingDiscs:
         theme: Theme = LIGHT,
     ):
         self._axes, self._scene, self._scale, self._colours, self._theme = axes, scene, scale, colours, theme
-        self._capsules = scene.capsules
+        self._capsules = scene.capsules_at(0.0)
         _draw_box(axes, scene, (0.0, 0.0))
         self._obstacles = draw_obstacles(axes, scene, self._capsules, theme)
         self.discs: EllipseCollection = self._draw(position, radii)

@@ -327,7 +327,7 @@ def frame_of(sim: Simulation) -> Frame:
     On ranks, where no process has all discs, it is read in chunks, unless the scene absorbs discs, so that numbers have
     gaps.
     """
-    if capabilities_of(sim.settings).on_ranks and not sim.scene.loses_discs:
+    if capabilities_of(sim.settings).on_ranks and not sim.scene._loses_discs:
         none, found = sim.state_between(0, 0), in_chunks(sim.state_between, sim.count)
         ids = ChunkedArray(np.dtype(np.int64), (sim.count,), np.arange)
         found = {name: value for name, value in found.items() if name not in ("present", "box")}

@@ -62,11 +62,9 @@ def compressed(scene: Scene, packing: float, rate: float) -> Scene:
     made = copy.copy(scene)
     vars(made).update(width=width, height=height)
     low, high = made.limits(made.radius)
-    made.start_anew(np.clip(grown / shrink, low, high), velocity)
-    for array in (made.position, made.velocity):
-        array.flags.writeable = False
-    if scene.can_redraw:
-        made.redraw_with(partial(_redrawn, scene, packing, rate))
+    made._start_anew(np.clip(grown / shrink, low, high), velocity)
+    if scene._can_redraw:
+        made._redraw_with(partial(_redrawn, scene, packing, rate))
     return made
 
 
@@ -91,8 +89,8 @@ def _demand_free_flight(scene: Any) -> None:
     there = {
         "obstacles": scene.obstacles,
         "emitters": scene.emitters,
-        "a piston": scene.moving_wall,
-        "absorbing edges or removed discs": scene.loses_discs,
+        "a piston": scene._moving_wall,
+        "absorbing edges or removed discs": scene._loses_discs,
         **{kind.not_exact: kind.not_exact for kind in kinds_of(scene.boundary)},
     }
     if found := [name for name, present in there.items() if present]:

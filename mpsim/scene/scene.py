@@ -5,9 +5,9 @@ from __future__ import annotations
 import copy
 import functools
 import hashlib
+import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import chain
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.checks import ReadOnly
+from mpsim.core.columns import equal_sizes
 from mpsim.core.state import Box, State, no_state, view
 from mpsim.errors import InputError
-from mpsim.features import FEATURES
+from mpsim.features import FEATURES, PER_DISC
 from mpsim.features.absorption import check_edges
 from mpsim.features.baths import ThermalWalls, Thermostat, check_thermal_walls, check_thermostat
 from mpsim.features.capsules import CapsuleIndex
@@ -29,114 +30,10 @@ from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
 from mpsim.features.properties import check_acceleration, check_gravity, check_radius
 from mpsim.scene import placement, starts
-from mpsim.scene.discs import HasDiscs, Lattice, demand_equal_discs, demand_sites, demand_whole_box, start_of
+from mpsim.scene.discs import GivenStart, Lattice, Start, demand_equal_discs, demand_sites, demand_whole_box, start_of
 from mpsim.scene.placement import placed
-from mpsim.scene.settings import Recommends, Settings, check_recommended
+from mpsim.scene.settings import NAMES, Settings, check_recommended, check_settings
 from mpsim.scene.starts import overlaps_in_words
-
-# --- A scene in one line, for its repr
-
-
-def brief(scene: Any) -> str:
-    """Number of discs, their sizes, the box, and what else the scene has."""
-    discs = f"{scene.count} disc{'s' * (scene.count != 1)}"
-    if not np.ndim(scene.radius):
-        discs += f" of radius {scene.largest_radius:g}"
-    elif scene.count:
-        discs += f" of radii {scene.radii.min():g} to {scene.radii.max():g}"
-    extras = [each.brief(scene) for each in sorted(FEATURES, key=lambda each: each.several)]
-    extras += [f"{name} {getattr(scene, name):g}" for name in Restitution.numbers if getattr(scene, name) < 1]
-    axes = "".join(axis for axis, wraps in zip("xy", scene.periodic, strict=True) if wraps)
-    extras += [f"periodic {axes}"] if axes else []
-    low, high = scene.walls_at(0.0)
-    size = " x ".join(f"{side:g}" for side in high - low)
-    if (high - low).tolist() != [scene.width, scene.height]:
-        size += f" of {scene.width:g} x {scene.height:g}"
-    return f"<Scene: {discs} in {size}, packing {scene.packing:.3g}{''.join(', ' + text for text in extras if text)}>"
-
-
-# --- A scene that continues from a state of a run of it: with what the present discs have at that time
-
-
-def move_to_state(scene: Any, state: State, time: float) -> None:
-    """Change a scene, a copy that nothing else refers to, so that it starts from a state: see `Scene.starting_from`.
-
-    Raises:
-        InputError: if the number of discs differs, or a number is not finite.
-    """
-    if not isinstance(state, State):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
-        raise no_state("state must be a State", state)
-    count, shape, meaning = scene.count, (scene.count, 2), f"({scene.count}, 2)"
-    if len(state.position) != count:
-        raise InputError(
-            f"a state for starting_from must hold the scene's {count} discs; got {len(state.position)}. "
-            "Make a new Scene for another number of discs."
-        )
-    written, state = state.position[state.present], placed(state, scene)
-    position = checks.finite_array("position", state.position, shape, meaning)
-    velocity = checks.finite_array("velocity", state.velocity, shape, meaning)
-    for feature in [each for each in FEATURES if each.is_in(scene)]:
-        if state.box is not None:
-            vars(scene)[feature.argument] = feature.continued(scene, Moment(state.box, time))
-        for column in feature.columns:
-            if column.given and column.in_state and (values := getattr(state, column.name)) is not None:
-                shape = column.rows(count)
-                vars(scene)[column.name] = checks.finite_array(column.name, values, shape, f"{shape}")
-    vary(scene, lambda: f"state {state.digest()}")
-    _keep(scene, state.present)
-    low, high = scene.limits(scene.radius)
-    inside = np.clip(position[state.present], low, high)
-    rounding = 8 * checks.resolution(written) * np.abs(written).max(initial=max(scene.width, scene.height))
-    moved = np.abs(inside - position[state.present])
-    scene.start_anew(np.where(moved <= rounding, inside, position[state.present]), velocity[state.present])
-    for array in (scene.position, scene.velocity):
-        array.flags.writeable = False
-
-
-def vary(scene: Any, variation: Callable[[], str]) -> None:
-    """Give a scene, a copy that nothing else refers to, other random numbers for its run, derived from a text."""
-    for feature in FEATURES:
-        if feature.draws and feature.is_in(scene):
-            vars(scene)[feature.argument] = feature.redrawn(scene, variation())
-
-
-CHANGEABLE: dict[str, Callable[[Any, Any], Any]] = {
-    "gravity": lambda scene, value: check_gravity(value),
-    "restitution": lambda scene, value: checks.fraction("restitution", value),
-    "wall_restitution": lambda scene, value: checks.fraction("wall_restitution", value),
-    "friction": lambda scene, value: value,
-    "wall_friction": lambda scene, value: value,
-    "obstacles": lambda scene, value: check_obstacles(value, scene.width, scene.height),
-    "emitters": lambda scene, value: check_emitters(value),
-    "piston": lambda scene, value: check_piston(value, scene.boundary, scene.width, scene.height, scene.absorbing),
-    "piston_began": lambda scene, value: value,
-    "thermostat": lambda scene, value: value,
-    "thermal_walls": lambda scene, value: value,
-    "has_gaps": lambda scene, value: value,
-}
-"""The arguments that `change_to` can change, and the check of each; the caller has checked those that are kept."""
-
-
-def change_to(scene: Any, values: Mapping[str, Any]) -> None:
-    """Give a scene, a copy that nothing else refers to, other values of some arguments.
-
-    Raises:
-        InputError: naming the argument, its rule and the value received.
-    """
-    for name, value in values.items():
-        checks.choice("an argument of Scene.replace", name, CHANGEABLE)
-        vars(scene)[name] = CHANGEABLE[name](scene, value)
-
-
-def _keep(scene: Any, kept: NDArray[np.bool_]) -> None:
-    """Keep what the discs of a mask, shape (count,), have of their own, and drop the others."""
-    if kept.all():
-        return
-    for name, each in chain.from_iterable(feature.all_per_disc.items() for feature in FEATURES):
-        values = getattr(scene, name)
-        if isinstance(values, np.ndarray):
-            vars(scene)[name] = each.check(values[kept], int(kept.sum()))
-
 
 SLOWEST, FASTEST = 1e-6, 10.0
 """Bounds of the rate of compression. Collisions per disc grow as its inverse; at the fastest, discs hardly move."""
@@ -145,7 +42,19 @@ LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
 
 
-class Scene(ReadOnly, HasDiscs, Recommends):
+CHANGEABLE: dict[str, Callable[[Any, Any], Any] | None] = {
+    "gravity": lambda scene, value: check_gravity(value),
+    "restitution": lambda scene, value: checks.fraction("restitution", value),
+    "wall_restitution": lambda scene, value: checks.fraction("wall_restitution", value),
+    "obstacles": lambda scene, value: check_obstacles(value, scene.width, scene.height),
+    "emitters": lambda scene, value: check_emitters(value),
+    "piston": lambda scene, value: check_piston(value, scene.boundary, scene.width, scene.height, scene.absorbing),
+    **dict.fromkeys(("friction", "wall_friction", "thermostat", "thermal_walls", "_has_gaps", "_piston_began")),
+}
+"""The arguments that can change in the scene of a simulation, and the check of each; None: the caller checks it."""
+
+
+class Scene(ReadOnly):
     """Discs in a box. It is checked when made; its arrays are read-only copies. Unused features cost nothing.
 
     Args:
@@ -197,8 +106,13 @@ class Scene(ReadOnly, HasDiscs, Recommends):
     spin: NDArray[np.float64] | None = None
     thermostat: Thermostat | None = None
     thermal_walls: ThermalWalls | None = None
-    has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
-    piston_began: float = 0.0  # when the piston left its start in that simulation [time]
+    duration: float | None = None
+    settings: Settings | None = None
+    picture_interval: float | None = None
+    measures: tuple[str, ...] = ()
+    _start: Start
+    _has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
+    _piston_began: float = 0.0  # when the piston left its start in that simulation [time]
     _redraw: Callable[[int], Scene] | None = None
     _capsules: tuple[float, NDArray[np.float64]] | None = None
     _capsule_index: CapsuleIndex | None = None
@@ -252,46 +166,116 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         vars(self).update(check_thermostat(thermostat) | check_thermal_walls(thermal_walls))
         vars(self).update(check_recommended(duration, settings, picture_interval, measures))
         starts.demand_room(self.largest_radius, self.width, self.height, self.boundary)
-        if self.on_lattice is None:  # whose discs are inside by construction
-            self.check_inside("position", self.position, self.radius)
+        if self._on_lattice is None:  # whose discs are inside by construction
+            self._check_inside("position", self.position, self.radius)
         for feature in FEATURES:
             feature.check(self)
 
-    def deepest(self, position: NDArray[np.float64], radius: NDArray[np.float64], time: float = 0.0) -> Deepest | None:
-        """The disc that overlaps an obstacle most; None if no disc does.
+    # --- discs
+
+    @property
+    def count(self) -> int:
+        """Number of discs."""
+        return self._start.count
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Centres, shape (N, 2), read-only [length]. Those of a lattice are computed when first needed, and kept."""
+        return self._start.position
+
+    @property
+    def velocity(self) -> NDArray[np.float64]:
+        """Velocities, shape (N, 2), read-only [length/time], as `position`."""
+        return self._start.velocity
+
+    def rows(self, first: int, last: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions and velocities of some discs, without those of the others where the scene is `Scene.lattice`.
 
         Args:
-            position: centres, in the box, shape (N, 2) [length].
-            radius: one each, shape (N,) [length].
-            time: at which to look: obstacles may move [time].
+            first, last: the first disc and the one after the last, 0 <= first <= last <= count.
+
+        Returns:
+            Two arrays of shape (last - first, 2) [length], [length/time]: views of arrays that were given.
+
+        Raises:
+            InputError: if the scene has no such discs.
+
+        >>> import mpsim
+        >>> scene = mpsim.Scene.lattice(count=1_000_000, packing=0.5, radius=0.5)
+        >>> position, velocity = scene.rows(500_000, 500_003)
+        >>> position.shape, bool((abs(position[:, 0] - scene.width / 2) < 1).all())
+        ((3, 2), True)
         """
-        return next(filter(None, (feature.deepest(self, position, radius, time) for feature in FEATURES)), None)
+        first = checks.whole("first", first, 0, self.count, "Give the number of a disc.")
+        last = checks.whole("last", last, first, self.count, "Give the number after that of a disc.")
+        return self._start.positions(first, last), self._start.velocities(first, last)
 
     @property
-    def dissipates(self) -> bool:
-        """Whether contacts lose energy in other ways than through restitution, such as by friction."""
-        return any(feature.dissipates(self) for feature in FEATURES)
+    def largest_radius(self) -> float:
+        """Radius of the largest disc, emitters' discs included [length]."""
+        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
+        return float(radii.max(initial=0.0))
 
     @property
-    def loses_discs(self) -> bool:
-        """Whether discs can be absent: absorbed at an edge, or removed from a simulation of this scene."""
-        return bool(self.absorbing) or self.has_gaps
+    def smallest_radius(self) -> float:
+        """Radius of the smallest disc, emitters' discs included [length]."""
+        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
+        return float(radii.min(initial=self.largest_radius))
 
-    def replace(self, **values: Any) -> Scene:
-        """The same scene with other values of some arguments, for a simulation of it that is changed.
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Radius of each disc, shape (N,), read-only [length]."""
+        return self.radius if isinstance(self.radius, np.ndarray) else equal_sizes(self.radius, self.count)
 
-        Args:
-            values: by name: gravity, restitution, wall_restitution, friction, wall_friction, obstacles, emitters,
-                piston, piston_began, thermostat, thermal_walls, has_gaps.
+    @property
+    def masses(self) -> NDArray[np.float64]:
+        """Mass of each disc, shape (N,), read-only [mass]."""
+        return equal_sizes(1.0, self.count) if self.mass is None else self.mass
+
+    @property
+    def packing(self) -> float:
+        """Packing fraction at the start: area of the discs over that of the box between its walls."""
+        low, high = self.walls_at(0.0)
+        (width, height), radii = (high - low).tolist(), self.radii
+        parts = (radii[first:last] / width * (radii[first:last] / height) for first, last in self._pieces())
+        return math.pi * sum(float(part.sum()) for part in parts)
+
+    def digest(self) -> str:
+        """Hex digest of everything that a run depends on, without recommendations; equal digests mean equal bits.
+
+        >>> import mpsim
+        >>> made = mpsim.Scene.random(count=100, packing=0.4, radius=0.5, seed=1)
+        >>> mpsim.Scene.load("gas").digest() == made.digest()
+        True
         """
-        other = copy.copy(self)
-        change_to(other, values)
-        return other
+        digest = hashlib.blake2b(digest_size=16)
+        made = {"position": self._start.positions, "velocity": self._start.velocities}
+        for name in sorted(self.__getstate__().keys() - {*NAMES, "_start"} | made.keys(), key=_plain):
+            digest.update(f"{_plain(name)} ".encode())
+            if name in made:
+                digest.update(f"{(self.count, 2)} ".encode())
+                for first, last in self._start.pieces():
+                    digest.update(np.ascontiguousarray(made[name](first, last), "<f8").tobytes())
+                continue
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                array = np.ascontiguousarray(value, "<f8")
+                digest.update(f"{array.shape} ".encode() + array.tobytes())
+            else:
+                digest.update(f"{value!r} ".encode())  # in which floats lose no bit
+        return digest.hexdigest()
+
+    # --- the box
 
     @property
-    def moving_wall(self) -> MovingWall | None:
-        """The wall that a feature of the scene moves; None if all are at rest."""
-        return placement.the_moving_wall(self)
+    def periodic(self) -> tuple[bool, bool]:
+        """Whether x, and whether y, is periodic."""
+        return wraps_of(self.boundary)
+
+    @property
+    def box(self) -> Box:
+        """The box: x_low, x_high, y_low, y_high [length]. A wall that moves may start inside it."""
+        return self._box_at(0.0)
 
     def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower left and upper right corner (x, y) of the box at a time: a wall may have moved [length].
@@ -302,30 +286,32 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         >>> Scene.load("piston").walls_at(float("inf"))[1].tolist()
         [20.0, 20.0]
         """
-        box = self.box_at(checks.time_to_come("time", time))
+        box = self._box_at(checks.time_to_come("time", time))
         return np.array(box[::2]), np.array(box[1::2])
 
     def limits(
         self, radius: float | NDArray[np.float64], time: float = 0.0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Smallest and largest centre coordinates of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
-        return placement.limits_at(self, radius, time)
+        low, high = self.walls_at(time)
+        walls = np.array([kind.has_walls for kind in kinds_of(self.boundary)])
+        margin = np.multiply.outer(np.asarray(radius), walls)
+        return low + margin, high - margin
 
-    def check_inside(
-        self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64], time: float = 0.0
-    ) -> None:
-        """Refuse discs that are not in the box.
+    def capsules_at(self, time: float) -> NDArray[np.float64]:
+        """Obstacles as capsules (segments with a radius), read-only, shape (K, 5): ax, ay, bx, by, radius [length].
 
-        Args:
-            name: of the argument, for the text of the error.
-            position: centres, shape (N, 2) [length].
-            radius: of every disc, or one each, shape (N,) [length].
-            time: at which to check: a wall may have moved [time].
-
-        Raises:
-            InputError: naming the first centre that is less than one radius from a wall.
+        time: at which they are there, as obstacles may move [time].
         """
-        placement.check_inside(self, name, position, radius, time)
+        if self._capsules is None or self._capsules[0] != time:
+            moving = any(each.motion is not None for each in self.obstacles)
+            if self._capsules is None or moving:
+                capsules = capsules_of(self.obstacles, time)
+                capsules.flags.writeable = False
+                self._capsules, self._capsule_index = (time, capsules), None
+        return self._capsules[1]
+
+    # --- files, and other starts
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> Scene:
@@ -355,16 +341,6 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         """
         view("scene_to_file", self, path)
 
-    @property
-    def can_redraw(self) -> bool:
-        """Whether `redrawn` can make other starts of the same kind."""
-        return self._redraw is not None
-
-    def redraw_with(self, make: Callable[[int], Scene]) -> Scene:
-        """This scene; from now on `redrawn` calls `make` with a seed."""
-        self._redraw = make
-        return self
-
     def redrawn(self, seed: int) -> Scene:
         """Another start of the same kind: drawn at random like this one, and with other random numbers during its run.
 
@@ -386,62 +362,8 @@ class Scene(ReadOnly, HasDiscs, Recommends):
                 f"with random places or velocities; got {self!r}, whose discs were given. Make other starts yourself."
             )
         other = self._redraw(seed)
-        vary(other, lambda: f"start {seed}")
+        other._vary(lambda: f"start {seed}")
         return other
-
-    @property
-    def periodic(self) -> tuple[bool, bool]:
-        """Whether x, and whether y, is periodic."""
-        return wraps_of(self.boundary)
-
-    @property
-    def box(self) -> Box:
-        """The box: x_low, x_high, y_low, y_high [length]. A wall that moves may start inside it."""
-        return self.box_at(0.0)
-
-    def box_at(self, time: float) -> Box:
-        """The box at a time >= 0 [time]: x_low, x_high, y_low, y_high [length]."""
-        edges = [0.0, self.width, 0.0, self.height]
-        if (wall := self.moving_wall) is not None:
-            edges[wall.edge] = wall.place(time)
-        return edges[0], edges[1], edges[2], edges[3]
-
-    @property
-    def capsules(self) -> NDArray[np.float64]:
-        """`capsules_at` the start."""
-        return self.capsules_at(0.0)
-
-    def capsules_at(self, time: float) -> NDArray[np.float64]:
-        """Obstacles as capsules (segments with a radius), read-only, shape (K, 5): ax, ay, bx, by, radius [length].
-
-        time: at which they are there, as obstacles may move [time].
-        """
-        if self._capsules is None or self._capsules[0] != time:
-            moving = any(each.motion is not None for each in self.obstacles)
-            if self._capsules is None or moving:
-                capsules = capsules_of(self.obstacles, time)
-                capsules.flags.writeable = False
-                self._capsules, self._capsule_index = (time, capsules), None
-        return self._capsules[1]
-
-    def capsule_index(self, time: float) -> CapsuleIndex:
-        """The obstacles at a time, indexed for repeated queries of overlap."""
-        capsules = self.capsules_at(time)
-        if self._capsule_index is None:
-            self._capsule_index = CapsuleIndex(capsules, (self.width, self.height), self.periodic)
-        return self._capsule_index
-
-    @property
-    def surface_speed(self) -> float:
-        """The highest speed of a moving wall or obstacle [length/time]; 0: all are at rest."""
-        return max(feature.surface_speed(self) for feature in FEATURES)
-
-    @property
-    def packing(self) -> float:
-        """Packing fraction at the start: area of the discs over that of the box between its walls."""
-        low, high = self.walls_at(0.0)
-        width, height = (high - low).tolist()
-        return self.packing_in(width, height)
 
     def starting_from(self, state: State, time: float = 0.0) -> Scene:
         """The same scene with the positions, velocities and spins of a state, to continue from there.
@@ -461,11 +383,34 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         >>> scene.starting_from(State(np.array([[2.0, 2.0]]), np.array([[0.0, 0.0]]))).position.tolist()
         [[2.0, 2.0]]
         """
+        if not isinstance(state, State):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
+            raise no_state("state must be a State", state)
+        if len(state.position) != self.count:
+            raise InputError(
+                f"a state for starting_from must hold the scene's {self.count} discs; got {len(state.position)}. "
+                "Make a new Scene for another number of discs."
+            )
+        time, present = checks.time_to_come("time", time), state.present
+        written, state = state.position[present], placed(state, self)
+        meaning = f"({self.count}, 2)"
+        position = checks.finite_array("position", state.position, (self.count, 2), meaning)[present]
+        velocity = checks.finite_array("velocity", state.velocity, (self.count, 2), meaning)[present]
         other = copy.copy(self)
-        for name in ("has_gaps", "piston_began"):  # what is absent is left out, and time begins anew
+        for name in ("_has_gaps", "_piston_began"):  # what is absent is left out, and time begins anew
             vars(other).pop(name, None)
-        move_to_state(other, state, checks.time_to_come("time", time))
-        other.check_inside("position", other.position, other.radius)
+        for feature in [each for each in FEATURES if each.is_in(other)]:
+            if state.box is not None:
+                vars(other)[feature.argument] = feature.continued(other, Moment(state.box, time))
+            for column in feature.columns:
+                if column.given and column.in_state and (values := getattr(state, column.name)) is not None:
+                    shape = column.rows(self.count)
+                    vars(other)[column.name] = checks.finite_array(column.name, values, shape, f"{shape}")
+        other._vary(lambda: f"state {state.digest()}")
+        other._keep(present)
+        inside = np.clip(position, *other.limits(other.radius))
+        rounding = 8 * checks.resolution(written) * np.abs(written).max(initial=max(self.width, self.height))
+        other._start_anew(np.where(np.abs(inside - position) <= rounding, inside, position), velocity)
+        other._check_inside("position", other.position, other.radius)
         return other
 
     def compressed(self, packing: float, *, rate: float = 0.01) -> Scene:
@@ -507,13 +452,6 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         if self._overlaps is None:
             self._overlaps = overlaps_in_words(self)
         return self._overlaps
-
-    def _repr_png_(self) -> bytes:
-        """A small picture for notebooks."""
-        return view("scene_png", self)
-
-    def __repr__(self) -> str:
-        return brief(self)
 
     @classmethod
     def random(
@@ -581,7 +519,7 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": solid, **others}
         made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)
         kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature, **box}
-        return made.redraw_with(functools.partial(_drawn_again, cls.random, kind, seed))
+        return made._redraw_with(functools.partial(_drawn_again, cls.random, kind, seed))
 
     @classmethod
     def lattice(
@@ -638,7 +576,168 @@ class Scene(ReadOnly, HasDiscs, Recommends):
         made = cls(position=start, velocity=start, **kind)
         demand_whole_box(made)
         kind |= {"count": count, "temperature": temperature}
-        return made.redraw_with(functools.partial(_drawn_again, cls.lattice, kind, seed))
+        return made._redraw_with(functools.partial(_drawn_again, cls.lattice, kind, seed))
+
+    # --- for people
+
+    def _repr_png_(self) -> bytes:
+        """A small picture for notebooks."""
+        return view("scene_png", self)
+
+    def __repr__(self) -> str:
+        discs = f"{self.count} disc{'s' * (self.count != 1)}"
+        if not np.ndim(self.radius):
+            discs += f" of radius {self.largest_radius:g}"
+        elif self.count:
+            discs += f" of radii {self.radii.min():g} to {self.radii.max():g}"
+        extras = [each.brief(self) for each in sorted(FEATURES, key=lambda each: each.several)]
+        extras += [f"{name} {getattr(self, name):g}" for name in Restitution.numbers if getattr(self, name) < 1]
+        axes = "".join(axis for axis, wraps in zip("xy", self.periodic, strict=True) if wraps)
+        extras += [f"periodic {axes}"] if axes else []
+        low, high = self.walls_at(0.0)
+        size = " x ".join(f"{side:g}" for side in high - low)
+        if (high - low).tolist() != [self.width, self.height]:
+            size += f" of {self.width:g} x {self.height:g}"
+        return f"<Scene: {', '.join(filter(None, [f'{discs} in {size}', f'packing {self.packing:.3g}', *extras]))}>"
+
+    # --- for the rest of mpsim
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that the scene holds, without how it was made; of a lattice its numbers, without arrays."""
+        derived = ("_redraw", "_capsules", "_capsule_index", "_overlaps")
+        return {name: value for name, value in vars(self).items() if name not in derived}
+
+    @property
+    def _on_lattice(self) -> Lattice | None:
+        """The lattice on which the discs start; None if their places were given."""
+        return self._start if isinstance(self._start, Lattice) else None
+
+    def _pieces(self) -> Iterator[tuple[int, int]]:
+        """Pieces of all discs, as (first disc, one after the last); arrays that were given are one piece."""
+        return self._start.pieces()
+
+    def _velocities_in_pieces(self) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        """The first disc of each piece, and the velocities of the discs in it, shape (K, 2) [length/time]."""
+        return ((first, self._start.velocities(first, last)) for first, last in self._start.pieces())
+
+    def _start_anew(self, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
+        """Let the scene, a copy that nothing else refers to, start from arrays of shape (N, 2)."""
+        for array in (position, velocity):
+            array.flags.writeable = False
+        self._start = GivenStart(position, velocity)
+
+    @property
+    def _loses_discs(self) -> bool:
+        """Whether discs can be absent: absorbed at an edge, or removed from a simulation of this scene."""
+        return bool(self.absorbing) or self._has_gaps
+
+    def _replace(self, **values: Any) -> Scene:
+        """The scene of a simulation whose parameters, obstacles or discs are changed.
+
+        Args:
+            values: by name, of arguments in CHANGEABLE, of which some are checked, others by the caller.
+
+        Raises:
+            InputError: naming the argument, its rule and the value received.
+        """
+        other = copy.copy(self)
+        for name, value in values.items():
+            check = CHANGEABLE[name]
+            vars(other)[name] = value if check is None else check(other, value)
+        return other
+
+    @property
+    def _can_redraw(self) -> bool:
+        """Whether `redrawn` can make other starts of the same kind."""
+        return self._redraw is not None
+
+    def _redraw_with(self, make: Callable[[int], Scene]) -> Scene:
+        """This scene; from now on `redrawn` calls `make` with a seed."""
+        self._redraw = make
+        return self
+
+    def _vary(self, variation: Callable[[], str]) -> None:
+        """Give the scene, a copy that nothing else refers to, other random numbers for its run, derived from a text."""
+        for feature in FEATURES:
+            if feature.draws and feature.is_in(self):
+                vars(self)[feature.argument] = feature.redrawn(self, variation())
+
+    def _keep(self, kept: NDArray[np.bool_]) -> None:
+        """Keep what the discs of a mask, shape (count,), have of their own, and drop the others."""
+        if not kept.all():
+            for name, each in PER_DISC.items():
+                if isinstance(values := getattr(self, name), np.ndarray):
+                    vars(self)[name] = each.check(values[kept], int(kept.sum()))
+
+    @property
+    def _moving_wall(self) -> MovingWall | None:
+        """The wall that a feature moves; None if all are at rest.
+
+        Raises:
+            InputError: if there are several.
+        """
+        walls = [wall for feature in FEATURES if (wall := feature.moving_wall(self)) is not None]
+        if len(walls) > 1:
+            names = " and ".join(wall.name for wall in walls)
+            raise InputError(f"a scene must have at most one wall that moves; got {names}. Leave one of them out.")
+        return walls[0] if walls else None
+
+    @property
+    def _surface_speed(self) -> float:
+        """The highest speed of a moving wall or obstacle [length/time]; 0: all are at rest."""
+        return max(feature.surface_speed(self) for feature in FEATURES)
+
+    def _box_at(self, time: float) -> Box:
+        """The box at a time >= 0 [time]: x_low, x_high, y_low, y_high [length]."""
+        edges = [0.0, self.width, 0.0, self.height]
+        if (wall := self._moving_wall) is not None:
+            edges[wall.edge] = wall.place(time)
+        return edges[0], edges[1], edges[2], edges[3]
+
+    def _check_inside(
+        self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64], time: float = 0.0
+    ) -> None:
+        """Refuse discs, of one radius or one each, that are not in the box at a time.
+
+        Raises:
+            InputError: naming the first centre that is less than one radius from a wall; name: of the argument.
+        """
+        low, high = self.limits(radius, time)
+        # A centre may touch the wall to within rounding of the box's own coordinates.
+        slack = 4 * np.finfo(np.float64).eps * max(self.width, self.height)
+        outside = np.argwhere(((position < low - slack) | (position > high + slack)).any(axis=1))
+        if len(outside):
+            index = int(outside[0, 0])
+            wall = self._moving_wall
+            now = f", the {wall.name}'s place at time {time:g} included" if wall is not None and time > 0 else ""
+            shape = position.shape
+            (x_low, y_low), (x_high, y_high) = (np.broadcast_to(limit, shape)[index] for limit in (low, high))
+            raise InputError(
+                f"{name}[{index}] must lie in [{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}] (one "
+                f"radius from the walls{now}); got {tuple(position[index].tolist())} (discs outside: {len(outside)}). "
+                "Move the disc or enlarge the box."
+            )
+
+    def _capsule_index_at(self, time: float) -> CapsuleIndex:
+        """The obstacles at a time, indexed for repeated queries of overlap."""
+        capsules = self.capsules_at(time)
+        if self._capsule_index is None:
+            self._capsule_index = CapsuleIndex(capsules, (self.width, self.height), self.periodic)
+        return self._capsule_index
+
+    def _deepest(self, position: NDArray[np.float64], radius: NDArray[np.float64], time: float = 0.0) -> Deepest | None:
+        """The disc that overlaps an obstacle most; None if no disc does.
+
+        Args:
+            position: centres, in the box, shape (N, 2) [length].
+            radius: one each, shape (N,) [length].
+            time: at which to look: obstacles may move [time].
+        """
+        return next(filter(None, (feature.deepest(self, position, radius, time) for feature in FEATURES)), None)
+
+
+def _plain(name: str) -> str:
+    return name.lstrip("_")
 
 
 def _check_others(draw: Callable[..., Scene], others: Iterable[str]) -> None:
@@ -651,3 +750,32 @@ def _drawn_again(draw: Callable[..., Scene], arguments: dict[str, Any], first: i
     """The scene that `draw`, Scene.random or Scene.lattice, has made with the seed `first`, made with another seed."""
     other = hashlib.blake2b(f"{first} {seed}".encode(), digest_size=7).digest()
     return draw(**arguments, seed=int.from_bytes(other, "big"))
+
+
+# --- Scenes as arguments
+
+
+def no_scene(value: object) -> InputError:
+    """The error for a value that should be a scene; for a text, which may be a scene's name, it says how to load it."""
+    remedy = f"Use mpsim.Scene.load({value!r})" if isinstance(value, str) else "Make one with Scene(...)"
+    return InputError(f"scene must be an mpsim.Scene; got {type(value).__name__}. {remedy}.")
+
+
+def settings_for(scene: Scene, settings: Settings | None) -> Settings:
+    """The settings for a run: those given, else those that the scene recommends, else the defaults.
+
+    Raises:
+        InputError: if scene is not a Scene, or settings are not Settings.
+    """
+    if not isinstance(scene, Scene):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
+        raise no_scene(scene)
+    if settings is None:
+        return scene.settings or Settings()
+    return check_settings(settings)
+
+
+def frames_between_pictures(scene: Scene, settings: Settings) -> int | None:
+    """The recommended picture interval in frames of these settings, at least 1; None without one."""
+    if scene.picture_interval is None:
+        return None
+    return max(round(scene.picture_interval / settings.dt), 1)

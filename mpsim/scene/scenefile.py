@@ -596,7 +596,7 @@ class _Reader:
             self._demand_no_problem()
             raise
         if any(group.get("places") == "random" or group.get("temperature") for group in self.groups):
-            scene.redraw_with(self._drawn)
+            scene._redraw_with(self._drawn)
         return scene
 
     def _sides(self, boundary: tuple[str, str]) -> tuple[float, float] | None:

@@ -19,7 +19,7 @@ from mpsim.scene import placement
 
 def overlaps_in_words(scene: Any) -> str:
     """Overlaps of discs with each other and with obstacles; "" without any. See `Scene.overlaps_at_start`."""
-    if scene.on_lattice is not None:  # displacements are shorter than half of the gaps; there are no obstacles
+    if scene._on_lattice is not None:  # displacements are shorter than half of the gaps; there are no obstacles
         return ""
     words: list[str] = []
     pairs, (i, j), depth = placement.overlaps(
@@ -31,7 +31,7 @@ def overlaps_in_words(scene: Any) -> str:
             if pairs == 1
             else f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}"
         )
-    found = scene.deepest(scene.position, scene.radii)
+    found = scene._deepest(scene.position, scene.radii)
     if found is not None:
         words.append(
             f"disc {found.disc} overlaps {found.where} at the start, by {found.depth:.3g}"

@@ -83,7 +83,7 @@ def divergence(
     speed, diameter = typical_speed(scene), 2 * scene.smallest_radius
     perturbation = np.random.default_rng(seed).normal(size=(scene.count, 2)) * PERTURBATION * speed
     other = scene.starting_from(State(scene.position, scene.velocity + perturbation))
-    other = other.replace(thermostat=scene.thermostat) if scene.thermostat else other  # the same kicks, by its seed
+    other = other._replace(thermostat=scene.thermostat) if scene.thermostat else other  # the same kicks, by its seed
     # A sample for each twentieth of a diameter of flight: a Lyapunov time is about as long as a free path.
     settings = Settings(method="event", dt=0.05 * diameter / speed if speed else 1.0, contact_time=contact_time)
     times, distances = [], []

@@ -25,8 +25,8 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import FastWarning, InputError, NotMeasurableError, OutputError
 from mpsim.measure.moments import adds_discs
 from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings, no_scene
+from mpsim.scene.scene import Scene, no_scene
+from mpsim.scene.settings import Settings
 from mpsim.studies import replicas
 from mpsim.studies.deviations import Deviation, deviations, short_deviations, spans_of, unmeasurable
 from mpsim.studies.preliminary import VARIATION, PreliminaryRun, Starts, StartsGiven, preliminary_run
@@ -523,7 +523,7 @@ class Ensemble:
     def _why_idle(self, name: str) -> str:
         """Why a measure whose errors come from collisions alone has none, as there are no collisions; or ""."""
         runs = self._reference_runs(self.replicas, 0)
-        if len(self._scene.capsules) or any(np.any(run["met"]) or np.any(run.get("pressure", 0.0)) for run in runs):
+        if self._scene.obstacles or any(np.any(run["met"]) or np.any(run.get("pressure", 0.0)) for run in runs):
             return ""
         return (
             f"no collisions occurred in any of {len(runs)} runs of the reference, to {self.plan.until:.3g}, so that no "

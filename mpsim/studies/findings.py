@@ -15,8 +15,8 @@ from mpsim.core import checks
 from mpsim.engine.observers import Collisions
 from mpsim.engine.simulation import Simulation
 from mpsim.measure.reference import compressibility, enskog_rate
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings, frames_between_pictures, settings_for
+from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
+from mpsim.scene.settings import Settings
 
 # --- What named scenes should show in their recommended runs: expected and found numbers
 
@@ -177,11 +177,12 @@ class Hopper(Promise):
     @property
     def _funnel(self) -> tuple[float, float, float, float]:
         """Gap of the funnel, its depth from the rim to the gap, diameter of grains, and their number to the area."""
-        left, right = (self.scene.capsules[[0, -1]][:, [0, 2]]).max(axis=1)[0], self.scene.capsules[-1, [0, 2]].min()
-        heights = self.scene.capsules[0, [1, 3]]
+        capsules = self.scene.capsules_at(0.0)
+        left, right = capsules[0, [0, 2]].max(), capsules[-1, [0, 2]].min()
+        heights = capsules[0, [1, 3]]
         diameter = 2 * self.scene.largest_radius
         packed = 0.8 / (math.pi * diameter**2 / 4)
-        return right - left - 2 * float(self.scene.capsules[0, 4]), float(np.ptp(heights)), diameter, packed
+        return right - left - 2 * float(capsules[0, 4]), float(np.ptp(heights)), diameter, packed
 
     @property
     def _gravity(self) -> float:

@@ -66,7 +66,7 @@ class Starts:
     """
 
     def __init__(self, scene: Scene, given: StartsGiven = None):
-        kind = ("kind" if scene.can_redraw else "same") if given is None else given
+        kind = ("kind" if scene._can_redraw else "same") if given is None else given
         if isinstance(kind, str) and kind not in KINDS:
             raise InputError(f"starts must be 'kind', 'same', a function or a list of Scenes; got {given!r}.")
         self.same: bool = isinstance(kind, str) and kind == "same"
@@ -112,7 +112,7 @@ def varied(scene: Scene, seed: int) -> Scene:
     """
     rng = np.random.default_rng(seed)
     moves = rng.uniform(-1, 1, (scene.count, 2)) * (VARIATION * 2 * scene.smallest_radius)
-    solid = np.vstack([scene.capsules, *_wall_as_capsule(scene)])
+    solid = np.vstack([scene.capsules_at(0.0), *_wall_as_capsule(scene)])
     position = placement.displaced(
         scene.position, scene.radii, (scene.width, scene.height), scene.periodic, solid, moves
     )
@@ -123,12 +123,12 @@ def varied(scene: Scene, seed: int) -> Scene:
         velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / energy)
     common = scene.largest_radius
     emitters = tuple(_varied_emitter(scene, emitter, common, rng) for emitter in scene.emitters)
-    return scene.starting_from(State(position, velocity)).replace(emitters=emitters)
+    return scene.starting_from(State(position, velocity))._replace(emitters=emitters)
 
 
 def _wall_as_capsule(scene: Scene) -> list[list[float]]:
     """A capsule along the start of a moving wall, which discs must not overlap."""
-    wall = scene.moving_wall
+    wall = scene._moving_wall
     if wall is None:
         return []
     (left, bottom), (right, top) = scene.walls_at(0.0)
@@ -146,7 +146,7 @@ def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.rando
     radius = common if emitter.radius is None else emitter.radius
     before, speed = np.array(emitter.position), np.array(emitter.velocity)
     place = np.clip(before + rng.uniform(-1, 1, 2) * VARIATION * 2 * radius, *scene.limits(radius))
-    if scene.deepest(place[None], np.array([radius])) is not None:
+    if scene._deepest(place[None], np.array([radius])) is not None:
         place = before
     return dataclasses.replace(emitter, position=place, velocity=speed * (1 + VARIATION * rng.normal(size=2)))
 
@@ -457,7 +457,7 @@ def _speed_to_come(scene: Scene) -> float:
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
     if moments.adds_discs(scene):
         speeds.append(math.sqrt(2 * moments.gravity_strength(scene) * 2 * scene.largest_radius))
-    if (wall := scene.moving_wall) is not None and scene.count:
+    if (wall := scene._moving_wall) is not None and scene.count:
         speeds.append(abs(wall.speed))
     if scene.count:
         speeds.append(math.sqrt(2) * moments.thermal_speed(scene))

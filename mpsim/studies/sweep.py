@@ -1,5 +1,8 @@
 """Sweeps: a function, or a scene that is run, at every point of a grid of parameters, through any executor."""
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 # Values of grids and results are of any type, and are checked as the program runs.
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnnecessaryIsInstance=false
 # pyright: reportUnnecessaryComparison=false
@@ -51,8 +54,8 @@ from mpsim.errors import InputError, MpsimError, OutputError, SweepWarning, leve
 from mpsim.measure import registry
 from mpsim.measure.statistics import Measure
 from mpsim.scene import scenefile
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Recommends, Settings, settings_for
+from mpsim.scene.scene import Scene, settings_for
+from mpsim.scene.settings import Settings, check_settings
 from mpsim.studies.ensemble import Submissions, checked_executor, checked_path
 from mpsim.studies.replicas import Stopped
 
@@ -340,7 +343,7 @@ class SceneRun:
             InputError: if a value breaks a rule of Settings, or the method runs on ranks.
         """
         changes = {name: value for name, value in varied.items() if name not in RUN_OPTIONS}
-        settings = dataclasses.replace(settings_for(scene or Recommends(), self.settings), **changes)
+        settings = dataclasses.replace(_settings_for(scene, self.settings), **changes)
         if capabilities_of(settings).on_ranks:
             raise InputError(
                 f"method must be one that runs in a process, as each run of a sweep does; got {settings.method!r}. Use "
@@ -922,7 +925,7 @@ def _scene_task(function: Any, names: tuple[str, ...], points: list[Point], how:
                 f"grid[{each!r}] must be one of {', '.join(RUN_FIELDS)}, where a scene is given."
                 f"{_meant(each, RUN_FIELDS)} To vary the scene, give a function that makes it."
             )
-    if points[0].seed is not None and not scene.can_redraw:
+    if points[0].seed is not None and not scene._can_redraw:
         scene.redrawn(points[0].seed)  # which raises
     run = _scene_run(None, names, points, how, scene)
     title = {"function": f"scene {scene.digest()}", **title, "runs": _facts(run, scene)}
@@ -943,10 +946,15 @@ def _function_task(function: Any, names: tuple[str, ...], points: list[Point], h
     return Task(name, call, None, title, frozenset(names))
 
 
+def _settings_for(scene: Scene | None, settings: Settings | None) -> Settings:
+    """Those given, or recommended by the scene; None: it is not made yet."""
+    return check_settings(settings or Settings()) if scene is None else settings_for(scene, settings)
+
+
 def _scene_run(
     make: Callable[..., Any] | None, own: tuple[str, ...], points: list[Point], how: dict[str, Any], scene: Scene | None
 ) -> SceneRun:
-    settings = settings_for(scene or Recommends(), how["settings"])  # checked, also where scenes are made later
+    settings = _settings_for(scene, how["settings"])  # checked, also where scenes are made later
     if scene is None and how["settings"] is None:
         settings = None
     until = None if how["until"] is None else checks.non_negative("until", how["until"], "[time]")

@@ -20,8 +20,8 @@ from mpsim.core.state import view
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings, settings_for
+from mpsim.scene.scene import Scene, settings_for
+from mpsim.scene.settings import Settings
 from mpsim.studies.deviations import Deviation
 from mpsim.studies.ensemble import REFERENCE, CandidateFailed, Ensemble
 from mpsim.studies.preliminary import StartsGiven

@@ -204,7 +204,7 @@ def _continuing(sim: Simulation) -> Scene:
         "mass": None if scene.mass is None else sim.masses[here],
         "spin": None if state.spin is None else state.spin[here].astype(np.float64),
     }
-    moment = Moment(scene.box_at(sim.time), sim.time)
+    moment = Moment(scene._box_at(sim.time), sim.time)
     values |= {each.argument: each.continued(scene, moment) for each in (OBSTACLES, PISTON)}
     return Scene(**values)
 

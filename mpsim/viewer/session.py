@@ -20,8 +20,8 @@ from mpsim.engine.solvers.grid import Pass, has_passes_by_grid
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
 from mpsim.measure.registry import ERRORS
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS, Settings, frames_between_pictures, settings_for
+from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
+from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS, Settings
 from mpsim.viewer import export, share_url
 from mpsim.viewer.colouring import CHOICES, Colouring, has_columns, scale_of
 from mpsim.viewer.comparison import Comparison, Tuning, demand_one_process
@@ -631,7 +631,7 @@ class Session(Source):
             method=self._settings.method,
             dt=self._told_dt,
             can_reset=self._owned,
-            can_redraw=self._owned and self._given.can_redraw,
+            can_redraw=self._owned and self._given._can_redraw,
             seed=self._seed,
         )
         self._tell(phase)

@@ -19,8 +19,8 @@ from mpsim.engine import parameters
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.scene import scenefile
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import METHODS, Settings, settings_for
+from mpsim.scene.scene import Scene, settings_for
+from mpsim.scene.settings import METHODS, Settings
 from mpsim.viewer.comparison import in_step
 from mpsim.viewer.edits import VALUES, longest_gravity
 from mpsim.viewer.source import QUICKEST, SLOWEST
@@ -117,7 +117,7 @@ def read(query: str) -> Link:
     name = checks.choice("scene of a link", texts["scene"], scenefile.names())
     scene = named(name)
     seed = checks.whole("seed", _number(int, texts.get("seed", "0")), 0, MOST_SEED, "Any of them will do.")
-    if seed and not scene.can_redraw:
+    if seed and not scene._can_redraw:
         raise InputError(f"seed must be left out for a scene without random numbers; got {seed} for {name!r}.")
     usual = settings_for(scene, None)
     values = {each: _number(kind, texts[each]) for each, kind in SETTINGS.items() if each in texts}

@@ -94,7 +94,7 @@ def test_discs_that_were_added_are_resumed(words, method, tmp_path):
 @pytest.mark.parametrize("name", long_but(EXACT, "periodic x, sizes, masses, losses"))
 def test_an_exact_run_is_resumed_with_the_same_bits(name, tmp_path):
     with simulate(exact_scene(name), method="event", dt=0.2) as sim:
-        box_rests = sim.scene.moving_wall is None
+        box_rests = sim.scene._moving_wall is None
         whole = sim.run(frames=7, measures=[*(["pressure"] * box_rests), "collision_rate"])
         expected = sim.state
     with simulate(exact_scene(name), method="event", dt=0.2) as sim:

@@ -157,7 +157,7 @@ def depths(scene):
         (0.0, -side, side) if wraps else (0.0,)
         for side, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
     ]
-    for (ax, ay, bx, by, radius), shift in product(scene.capsules.tolist(), product(*shifts)):
+    for (ax, ay, bx, by, radius), shift in product(scene.capsules_at(0.0).tolist(), product(*shifts)):
         a, along = np.array([ax, ay]) + shift, np.array([bx - ax, by - ay])
         relative, squared = scene.position - a, float(along @ along)
         fraction = np.clip(relative @ along / squared, 0, 1) if squared else np.zeros(scene.count)

@@ -76,7 +76,7 @@ def test_among_obstacles_there_is_less_room():
 
 def depth(scene, position, radius):
     """Of the deepest of some discs in an obstacle; 0 if there is none."""
-    found = scene.deepest(np.atleast_2d(position), np.atleast_1d(radius))
+    found = scene._deepest(np.atleast_2d(position), np.atleast_1d(radius))
     return 0 if found is None else found.depth
 
 
@@ -180,7 +180,7 @@ def test_depths_in_obstacles_are_those_of_all_comparisons(count, boundary):
     for disc in range(count):
         assert depth(scene, position[disc], radius[disc]) == pytest.approx(max(depths[disc], 0), abs=1e-12)
     assert depth(scene, position, radius) == pytest.approx(max(depths), abs=1e-12)
-    fewer = scene.replace(obstacles=obstacles[:1])
+    fewer = scene._replace(obstacles=obstacles[:1])
     assert depth(fewer, position, radius) < max(depths), "obstacles that are replaced are asked no more"
 
 

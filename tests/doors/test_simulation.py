@@ -110,7 +110,7 @@ def test_a_lattice_is_a_few_numbers_in_a_checkpoint_and_a_lattice_again_when_rea
         assert (file["solver.radii"].shape, file["solver.masses"].shape) == ((), ()), "equal ones are one number"
     assert path.stat().st_size < 33 * scene.count, "the positions and velocities of now"
     with Simulation.resume(path) as sim:
-        assert (sim.scene.on_lattice, sim.scene.digest()) == (scene.on_lattice, scene.digest())
+        assert (sim.scene._on_lattice, sim.scene.digest()) == (scene._on_lattice, scene.digest())
         assert (sim.scene.duration, sim.digest()) == (3.0, digest)
         assert (len(sim.radii), sim.masses.sum()) == (5000, 5000)
 

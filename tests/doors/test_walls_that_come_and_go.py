@@ -46,7 +46,7 @@ def test_every_change_is_kept_in_checkpoints_sessions_and_snapshots(tmp_path, me
         sim.run(frames=80)
         other = sim.digest()
         sim.restore(snapshot)
-        assert (sim.digest(), len(sim.scene.capsules)) == (middle, 3)
+        assert (sim.digest(), len(sim.scene.capsules_at(0.0))) == (middle, 3)
         sim.run(frames=80)
         end = sim.digest()
     assert end != other, "the wall that was removed is met"
@@ -75,7 +75,7 @@ def test_a_partition_that_is_removed_lets_discs_through(method):
         assert sim.state.position[0, 0] == pytest.approx(4, abs=1e-9), "back from the left wall"
         sim.run(frames=192)
         assert sim.state.position[0, 0] > 6
-        assert not len(sim.scene.capsules)
+        assert not len(sim.scene.capsules_at(0.0))
 
 
 @pytest.mark.parametrize("method", ["grid", "event"])

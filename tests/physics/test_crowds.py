@@ -48,7 +48,7 @@ def test_exact_runs_keep_the_energy_and_go_back_when_they_are_turned_round(name,
         for _ in range(3):
             sim.run(frames=1)
             assert observables.overlap(sim.state, scene).largest < 1e-12
-            assert scene.deepest(sim.state.position, scene.radii - 1e-12) is None
+            assert scene._deepest(sim.state.position, scene.radii - 1e-12) is None
         there = sim.state
     before = energy(start_of(scene), scene)
     drift = abs(energy(there, scene) / before - 1)
@@ -116,7 +116,7 @@ def test_stepped_runs_come_to_the_exact_one_as_their_step_shrinks(name, figures)
         ("impact", scene, {"contact": "impact"}, 120),
         ("push", scene, {}, 25),
         ("short push", scene, {}, 150),
-        ("control", scene.replace(**other), {"method": "event"}, 1),
+        ("control", scene._replace(**other), {"method": "event"}, 1),
     ):
         with simulate(made, **{"method": "grid", "dt": until / steps, **settings}) as sim:
             sim.run(frames=steps)

@@ -107,7 +107,7 @@ def test_all_that_enters_leaves_and_how_frames_are_cut_changes_no_bit(tmp_path):
         assert whole.count == 8
         assert whole.absorbed.all()
         assert state.position[:, 1].tolist() == [0.3] * 8
-        assert scene.deepest(state.position, np.full(8, 0.3 - 1e-12)) is None
+        assert scene._deepest(state.position, np.full(8, 0.3 - 1e-12)) is None
     with exactly(scene, dt=0.7) as part:
         for frames in (1, 6, 8):
             part.run(frames=frames)

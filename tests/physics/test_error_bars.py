@@ -91,7 +91,7 @@ def test_where_nothing_has_happened_an_error_says_how_much_could():
     ideal = 4 * 0.5 * (scene.velocity**2).sum() / 4 / 200**2
     assert ideal < found["pressure"].error < 100 * ideal, "it leaves room for the pressure of an ideal gas"
     assert 0 < reference.enskog_rate(4 * np.pi / 4 / 200**2) < found["collision_rate"].error
-    bath = scene.replace(thermostat=mpsim.Thermostat(1.0, 0.01))
+    bath = scene._replace(thermostat=mpsim.Thermostat(1.0, 0.01))
     with mpsim.Simulation(bath, mpsim.Settings(method="grid", dt=0.1)) as sim:
         found = sim.run(until=10, measures=["pressure", "contact_rate"]).measures
     assert [(each.settled, each.upper) for each in found.values()] == [(False, False)] * 2, "a bath leaves no bound"
@@ -118,7 +118,7 @@ def test_where_nobody_has_collided_only_what_keeps_is_known(method):
     for name in ("temperature", "kinetic_energy"):
         assert found[name].settled, "it cannot change"
         assert found[name].error < 1e-12
-    with mpsim.Simulation(scene.replace(restitution=0.9), mpsim.Settings(method=method, dt=0.05)) as sim:
+    with mpsim.Simulation(scene._replace(restitution=0.9), mpsim.Settings(method=method, dt=0.05)) as sim:
         found = sim.run(frames=40, measures=["kinetic_energy", "temperature"]).measures
     assert not any(each.settled for each in found.values()), "with losses it could have changed"
 

@@ -157,7 +157,7 @@ def test_what_is_in_a_drum_stays_in_it_and_turns_with_it(contact):
     with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, **how)) as sim:
         sim.run(frames=400)
         state, now = sim.state, scene.capsules_at(sim.time)
-    assert scene.deepest(state.position, np.full(len(places), 0.4), 8.0) is None, "deeper than a fifth of a radius"
+    assert scene._deepest(state.position, np.full(len(places), 0.4), 8.0) is None, "deeper than a fifth of a radius"
     assert np.hypot(*(state.position - 6).T).max() < 5
     tilt = state.position.mean(axis=0) - 6
     assert tilt[1] < -0.4, "nothing has settled"

@@ -197,7 +197,7 @@ def compressed(speed, seed, how, count=12, radius=0.1, side=8.0):
     """After a right wall has halved a box: energy over that at the start, and what impulse times speed of the right
     and of the left wall would make of it."""
     scene = Scene.random(count=count, width=side, height=side / 2, radius=radius, seed=seed)
-    scene = scene.replace(piston=Piston("right", -speed, side / 2))
+    scene = scene._replace(piston=Piston("right", -speed, side / 2))
     sensors = [mpsim.Sensor(wall=wall) for wall in ("right", "left")]
     before = (scene.velocity**2).sum() / 2
     with simulate(scene, **how) as sim:

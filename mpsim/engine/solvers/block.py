@@ -126,7 +126,7 @@ def _table(rows: NDArray[Any], begun: Begun) -> NDArray[Any]:
 
 def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDArray[np.float64]:
     """Where the wall of an edge is at times [length]."""
-    wall = scene.moving_wall
+    wall = scene._moving_wall
     if wall is None or wall.edge != edge:
         return scene.box[edge]
     return np.array([wall.place(each) for each in time.tolist()])

@@ -113,7 +113,7 @@ def refuse_extremes(scene: Scene, velocity: NDArray[np.floating], dt: float) -> 
             f"vanish; the fastest is {fastest:g}. Choose other units of time."
         )
     fall = math.sqrt(gravity_strength(scene) * scene.height)
-    push = 2 * scene.surface_speed
+    push = 2 * scene._surface_speed
     crossings = (fastest + fall + push) * dt / max(scene.width, scene.height)
     if crossings > MOST_CROSSINGS and fastest < LONGEST:  # which is refused with its disc
         raise InputError(
@@ -152,7 +152,7 @@ def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float
 
     velocity: of discs that are there or come in [length/time]. least: the speed so far.
     """
-    if not scene.surface_speed:
+    if not scene._surface_speed:
         return None
     fall = math.sqrt(2 * gravity_strength(scene) * (scene.width + scene.height))
     fastest = max(_typical_speed(scene), float(np.abs(velocity).max(initial=0.0)), fall)
@@ -161,7 +161,7 @@ def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float
 
 def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> StalledError:
     """The error for a disc that a wall has made so fast [length/time] by a time [time]."""
-    wall = scene.moving_wall
+    wall = scene._moving_wall
     if wall is None:
         return StalledError(
             f"disc {disc} is crushed in frame {frame}: an obstacle that moves leaves it no room before another one, a "
@@ -179,7 +179,7 @@ def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> S
 def stalled(scene: Scene, dt: float, disc: int, frame: int, contact_time: float) -> StalledError:
     """The error for a disc that collides without end at one instant."""
     what = f"disc {disc} collided without end at one instant of frame {frame}. Time must pass between collisions"
-    moving = "" if scene.moving_wall is None else f", let the {scene.moving_wall.name} stop earlier"
+    moving = "" if scene._moving_wall is None else f", let the {scene._moving_wall.name} stop earlier"
     if not is_inelastic(scene) and scene.gravity is None:
         return StalledError(
             f"{what}, but the disc touches others or walls on all sides, as in a crystal without gaps, and no "
@@ -207,7 +207,7 @@ def _typical_speed(scene: Scene) -> float:
     speeds = [
         math.sqrt(squares + gravity_strength(scene) * smallest),
         *(math.hypot(*np.array(each.velocity)) for each in scene.emitters),
-        scene.surface_speed,
+        scene._surface_speed,
         thermal_speed(scene),
     ]
     return max(speeds)
@@ -243,7 +243,7 @@ def given(scene: Scene, cells: tuple[int, int], dt: float, origin: Origin) -> di
         found["bodies"] = Bodies(**bodies)
     if (bath := scene.thermostat) is not None:
         found["thermostat"] = (probability_of(bath, dt), bath.temperature, bath.seed, origin.frame)
-    if (wall := scene.moving_wall) is not None:
+    if (wall := scene._moving_wall) is not None:
         edge, start, stop, speed, began = wall[1:]
         found["moving_wall"] = Wall(edge, start, stop, speed, wall.arrival, began - origin.time)
     return found
@@ -267,11 +267,11 @@ def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: N
     for column in in_state():
         if column.name in found and not column.rests:
             found[column.name][absorbed] = 0
-    if (wall := scene.moving_wall) is not None:
+    if (wall := scene._moving_wall) is not None:
         least, most = (limit[..., wall.axis] for limit in scene.limits(radii, time))
         along = found["position"][:, wall.axis]
         np.clip(along, least, most, out=along, where=~absorbed)
-    return State(**found, present=~absorbed, box=scene.box_at(time))
+    return State(**found, present=~absorbed, box=scene._box_at(time))
 
 
 def _capsules(scene: Scene, cells: tuple[int, int]) -> CellCapsules:
@@ -323,7 +323,7 @@ def _saved_columns(scene: Scene) -> dict[str, str]:
 
 def cells_for(scene: Scene, count: int) -> tuple[int, int]:
     """Columns and rows of cells for so many discs, and for obstacles as for discs: short lists of both."""
-    return plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count + len(scene.capsules))
+    return plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count + len(scene.capsules_at(0.0)))
 
 
 # --- a snapshot
@@ -364,7 +364,7 @@ def shapes(scene: Scene, count: int) -> Shapes:
     found: Shapes = {name: (array.dtype, array.shape) for name, array in blank.items()}
     found |= {saved: columns[name] for saved, name in _saved_columns(scene).items()}
     totals = records.numbers(np.empty((), records.TOTALS))
-    if scene.surface_speed:
+    if scene._surface_speed:
         found[CRUSHING_SPEED] = (REAL, (1,))
     return found | shapes_in_each(count) | {"seen": (totals.dtype, totals.shape), "units": (REAL, (2,))}
 
@@ -419,7 +419,7 @@ def _check_links(scene: Scene, arrays: SolverState) -> None:
     meets = disc["collision_time"] < disc["crossing_time"]
     demand(((partner >= 0) & (partner != np.arange(count)))[meets].all(), "an impact must have a partner")
     after_capsules = records.FIRST_CAPSULE + len(OBSTACLES.arrays(scene).get("capsule", ()))
-    known = (side >= 0) & (side < after_capsules) & ((side != records.MOVING_WALL) | (scene.moving_wall is not None))
+    known = (side >= 0) & (side < after_capsules) & ((side != records.MOVING_WALL) | (scene._moving_wall is not None))
     if bodies := OBSTACLES.bodies(scene):
         known |= (side >= records.LOOK) & (side < records.FIRST_BODY + len(bodies["capsule"]))
     demand(known.all(), "a disc leaves its cell by one of four sides, or meets what is there before")

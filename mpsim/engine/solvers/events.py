@@ -259,7 +259,7 @@ class EventSolver(Solver):
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
-        if not self._scene.loses_discs:
+        if not self._scene._loses_discs:
             return np.zeros(self.count, bool)
         return event_block.absorbed_in(self._found(), self.count)
 

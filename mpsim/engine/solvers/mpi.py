@@ -451,7 +451,7 @@ class MpiSolver(OnRanks):
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
-        present = ~self.absorbed if self._scene.loses_discs else None
+        present = ~self.absorbed if self._scene._loses_discs else None
         there = There(self._scene, self.time, self._radii, present)
         return speeds_on_ranks(there, self.local_state(), new, self._shared())
 
@@ -476,7 +476,7 @@ class MpiSolver(OnRanks):
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
-        return self._by_number().absorbed() if self._scene.loses_discs else np.zeros(self.count, bool)
+        return self._by_number().absorbed() if self._scene._loses_discs else np.zeros(self.count, bool)
 
     def _by_number(self) -> DiscsByNumber:
         if self._numbered is None:

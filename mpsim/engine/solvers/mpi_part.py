@@ -593,7 +593,7 @@ class DiscsByNumber:
     def digest(self) -> str:
         """Digest of the state of all discs, read in chunks."""
         values = in_chunks(self.state, self._count)
-        if not self._scene.loses_discs:
+        if not self._scene._loses_discs:
             del values["present"]  # which all of them are
         return digest_of(values)
 

@@ -152,7 +152,7 @@ def state_of(
     for column in columns.in_state():
         if column.name in found and not column.rests:
             found[column.name][absorbed] = 0
-    return State.taken_over(position, velocity, ~absorbed, box, found)
+    return State._taken_over(position, velocity, ~absorbed, box, found)
 
 
 def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tuple[float, float]]:
@@ -290,13 +290,13 @@ class SteppedSolver(Solver):
         self.substeps: int = settings.substeps
         self._speed_limit = SpeedLimit()
         self._tally_scale = _tally_scale(scene, settings)
-        self._box_at_rest = None if scene.moving_wall else scene.box
+        self._box_at_rest = None if scene._moving_wall else scene.box
 
     def _assume(self, terms: Terms) -> None:
         if terms != self.terms:
             super()._assume(terms)
             self._tally_scale = _tally_scale(terms.scene, terms.settings)
-            self._box_at_rest = None if terms.scene.moving_wall else terms.scene.box
+            self._box_at_rest = None if terms.scene._moving_wall else terms.scene.box
 
     @abstractmethod
     def _configure(self) -> None:
@@ -347,7 +347,7 @@ class SteppedSolver(Solver):
         """The box after the steps done: inside a frame too, where one is run pass by pass."""
         if self._box_at_rest is not None:
             return self._box_at_rest
-        return self._scene.box_at(self.origin.time + float(self._control.steps) / self.substeps * self._settings.dt)
+        return self._scene._box_at(self.origin.time + float(self._control.steps) / self.substeps * self._settings.dt)
 
     # --- steps
 
@@ -373,7 +373,7 @@ class SteppedSolver(Solver):
         if new is not None:
             velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
             present = np.append(present, np.ones(len(new.position), bool))
-        return speeds_of(velocity, radii, scene, self.time, present if scene.loses_discs else None)
+        return speeds_of(velocity, radii, scene, self.time, present if scene._loses_discs else None)
 
     # --- the grid
 
@@ -381,7 +381,7 @@ class SteppedSolver(Solver):
         """The grid for so many discs; giant: radius above which discs are kept out of it."""
         scene = self._scene
         largest = scene.largest_radius if giant is None else giant
-        outside = scene.loses_discs or has_radii(scene)
+        outside = scene._loses_discs or has_radii(scene)
         return grid_for(
             count, scene.width, scene.height, 2 * largest, self._settings.precision, scene.boundary, outside
         )
