@@ -82,7 +82,7 @@ LOOK = 1 / 60  # shortest time between two observations of a run [s]. Each inter
 TURN = 3 * LOOK  # longest time for which frames are run at once [s], and so the longest wait of an action
 MOST_BEHIND = 0.1  # largest delay that a simulation catches up [s]. After a longer stop, the missed frames are dropped
 MOST_FRAMES = 10_000  # largest number of frames to run at once, however short they are
-SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)  # speeds that the page offers, as in its link.js
+SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)  # of the page, as in its connection.js
 SLOWEST, QUICKEST = 0.01, 1000.0  # bounds of the speed, in units of UNIT frames a second
 PICTURES = 25  # recommended pictures of a scene that are shown per second
 

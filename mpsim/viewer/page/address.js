@@ -1,7 +1,7 @@
 // Reads the page's address: a scene with settings to run instead, whether to start paused, a speed, a part of the box.
 
 import { state } from "./common.js";
-import { opened, send, takers } from "./link.js";
+import { opened, send, takers } from "./connection.js";
 import { ask, askNoMore } from "./question.js";
 import { camera, requestDraw } from "./stage.js";
 

@@ -1,7 +1,7 @@
 // One disc: its label under the pointer, following it, and its trail; or the trails of all discs, if they are few.
 
 import { $, ABSORBED, KNEE, FASTEST, digits, onKeys, state } from "./common.js";
-import { discAt, held, nearest, onCanvas, placeOf, say, toBox } from "./hands.js";
+import { discAt, held, nearest, onCanvas, placeOf, say, toBox } from "./edits.js";
 import { legendShows } from "./legend.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 

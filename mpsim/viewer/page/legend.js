@@ -1,7 +1,7 @@
 // The quantity that the colours show: its choice, and the legend below the stage.
 
 import { $, FASTEST, KNEE, bound, colourOf, digits, paper, sharpen, state } from "./common.js";
-import { send, takers } from "./link.js";
+import { send, takers } from "./connection.js";
 import { afterDrawing, requestDraw } from "./stage.js";
 
 const LOW = FASTEST - KNEE; // as in mpsim/viewer/colouring.py

@@ -2,16 +2,16 @@
 
 import { $, bound, onKeys, state } from "./common.js";
 import { drawGauges } from "./gauges.js";
-import { onCanvas } from "./hands.js";
+import { onCanvas } from "./edits.js";
 import "./follow.js";
-import "./keep.js";
+import "./downloads.js";
 import "./address.js";
 import { offerSaving } from "./export.js";
-import "./pair.js";
+import "./comparison.js";
 import "./sliders.js";
 import "./timeline.js";
 import "./time.js";
-import { SPEEDS, connect, refuse, send, showStatus } from "./link.js";
+import { SPEEDS, connect, refuse, send, showStatus } from "./connection.js";
 import { forgetLegend } from "./legend.js";
 import { camera, renderer, requestDraw, stage } from "./stage.js";
 

@@ -1,8 +1,8 @@
 // Changes parameters during a run: gravity by an arrow on a dial, the others by sliders.
 
 import { $, ARROWS, bound, digits, paper, state } from "./common.js";
-import { paced } from "./hands.js";
-import { send, takers } from "./link.js";
+import { paced } from "./edits.js";
+import { send, takers } from "./connection.js";
 
 const STEPS = 1000; // of a slider
 const NAMES = {

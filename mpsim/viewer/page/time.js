@@ -1,7 +1,7 @@
 // Shows one frame pass by pass, with the worker of each bracket; the marked moment; the seed.
 
 import { $, onKeys, state } from "./common.js";
-import { send, takers } from "./link.js";
+import { send, takers } from "./connection.js";
 import { ask, askNoMore } from "./question.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 

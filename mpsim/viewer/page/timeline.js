@@ -1,8 +1,8 @@
 // The time line of a recording: a slider over its frames, one frame back, and following a growing file.
 
 import { $, onKeys, state } from "./common.js";
-import { paced } from "./hands.js";
-import { send, takers } from "./link.js";
+import { paced } from "./edits.js";
+import { send, takers } from "./connection.js";
 
 let last = 0, dragged = false;
 const line = $("timeline"), seek = paced((index) => send({ do: "seek", index }));

@@ -1,7 +1,7 @@
 // Two stages: draws the second one like the first, and compares both since their common start.
 
 import { $, NONE, digits, paper, sharpen, state, whole, withError } from "./common.js";
-import { send, takers } from "./link.js";
+import { send, takers } from "./connection.js";
 import { afterDrawing, camera, drawGround, images, rendererFor, requestDraw } from "./stage.js";
 
 const KEPT = 600; // distances in the chart

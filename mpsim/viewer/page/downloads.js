@@ -2,7 +2,7 @@
 
 import { $, state } from "./common.js";
 import { download, fileName } from "./export.js";
-import { SPEEDS, opened, send, takers } from "./link.js";
+import { SPEEDS, opened, send, takers } from "./connection.js";
 import { fileFrom, inNotebook } from "./socket.js";
 import { camera, draw, requestDraw } from "./stage.js";
 

@@ -2,7 +2,7 @@
 // refused.
 
 import { $, ABSORBED, ARROWS, bound, isText, state } from "./common.js";
-import { send, takers } from "./link.js";
+import { send, takers } from "./connection.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
 const TOOLS = { h: "hand", a: "add", b: "brush", x: "remove", w: "wall" };
