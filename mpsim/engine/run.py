@@ -323,7 +323,7 @@ class Interruption:
 
     def look(self) -> None:
         """Raise KeyboardInterrupt in all processes if Ctrl-C has come to one. All of them look."""
-        if self._is_shared and self._solver.any_of(self._noted.came):
+        if self._is_shared and self._solver.group.any_of(self._noted.came):
             raise KeyboardInterrupt
 
     @property

@@ -190,7 +190,7 @@ class Simulation(ReadOnly):
 
     def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
         try:
-            with self._solver.together():
+            with self._solver.group.together():
                 for text, kind in warned_of:
                     warn(text, kind)
             methods.note_remark(self._solver.choice, None, self._access.notices)
@@ -405,7 +405,7 @@ class Simulation(ReadOnly):
         ...     sim.once(lambda: sim.count)
         50
         """
-        return self._open_solver().once(act)
+        return self._open_solver().group.once(act)
 
     @reading
     def _read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
@@ -466,10 +466,10 @@ class Simulation(ReadOnly):
         measures = measures if measures is None or isinstance(measures, str) else tuple(measures)
         if on_ranks := solver.capabilities.on_ranks:
             given = frames, until, measures, start, checkpoint, checkpoint_every, checkpoint_seconds
-            solver.demand_alike("arguments of run", given)
+            solver.group.demand_alike("arguments of run", given)
         if progress is not None:
             progress = checked_progress(progress, "progress(done, of_frames)")
-            if progress is True and not solver.is_first:
+            if progress is True and not solver.group.is_first:
                 progress = None  # of several ranks the first one shows it
         if until is not None or type(frames) is not int or not 0 <= frames <= report.MOST_FRAMES_OF_A_RUN:
             now = solver.frame, solver.time, solver.origin
@@ -482,15 +482,15 @@ class Simulation(ReadOnly):
         with access.state_lock:
             record = self._begin_record(names, frames, observers is not None and observers.want_collisions, skipped)
         if progress or on_ranks or checkpoint is not None or checkpoint_every is not None or checkpoint_seconds != 60.0:
-            place = None if checkpoint is None else solver.once(lambda: checkpoint_file.checked_place(checkpoint))
+            place = None if checkpoint is None else solver.group.once(lambda: checkpoint_file.checked_place(checkpoint))
 
             def save(path: Path) -> None:
                 if observers is not None:
-                    self._open_solver().once(observers.keep)
+                    self._open_solver().group.once(observers.keep)
                 self.save(path)
 
             with (
-                Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.any_of) as checkpoints,
+                Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.group.any_of) as checkpoints,
                 Interruption(solver) as interruption,
                 of_frames(progress) as show,
             ):
@@ -531,7 +531,7 @@ class Simulation(ReadOnly):
         """
         solver = self._solver
         if solver.capabilities.on_ranks:
-            return solver.once(lambda: function(StateInChunks(solver.state_between, solver.count)))
+            return solver.group.once(lambda: function(StateInChunks(solver.state_between, solver.count)))
         return function(solver.state())
 
     def _recovery(self, record: RunRecord) -> RecoverySnapshots | None:
@@ -752,7 +752,7 @@ class Simulation(ReadOnly):
             TooFastError: as settings.on_fast says; then nothing was added either.
         """
         given = position, velocity, acceleration, radius, mass, others
-        self._open_solver().demand_alike("the discs that are added", given)
+        self._open_solver().group.demand_alike("the discs that are added", given)
         place = self._place()
         brought = {"acceleration": acceleration, **others}
         radii = place.solver.radii[~place.solver.absorbed] if place.scene._loses_discs else place.solver.radii
@@ -799,7 +799,7 @@ class Simulation(ReadOnly):
         ...     sim.state.position.tolist(), sim.state.velocity.tolist()
         ([[1.0, 1.0], [2.5, 1.5]], [[1.0, 0.0], [0.0, 1.0]])
         """
-        self._open_solver().demand_alike("what is set", (ids, position, velocity, acceleration, others))
+        self._open_solver().group.demand_alike("what is set", (ids, position, velocity, acceleration, others))
         place = self._place("set")
         self._change_discs(changes.checked_set(place, ids, position, velocity, acceleration, others))
 
@@ -821,7 +821,7 @@ class Simulation(ReadOnly):
         ...     sim.state.velocity.tolist()
         [[1.5, 2.0]]
         """
-        self._open_solver().demand_alike("the kick", (ids, impulse))
+        self._open_solver().group.demand_alike("the kick", (ids, impulse))
         self._change_discs(changes.checked_kick(self._place("kick"), ids, impulse))
 
     @exclusive
@@ -848,7 +848,7 @@ class Simulation(ReadOnly):
         ...     sim.count, sim.state.present.tolist()
         (5, [True, False, True, False, True])
         """
-        self._open_solver().demand_alike("the discs that are removed", ids)
+        self._open_solver().group.demand_alike("the discs that are removed", ids)
         self._change_discs(changes.checked_remove(self._place("remove"), ids))
 
     @exclusive
@@ -879,7 +879,7 @@ class Simulation(ReadOnly):
         (200, [[1.0, 0.0]], 1.0)
         """
         given = dict(parameters)
-        self._open_solver().demand_alike("the parameters that are changed", given)
+        self._open_solver().group.demand_alike("the parameters that are changed", given)
         place = self._place("change")
         check_names(given)
         demand_steps(given, self._settings)
@@ -928,7 +928,7 @@ class Simulation(ReadOnly):
         ...     wall, sim.scene.obstacles, sim.state.velocity.tolist()
         (0, (Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
         """
-        self._open_solver().demand_alike("the wall", (points, thickness, motion, surface_velocity))
+        self._open_solver().group.demand_alike("the wall", (points, thickness, motion, surface_velocity))
         wall = Polyline(points, thickness, motion=motion, surface_velocity=surface_velocity)
         self._change_walls(changes.checked_wall(self._place("add_wall"), self._start[0], wall))
         return len(self._scene.obstacles) - 1
@@ -955,7 +955,7 @@ class Simulation(ReadOnly):
         ...     sim.state.velocity.round(9).tolist()
         [[-2.0, 0.0]]
         """
-        self._open_solver().demand_alike("the motion of the wall", (wall, motion))
+        self._open_solver().group.demand_alike("the motion of the wall", (wall, motion))
         self._change_walls(changes.checked_move(self._place("move_wall"), wall, motion))
 
     @exclusive
@@ -977,7 +977,7 @@ class Simulation(ReadOnly):
         ...     sim.state.position.round(9).tolist()
         [[5.0, 2.0]]
         """
-        self._open_solver().demand_alike("the wall", wall)
+        self._open_solver().group.demand_alike("the wall", wall)
         self._change_walls(changes.checked_removal(self._place("remove_wall"), wall))
 
     def _change_walls(self, change: Change) -> None:
@@ -1251,12 +1251,12 @@ class Simulation(ReadOnly):
         ...         again.frame
         20
         """
-        self._open_solver().demand_alike("paths of checkpoints", path)
+        self._open_solver().group.demand_alike("paths of checkpoints", path)
         with self._access.state_lock:
             solver = self._open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._emission.progress}, solver.snapshot()
             start, changed = self._start, Changed(tuple(self._changes), solver.origin)
-        return solver.once(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
+        return solver.group.once(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
 
     @classmethod
     def resume(

@@ -589,7 +589,7 @@ class StepLimits:
         anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
         if not anyway and not is_crowded(self._scene, solver.radii, solver.time):
             return
-        text = solver.once(lambda: pressed(solver, self._scene, self._settings))
+        text = solver.group.once(lambda: pressed(solver, self._scene, self._settings))
         if text and self._settings.on_fast == "error":
             raise TooFastError(f"{text} on_fast='warn' runs it anyway.")
         if text:

@@ -408,6 +408,40 @@ class Capabilities:
     on_ranks: bool = False
 
 
+class Group:
+    """The processes that share a simulation, who all make the same calls: one alone, unless a subclass says more."""
+
+    def demand_alike(self, what: str, given: object) -> None:
+        """Refuse what is given if it differs in any of them; all of them ask.
+
+        Raises:
+            InputError: naming what.
+        """
+
+    def together(self) -> contextlib.AbstractContextManager[None]:
+        """A block in which what one of them raises, all raise. Before `start`."""
+        return contextlib.nullcontext()
+
+    def any_of(self, said: bool) -> bool:
+        """Whether something is so in any of them; all ask in the same order."""
+        return said
+
+    def once(self, act: Callable[[], Result]) -> Result:
+        """Act on the first of them alone, and return the result on all.
+
+        The act may read the discs of all of them; what it raises, all raise.
+        """
+        return act()
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this process is the first of them."""
+        return True
+
+
+ALONE = Group()
+
+
 class Solver(ABC):
     """Runs the frames of a scene by one method.
 
@@ -670,32 +704,10 @@ class Solver(ABC):
         Its arrays have the right shapes, and radii, masses and `progress` have been looked at.
         """
 
-    def demand_alike(self, what: str, given: object) -> None:  # noqa: B027 - not abstract: most are one process
-        """Refuse what is given if it differs in any of the processes that share the simulation; all of them ask.
-
-        Raises:
-            InputError: naming what.
-        """
-
-    def together(self) -> contextlib.AbstractContextManager[None]:
-        """A block in which what one raises of the processes that share the simulation, all raise. Before `start`."""
-        return contextlib.nullcontext()
-
-    def any_of(self, said: bool) -> bool:
-        """Whether something is so in any of the processes that share the simulation; all ask in the same order."""
-        return said
-
-    def once(self, act: Callable[[], Result]) -> Result:
-        """What an act gives that one process does: the first, where several share the simulation.
-
-        It may read the discs of all of them; what it raises, all raise.
-        """
-        return act()
-
     @property
-    def is_first(self) -> bool:
-        """Whether this process is the first of those that share the simulation."""
-        return True
+    def group(self) -> Group:
+        """The processes that share the simulation, this one among them."""
+        return ALONE
 
     # --- what a report says
 

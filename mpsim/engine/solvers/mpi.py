@@ -24,7 +24,7 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
 from mpsim.core.version import __version__
 from mpsim.engine.feature_arrays import columns_of, given_in
-from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Slice, SolverState, Terms
+from mpsim.engine.solvers.base import Capabilities, Choice, Group, NewDiscs, Origin, Slice, SolverState, Terms
 from mpsim.engine.solvers.block import Present
 from mpsim.engine.solvers.mpi_part import (
     Asked,
@@ -63,12 +63,16 @@ from mpsim.scene.settings import Settings
 Result = TypeVar("Result")
 
 
-class OnRanks(SteppedSolver):
+class OnRanks(Group, SteppedSolver):
     """A solver that several processes share, each as one rank; `_ranks` are there between `start` and `close`."""
 
     _ranks: Communicator | None = None
     _numbered: DiscsByNumber | None = None
     _acts_once: bool = False  # this is the first rank, and the others wait for what it asks
+
+    @property
+    def group(self) -> Group:
+        return self
 
     @abstractmethod
     def _by_number(self) -> DiscsByNumber:
