@@ -133,7 +133,7 @@ def test_auto_goes_back_to_the_method_of_fewer_discs():
 
 @pytest.mark.parametrize("substeps", ["warn", "substep"])
 def test_sub_steps_are_those_of_the_moment(substeps):
-    scene = gas(20, 0.2).replace(gravity=(0, -30))
+    scene = gas(20, 0.2, gravity=(0, -30))
     with simulate(scene, method="grid", on_fast=substeps, dt=0.02) as sim:
         sim.run(frames=10)
         snap, at_once = sim.snapshot(), kept(sim)
