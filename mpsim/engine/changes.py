@@ -14,7 +14,7 @@ from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.errors import InputError
 from mpsim.features import FEATURES, feature
-from mpsim.features.motions import Motion
+from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Polyline, Removed, capsules_of
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.scene.scene import Scene
@@ -294,7 +294,7 @@ def checked_wall(place: Place, start: Scene, wall: Polyline) -> Change:
     return change
 
 
-def checked_move(place: Place, wall: int, motion: Motion | None) -> Change:
+def checked_move(place: Place, wall: int, motion: Movement | None) -> Change:
     """`Simulation.move_wall`, checked."""
     number = _present_wall(place.scene, wall)
     change = place.change(MOVE_WALL, {"wall": number, "motion": motion} if motion else {"wall": number})

@@ -80,7 +80,7 @@ from mpsim.errors import (
     WorkerStalledError,
 )
 from mpsim.features import FEATURES
-from mpsim.features.motions import Motion
+from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Polyline
 from mpsim.kernels.compiling import compile_seconds
 from mpsim.measure.registry import Measures, Run, RunAverages, checked
@@ -900,7 +900,7 @@ class Simulation(ReadOnly):
         points: ArrayLike,
         thickness: float = 0.0,
         *,
-        motion: Motion | None = None,
+        motion: Movement | None = None,
         surface_velocity: float = 0.0,
     ) -> int:
         """Put up a wall between two frames: one more Polyline among the obstacles of `scene`.
@@ -934,7 +934,7 @@ class Simulation(ReadOnly):
         return len(self._scene.obstacles) - 1
 
     @exclusive
-    def move_wall(self, wall: int, motion: Motion | None = None) -> None:
+    def move_wall(self, wall: int, motion: Movement | None = None) -> None:
         """Give an obstacle another motion between two frames, from where it is.
 
         Args:

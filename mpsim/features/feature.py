@@ -73,7 +73,7 @@ class AddedDiscs(NamedTuple):
     time: float
 
 
-class Moment(NamedTuple):
+class Continuation(NamedTuple):
     """Where a run has come to, from which another scene starts: its walls [length], and the time."""
 
     box: tuple[float, float, float, float]
@@ -191,7 +191,7 @@ class Feature:
         """What of it `event` cannot do, in words; "" if it can."""
         return self.not_exact if self.is_in(scene) else ""
 
-    def continued(self, scene: Scene, moment: Moment) -> Any:
+    def continued(self, scene: Scene, moment: Continuation) -> Any:
         """Its value in a scene that starts from a moment of a run of this one."""
         return self.of(scene)
 

@@ -22,7 +22,7 @@ TURN = 2 * math.pi
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class Movement:
     """A motion of an obstacle, which is where it was given until the time `start`. Use one of the classes below.
 
     Args:
@@ -39,7 +39,7 @@ class Motion:
         name = type(self).__name__
         return f"an {name}" if name[0] in "AEIO" else f"a {name}"
 
-    def seen_from(self, time: float) -> Motion:
+    def seen_from(self, time: float) -> Movement:
         """The same motion, where the clock is set to 0 at a time of the run."""
         return replace(self, start=self.start - time)
 
@@ -69,7 +69,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Translation(Motion):
+class Translation(Movement):
     """A motion along a straight line at constant speed, such as that of a lid that closes.
 
     Args:
@@ -112,7 +112,7 @@ class Translation(Motion):
 
 
 @dataclass(frozen=True)
-class Oscillation(Motion):
+class Oscillation(Movement):
     """A harmonic oscillation about where the obstacle was given: displacement amplitude sin(2 pi t / period + phase).
 
     Args:
@@ -157,7 +157,7 @@ class Oscillation(Motion):
 
 
 @dataclass(frozen=True)
-class Rotation(Motion):
+class Rotation(Movement):
     """A rotation at constant rate, such as that of a drum, a rotor or a flipper.
 
     Args:
@@ -210,7 +210,7 @@ class Rotation(Motion):
 
 
 @dataclass(frozen=True)
-class Path(Motion):
+class Path(Movement):
     """A motion by a table of times and displacements, straight and at constant speed between them.
 
     Args:
@@ -256,16 +256,16 @@ class Path(Motion):
         return points.min(axis=0) + places.min(axis=0), points.max(axis=0) + places.max(axis=0)
 
 
-MOTIONS: tuple[type[Motion], ...] = (Translation, Oscillation, Rotation, Path)
+MOTIONS: tuple[type[Movement], ...] = (Translation, Oscillation, Rotation, Path)
 
 
-def to_plain(motion: Motion) -> dict[str, Any]:
+def to_plain(motion: Movement) -> dict[str, Any]:
     """A motion as plain values, from which `from_plain` makes an equal one."""
     values = {name: value for name, value in vars(motion).items() if value is not None}
     return {"kind": type(motion).__name__, **values}
 
 
-def from_plain(values: Any) -> Motion:
+def from_plain(values: Any) -> Movement:
     """The motion of which `to_plain` made plain values.
 
     Raises:

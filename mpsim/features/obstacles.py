@@ -22,8 +22,8 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features import capsules, motions
 from mpsim.features.capsules import Deepest
-from mpsim.features.feature import MOST_VALUES, AddedDiscs, Feature, Floats, Invalidation, Moment, Shapes
-from mpsim.features.motions import MOTIONS, Motion, Rotation
+from mpsim.features.feature import MOST_VALUES, AddedDiscs, Continuation, Feature, Floats, Invalidation, Shapes
+from mpsim.features.motions import MOTIONS, Movement, Rotation
 from mpsim.kernels.features.bodies import BODY
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class Obstacle:
         surface_velocity: at which its surface runs along itself, as a belt does [length/time].
     """
 
-    motion: Motion | None = None
+    motion: Movement | None = None
     surface_velocity: float = 0.0
 
     def __post_init__(self) -> None:
@@ -63,7 +63,7 @@ class Obstacle:
         """The arguments that would put it where its capsules, shape (K, 5), have come to [length]."""
         raise NotImplementedError
 
-    def turned_over_to(self, motion: Motion | None, time: float) -> Obstacle:
+    def turned_over_to(self, motion: Movement | None, time: float) -> Obstacle:
         """The same obstacle with another motion, from where it is at a time on; times of the motion count from then."""
         here = self if self.motion is None else dataclasses.replace(
             self, **self.at_place(capsules_of((self,), time)), motion=None
@@ -256,7 +256,7 @@ class Obstacles(Feature):
     def works(self, scene: Scene) -> bool:
         return any(each.motion is not None or each.surface_velocity for each in self.of(scene))
 
-    def continued(self, scene: Scene, moment: Moment) -> tuple[Obstacle, ...]:
+    def continued(self, scene: Scene, moment: Continuation) -> tuple[Obstacle, ...]:
         return tuple(
             each if each.motion is None else dataclasses.replace(each, motion=each.motion.seen_from(moment.time))
             for each in self.of(scene)
@@ -348,7 +348,7 @@ def _plain(obstacle: Obstacle) -> dict[str, Any]:
 def _made(obstacles: tuple[Obstacle, ...], scene: Scene, margin: float = 0.0) -> _Made:
     at_rest = [number for number, each in enumerate(obstacles) if each.motion is None]
     listed, owners = _listed(obstacles, at_rest, scene)
-    groups: dict[Motion, list[int]] = {}
+    groups: dict[Movement, list[int]] = {}
     for number, each in enumerate(obstacles):
         if each.motion is not None:
             groups.setdefault(each.motion, []).append(number)
@@ -387,7 +387,7 @@ def _listed(
 
 
 def _body(
-    motion: Motion, numbers: list[int], obstacles: tuple[Obstacle, ...], scene: Scene, margin: float
+    motion: Movement, numbers: list[int], obstacles: tuple[Obstacle, ...], scene: Scene, margin: float
 ) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
     """Arrays of `Bodies` for obstacles of the same motion, with a grid over all of them, and the owner of each row."""
     rows, owners, along = _rows(obstacles, numbers)
@@ -429,7 +429,7 @@ def _joined(parts: list[dict[str, NDArray[Any]]], logged: int) -> dict[str, NDAr
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _half_size(motion: Motion, rows: Floats, reach: float) -> Floats:
+def _half_size(motion: Movement, rows: Floats, reach: float) -> Floats:
     """Half of the width and height of what discs of a radius can touch, however it has turned, shape (2,) [length]."""
     ends = rows[:, :4].reshape(-1, 2)
     half = 0.5 * (ends.max(axis=0) - ends.min(axis=0)) + float(rows[:, 4].max()) + reach

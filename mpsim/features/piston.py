@@ -18,7 +18,7 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import check_room_among
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
-from mpsim.features.feature import AddedDiscs, Feature, Floats, Invalidation, Moment, Shapes
+from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation, Shapes
 from mpsim.features.packing_bounds import shortest_box
 from mpsim.kernels.records import moving_wall_in
 
@@ -140,7 +140,7 @@ class PistonFeature(Feature):
         start = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
         return MovingWall("piston", edge, start, piston.stop, piston.speed, scene._piston_began)
 
-    def continued(self, scene: Scene, moment: Moment) -> Piston | None:
+    def continued(self, scene: Scene, moment: Continuation) -> Piston | None:
         piston: Piston | None = self.of(scene)
         if piston is None:
             return None

@@ -24,7 +24,7 @@ from mpsim.features.baths import ThermalWalls, Thermostat, check_thermal_walls, 
 from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, kinds_of, wraps_of
 from mpsim.features.emitters import Emitter, check_emitters
-from mpsim.features.feature import Deepest, Moment
+from mpsim.features.feature import Deepest, Continuation
 from mpsim.features.laws import Restitution, check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
@@ -400,7 +400,7 @@ class Scene(ReadOnly):
             vars(other).pop(name, None)
         for feature in [each for each in FEATURES if each.is_in(other)]:
             if state.box is not None:
-                vars(other)[feature.argument] = feature.continued(other, Moment(state.box, time))
+                vars(other)[feature.argument] = feature.continued(other, Continuation(state.box, time))
             for column in feature.columns:
                 if column.given and column.in_state and (values := getattr(state, column.name)) is not None:
                     shape = column.rows(self.count)

@@ -21,8 +21,8 @@ from mpsim.engine.journal import Journal
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
-from mpsim.features.feature import Moment
-from mpsim.features.motions import Motion
+from mpsim.features.feature import Continuation
+from mpsim.features.motions import Movement
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.piston import PISTON
 from mpsim.output.animation import DPI, image_of, write_film
@@ -204,7 +204,7 @@ def _continuing(sim: Simulation) -> Scene:
         "mass": None if scene.mass is None else sim.masses[here],
         "spin": None if state.spin is None else state.spin[here].astype(np.float64),
     }
-    moment = Moment(scene._box_at(sim.time), sim.time)
+    moment = Continuation(scene._box_at(sim.time), sim.time)
     values |= {each.argument: each.continued(scene, moment) for each in (OBSTACLES, PISTON)}
     return Scene(**values)
 
@@ -260,7 +260,7 @@ def _named_or_written_out(scene: Scene, name: str) -> str:
 
 def _text(value: Any) -> str:
     """A value as a Python expression that evaluates to the same bits."""
-    if isinstance(value, (*(kind for feature in FEATURES for kind in feature.kinds), Motion)):
+    if isinstance(value, (*(kind for feature in FEATURES for kind in feature.kinds), Movement)):
         return _call(value)
     if isinstance(value, np.ndarray | np.generic):
         return repr(value.tolist())
