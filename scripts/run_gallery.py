@@ -39,10 +39,10 @@ PICTURES = 120
 """Pictures of an animation, and pictures in a second: ten seconds."""
 RATE = 12
 
-PIXELS = 260
+PIXELS = 200
 STILL_PIXELS = 400
-SIZE = 3_000_000
-"""Largest size of an animation [bytes]."""
+SIZE = 500_000
+"""Largest size of an animation [bytes]: all of them together are loaded with one page."""
 
 console = Console()
 
@@ -116,7 +116,7 @@ def palette(colours: int) -> Image.Image:
 
 def save(images: list[Image.Image], path: Path) -> None:
     """Write a GIF whose pictures share one palette; if it is too large, with fewer colours or pictures."""
-    for step, colours in ((1, 128), (1, 64), (1, 32), (2, 64), (3, 64)):
+    for step, colours in ((1, 128), (1, 64), (2, 64), (2, 32), (3, 32), (4, 32), (6, 32)):
         shown, few = images[::step], palette(colours)
         small = [image.quantize(palette=few, dither=Image.Dither.NONE) for image in shown]
         durations = [1000 // RATE * step] * (len(small) - 1) + [2000]

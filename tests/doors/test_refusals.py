@@ -53,7 +53,7 @@ WHOLE = [
     (
         lambda: mpsim.Scene.load("gass"),
         "scene must be a path that ends in .toml or one of brownian, channel, cooling, cradle, dense, "
-        "galton, gas, growth, hopper, mixture, pi, piston, rough-hopper, rough-sediment, sediment; got "
+        "drum, galton, gas, growth, hopper, mixture, pi, piston, rough-hopper, rough-sediment, sediment; got "
         "'gass'. Did you mean 'gas'?",
     ),
     (
