@@ -24,7 +24,7 @@ from mpsim.features.baths import ThermalWalls, Thermostat, check_thermal_walls, 
 from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, kinds_of, wraps_of
 from mpsim.features.emitters import Emitter, check_emitters
-from mpsim.features.feature import Deepest, Continuation
+from mpsim.features.feature import Continuation, Deepest
 from mpsim.features.laws import Restitution, check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
