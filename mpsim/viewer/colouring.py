@@ -34,15 +34,10 @@ is taken."""
 
 @dataclass(frozen=True)
 class SpeedScale:
-    """A piecewise linear scale: byte 0 at speed 0, KNEE at `usual`, FASTEST at `fastest`.
+    """A piecewise linear scale: byte 0 at speed 0, KNEE at `usual`, FASTEST at `fastest`."""
 
-    Attributes:
-        usual: > 0 [length/time].
-        fastest: >= LEAST_RATIO * usual [length/time].
-    """
-
-    usual: float
-    fastest: float
+    usual: float  # > 0 [length/time]
+    fastest: float  # >= LEAST_RATIO * usual [length/time]
 
     def colours(self, discs: InPlace, out: NDArray[np.uint8], *, plain: bool = False) -> None:
         """Write the colour of each disc into `out`, ordered by disc number; plain: without a compiled kernel."""
@@ -79,15 +74,7 @@ PERCENTILES = (0, 2, 98, 100)
 
 
 class Colouring:
-    """Chooses the colours of the discs of one simulation.
-
-    Args:
-        own: numbers to colour by, shape (N,), from `own_colours`; None: there are none. They are read for each
-            picture.
-
-    Attributes:
-        by: one of CHOICES.
-    """
+    """Chooses the colours of the discs of one simulation; own: numbers from `own_colours`, read for each picture."""
 
     def __init__(self, own: NDArray[np.float64] | None = None):
         self._own = own

@@ -147,16 +147,11 @@ WHOLE = 1e-9  # relative deviation from a whole number that counts as rounding
 
 
 class Steps(NamedTuple):
-    """How the frames of the second stage correspond to those of the first.
+    """How the frames of the second stage correspond to those of the first."""
 
-    Attributes:
-        first, second: frames of both stages at one moment, from which later frames are counted.
-        each: frames of the second stage in one frame of the first, >= 1.
-    """
-
-    first: int
+    first: int  # frame of each stage at one moment, from which later frames are counted
     second: int
-    each: int
+    each: int  # frames of the second stage in one frame of the first, >= 1
 
 
 class Mark(NamedTuple):

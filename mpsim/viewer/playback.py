@@ -39,18 +39,11 @@ numbered by their order in the file."""
 
 @dataclass(frozen=True)
 class RecordedFrame:
-    """One frame of a recording.
-
-    Attributes:
-        frame: frame of the simulation.
-        time: simulated time [time]; NaN if the file does not contain it.
-        state: all discs, ordered by number; those that the frame does not contain are absent.
-        radii: radii of the discs, shape (N,) [length].
-    """
+    """One frame of a recording."""
 
     frame: int
-    time: float
-    state: State
+    time: float  # NaN if the file does not contain it
+    state: State  # all discs, ordered by number; those that the frame does not contain are absent
     radii: NDArray[np.float64]
 
 

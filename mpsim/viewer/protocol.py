@@ -54,22 +54,13 @@ STEPS = 65535  # number of steps across the box in which positions are sent: 0.0
 
 @dataclass(frozen=True)
 class Header:
-    """The header of a picture; see the top of this file.
+    """The header of a picture; see the top of this file."""
 
-    Attributes:
-        serial: number of the picture.
-        frame, time: frame and time of the simulation.
-        walls: present positions of the walls [length].
-        extent: width and height of the scene [length].
-        scale: maps speeds to colours.
-        stage: 0, or 1 for the second of two.
-    """
-
-    serial: int
+    serial: int  # number of the picture
     frame: int
     time: float
     walls: Box
-    extent: tuple[float, float]
+    extent: tuple[float, float]  # width and height of the scene
     scale: SpeedScale
     stage: int = 0
 
@@ -149,15 +140,10 @@ Check = Callable[[str, Any], Any]
 
 
 class Command(NamedTuple):
-    """A command that pages can send.
+    """A command that pages can send."""
 
-    Attributes:
-        arguments: their names, each with its check.
-        replaces: whether it replaces a waiting one of the same page, with the same `id` if it has one.
-    """
-
-    arguments: Mapping[str, Check]
-    replaces: bool = False
+    arguments: Mapping[str, Check]  # their names and checks
+    replaces: bool = False  # whether it replaces a waiting one of the same page, with the same `id` if it has one
 
 
 COMMANDS: dict[str, Command] = {}  # all commands by name, from `command`
@@ -204,14 +190,7 @@ class Action:
 
 
 def read_action(text: str | bytes) -> Action:
-    """Read a command.
-
-    Raises:
-        InputError: if the message is not valid.
-
-    >>> read_action('{"do": "visible", "value": true}')
-    Action(name='visible', values={'value': True})
-    """
+    """Read a command, or raise InputError if the message is not valid."""
     if len(text) > MOST_BYTES:
         raise InputError(f"a message must have at most {MOST_BYTES} characters; got {len(text)}. Send less.")
     try:

@@ -160,17 +160,10 @@ def _budget(name: str, value: Any) -> float:
 
 
 class Session(Source):
-    """Runs and shows one simulation, or a scene that can be restarted.
+    """Runs and shows one simulation, or a scene, also one of a link, that can be restarted.
 
-    Args:
-        source: a scene, or a link to one; the session makes and closes its simulations. Or a simulation; it stays with
-            its owner.
-        settings: settings for a scene; None: those it recommends, or the defaults.
-        name: title on the page.
-        playing: whether it starts as soon as a page is visible.
-        colour: initial numbers to colour discs by, see `Colouring`; None: their speed.
-        beside: settings of a second stage, which runs the same scene; None: none, until a page asks for one.
-        audience: the pages.
+    A simulation stays with its owner; those of a scene are made and closed here. The arguments are those of
+    `mpsim.view`.
 
     Raises:
         InputError: if settings need several ranks, or are given with a simulation.

@@ -57,23 +57,14 @@ NAMES = ("scene", "seed", *SETTINGS, *VALUES, "beside", *SEEN)
 
 
 class Link(NamedTuple):
-    """The checked content of a link.
+    """The checked content of a link."""
 
-    Attributes:
-        scene: name of a scene that comes with mpsim.
-        seed: seed of other random positions and velocities; 0: those of the scene.
-        settings: settings of the first stage.
-        changed: parameters that differ from those of the scene, as `Simulation.change` takes them.
-        beside: settings of the second stage; None: there is none.
-        seen: values that concern only the display, as given: names among SEEN, and their texts.
-    """
-
-    scene: str
-    seed: int
+    scene: str  # name of a scene that comes with mpsim
+    seed: int  # of other random positions and velocities; 0: those of the scene
     settings: Settings
-    changed: Mapping[str, Any]
-    beside: Settings | None
-    seen: Mapping[str, str] = MappingProxyType({})
+    changed: Mapping[str, Any]  # parameters that differ from those of the scene, as `Simulation.change` takes them
+    beside: Settings | None  # of the second stage; None: there is none
+    seen: Mapping[str, str] = MappingProxyType({})  # names among SEEN, and their texts
 
     @property
     def given(self) -> Scene:
