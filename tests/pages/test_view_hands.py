@@ -199,6 +199,16 @@ def test_a_drawn_wall_has_the_bits_of_one_that_a_program_adds_and_is_gone_after_
             page.hear_until(lambda v: v.last["obstacles"]["capsules"] == [] and v.phase == "paused" and v.frame < 60)
 
 
+def test_an_obstacle_that_moves_is_shown_where_it_is():
+    bar = mpsim.Polyline([(3, 4), (5, 4)], motion=mpsim.Rotation((4, 4), rate=1.0))
+    scene = mpsim.Scene(width=8, height=8, position=[[1, 1]], velocity=[[0, 0]], radius=0.5, obstacles=bar)
+    with paused(scene, PLAIN) as page:
+        page.step_to(30)
+        shown = scene.capsules_at(30 * PLAIN.dt)
+        page.hear_until(lambda v: np.abs(np.subtract(v.last["obstacles"]["capsules"], shown)).max() < 1e-6)
+        assert np.abs(shown - scene.capsules).max() > 0.1
+
+
 # --- parameters
 
 BATH = gas(20, 0.4, boundary="periodic", thermostat=mpsim.Thermostat(temperature=1.0, rate=4.0, seed=5))
