@@ -226,7 +226,7 @@ OFFERED = [
     ("thermal walls", WALLS, PLAIN, USUAL | {"wall_temperature"}, {"wall_temperature": (0.2, 20)}),
     ("several temperatures", gas(20, 0.4, thermal_walls=mpsim.ThermalWalls(left=2.0, right=1.0)), PLAIN, USUAL, {}),
     ("friction", ROUGH, PLAIN, USUAL | {"friction", "wall_friction"}, {"friction": (0.005, 0.5)}),
-    ("infinite friction", ROUGH.replace(friction=math.inf), PLAIN, USUAL | {"wall_friction"}, {}),
+    ("infinite friction", gas(20, 0.4, friction=math.inf, wall_friction=0.05), PLAIN, USUAL | {"wall_friction"}, {}),
 ]  # fmt: skip
 
 
