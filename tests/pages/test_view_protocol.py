@@ -90,18 +90,6 @@ def test_radii_are_sent_again_where_discs_change():
         assert kinds == {1}, "the same radii are not sent again"
 
 
-def test_obstacles_that_move_are_sent_where_they_are():
-    paddle = mpsim.Polyline([(4, 4), (8, 4)], motion=mpsim.Rotation(centre=(6, 4), rate=2.0))
-    scene = mpsim.Scene(width=12, height=8, position=[[2, 2]], velocity=[[1, 0]], radius=0.5, obstacles=paddle)
-    with paused(scene, GRID) as page:
-        assert page.last["obstacles"]["capsules"] == [[4.0, 4.0, 8.0, 4.0, 0.0]]
-        page.step_to(50)
-        angle, arm = 2 * page.picture.time, page.last["obstacles"]["capsules"][0]
-        assert page.picture.time == 0.5
-        expected = [6 - 2 * np.cos(angle), 4 - 2 * np.sin(angle), 6 + 2 * np.cos(angle), 4 + 2 * np.sin(angle), 0.0]
-        assert arm == pytest.approx(expected)
-
-
 def test_both_stages_of_a_picture_come_together():
     with paused(GAS, GRID, beside=EVENT) as page:
         page.step_to(7)

@@ -176,8 +176,8 @@ def pulled(seed):
 
 def pile(seed, count=16):
     """A dense pile whose weight over the side of its box is 30 kT."""
-    base = Scene.random(count=count, packing=0.7, radius=0.5, seed=seed)
-    return base.replace(gravity=(0.0, -30 / base.height))
+    box = {"count": count, "packing": 0.7, "radius": 0.5, "seed": seed}
+    return Scene.random(**box, gravity=(0.0, -30 / Scene.random(**box).height))
 
 
 @pytest.mark.parametrize(("kind", "gate"), [(pulled, 5e-4), (pile, 2e-4)])
