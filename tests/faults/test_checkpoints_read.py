@@ -14,7 +14,7 @@ import zipfile
 import numpy as np
 import pytest
 from support.checkpoints import WORDS, frame_in, rewrite, rewrite_members, saved, two
-from support.scenes import exact_zoo, lattice, zoo
+from support.scenes import exact_zoo, lattice, simulate, zoo
 from support.selection import long_but
 
 import mpsim
@@ -466,6 +466,17 @@ def test_a_number_of_discs_is_compared_with_the_arrays_before_room_is_made_for_t
         assert tracemalloc.get_traced_memory()[1] < 2**24
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize("origin", [[3, 0.0], [0.0, 0.0], [0, -1.0]])
+def test_frames_are_counted_from_one_that_is_done(origin, tmp_path):
+    with simulate(lattice(4, 4), method="grid") as sim:
+        sim.change(dt=0.02)
+        sim.run(frames=2)
+        path = sim.save(tmp_path / "run")
+    assert frame_in(path) == 2, "the control"
+    rewrite(path, of_header("origin", origin, "run"))
+    assert_refused(path, f"an origin {origin}", "not a state of a simulation")
 
 
 def test_frames_that_were_divided_are_no_damage(tmp_path):
