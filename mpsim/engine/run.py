@@ -24,7 +24,7 @@ from mpsim.measure.registry import RunAverages
 # --- Times and counts that a run has collected so far
 
 
-class Mark(NamedTuple):
+class Rewind(NamedTuple):
     """How far a run had come: frames and collisions, slices of times, what had been gathered for measures, logged."""
 
     done: int
@@ -67,12 +67,12 @@ class RunRecord:
         if size and self.averages is not None:
             self.averages.take(part.tally, self.done)
 
-    def mark(self) -> Mark:
+    def mark(self) -> Rewind:
         """How far the run has come, for `rewind`."""
         gathered = None if self.averages is None else self.averages.mark()
-        return Mark(self.done, self.collisions, len(self._times), gathered, tuple(self.logged))
+        return Rewind(self.done, self.collisions, len(self._times), gathered, tuple(self.logged))
 
-    def rewind(self, mark: Mark) -> None:
+    def rewind(self, mark: Rewind) -> None:
         """Forget what came after a mark."""
         self.done, self.collisions = mark.done, mark.collisions
         del self._times[mark.slices :]
@@ -156,7 +156,7 @@ class RecoveryPoint(NamedTuple):
     """A snapshot, where the record of the run stood, and how many changes there had been."""
 
     snapshot: Any
-    mark: Mark
+    mark: Rewind
     changes: int
 
 

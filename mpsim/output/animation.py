@@ -60,7 +60,7 @@ DPI = 100
 IN_MEMORY = 2**27  # bytes of moments that are kept in memory; what is more lies in a file
 
 
-class Moment(NamedTuple):
+class Shot(NamedTuple):
     """What a picture shows of a simulation of N discs."""
 
     time: float
@@ -75,18 +75,18 @@ class Moment(NamedTuple):
         return np.isfinite(self.position[:, 0])
 
 
-def moment_of(sim: Simulation, colour: str | None) -> Moment:
+def moment_of(sim: Simulation, colour: str | None) -> Shot:
     """The present moment; colour: one of KINDS, or None."""
     state = sim.state
     assert state.box is not None  # the walls of a simulation are known
     position = state.position.astype(np.float32)
     position[~state.present] = np.nan
     values = np.zeros(0) if colour is None else KINDS[colour].values(sim, state)
-    return Moment(sim.time, state.box, position, sim.radii.astype(np.float32), values.astype(np.float32))
+    return Shot(sim.time, state.box, position, sim.radii.astype(np.float32), values.astype(np.float32))
 
 
 @contextlib.contextmanager
-def kept(moments: Iterable[Moment]) -> Iterator[Iterator[Moment]]:
+def kept(moments: Iterable[Shot]) -> Iterator[Iterator[Shot]]:
     """All moments, in order; large ones are kept in a temporary file."""
     with tempfile.SpooledTemporaryFile(IN_MEMORY) as file:
         number = 0
@@ -97,15 +97,15 @@ def kept(moments: Iterable[Moment]) -> Iterator[Iterator[Moment]]:
         yield (_read(file) for _ in range(number))
 
 
-def _write(file: IO[bytes], moment: Moment) -> None:
+def _write(file: IO[bytes], moment: Shot) -> None:
     for array in (np.array([moment.time, *moment.walls]), *moment[2:]):
         np.lib.format.write_array(file, array, allow_pickle=False)
 
 
-def _read(file: IO[bytes]) -> Moment:
+def _read(file: IO[bytes]) -> Shot:
     numbers, position, radius, values = (np.lib.format.read_array(file, allow_pickle=False) for _ in range(4))
     time, *walls = numbers.tolist()
-    return Moment(time, tuple(walls), position, radius, values)  # pyright: ignore[reportArgumentType]
+    return Shot(time, tuple(walls), position, radius, values)  # pyright: ignore[reportArgumentType]
 
 
 class Picture:
@@ -147,7 +147,7 @@ class Picture:
         """Show the simulation as it is now."""
         self.show(moment_of(self._sim, self._colour))
 
-    def show(self, moment: Moment) -> None:
+    def show(self, moment: Shot) -> None:
         """Show a moment of the simulation."""
         capsules = self._scene.capsules_at(moment.time)
         self._moving.show(moment.position, moment.radius, moment.values, moment.walls, capsules)
@@ -416,11 +416,11 @@ def _check_colours(colour: object, scale: object) -> None:
 @contextlib.contextmanager
 def _moments(
     sim: Simulation, frames: int, every: int, colour: str | None, scale: ScaleName
-) -> Iterator[tuple[Iterator[Moment], ColourScale | None]]:
+) -> Iterator[tuple[Iterator[Shot], ColourScale | None]]:
     """The moments of an animation, and the scale of their colours; by speed, all of them have been simulated."""
     sample: list[NDArray[np.floating]] = []
 
-    def taken() -> Iterator[Moment]:
+    def taken() -> Iterator[Shot]:
         for number in range(frames):
             if number:
                 sim.run(frames=every)
