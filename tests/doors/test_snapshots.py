@@ -64,8 +64,6 @@ def kept(sim):
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("method", METHODS)
 def test_after_restore_all_is_as_if_nothing_had_been_done_since(name, method):
-    if (name, method) == ("stirred", "event"):
-        pytest.skip("event refuses obstacles that move")
     with simulate(SCENES[name](), method=method) as sim:
         sim.run(frames=7)
         sim.kick(0, impulse=(0.3, 0.1))

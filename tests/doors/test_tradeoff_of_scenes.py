@@ -21,7 +21,14 @@ MODEL = Settings(method="event", contact_time=CONTACT_TIME)
 FINE, COARSE = (Settings(dt=dt, method="grid") for dt in (0.01, 0.1))
 GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
 SCENES = sorted(path.stem for path in (Path(mpsim.__file__).parent / "scene" / "named").glob("*.toml"))
-RESTING = {"galton": 0.004, "hopper": 0.003, "rough-hopper": 0.003, "rough-sediment": 0.02, "sediment": 0.007}
+RESTING = {
+    "drum": 0.004,
+    "galton": 0.004,
+    "hopper": 0.003,
+    "rough-hopper": 0.003,
+    "rough-sediment": 0.02,
+    "sediment": 0.007,
+}
 """Named scenes whose discs come to rest, with the contact time of docs/accuracy.md."""
 
 

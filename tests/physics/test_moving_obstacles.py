@@ -142,7 +142,7 @@ def test_a_disc_on_a_belt_slides_and_then_rolls_at_its_speed():
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
-@pytest.mark.parametrize("contact", ["impact", "push", "event"])
+@pytest.mark.parametrize("contact", ["impact", "push", pytest.param("event", marks=pytest.mark.slow)])
 def test_what_is_in_a_drum_stays_in_it_and_turns_with_it(contact):
     angle = np.linspace(0, 2 * math.pi, 25)
     points = np.column_stack([6 + 5 * np.cos(angle), 6 + 5 * np.sin(angle)])
