@@ -24,18 +24,19 @@ def life(count, held):
         states = [sim.state for _ in range(held)]
     return block
 
-life(3000, 1)  # kernels are compiled or loaded
+life(3000, 1)  # kernels are loaded
 before, count = peak(), 400_000
 for held in (0, 16):
     print(life(count, held) / count, (peak() - before) / count)
 """
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(520)
 @pytest.mark.parametrize("method", MOST)
 def test_memory_of_a_disc_does_not_grow(method):
     """The control: states that are kept show."""
-    outcome = run_script(SCRIPT.format(method=method), bound=250)
+    for _ in range(2):  # the first time kernels are compiled, which takes more memory than the discs
+        outcome = run_script(SCRIPT.format(method=method), bound=250)
     assert_clean(outcome)
     (block, peak), (same, more) = (map(float, line.split()) for line in outcome.out.splitlines())
     most_block, most_peak = MOST[method]

@@ -384,9 +384,9 @@ def test_measures_do_not_show_workers_that_die_at_random_moments(figures, monkey
     what = "workers killed at random moments"
     figures.note("R9", "parallel on 3", what, "digest and measures of grid", f"the same after {deaths} deaths")
 
-    from mpsim.engine import coordinator  # noqa: PLC0415 - the control: a fault that no user can make
+    from mpsim.engine import run  # noqa: PLC0415 - the control: a fault that no user can make
 
-    monkeypatch.setattr(coordinator.RunRecord, "rewind", lambda self, mark: setattr(self, "done", mark.done))
+    monkeypatch.setattr(run.RunRecord, "rewind", lambda self, mark: setattr(self, "done", mark.done))
     repeat_until_killed(lambda killing: found.append(killed_at_random(killing, start=None)), lambda: 0.15, most=2)
     assert found[-1][0] == undisturbed(None)[0]
     assert found[-1][1] != undisturbed(None)[1]
