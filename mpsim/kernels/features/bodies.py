@@ -244,7 +244,7 @@ def current_pose(body):
 def time_of_touch(body, bodies, k, radius, x, y, vx, vy, ax, ay, now, dt):
     """How long ago a disc that now overlaps capsule k has touched it, at most dt, and the `Touch` of that time.
 
-    By Newton's method from the time on straight paths, two steps of it: the error is of the fourth order in dt.
+    First the time on straight paths, then two more of Newton's steps, with the body where it was at each of them.
     """
     since, touch = 0.0, now
     for _ in range(3):
