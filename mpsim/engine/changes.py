@@ -279,12 +279,12 @@ def checked_wall(place: Place, start: Scene, wall: Polyline) -> Change:
             f"{tuple(values['points'][index].tolist())}. Move it."
         )
     change = place.change(WALL, values)
-    with_walls(place.scene, change)
+    after = with_walls(place.scene, change)
     for each in FEATURES:
         each.check(with_walls(start, change))
     discs, here = place.solver.discs(), np.flatnonzero(~place.solver.absorbed)
     position, radius = discs.position[here].astype(np.float64), discs.radius[here]
-    alone = place.scene._replace(obstacles=with_walls(place.scene, change).obstacles[-1])
+    alone = place.scene._replace(obstacles=after.obstacles[-1])
     if (found := alone._deepest(position, radius, change.time)) is not None:
         number, at = here[found.disc], tuple(position[found.disc].tolist())
         raise InputError(

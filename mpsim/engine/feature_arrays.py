@@ -112,7 +112,7 @@ def typical_momentum(scene: Scene, dt: float) -> float:
     mass = float(scene.mass.mean()) if scene.count and scene.mass is not None else 1.0
     fall = math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
     speeds = [fall, thermal_speed(scene)]
-    speeds += [scene._surface_speed] if scene._surface_speed else []
+    speeds += [speed] if (speed := scene._surface_speed) else []
     momenta = [_rms_momentum(scene)]
     if scene.emitters:
         masses = np.array([1.0 if emitter.mass is None else emitter.mass for emitter in scene.emitters])

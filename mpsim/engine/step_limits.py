@@ -317,7 +317,7 @@ def _most_of_them(found: Overlap, radii: Floats) -> str | None:
 def _into_capsules(
     state: State, scene: Scene, time: float, radii: Floats, displacement: Floats, mean: float
 ) -> str | None:
-    if not len(scene.capsules_at(0.0)):
+    if not scene.obstacles:
         return None
     discs = np.flatnonzero(state.present)
     position = state.position[discs].astype(np.float64)

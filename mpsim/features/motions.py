@@ -98,7 +98,7 @@ class Translation(Movement):
 
     def _fill(self, record: Any) -> Floats:
         record.kind, record.vector[:] = bodies.TRANSLATION, self.velocity
-        record.stop = math.inf if self.stop is None else self.stop / self.fastest(np.zeros((0, 5)))
+        record.stop = math.inf if self.stop is None else self.stop / record.fastest
         return np.zeros((0, 3))
 
     def fastest(self, capsules: Floats) -> float:

@@ -169,6 +169,12 @@ def out_of_frame(body, pose, x, y):
 
 
 @inlined
+def turned(pose, nx, ny):
+    """A vector in the box, from one in the frame of a body."""
+    return pose.cosine * nx - pose.sine * ny, pose.sine * nx + pose.cosine * ny
+
+
+@inlined
 def centre_of(body):
     """Of its rotation; of other motions any point will do."""
     if body.kind == ROTATION:
@@ -229,7 +235,7 @@ def touch_at(body, bodies, k, radius, x, y, time, pose):
     across = rx * nx + ry * ny
     at_x, at_y = out_of_frame(body, pose, frame_x - (across - thick) * nx, frame_y - (across - thick) * ny)
     wx, wy = velocity_at(body, bodies.knots, time, at_x, at_y)
-    normal_x, normal_y = pose.cosine * nx - pose.sine * ny, pose.sine * nx + pose.cosine * ny
+    normal_x, normal_y = turned(pose, nx, ny)
     along = surface_speed(bodies.along, bodies.capsule, k, nx, ny)
     return Touch(across - radius - thick, normal_x, normal_y, wx, wy, along)
 

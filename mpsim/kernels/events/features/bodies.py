@@ -28,6 +28,7 @@ from mpsim.kernels.features.bodies import (
     out_of_frame,
     piece_of_path,
     pose_at,
+    turned,
     velocity_at,
 )
 from mpsim.kernels.features.capsules import nearest_offset, normal_of, surface_speed
@@ -64,6 +65,19 @@ def step_to_contact(gap, speed, bend):
     return (speed + root) / bend if bend > 0.0 else INFINITY
 
 
+@inlined
+def nearest_point(body, bodies, k, pose, frame_x, frame_y):
+    """The point in the middle of capsule k that is nearest to a disc, whose place is in the frame of the body.
+
+    Returns the distance, the unit vector (x, y) from there to the disc, in that frame, and the point in the box.
+    """
+    rx, ry, _ = nearest_offset(frame_x, frame_y, bodies.capsule, k)
+    distance = math.sqrt(rx * rx + ry * ry)
+    nx, ny = normal_of(rx, ry, distance, bodies.capsule, k)
+    at_x, at_y = out_of_frame(body, pose, frame_x - rx, frame_y - ry)
+    return distance, nx, ny, at_x, at_y
+
+
 @linked
 def time_to_body(body, bodies, x, y, vx, vy, gx, gy, radius, began, within, box):
     """The first contact of a disc and a body: (time from now, capsule), or (time up to which there is none, -1).
@@ -94,13 +108,10 @@ def time_to_body(body, bodies, x, y, vx, vy, gx, gy, radius, began, within, box)
             cell = body.first + int(column) * body.cells[1] + int(row)
             for entry in range(bodies.near[cell], bodies.near[cell + 1]):
                 k = bodies.index[entry]
-                rx, ry, _ = nearest_offset(frame_x, frame_y, bodies.capsule, k)
-                distance, reach = math.sqrt(rx * rx + ry * ry), radius + bodies.capsule[k, 4]
-                nx, ny = normal_of(rx, ry, distance, bodies.capsule, k)
-                at_x, at_y = out_of_frame(body, pose, frame_x - rx, frame_y - ry)
+                distance, nx, ny, at_x, at_y = nearest_point(body, bodies, k, pose, frame_x, frame_y)
                 wx, wy = velocity_at(body, bodies.knots, time, at_x, at_y)
-                normal_x, normal_y = pose.cosine * nx - pose.sine * ny, pose.sine * nx + pose.cosine * ny
-                opening = (ux - wx) * normal_x + (uy - wy) * normal_y
+                normal_x, normal_y = turned(pose, nx, ny)
+                opening, reach = (ux - wx) * normal_x + (uy - wy) * normal_y, radius + bodies.capsule[k, 4]
                 gap = distance - reach
                 if gap <= TOUCH * (reach + abs(px) + abs(py)):
                     if opening < 0.0 or (opening == 0.0 and bend > 0.0):
@@ -182,15 +193,12 @@ def surface(bodies, i, side, now, store, box, features):
     pose = pose_at(body, bodies.knots, time)
     x, y = seen_by(body, pose, disc.position[0], disc.position[1], box)
     frame_x, frame_y = into_frame(body, pose, x, y)
-    rx, ry, _ = nearest_offset(frame_x, frame_y, bodies.capsule, k)
-    distance = math.sqrt(rx * rx + ry * ry)
-    nx, ny = normal_of(rx, ry, distance, bodies.capsule, k)
-    at_x, at_y = out_of_frame(body, pose, frame_x - rx, frame_y - ry)
+    distance, nx, ny, at_x, at_y = nearest_point(body, bodies, k, pose, frame_x, frame_y)
     wx, wy = velocity_at(body, bodies.knots, time, at_x, at_y)
     running = surface_speed(bodies.along, bodies.capsule, k, nx, ny)
-    nx, ny = pose.cosine * nx - pose.sine * ny, pose.sine * nx + pose.cosine * ny
-    depth = radius_of(i, box, features) + bodies.capsule[k, 4] - distance
-    # The point of the body that is touched is `thickness` away from the middle of the capsule.
+    nx, ny = turned(pose, nx, ny)
     thick = bodies.capsule[k, 4]
+    depth = radius_of(i, box, features) + thick - distance
+    # The point of the body that is touched is `thick` away from the middle of the capsule.
     px, py = velocity_at(body, bodies.knots, time, at_x + thick * nx, at_y + thick * ny)
     return True, nx, ny, depth, wx * nx + wy * ny, py * nx - px * ny + running, -1
