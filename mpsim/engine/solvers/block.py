@@ -285,7 +285,7 @@ class BlockSolver(SteppedSolver):
         arrays = self._block.arrays
         frames, team = int(arrays["control"]["frames"]), arrays["team"]
         contacts = int(team["collisions"].sum())
-        self.too_fast = bool(team["fastest"].any())
+        self.too_fast: bool = bool(team["fastest"].any())
         tally = self._totals(arrays["tally"][:, :frames]) if self.tallied else None
         return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
 

@@ -389,7 +389,7 @@ class MpiSolver(OnRanks):
         failures, fastest, collisions, times, tallies = zip(*told, strict=True)
         ranks.raise_any(failures)
         self._fastest = max(fastest)
-        self.too_fast = self._fastest.fraction > 0
+        self.too_fast: bool = self._fastest.fraction > 0
         counted = self._totals(np.concatenate(tallies)) if self.tallied else None
         return Slice(np.concatenate(times), sum(collisions), counted)
 

@@ -188,7 +188,9 @@ class AsTheyLay(ChunkedArray):
 
     def __init__(self, x: NDArray[np.floating], y: NDArray[np.floating], numbers: NDArray[np.int32]):
         super().__init__(x.dtype, (len(x), 2), lambda first, last: self._in_order[first:last])
-        self.x, self.y, self.numbers = x, y, numbers
+        self.x: NDArray[np.floating] = x
+        self.y: NDArray[np.floating] = y
+        self.numbers: NDArray[np.int32] = numbers
         self.nbytes: int = x.nbytes + y.nbytes
 
     @cached_property
