@@ -47,7 +47,7 @@ from mpsim.features import (
 )
 from mpsim.measure.time_correlations import Correlations
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import OF_PROCESSES, Settings
+from mpsim.scene.settings import Settings
 from mpsim.studies.findings import Findings, findings
 from mpsim.studies.sweep import Sweep, sweep
 from mpsim.studies.tradeoff import Tradeoff, tradeoff
@@ -162,7 +162,11 @@ calls.explain_wrong_calls(
     sys.modules[__name__],
     [name for name in __all__ if name not in _LATE],
     instead={
-        "Settings": {name: f"Simulation(scene, settings, {name}=...)" for name in OF_PROCESSES},
+        "Settings": {
+            name: f"Simulation(scene, settings, {name}=...)"
+            for name in checks.names_of(Simulation)
+            if name not in ("scene", "settings")
+        },
         "Simulation": {name: f"Settings({name}=...)" for name in checks.names_of(Settings)},
     },
 )

@@ -45,7 +45,7 @@ from mpsim.errors import (
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.scene.scene import LARGEST_COUNT, Scene
-from mpsim.scene.settings import Settings, settings_from
+from mpsim.scene.settings import Settings
 
 # --- The scene of a checkpoint: plain values in its header, and arrays
 
@@ -90,7 +90,7 @@ def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
     given = [each for each in FEATURES if not each.is_numeric and each.argument in plain]
     values |= {each.argument: each.from_plain(plain[each.argument]) for each in given}
     if "settings" in values:
-        values["settings"] = settings_from(values["settings"])
+        values["settings"] = Settings(**values["settings"])
     lattice = values.pop("lattice", None)
     return Scene(**values) if lattice is None else _on_lattice(lattice, values)
 
@@ -546,7 +546,7 @@ def _made_from(path: Path, header: dict[str, Any], found: Arrays) -> Checkpoint:
         if len(parts[0]) + len(parts[1]) + (JOURNAL in found) != len(found) or not parts[0].keys() <= set(ARRAYS):
             raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
         scene = scene_from(header["scene"], parts[0])
-        settings = settings_from(header["settings"])
+        settings = Settings(**header["settings"])
         arrays = of_each_disc(parts[1], SIZES, header.get("discs"))
         changed = changed_in(header["run"], found[JOURNAL]) if JOURNAL in found else UNCHANGED
         return Checkpoint(path, scene, settings, header["run"], arrays, str(header["digest"]), changed)

@@ -22,9 +22,10 @@ from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.solvers.base import Origin
 from mpsim.engine.solvers.methods import same_bits
 from mpsim.errors import InputError, OutputError, reason_of
-from mpsim.features import motions
+from mpsim.features.feature import plain, restored
+from mpsim.features.motions import MOTIONS
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings, settings_from
+from mpsim.scene.settings import Settings
 from mpsim.scene.toml import pairs
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ class Journal:
         head = {"format": FORMAT, "frame": self.frame, "digest": self.digest, "scene": start.name}
         lines = [*pairs(head), "", "[settings]", *pairs(dataclasses.asdict(self.settings)), ""]
         for each in self.changes:
-            entry = {"frame": each.frame, "time": each.time, "what": each.what, **_values_in_a_file(each)}
+            entry = {"frame": each.frame, "time": each.time, "what": each.what, **_plain_values(each)}
             lines += ["[[change]]", *pairs(entry), ""]
         text = "\n".join(lines).encode()
         if len(text) > MOST_BYTES:
@@ -166,7 +167,7 @@ def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:
     entries = [(each.pop("frame"), each.pop("time"), each.pop("what"), each) for each in changes]
     return {
         "scene": Scene.load(source.with_name(name)),
-        "settings": settings_from(tables["settings"]),
+        "settings": Settings(**tables["settings"]),
         "changes": checked_entries(entries, frame),
         "frame": frame,
         "digest": digest,
@@ -207,15 +208,15 @@ def checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:
         if type(time) not in (int, float) or what not in KINDS or not isinstance(values, dict):
             raise ValueError(f"change {number} must have a time and be one of {', '.join(KINDS)}; got {what!r:.60}")
         if "motion" in values:
-            values["motion"] = motions.from_plain(values["motion"])
+            values["motion"] = restored(values["motion"], MOTIONS)
         found.append(Change(at, float(time), what, values))
     return tuple(found)
 
 
 def packed(changes: Iterable[Change]) -> NDArray[np.uint8]:
     """Changes as the array of a checkpoint: text, in which numbers lose no bit."""
-    plain = [(*each[:3], {name: _plain(value) for name, value in _values_in_a_file(each).items()}) for each in changes]
-    return np.frombuffer(json.dumps(plain).encode(), np.uint8)
+    entries = [(*each[:3], _plain_values(each)) for each in changes]
+    return np.frombuffer(json.dumps(entries).encode(), np.uint8)
 
 
 def changed_in(run: dict[str, Any], array: NDArray[Any]) -> Changed:
@@ -244,14 +245,8 @@ def unpacked(array: NDArray[Any], frame: Any) -> tuple[Change, ...]:
     return checked_entries(found, frame)
 
 
-def _values_in_a_file(change: Change) -> dict[str, Any]:
-    """The values of a change, a motion as plain values."""
-    motion = change.values.get("motion")
-    return {**change.values, **({} if motion is None else {"motion": motions.to_plain(motion)})}
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+def _plain_values(change: Change) -> dict[str, Any]:
+    return {name: plain(value) for name, value in change.values.items()}
 
 
 def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]) -> tuple[Scene, Settings]:

@@ -7,7 +7,7 @@ to every feature are put to all in that list. The methods here are those of a fe
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -86,6 +86,7 @@ class Feature:
     Attributes:
         argument: its name, also the key in scene files and checkpoints.
         kinds: dataclasses of its value; () if the value is words.
+        within: further dataclasses that can be in it.
         several: whether its value is a tuple of them.
         numbers: if it consists of numbers instead, these arguments of Scene with their defaults.
         vectors: likewise (x, y) or None.
@@ -108,6 +109,7 @@ class Feature:
 
     argument: ClassVar[str]
     kinds: ClassVar[tuple[type[Any], ...]] = ()
+    within: ClassVar[tuple[type[Any], ...]] = ()
     several: ClassVar[bool] = True
     numbers: ClassVar[dict[str, float]] = {}
     vectors: ClassVar[tuple[str, ...]] = ()
@@ -250,20 +252,12 @@ class Feature:
     def to_plain(self, scene: Scene) -> Any:
         """Its value as plain values, from which `from_plain` restores it bit for bit."""
         value = self.of(scene)
-        if not self.kinds:
-            return value
-        if self.several:
-            return [_fields(each) for each in value]
-        return None if value is None else _fields(value)
+        return [plain(each) for each in value] if self.kinds and self.several else plain(value)
 
-    def from_plain(self, plain: Any) -> Any:
+    def from_plain(self, values: Any) -> Any:
         """The value from which `to_plain` made plain values."""
-        if not self.kinds or plain is None:
-            return plain
-        kinds: dict[str, Any] = {kind.__name__: kind for kind in self.kinds}
-        if not self.several:
-            return kinds[plain[0]](**plain[1])
-        return [kinds[kind](**fields) for kind, fields in plain]
+        kinds = (*self.kinds, *self.within)
+        return [restored(each, kinds) for each in values] if kinds and self.several else restored(values, kinds)
 
 
 def lattice_sites(side: float, pitch: float) -> int:
@@ -276,5 +270,30 @@ def extent(values: Floats) -> list[float]:
     return [float(values.min()), float(values.max())] if len(values) else []
 
 
-def _fields(value: object) -> list[Any]:
-    return [type(value).__name__, dict(vars(value))]
+# --- Values in files
+
+
+def chosen(value: Any) -> dict[str, Any]:
+    """The fields of a dataclass that differ from their defaults."""
+    values = {each.name: (getattr(value, each.name), each.default) for each in dataclasses.fields(value)}
+    return {name: own for name, (own, default) in values.items() if own != default}
+
+
+def plain(value: Any) -> Any:
+    """A dataclass as its name and its fields, an array as a list; what is neither, as it is."""
+    if dataclasses.is_dataclass(value):
+        return [type(value).__name__, {name: plain(each) for name, each in chosen(value).items()}]
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def restored(values: Any, kinds: Iterable[type[Any]]) -> Any:
+    """The value of which `plain` made plain values; kinds: classes that it may be made of.
+
+    Raises:
+        ValueError, LookupError, TypeError, InputError: if it is of no such class.
+    """
+    match values:
+        case [str(name), dict(fields)]:
+            kind = {each.__name__: each for each in kinds}[name]
+            return kind(**{key: restored(each, kinds) for key, each in fields.items()})
+    return values

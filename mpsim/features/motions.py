@@ -257,20 +257,3 @@ class Path(Movement):
 
 
 MOTIONS: tuple[type[Movement], ...] = (Translation, Oscillation, Rotation, Path)
-
-
-def to_plain(motion: Movement) -> dict[str, Any]:
-    """A motion as plain values, from which `from_plain` makes an equal one."""
-    values = {name: value for name, value in vars(motion).items() if value is not None}
-    return {"kind": type(motion).__name__, **values}
-
-
-def from_plain(values: Any) -> Movement:
-    """The motion of which `to_plain` made plain values.
-
-    Raises:
-        ValueError, LookupError, TypeError, InputError: if they are none.
-    """
-    kinds: dict[str, Any] = {kind.__name__: kind for kind in MOTIONS}
-    arguments = dict(values)
-    return kinds[arguments.pop("kind")](**arguments)

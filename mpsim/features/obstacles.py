@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features import capsules, motions
+from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
 from mpsim.features.feature import MOST_VALUES, AddedDiscs, Continuation, Feature, Floats, Invalidation, Shapes
 from mpsim.features.motions import MOTIONS, Movement, Rotation
@@ -220,6 +220,7 @@ class Obstacles(Feature):
 
     argument = "obstacles"
     kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)
+    within: ClassVar[tuple[type[Any], ...]] = (Removed, *MOTIONS)
     exact: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline, Removed)  # kinds that are nothing but their capsules
     examples: ClassVar[tuple[Any, ...]] = (FixedDisc((0, 0), 1), Polyline([(0, 0), (1, 0)]))
     excludes = True
@@ -311,17 +312,6 @@ class Obstacles(Feature):
             self._made[scene] = made_of, _made(self.of(scene), scene)
         return self._made[scene][1]
 
-    def to_plain(self, scene: Scene) -> Any:
-        return [[type(each).__name__, _plain(each)] for each in self.of(scene)]
-
-    def from_plain(self, plain: Any) -> Any:
-        kinds: dict[str, Any] = {kind.__name__: kind for kind in (*self.kinds, Removed)}
-        made: list[Obstacle] = []
-        for kind, fields in plain:
-            motion = {"motion": motions.from_plain(fields["motion"])} if "motion" in fields else {}
-            made.append(kinds[kind](**{**fields, **motion}))
-        return made
-
     def description(self, scene: Scene) -> str:
         return f"{len(self.of(scene))}"
 
@@ -332,14 +322,6 @@ class Obstacles(Feature):
         every = np.arange(1, 100, 10) * pitch
         line = Polyline([(0, side / 2), (side / 3, side / 2)])
         return {"100 pegs": [FixedDisc((x, y), 0.1) for x in every for y in every], "a polyline": [line]}
-
-
-def _plain(obstacle: Obstacle) -> dict[str, Any]:
-    """Fields of an obstacle as plain values, without those that go without saying."""
-    fields = {name: value for name, value in vars(obstacle).items() if value != _UNSAID.get(name, obstacle)}
-    if obstacle.motion is not None:
-        fields["motion"] = motions.to_plain(obstacle.motion)
-    return fields
 
 
 # --- What the kernels need: capsules at rest, bodies that move, and which obstacle each of their numbers belongs to

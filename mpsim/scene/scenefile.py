@@ -29,7 +29,7 @@ from mpsim.core import checks, files
 from mpsim.errors import InputError, OutputError, SceneFileError, reason_of
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.edges import WALLED, check_boundary, wraps_of
-from mpsim.features.feature import MOST_VALUES, Feature
+from mpsim.features.feature import MOST_VALUES, Feature, chosen
 from mpsim.features.obstacles import capsules_of
 from mpsim.scene import starts
 from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene
@@ -41,7 +41,6 @@ from mpsim.scene.toml import (
     Files,
     Numbers,
     array_lines,
-    chosen,
     demand_numbers,
     names_array_file,
     pairs,

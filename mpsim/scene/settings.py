@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -99,15 +99,6 @@ class Settings:
         checks.choice("on_fast", self.on_fast, ON_FAST)
         if self.contact_time is not None:
             object.__setattr__(self, "contact_time", checks.positive("contact_time", self.contact_time, "[time]"))
-
-
-OF_PROCESSES = ("start_method", "on_worker_death", "unguarded")
-"""Arguments of a simulation that no settings are; files of development versions have them among the settings."""
-
-
-def settings_from(values: Mapping[str, Any]) -> Settings:
-    """Settings from a file."""
-    return Settings(**{name: value for name, value in values.items() if name not in OF_PROCESSES})
 
 
 # --- What a scene recommends for runs of it: length, settings, pictures and what to measure

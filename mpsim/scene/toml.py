@@ -17,6 +17,7 @@ from mpsim.core import checks, files
 from mpsim.core.archive import REAL, read_array
 from mpsim.core.machine import garbage_collection_paused
 from mpsim.errors import InputError, is_of_the_system
+from mpsim.features.feature import chosen
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
@@ -193,12 +194,6 @@ def text(value: Any) -> str:
     if isinstance(value, dict):
         return f"{{ {', '.join(pairs(value))} }}"
     return repr(int(value)) if isinstance(value, int | np.integer) else repr(float(value))
-
-
-def chosen(value: Any) -> dict[str, Any]:
-    """The fields of a dataclass that differ from their defaults."""
-    values = {each.name: (getattr(value, each.name), each.default) for each in dataclasses.fields(value)}
-    return {name: own for name, (own, default) in values.items() if own != default}
 
 
 def pairs(values: dict[str, Any]) -> list[str]:
