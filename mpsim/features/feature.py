@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -281,9 +281,11 @@ def chosen(value: Any) -> dict[str, Any]:
 
 def plain(value: Any) -> Any:
     """A dataclass as its name and its fields, an array as a list; what is neither, as it is."""
+    if isinstance(value, np.ndarray | np.generic):
+        return cast(Any, value.tolist())
     if dataclasses.is_dataclass(value):
         return [type(value).__name__, {name: plain(each) for name, each in chosen(value).items()}]
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    return value
 
 
 def restored(values: Any, kinds: Iterable[type[Any]]) -> Any:
@@ -292,8 +294,8 @@ def restored(values: Any, kinds: Iterable[type[Any]]) -> Any:
     Raises:
         ValueError, LookupError, TypeError, InputError: if it is of no such class.
     """
-    match values:
-        case [str(name), dict(fields)]:
-            kind = {each.__name__: each for each in kinds}[name]
-            return kind(**{key: restored(each, kinds) for key, each in fields.items()})
-    return values
+    if isinstance(values, list) and values and isinstance(values[-1], dict):
+        name, fields = cast(Any, values)
+        kind = {each.__name__: each for each in kinds}[name]
+        return kind(**{key: restored(each, kinds) for key, each in fields.items()})
+    return cast(Any, values)
