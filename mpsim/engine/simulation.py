@@ -83,7 +83,7 @@ from mpsim.features import FEATURES
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Polyline
 from mpsim.kernels.compiling import compile_seconds
-from mpsim.measure.registry import Measures, Run, RunAverages, checked
+from mpsim.measure.registry import Measures, RunAverages, checked
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 
@@ -686,7 +686,7 @@ class Simulation(ReadOnly):
         """The report of a run that is over."""
         solver, averages, measures = self._open_solver(), record.averages, NO_MEASURES
         if averages is not None:
-            measures = averages.measures(Run(self._scene, solver.count, self._settings.dt))
+            measures = averages.measures(self._scene, solver.count, self._settings.dt)
         method, workers = methods.what_ran(solver.choice, self._batch_sizer.best, self._settings)
         guarded = solver.guarded - record.guarded
         if guarded:

@@ -1,9 +1,6 @@
-"""Observables of states, statistics, closed forms and published values.
+"""Observables of states, statistics, and in `reference` closed forms and published values."""
 
-`reference` and `reference_motion` hold the values.
-"""
-
-from mpsim.measure import reference, reference_motion
+from mpsim.measure import reference
 from mpsim.measure.correlation import PairCorrelation, pair_correlation
 from mpsim.measure.motion import TimeCorrelation
 from mpsim.measure.observables import (
@@ -73,7 +70,6 @@ __all__ = [
     "predictability",
     "ratio_average",
     "reference",
-    "reference_motion",
     "require_predictable",
     "rotational_energy",
     "speed_distribution",
@@ -83,8 +79,3 @@ __all__ = [
     "to_freud",
     "trajectory_error",
 ]
-
-
-def __dir__() -> list[str]:
-    """What is public."""
-    return sorted([*__all__, "__doc__", "__file__", "__name__", "__path__"])

@@ -1,9 +1,9 @@
-"""Equilibrium properties: closed forms and published values, each with its source.
+"""Closed forms and published values, each with its source: gases in equilibrium, discs in line, bounces, cooling.
 
 Discs have mass 1 and, unless stated otherwise, restitution 1. kT is the mean square of one velocity component
 [length^2/time^2], packing the fraction of the area covered by discs, sigma = 2 radius their diameter. The collision
 rate of a gas is per disc and time (a collision counts for both discs); that of two discs alone is per pair and time.
-Motion, and gases out of equilibrium, are in `reference_motion`.
+All functions raise an InputError that names the argument and its rule.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
+from mpsim.measure.statistics import Measure
 
 VIRIAL = (
     1.0,
@@ -38,39 +39,15 @@ LARGEST_PACKING = 0.62
 0.70."""
 
 
-@dataclass(frozen=True)
-class Published:
-    """A published value with its source. Prints as 6.90107(7).
+DENSE_72 = Measure(6.90107, 7e-5, 1)
+"""Pressure P sigma^2 / kT of 72 discs at packing 0.65, periodic [1] (Li, Nishikawa, Hollmer, Carillo, Maggs & Krauth,
+J. Chem. Phys. 157, 234111, 2022)."""
 
-    Attributes:
-        value: [1].
-        error: one standard error; None if the source gives none.
-        source: the publication.
+COEXISTENCE = 9.185
+"""Pressure P sigma^2 / kT where fluid (packing about 0.700) and hexatic (0.716) coexist, large systems [1] (Bernard &
+Krauth, Phys. Rev. Lett. 107, 155704, 2011; Engel et al., Phys. Rev. E 87, 042134, 2013)."""
 
-    >>> str(Published(6.90107, 7e-5, "a paper"))
-    '6.90107(7)'
-    """
-
-    value: float
-    error: float | None
-    source: str
-
-    def __str__(self) -> str:
-        if self.error is None:
-            return f"{self.value:g}"
-        decimals = -math.floor(math.log10(self.error))
-        return f"{self.value:.{decimals}f}({self.error * 10**decimals:.0f})"
-
-
-DENSE_72 = Published(
-    6.90107, 7e-5, "Li, Nishikawa, Hollmer, Carillo, Maggs & Krauth, J. Chem. Phys. 157, 234111 (2022)"
-)
-"""Pressure P sigma^2 / kT of 72 discs at packing 0.65, periodic [1]."""
-
-COEXISTENCE = Published(
-    9.185, None, "Bernard & Krauth, Phys. Rev. Lett. 107, 155704 (2011); Engel et al., Phys. Rev. E 87, 042134 (2013)"
-)
-"""Pressure P sigma^2 / kT where fluid (packing about 0.700) and hexatic (0.716) coexist, large systems [1]."""
+# --- Gases in equilibrium
 
 
 def compressibility(packing: float) -> float:
@@ -78,9 +55,6 @@ def compressibility(packing: float) -> float:
 
     Args:
         packing: 0 <= packing <= LARGEST_PACKING [1].
-
-    Raises:
-        InputError: outside this range.
 
     Source: [4/5] Pade approximant in the packing of the virial series Z = 1 + sum of VIRIAL_k (2 packing)^(k-1).
 
@@ -99,9 +73,6 @@ def finite_size(packing: float, count: int) -> float:
     Args:
         packing: 0 <= packing <= LARGEST_PACKING [1].
         count: number of discs, >= 2.
-
-    Raises:
-        InputError: naming the argument and its rule.
 
     Source: Lebowitz & Percus, Phys. Rev. 124, 1673 (1961); derivatives of `compressibility` by differences.
 
@@ -122,9 +93,6 @@ def pade(virial: Sequence[float], top: int) -> tuple[NDArray[np.float64], NDArra
         virial: coefficients of x to x^K in the series of Z [1].
         top: degree of the numerator, 0 to K - 1.
 
-    Raises:
-        InputError: if top is not a whole number in that range.
-
     Source: Z = P/Q agrees with the series through x^K, which is a linear system for Q.
 
     >>> [each.tolist() for each in pade((1.0, 1.0), 1)]  # 1 + x + x^2 is 1 / (1 - x) to this order
@@ -144,9 +112,6 @@ def contact_value(packing: float) -> float:
     Args:
         packing: 0 <= packing <= LARGEST_PACKING [1].
 
-    Raises:
-        InputError: outside this range.
-
     Source: the virial theorem, Z = 1 + 2 packing g(sigma) in 2-D; Z as in `compressibility`, divided by the packing
     before it is evaluated, so that no digits cancel in a dilute gas.
 
@@ -156,24 +121,6 @@ def contact_value(packing: float) -> float:
     return _at_contact(_packing(packing))
 
 
-def henderson(packing: float) -> float:
-    """Z by Henderson's closed form, (1 + packing^2/8) / (1 - packing)^2 [1]: 0.03 % high at 0.3, 0.5 % at 0.5.
-
-    Args:
-        packing: 0 <= packing <= LARGEST_PACKING [1].
-
-    Raises:
-        InputError: outside this range.
-
-    Source: Henderson, Mol. Phys. 30, 971 (1975).
-
-    >>> round(henderson(0.3), 5)
-    2.06378
-    """
-    packing = _packing(packing)
-    return (1 + packing**2 / 8) / (1 - packing) ** 2
-
-
 def enskog_rate(packing: float, radius: float = 0.5, temperature: float = 1.0) -> float:
     """Collisions per disc and time in the bulk, 2 sqrt(pi) n sigma g(sigma) sqrt(kT) [1/time].
 
@@ -181,9 +128,6 @@ def enskog_rate(packing: float, radius: float = 0.5, temperature: float = 1.0) -
         packing: 0 <= packing <= LARGEST_PACKING [1].
         radius: > 0 [length].
         temperature: kT >= 0 [length^2/time^2].
-
-    Raises:
-        InputError: naming the argument and its rule.
 
     Source: Chapman & Cowling, The Mathematical Theory of Non-uniform Gases (1970), ch. 16, in two dimensions. Exact in
     equilibrium up to terms of order 1/N (see `shell_factor`), since positions and velocities are independent.
@@ -209,9 +153,6 @@ def enskog_diffusion(packing: float, radius: float = 0.5, temperature: float = 1
         radius: > 0 [length].
         temperature: kT > 0 [length^2/time^2].
 
-    Raises:
-        InputError: naming the argument and its rule.
-
     Source: Gass, J. Chem. Phys. 54, 1898 (1971), in two dimensions.
 
     >>> [round(enskog_diffusion(packing), 5) for packing in (0.01, 0.1, 0.3)]
@@ -222,31 +163,6 @@ def enskog_diffusion(packing: float, radius: float = 0.5, temperature: float = 1
     return temperature / enskog_rate(packing, radius, temperature)
 
 
-def compressibility_from_rate(rate: float, radius: float, temperature: float, degrees: int | None = None) -> float:
-    """Z from a measured collision rate: Z - 1 = (rate sigma / 4) sqrt(pi / kT) shell_factor [1].
-
-    Args:
-        rate: collisions per disc and time, >= 0 [1/time].
-        radius: > 0 [length].
-        temperature: kT > 0, from energy = degrees/2 x kT [length^2/time^2].
-        degrees: of freedom of the velocities: 2 N between walls, 2 (N - 1) in a periodic box at rest; None: infinitely
-            many.
-
-    Raises:
-        InputError: naming the argument and its rule.
-
-    Source: `enskog_rate`, solved for Z.
-
-    >>> round(compressibility_from_rate(enskog_rate(0.3), radius=0.5, temperature=1.0), 5)
-    2.06326
-    """
-    rate = checks.non_negative("rate", rate, "[1/time]")
-    radius = checks.positive("radius", radius, "[length]")
-    temperature = checks.positive("temperature", temperature, "[length^2/time^2]")
-    factor = 1.0 if degrees is None else shell_factor(degrees)
-    return 1 + rate * radius / 2 * math.sqrt(math.pi / temperature) * factor
-
-
 def shell_factor(degrees: int) -> float:
     """Mean |u| of a velocity component for infinitely many degrees of freedom, over its mean at fixed energy [1], < 1.
 
@@ -254,9 +170,6 @@ def shell_factor(degrees: int) -> float:
 
     Args:
         degrees: K >= 1 [1].
-
-    Raises:
-        InputError: if degrees is not a whole number >= 1.
 
     Source: mean of a component of a vector uniform on a sphere in K dimensions [D].
 
@@ -277,8 +190,6 @@ class ClosedBox:
         pressure: mean force on a wall per full length of the wall [1/time^2].
         compressibility: pressure x side^2 / (N kT) [1].
         bulk_density: number density in the middle [1/length^2].
-
-    Source: see `closed_box`, which makes it.
     """
 
     pressure: float
@@ -293,13 +204,10 @@ def closed_box(count: int, side: float, radius: float, temperature: float = 1.0)
     P = n_b kT Z(eta_b) - 2 n_b kT R / ((1 - eta_b) L).
 
     Args:
-        count: N, number of discs, >= 1.
-        side: L, of the box, > 2 radius [length].
+        count: N >= 1.
+        side: L, of the box, > 2 radius, and so large that the bulk is not denser than LARGEST_PACKING [length].
         radius: R > 0 [length].
         temperature: kT > 0 [length^2/time^2].
-
-    Raises:
-        InputError: naming the argument and its rule; if the bulk would be denser than LARGEST_PACKING.
 
     Source: excess of discs and line tension at a hard wall by scaled-particle theory (Helfand, Frisch & Lebowitz,
     J. Chem. Phys. 34, 1037, 1961), to first order in perimeter over area [D]; Z as in `compressibility`.
@@ -338,8 +246,6 @@ class TwoDiscs:
         force_x, force_y: mean force on a wall perpendicular to x, and on one perpendicular to y [length/time^2].
         wall_rate: hits of either disc on any wall, per time [1/time].
         pair_rate: collisions of the pair, per time [1/time].
-
-    Source: see `two_discs`, which makes it.
     """
 
     phase_area: float
@@ -359,9 +265,6 @@ def two_discs(width: float, height: float, radius: float, energy: float) -> TwoD
         radius: > 0 [length].
         energy: kinetic, of both, >= 0 [length^2/time^2].
 
-    Raises:
-        InputError: naming the argument and its rule.
-
     Source: force = kT dlnOmega/da; rates from the densities at the walls and at contact, with the mean of |u| of one
     component at fixed energy, 4/(3 pi) sqrt(2 energy) [D]; averages over time equal those over configurations for
     almost all starts, since two discs in a box are ergodic (Simanyi, Ergod. Theory Dyn. Syst. 19, 741, 1999). Opposite
@@ -372,9 +275,14 @@ def two_discs(width: float, height: float, radius: float, energy: float) -> TwoD
     >>> round(found.force_x, 6), round(found.wall_rate, 6), round(found.pair_rate, 6)
     (5.641119, 9.576661, 4.155474)
     """
-    width, height, radius = _box(width, height, radius, 2, "two_discs")
+    width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
+    sigma = 2 * checks.positive("radius", radius, "[length]")
     energy = checks.non_negative("energy", energy, "[length^2/time^2]")
-    sigma = 2 * radius
+    if min(width, height) < 2 * sigma:
+        raise InputError(
+            f"two_discs needs width and height of at least 2 diameters, {2 * sigma:g}; got {width:g} and {height:g}. "
+            "Use smaller discs or a larger box."
+        )
     a, b = width - sigma, height - sigma
     omega = a**2 * b**2 - math.pi * sigma**2 * a * b + 4 / 3 * (a + b) * sigma**3 - sigma**4 / 2
     by_a = (2 * a * b**2 - math.pi * sigma**2 * b + 4 / 3 * sigma**3) / omega
@@ -386,41 +294,12 @@ def two_discs(width: float, height: float, radius: float, energy: float) -> TwoD
     )
 
 
-def sinai_rate(width: float, height: float, radius: float, relative_speed: float) -> float:
-    """Collisions per time of two discs in a periodic box at total momentum 0 [1/time].
-
-    2 sigma |v_1 - v_2| / (width height - pi sigma^2): in the frame of one disc the other is a point in Sinai's
-    billiard, whose mean free path is pi x area / perimeter.
-
-    Args:
-        width, height: of the box, >= 2 sigma [length].
-        radius: > 0 [length].
-        relative_speed: |v_1 - v_2|, which no collision changes, >= 0 [length/time].
-
-    Raises:
-        InputError: naming the argument and its rule.
-
-    Source: mean free path of billiards, Chernov, J. Stat. Phys. 88, 1 (1997); ergodic by Sinai, Russ. Math. Surv. 25,
-    137 (1970).
-
-    >>> round(sinai_rate(2, 2, 0.25, 1.0), 6)
-    0.311081
-    """
-    width, height, radius = _box(width, height, radius, 2, "sinai_rate")
-    relative_speed = checks.non_negative("relative_speed", relative_speed, "[length/time]")
-    sigma = 2 * radius
-    return 2 * sigma * relative_speed / (width * height - math.pi * sigma**2)
-
-
 def speed_kurtosis(count: int, *, at_rest: bool = False) -> float:
     """<v^4>/<v^2>^2 of N discs in equilibrium at fixed energy, 2 N/(N + 1) [1]; 2 for a large gas.
 
     Args:
         count: N >= 1, N >= 2 with `at_rest`.
         at_rest: the total momentum is 0 and conserved, as in a periodic box: 2 (N - 1)/N.
-
-    Raises:
-        InputError: naming the argument and its rule.
 
     Source: moments of two components of a vector uniform on a sphere in 2 N, or 2 (N - 1), dimensions [D].
 
@@ -432,41 +311,128 @@ def speed_kurtosis(count: int, *, at_rest: bool = False) -> float:
     return 2 * free / (free + 1)
 
 
-def potential_energy_per_disc(energy: float, count: int) -> float:
-    """Mean potential energy m g y of a disc under gravity at fixed total energy, energy/(2 N) [length^2/time^2].
+# --- Motion: discs in line, bounces, cooling gases
 
-    y is measured from the lowest position of a centre. Exact at any N for discs that do not collide or are very small,
-    and never reach the ceiling of the box: half of the energy is potential.
+
+def line_gas(
+    position: ArrayLike, velocity: ArrayLike, time: float, length: float, radius: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions and velocities, at any later time, of discs that move along one line between two walls.
+
+    Equal discs exchange velocities, so without their diameters they move like free points on a line of length
+    length - N sigma: the k-th disc from the left is always at the k-th of these points, plus sigma (k - 1/2).
 
     Args:
-        energy: kinetic and potential of all discs, >= 0 [length^2/time^2].
-        count: N >= 1.
+        position: shape (N,), N >= 1, at the start, in any order, without overlap [length].
+        velocity: shape (N,) [length/time].
+        time: >= 0 [time].
+        length: between the walls, >= 2 radius N [length].
+        radius: > 0 [length].
 
-    Raises:
-        InputError: naming the argument and its rule.
+    Returns:
+        Positions [length] and velocities [length/time], shape (N,) each, in the order given. Exact to rounding of
+        velocity x time.
 
-    Source: each disc has two kinetic terms v^2/2, with a share of 1/2 each, and one linear term m g y, with a share of
-    1, of the 2 N shares of the energy (microcanonical average, integration by parts) [D].
+    Source: Jepsen, J. Math. Phys. 6, 405 (1965); finite diameter and walls: Tonks, Phys. Rev. 50, 955 (1936).
 
-    >>> potential_energy_per_disc(energy=30.0, count=10)
-    1.5
+    >>> places, velocities = line_gas([1.0, 3.0], [1.0, 0.0], time=2.5, length=5.0, radius=0.5)
+    >>> places.tolist(), velocities.tolist()
+    ([2.0, 4.5], [0.0, 1.0])
     """
-    energy = checks.non_negative("energy", energy, "[length^2/time^2]")
-    return energy / (2 * checks.whole("count", count, 1, 10**9, "Count the discs."))
+    places = checks.finite_array("position", position, (None,), "(N,)")
+    velocities = checks.finite_array("velocity", velocity, (len(places),), f"({len(places)},), one per position")
+    time = checks.non_negative("time", time, "[time]")
+    length, radius = checks.positive("length", length, "[length]"), checks.positive("radius", radius, "[length]")
+    order = np.argsort(places, kind="stable")
+    shifts = 2 * radius * (np.arange(len(places)) + 0.5)
+    free = length - 2 * radius * len(places)
+    points = places[order] - shifts
+    rounding = 8 * np.finfo(np.float64).eps * length
+    gaps = np.diff(points, prepend=0.0, append=free)
+    least = float(gaps.min()) if len(places) else math.nan
+    if not least >= -rounding:
+        raise InputError(
+            f"position must hold one disc or more, without overlap among them and with the walls at 0 and {length:g}; "
+            f"got {len(places)} discs of radius {radius:g}, least gap {least:g}. Move them apart."
+        )
+    unfolded = points + velocities[order] * time
+    period = 2 * free
+    folded = np.mod(unfolded, period) if free > 0 else np.zeros_like(unfolded)
+    returning = folded > free
+    points = np.where(returning, period - folded, folded)
+    moving = np.where(returning, -velocities[order], velocities[order])
+    rank = np.argsort(points, kind="stable")
+    found, speeds = np.empty_like(places), np.empty_like(places)
+    found[order], speeds[order] = points[rank] + shifts, moving[rank]
+    return found, speeds
+
+
+def end_of_bouncing(height: float, gravity: float, restitution: float) -> float:
+    """Time at which a disc dropped at rest has made all its bounces, sqrt(2 h/g) (1 + e)/(1 - e) [time].
+
+    Args:
+        height: h, of its lowest point above the floor, >= 0 [length].
+        gravity: g, magnitude, > 0 [length/time^2].
+        restitution: e, 0 <= e < 1 [1].
+
+    Source: geometric series of flights 2 e^k sqrt(2 h/g), k = 1, 2, ..., after the first fall [D].
+
+    >>> end_of_bouncing(height=5.0, gravity=10.0, restitution=0.5)
+    3.0
+    """
+    height = checks.non_negative("height", height, "[length]")
+    gravity = checks.positive("gravity", gravity, "[length/time^2]")
+    restitution = checks.fraction("restitution", restitution)
+    if restitution == 1:
+        raise InputError("restitution must be below 1 for the bouncing to end; got 1. Give a smaller one.")
+    return math.sqrt(2 * height / gravity) * (1 + restitution) / (1 - restitution)
+
+
+def haff_by_collisions(collisions: float, restitution: float) -> float:
+    """Temperature of a cooling granular gas over that at the start, exp(-(1 - e^2) tau / 2) [1].
+
+    Args:
+        collisions: tau, collisions per disc so far (a collision counts for both), >= 0 [1].
+        restitution: e, 0 <= e <= 1 [1].
+
+    Source: a collision takes (1 - e^2) (v_12.n)^2 / 4 from the energy N kT, and (v_12.n)^2 averages 4 kT over the
+    collisions of a Maxwell gas; Haff, J. Fluid Mech. 134, 401 (1983). Within 2 % for e >= 0.9 and tau <= 16, while
+    the gas stays uniform and nearly Maxwellian.
+
+    >>> round(haff_by_collisions(16, 0.9), 6)
+    0.218712
+    """
+    collisions = checks.non_negative("collisions", collisions, "(per disc)")
+    return math.exp(-(1 - checks.fraction("restitution", restitution) ** 2) * collisions / 2)
+
+
+def haff_in_time(time: float, restitution: float, rate: float) -> float:
+    """Temperature of a cooling granular gas over that at the start, 1/(1 + t/t_H)^2, 1/t_H = (1 - e^2) rate/4 [1].
+
+    Args:
+        time: t >= 0 [time].
+        restitution: e, 0 <= e <= 1 [1].
+        rate: collisions per disc and time at the start, >= 0, such as `reference.enskog_rate` [1/time].
+
+    Source: `haff_by_collisions` with a rate proportional to the root of the temperature; Haff 1983.
+
+    >>> haff_in_time(time=16.0, restitution=0.5, rate=1.0)
+    0.0625
+    """
+    time = checks.non_negative("time", time, "[time]")
+    rate = checks.non_negative("rate", rate, "[1/time]")
+    return (1 + (1 - checks.fraction("restitution", restitution) ** 2) * rate * time / 4) ** -2
 
 
 def _at_contact(packing: float) -> float:
-    """g(sigma), at any packing at which the approximant has no pole."""
+    """g(sigma) = (Z - 1)/x = (P - Q)/(x Q) for Z = P/Q, at any packing at which the approximant has no pole."""
     above, below = _pade()
     return float(np.polyval(above[::-1], 2 * packing) / np.polyval(below[::-1], 2 * packing))
 
 
 @cache
 def _pade() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Numerator of g(sigma) and denominator, as polynomials in x = 2 packing, of the [4/5] Pade approximant of Z.
-
-    Z = P/Q with P of degree 4 and Q of degree 5 agrees with the series through x^9, so g = (Z - 1)/x = (P - Q)/(x Q).
-    """
+    """(P - Q)/x and Q of the [4/5] Pade approximant Z = P/Q, as polynomials in x = 2 packing."""
     above, below = pade(VIRIAL, 4)
     difference = -below
     difference[: len(above)] += above
@@ -481,21 +447,3 @@ def _packing(value: float) -> float:
             "are near freezing: compare with published values such as DENSE_72."
         )
     return packing
-
-
-def _box(width: float, height: float, radius: float, diameters: int, name: str) -> tuple[float, float, float]:
-    """Width, height and radius, checked: each side at least so many diameters."""
-    width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
-    radius = checks.positive("radius", radius, "[length]")
-    if min(width, height) < 2 * diameters * radius:
-        raise InputError(
-            f"{name} needs width and height of at least {diameters} diameters, {2 * diameters * radius:g}; got "
-            f"{width:g} and {height:g}. Use smaller discs or a larger box."
-        )
-    return width, height, radius
-
-
-def __dir__() -> list[str]:
-    """What is public: constants, functions and classes of this module."""
-    own = (name for name, value in globals().items() if getattr(value, "__module__", None) == __name__)
-    return sorted({*(name for name in own if name[0] != "_"), *filter(str.isupper, globals()), "__doc__", "__name__"})

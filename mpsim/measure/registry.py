@@ -1,18 +1,16 @@
-"""The registry of all quantities that runs and studies measure, and their averages during a run.
-
-A pressure has a kinetic and a collisional part. The first needs velocities, which are sampled along the run; the
-second is counted.
+"""All quantities that runs and studies measure, and their averages during a run.
 
 A run measures by three kinds of functions. *Counted* ones take sums that the kernels keep for each frame on request:
 impulses on walls and between discs, overlaps. *Sampled* ones are functions of a state; the run averages their values
-at fixed frames. *Drifts* compare the final state with the initial one and with the counts in between.
+at fixed frames. *Drifts* compare the final state with the initial one and with the counts in between. A pressure has a
+kinetic part, from velocities that are sampled, and a collisional one, which is counted.
 """
 
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import chain
-from typing import Any, Literal, NamedTuple
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +45,12 @@ from mpsim.measure.statistics import (
 )
 from mpsim.scene.scene import Scene
 
+OfDiscs = Callable[[Callable[[Discs], Any]], Any]
+"""Calls a function with the present state, or what reads it in chunks. Where several processes share the simulation,
+one of them calls the function, and all get its value."""
+
+UNKNOWN = Measure(float("nan"), float("nan"), 0, settled=False)
+
 # --- Measures from counts of the kernels in each frame: impulses on walls and between discs, collisions, overlaps
 
 
@@ -58,37 +62,38 @@ class Run:
         scene: the scene.
         count: number of discs now.
         dt: time of a frame [time].
-        kinetic_energy: at the end, without that of a drift along periodic axes, if a measure needs it
-            [mass length^2/time^2].
-        speed: root mean square of one velocity component, if a measure needs it [length/time].
+        of_discs: gives the value of a function of the final state.
         flow: `moments.flow_of_momentum` along the run, shape (samples, 3), if a measure needs it
             [mass length^2/time^2].
-        every: number of frames between two of these samples; the first is taken after that many frames.
+        every: number of frames between two samples; the first is taken after that many frames.
         slow: the energy along the run, if a heat bath changes it.
     """
 
     scene: Scene
     count: int
     dt: float
-    kinetic_energy: float = 0.0
-    speed: float = 0.0
-    flow: NDArray[np.float64] | None = None
-    every: int = 1
-    slow: SlowVariable | None = None
+    of_discs: OfDiscs
+    flow: NDArray[np.float64]
+    every: int
+    slow: SlowVariable | None
 
-    @property
-    def walls(self) -> list[int]:
-        """Which edges discs bounce off, indices of EDGES."""
-        wraps = [self.scene.periodic[0]] * 2 + [self.scene.periodic[1]] * 2
-        return [index for index, edge in enumerate(EDGES) if not wraps[index] and edge not in self.scene.absorbing]
+    @cached_property
+    def kinetic_energy(self) -> float:
+        """At the end, without that of the mean flow along periodic axes, which no collision changes."""
 
-    @property
-    def perimeter(self) -> float:
-        """Length of these edges [length]."""
-        if len(self.walls) == len(EDGES):
-            return 2 * (self.scene.width + self.scene.height)
-        lengths = [self.scene.height] * 2 + [self.scene.width] * 2
-        return float(sum(lengths[index] for index in self.walls))
+        def energy_without_drift(discs: Discs) -> float:
+            energy = observables.kinetic_energy(discs, self.scene)
+            mass = float(self.scene.masses.sum()) if self.scene.mass is not None else count_of(discs)
+            flow = observables.momentum(discs, self.scene)[list(self.scene.periodic)]
+            return energy - float((flow**2).sum()) / (2 * mass) if mass else energy
+
+        return self.of_discs(energy_without_drift)
+
+
+def _walls(scene: Scene) -> list[int]:
+    """Which edges discs bounce off, indices of EDGES."""
+    wraps = [scene.periodic[0]] * 2 + [scene.periodic[1]] * 2
+    return [index for index, edge in enumerate(EDGES) if not wraps[index] and edge not in scene.absorbing]
 
 
 Counts = NDArray[Any]
@@ -103,24 +108,20 @@ def pressure(counts: Counts, run: Run) -> Measure:
     """
     if all(run.scene.periodic):
         return pressure_virial(counts, run)
-    scene, scale = run.scene, 1 / (run.dt * run.perimeter)
+    scene, walls = run.scene, _walls(run.scene)
+    lengths = [scene.height] * 2 + [scene.width] * 2
+    scale = 1 / (run.dt * float(sum(lengths[index] for index in walls)))
+    count, speed = run.of_discs(moments.number_and_speed)
     mass = float(scene.masses.mean()) if scene.count else 1.0
-    hit = (1 + scene.wall_restitution) * mass * run.speed * scale
-    hits = counts["wall"][:, run.walls].sum(axis=1) * scale
-    alternation = _alternation(float(hits.mean()), mass, run)
+    hit = (1 + scene.wall_restitution) * mass * speed * scale
+    hits = counts["wall"][:, walls].sum(axis=1) * scale
+    mean, alternation = float(hits.mean()), 0.0
+    if mean > 0 and speed > 0 and not has_body_force(scene):
+        # Discs carry momentum from wall to wall at their speed v, and collisions transfer it over a diameter: together
+        # at v P V / (N k T).
+        passed = mean * scene.width * scene.height / (count * mass * speed)
+        alternation = max(_free(scene)) / (passed * run.dt)
     return average_beside(run.slow, hits, event=hit or None, alternation=alternation, constant=True)
-
-
-def _alternation(pressure: float, mass: float, run: Run) -> float:
-    """Number of frames in which momentum from one wall reaches the opposite one; 0: unknown.
-
-    Discs carry it at their speed v, and collisions transfer it over a diameter, together at v P V / (N k T).
-    """
-    scene = run.scene
-    if has_body_force(scene) or not (pressure > 0 and run.speed > 0):
-        return 0.0
-    passed = pressure * scene.width * scene.height / (run.count * mass * run.speed)
-    return max(_free(scene)) / (passed * run.dt)
 
 
 def pressure_virial(counts: Counts, run: Run) -> Measure:
@@ -143,14 +144,10 @@ def pressure_virial(counts: Counts, run: Run) -> Measure:
     kinetic, scale = 2 * run.kinetic_energy / area, _diameter(run) / (run.dt * area)
     if run.count < 2:  # no collisions
         return block_average(np.full(len(counts), kinetic), constant=True)
-    event = _impulse(run) * scale
+    # Root mean square of |dp| over the collisions of a gas of this energy: 2 m sqrt(kT / m).
+    event = 2 * math.sqrt(float(run.scene.masses.mean()) * max(run.kinetic_energy, 0.0) / run.count) * scale
     collisional = block_average(counts["virial"] * scale, event=event or None, constant=True)
     return replace(collisional, value=kinetic + collisional.value)
-
-
-def _impulse(run: Run) -> float:
-    """Root mean square of |dp| over the collisions of a gas of this energy [mass length/time]: 2 m sqrt(kT / m)."""
-    return 2 * math.sqrt(float(run.scene.masses.mean()) * max(run.kinetic_energy, 0.0) / run.count)
 
 
 def pressure_xx(counts: Counts, run: Run) -> Measure:
@@ -188,9 +185,9 @@ def _component(counts: Counts, virial: NDArray[np.float64], component: int, area
     The error is that of their sum. It is settled if there were enough collisions, and the flow has lost the memory of
     its start; or if no disc can collide.
     """
-    flow = np.zeros(0) if run.flow is None else run.flow[:, component]
-    if not len(flow):
-        return Measure(float("nan"), float("nan"), 0, settled=False)
+    if not len(run.flow):
+        return UNKNOWN
+    flow = run.flow[:, component]
     given = _diameter(run) * virial / run.dt
     between = given[: len(flow) * run.every].reshape(len(flow), run.every).mean(axis=1)
     alone, enough = run.count < 2, np.count_nonzero(counts["collisions"]) >= FEWEST_EVENTS
@@ -245,57 +242,42 @@ COMPONENTS: tuple[str, ...] = ("pressure_xx", "pressure_yy", "pressure_xy")
 """Measures that need the flow of momentum along the run."""
 
 
-# --- Drifts of conserved quantities, from the first and last state of a run and the counts in between
+# --- Sampled measures, NaN in a state in which they are undefined, and drifts of conserved quantities
 
 
-class Energies(NamedTuple):
-    """Kinetic and potential energy of a state [mass length^2/time^2]."""
-
-    kinetic: float
-    potential: float
+def _temperature(discs: Discs, scene: Scene) -> float:
+    return observables.temperature(discs, scene) if any_present(discs) else math.nan
 
 
-class Momenta(NamedTuple):
-    """Sums of m v, shape (2,), and of m |v| [mass length/time]."""
-
-    total: NDArray[np.float64]
-    largest: float
+def _speed_kurtosis(discs: Discs, scene: Scene) -> float:
+    return observables.speed_kurtosis(discs) if any_moves(discs) else math.nan
 
 
-class Drift(NamedTuple):
-    """A drift.
-
-    Attributes:
-        of: function that gives the value in a state.
-        rate: function that gives the drift, from the values in the first and last state of a run and the counts in
-            between.
-    """
-
-    of: Callable[[Discs, Scene], Any]
-    rate: Callable[[Counts, Run, Any, Any], float]
+def _energies(discs: Discs, scene: Scene) -> tuple[float, float]:
+    """Kinetic and potential energy [mass length^2/time^2]."""
+    return observables.kinetic_energy(discs, scene), observables.potential_energy(discs, scene)
 
 
-def _energies(discs: Discs, scene: Scene) -> Energies:
-    return Energies(observables.kinetic_energy(discs, scene), observables.potential_energy(discs, scene))
-
-
-def _momenta(discs: Discs, scene: Scene) -> Momenta:
-    masses = moments.masses_of("momentum_drift", scene, discs)
-    return Momenta(observables.momentum(discs, scene), moments.momenta(discs, masses))
-
-
-def _energy_drift(counts: Counts, run: Run, before: Energies, after: Energies) -> float:
+def _energy_drift(counts: Counts, run: Run, before: tuple[float, float], after: tuple[float, float]) -> float:
     """Change of kinetic plus potential energy per time, over the larger of both kinetic energies [1/time]."""
-    largest = max(before.kinetic, after.kinetic)
-    change = after.kinetic - before.kinetic + after.potential - before.potential
+    largest = max(before[0], after[0])
+    change = after[0] - before[0] + after[1] - before[1]
     return change / (largest * run.dt * len(counts)) if largest else 0.0
 
 
-def _momentum_drift(counts: Counts, run: Run, before: Momenta, after: Momenta) -> float:
+def _momenta(discs: Discs, scene: Scene) -> tuple[NDArray[np.float64], float]:
+    """Sums of m v, shape (2,), and of m |v| [mass length/time]."""
+    masses = moments.masses_of("momentum_drift", scene, discs)
+    return observables.momentum(discs, scene), moments.momenta(discs, masses)
+
+
+def _momentum_drift(
+    counts: Counts, run: Run, before: tuple[NDArray[np.float64], float], after: tuple[NDArray[np.float64], float]
+) -> float:
     """Change of momentum that is not due to walls or gravity, per time, over the sum of m |v| [1/time], >= 0.
 
     Newton's third law keeps it at rounding; `reflect` violates that law. The larger sum of both states is taken. Scenes
-    with other external impulses (rough or thermal walls, obstacles, a thermostat) are refused by `run_averages`.
+    with other external impulses (rough or thermal walls, obstacles, a thermostat) are refused.
     """
     left, right, bottom, top = counts["wall"].sum(axis=0)
     time, given = run.dt * len(counts), np.array([left - right, bottom - top])
@@ -304,12 +286,8 @@ def _momentum_drift(counts: Counts, run: Run, before: Momenta, after: Momenta) -
         given += (run.count if run.scene.mass is None else run.scene.mass.sum()) * run.scene.gravity * time
     if run.scene.acceleration is not None:
         given += (run.scene.acceleration.T * masses).sum(axis=1) * time
-    largest = max(before.largest, after.largest)
-    return float(np.hypot(*(after.total - before.total - given))) / (largest * time) if largest else 0.0
-
-
-ENERGY_DRIFT = Drift(_energies, _energy_drift)
-MOMENTUM_DRIFT = Drift(_momenta, _momentum_drift)
+    largest = max(before[1], after[1])
+    return float(np.hypot(*(after[0] - before[0] - given))) / (largest * time) if largest else 0.0
 
 
 # --- The registry of all quantities that runs and trade-off studies can measure
@@ -323,56 +301,29 @@ pairs. distribution: the largest difference of two cumulative distributions. sho
 """
 
 
-Needs = Literal["nothing", "discs", "motion"]
-"""What a sampled observable is undefined without: nothing, as a sum over discs; any disc; any disc that moves."""
-
-
-_NEEDED: dict[Needs, Callable[[Discs], bool]] = {
-    "nothing": lambda discs: True,
-    "discs": any_present,
-    "motion": any_moves,
-}
-
-
-def _never(run: Run) -> bool:
-    return False
-
-
-def _with_energy(run: Run) -> bool:
-    """Of what depends only on the kinetic energy and the discs."""
-    return conserves_energy(run.scene)
-
-
-def _of_one_disc(run: Run) -> bool:
-    """Of what collisions change: they need two discs."""
-    return run.count == 1 and conserves_energy(run.scene)
-
-
 @dataclass(frozen=True)
 class Observable:
     """What is known about one observable.
 
     Attributes:
-        counted, sampled, drift: the function, of one of the kinds; none of them where only a trade-off study has it.
-        constant: whether physics keeps a sampled value constant in a run. If not, which is the default, a series that
-            has not changed so far may still change, and its error is unknown.
-        needs: what a sampled value requires to be defined; without it the value is NaN, and the run continues.
+        counted: its function of the counts.
+        sampled: its function of a state.
+        drift: its function of the counts and the values of `conserved` in the first and the last state. A trade-off
+            study alone has observables without any of these.
+        conserved: the function of a state that `drift` compares.
+        constant: whether physics keeps a sampled value constant in a run. If not, a series that has not changed so far
+            may still change, and its error is unknown.
         error: how a trade-off study computes its error; None: it does not.
         unit: of that error; "%" for a dimensionless quantity.
     """
 
     counted: Callable[[Counts, Run], Measure] | None = None
     sampled: Callable[[Discs, Scene], float] | None = None
-    drift: Drift | None = None
-    constant: Callable[[Run], bool] = _never
-    needs: Needs = "motion"
+    drift: Callable[[Counts, Run, Any, Any], float] | None = None
+    conserved: Callable[[Discs, Scene], Any] | None = None
+    constant: Callable[[Run], bool] = lambda run: conserves_energy(run.scene)
     error: Error | None = None
     unit: str = "%"
-
-    def sample(self, discs: Discs, scene: Scene) -> float:
-        """The sampled value of a state; NaN where it is undefined."""
-        assert self.sampled is not None  # `SAMPLED` has no other
-        return self.sampled(discs, scene) if _NEEDED[self.needs](discs) else float("nan")
 
 
 OBSERVABLES: dict[str, Observable] = {
@@ -383,14 +334,14 @@ OBSERVABLES: dict[str, Observable] = {
     "pressure_xy": Observable(counted=pressure_xy),
     "collision_rate": Observable(counted=contact_rate, error="relative"),
     "contact_rate": Observable(counted=contact_rate),
-    "energy_drift": Observable(drift=ENERGY_DRIFT, error="difference", unit="1/time"),
-    "momentum_drift": Observable(drift=MOMENTUM_DRIFT, error="mean", unit="1/time"),
+    "energy_drift": Observable(drift=_energy_drift, conserved=_energies, error="difference", unit="1/time"),
+    "momentum_drift": Observable(drift=_momentum_drift, conserved=_momenta, error="mean", unit="1/time"),
     "overlap": Observable(counted=overlap, error="depth", unit="diam."),
     "largest_overlap": Observable(counted=largest_overlap, error="largest", unit="diam."),
-    "kinetic_energy": Observable(sampled=observables.kinetic_energy, constant=_with_energy, needs="nothing"),
-    "temperature": Observable(sampled=observables.temperature, constant=_with_energy, needs="discs"),
-    "speed_kurtosis": Observable(
-        sampled=lambda state, scene: observables.speed_kurtosis(state), constant=_of_one_disc, needs="motion"
+    "kinetic_energy": Observable(sampled=observables.kinetic_energy),
+    "temperature": Observable(sampled=_temperature),
+    "speed_kurtosis": Observable(  # which collisions change: they need two discs
+        sampled=_speed_kurtosis, constant=lambda run: run.count == 1 and conserves_energy(run.scene)
     ),
     "speed_distribution": Observable(error="distribution"),
     "trajectory": Observable(error="short", unit="diam."),
@@ -399,7 +350,7 @@ OBSERVABLES: dict[str, Observable] = {
 """In the order of the columns of a trade-off study."""
 
 COUNTED = {name: each.counted for name, each in OBSERVABLES.items() if each.counted}
-SAMPLED = {name: each.sample for name, each in OBSERVABLES.items() if each.sampled}
+SAMPLED = {name: each.sampled for name, each in OBSERVABLES.items() if each.sampled}
 DRIFTS = {name: each.drift for name, each in OBSERVABLES.items() if each.drift}
 
 NAMES: tuple[str, ...] = (*COUNTED, *SAMPLED, *DRIFTS)
@@ -418,20 +369,7 @@ LONG: tuple[str, ...] = tuple(name for name in ERRORS if OBSERVABLES[name].error
 SHORT: tuple[str, ...] = tuple(name for name in ERRORS if OBSERVABLES[name].error == "short")
 
 
-# --- Averages during a run: what each measure needs, and how its value and error are computed
-#
-# The measures and their kinds are listed in `registry`. States are sampled at fixed frames, so that neither the number
-# of workers nor the length of a slice can change an average.
-
-OfDiscs = Callable[[Callable[[Discs], Any]], Any]
-"""Calls a function with the present state, or what reads it in chunks, and returns what it gives."""
-
-SAMPLES = 200
-"""Approximate number of states sampled in a run: each costs a copy of all positions and velocities, chunk by chunk on
-ranks."""
-
-FLOW_SAMPLES = 1000
-"""The same for the flow of momentum, the kinetic part of a pressure, which fluctuates more."""
+# --- Which measures a scene has
 
 
 def _fills(scene: Scene, axis: int) -> bool:
@@ -439,108 +377,85 @@ def _fills(scene: Scene, axis: int) -> bool:
     return not scene.periodic[axis] and (scene.width, scene.height)[axis] <= 2 * scene.largest_radius
 
 
-class _Refusal(NamedTuple):
-    """Measures that are wrong in scenes that have something: its name in words, and what to do instead."""
-
-    measures: tuple[str, ...]
-    is_in: Callable[[Scene], bool]
-    what: str
-    remedy: str
+def _has_sizes_between_walls(scene: Scene) -> bool:
+    return scene.smallest_radius < scene.largest_radius and not all(scene.periodic)
 
 
 _VIRIALS = ("pressure_virial", *COMPONENTS)
+"""Measures that "virial" stands for."""
 
+_BY_WALLS = "Use 'pressure', the impulses on the walls."
+_REST = "losses under gravity or acceleration, where discs come to rest on each other and are in contact all the time"
+_SIZES = "discs of several sizes between walls, which each keep the centres at a distance of their own"
+_LOSSES = "losses (a restitution below 1), as the virial takes the kinetic energy for constant"
 
-def _names_of(measures: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of measures, with "virial" expanded to all that are derived from it."""
-    return tuple(chain.from_iterable(_VIRIALS if name == "virial" else (name,) for name in measures))
-
-
-_REFUSALS: tuple[_Refusal, ...] = (
-    _Refusal(
-        _VIRIALS,
-        has_body_force,
-        "gravity and acceleration, which the virial leaves out",
-        "Use 'pressure', the impulses on the walls.",
-    ),
-    _Refusal(
-        _VIRIALS,
-        is_inelastic,
-        "losses (a restitution below 1), as the virial takes the kinetic energy for constant",
-        "Use 'pressure', the impulses on the walls.",
-    ),
-    _Refusal(
-        _VIRIALS,
-        lambda scene: scene.smallest_radius < scene.largest_radius and not all(scene.periodic),
-        "discs of several sizes between walls, which each keep the centres at a distance of their own",
-        "Use 'pressure', the impulses on the walls.",
-    ),
-    _Refusal(
-        ("pressure_virial",),
+_REFUSALS: tuple[tuple[Callable[[Scene], bool], tuple[str, ...], str, str], ...] = (
+    (has_body_force, ("virial",), "gravity and acceleration, which the virial leaves out", _BY_WALLS),
+    (is_inelastic, ("virial",), _LOSSES, _BY_WALLS),
+    (_has_sizes_between_walls, ("virial",), _SIZES, _BY_WALLS),
+    (
         lambda scene: _fills(scene, 0) and _fills(scene, 1),
+        ("pressure_virial",),
         "discs as wide and high as the box, which have no room to move",
-        "Use 'pressure', the impulses on the walls.",
+        _BY_WALLS,
     ),
-    _Refusal(
-        ("pressure_xx",),
+    (
         lambda scene: _fills(scene, 0),
+        ("pressure_xx",),
         "discs as wide as the box, which have no room to move along x",
         "Use 'pressure_yy', along which they have.",
     ),
-    _Refusal(
-        ("pressure_yy",),
+    (
         lambda scene: _fills(scene, 1),
+        ("pressure_yy",),
         "discs as high as the box, which have no room to move along y",
         "Use 'pressure_xx', along which they have.",
     ),
-    *(
-        _Refusal(_names_of(each.measures), feature.is_in, each.what, each.remedy)
-        for feature in FEATURES
-        for each in feature.invalidates
-    ),
-    _Refusal(
-        ("energy_drift",),
+    *((of.is_in, each.measures, each.what, each.remedy) for of in FEATURES for each in of.invalidates),
+    (
         lambda scene: any(each.works(scene) for each in FEATURES),
+        ("energy_drift",),
         "surfaces that move, which do work",
         "Compare kinetic energies, from sim.state.",
     ),
-    _Refusal(
-        (*_VIRIALS, "collision_rate", "contact_rate"),
+    (
         lambda scene: scene._loses_discs and not scene.absorbing,
+        ("virial", "collision_rate", "contact_rate"),
         "removed discs, which its number of discs counts",
         "Measure in a scene without them, scene.starting_from(sim.state).",
     ),
-    _Refusal(
-        ("pressure_xy",),
+    (
         lambda scene: not all(scene.periodic),
+        ("pressure_xy",),
         "walls, which are smooth and take up no such momentum",
         "Use 'pressure_xx' and 'pressure_yy', or a box with boundary='periodic'.",
     ),
-    _Refusal(
-        ("collision_rate", "missed_collisions"),
+    (
         lambda scene: has_losses(scene) and has_body_force(scene),
-        "losses under gravity or acceleration, where discs come to rest on each other and are in contact all the time",
+        ("collision_rate", "missed_collisions"),
+        _REST,
         "Use 'overlap'; or in a run 'contact_rate', which counts a resting contact once per step.",
     ),
-    _Refusal(
-        ("momentum_drift",),
+    (
         lambda scene: scene.wall_friction > 0 and not all(scene.periodic),
+        ("momentum_drift",),
         "rough walls, whose tangential impulses are not counted",
         "Measure 'pressure' or 'energy_drift', or give the walls wall_friction=0.",
     ),
-    _Refusal(
-        ("energy_drift",),
+    (
         observables.has_periodic_field,
+        ("energy_drift",),
         "fields along periodic axes, along which discs fall without end",
         "Give such an axis walls.",
     ),
-    _Refusal(
+    (
+        lambda scene: not all(scene.periodic) and not _walls(scene),
         ("pressure",),
-        lambda scene: not all(scene.periodic) and not Run(scene, 0, 1.0).walls,
         "absorbing edges all round, which leave no wall",
         "Give the scene a wall.",
     ),
 )
+"""Scenes in which measures are wrong: which scenes, which measures, what is in the way, and what to do instead."""
 
 
 def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
@@ -555,12 +470,14 @@ def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
     True
     """
     virial = name == "pressure" and all(scene.periodic)
-    for each in _REFUSALS:
-        if ("pressure_virial" if virial else name) in each.measures and each.is_in(scene):
-            hint = "Without walls it is the virial: give the scene walls." if virial else each.remedy
-            return f"measures may hold {name!r} only without {each.what}; this scene has them. {hint}"
+    called = "pressure_virial" if virial else name
+    names = {called, "virial"} if called in _VIRIALS else {called}
+    for is_in, measures, what, remedy in _REFUSALS:
+        if not names.isdisjoint(measures) and is_in(scene):
+            hint = "Without walls it is the virial: give the scene walls." if virial else remedy
+            return f"measures may hold {name!r} only without {what}; this scene has them. {hint}"
     grown = count not in (None, scene.count) or adds_discs(scene)
-    weighed = name in ("kinetic_energy", "temperature", *_VIRIALS, *DRIFTS) or virial
+    weighed = called in ("kinetic_energy", "temperature", *_VIRIALS, *DRIFTS)
     accelerated = name in DRIFTS and scene.acceleration is not None
     if grown and (accelerated or (weighed and (scene.mass is not None or any(e.mass for e in scene.emitters)))):
         what = "acceleration" if accelerated else "mass"
@@ -585,10 +502,23 @@ def checked(names: Iterable[str] | None, scene: Scene | None = None, count: int 
     if names is None:
         return ()
     chosen = tuple(checks.choice("measures", name, NAMES) for name in ([names] if isinstance(names, str) else names))
-    reasons = [] if scene is None else [refusal(name, scene, count) for name in chosen]
-    for reason in filter(None, reasons):
-        raise InputError(reason)
+    for name in chosen:
+        if scene is not None and (reason := refusal(name, scene, count)):
+            raise InputError(reason)
     return chosen
+
+
+# --- Averages during a run
+#
+# States are sampled at fixed frames, so that neither the number of workers nor the length of a slice can change an
+# average.
+
+SAMPLES = 200
+"""Approximate number of states sampled in a run: each costs a copy of all positions and velocities, chunk by chunk on
+ranks."""
+
+FLOW_SAMPLES = 1000
+"""The same for the flow of momentum, the kinetic part of a pressure, which fluctuates more."""
 
 
 class Measures(dict[str, Measure]):
@@ -610,8 +540,7 @@ class RunAverages:
         names: of measures, checked.
         frames: of the run; states are sampled about every frames / SAMPLES frames.
         scene: the scene of the run.
-        of_discs: gives the value of a function of the present state. Where several processes share the simulation, one
-            of them calls the function, and all get its value.
+        of_discs: gives the value of a function of the present state.
         whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts then
             include all of that frame: rates are right, but drifts between two states are not.
         skipped: frames at the beginning that do not count.
@@ -626,21 +555,20 @@ class RunAverages:
         whole: bool = True,
         skipped: int = 0,
     ):
-        self._names = names
-        self._skipped = skipped
-        self._scene = scene
-        self._of_discs = of_discs
-        self._drifts = {name: DRIFTS[name] for name in names if name in DRIFTS and (whole or skipped)}
-        self._before = self._conserved()
+        self._names, self._skipped, self._scene, self._of_discs = names, skipped, scene, of_discs
+        self.counting: bool = any(name not in SAMPLED for name in names)  # whether the kernels must count
+        conserved = {name: OBSERVABLES[name].conserved for name in names if whole or skipped}
+        self._conserved = {name: function for name, function in conserved.items() if function is not None}
+        self._before = self._of_all(self._conserved)
         self._lost: set[str] = set()
         self._counts: list[Counts] = []
         self._sampled: dict[str, Callable[[Discs, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
         if any(name in COMPONENTS for name in names):
             self._sampled["flow"] = moments.flow_of_momentum
         known = is_heated(scene) and refusal("kinetic_energy", scene) is None
-        if known and any(name in COUNTED or name in SAMPLED for name in names):
+        if known and any(name not in DRIFTS for name in names):
             self._sampled["bath"] = observables.kinetic_energy
-        self._samples: dict[str, list[Any]] = {name: [] for name in self._sampled}
+        self._samples: list[dict[str, Any]] = []
         self._every = max((frames - skipped) // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
 
     def interrupted(self, scene: Scene, count: int) -> None:
@@ -653,109 +581,72 @@ class RunAverages:
             scene: from now on.
             count: number of discs now.
         """
-        self._drifts = {}
+        self._conserved = {}
         virials = {"pressure_virial", "pressure"} if all(scene.periodic) else {"pressure_virial"}
         self._lost |= {name for name in self._names if name in virials or refusal(name, scene, count)}
         flows = self._lost.issuperset(set(COMPONENTS) & set(self._names))
         bath = refusal("kinetic_energy", scene, count) is not None
         for name in [*self._lost, *(["flow"] if flows else []), *(["bath"] if bath else [])]:
             self._sampled.pop(name, None)
-            self._samples.pop(name, None)
-
-    @property
-    def counting(self) -> bool:
-        """Whether the kernels must count."""
-        return any(name in COUNTED or name in DRIFTS for name in self._names)
 
     def frames_to_sample(self, done: int) -> int:
         """Number of frames until the next sample, or until frames count; very large if neither is needed."""
         if done < self._skipped:
             return self._skipped - done
-        return self._every - (done - self._skipped) % self._every if self._samples else 2**62
+        return self._every - (done - self._skipped) % self._every if self._sampled else 2**62
 
     def take(self, counts: Counts | None, done: int) -> None:
         """Add the counts of a slice, and sample the state if it is due."""
         if done <= self._skipped:
             if done == self._skipped:
-                self._before = self._conserved()
+                self._before = self._of_all(self._conserved)
             return
         if counts is not None:
             self._counts.append(counts)
-        if self._samples and (done - self._skipped) % self._every == 0:
-            found = self._of_all(self._sampled)
-            for name, values in self._samples.items():
-                values.append(found[name])
+        if self._sampled and (done - self._skipped) % self._every == 0:
+            self._samples.append(self._of_all(self._sampled))
 
-    def mark(self) -> tuple[int, dict[str, int]]:
+    def mark(self) -> tuple[int, int]:
         """The amount of data collected so far, for `rewind`."""
-        return len(self._counts), {name: len(values) for name, values in self._samples.items()}
+        return len(self._counts), len(self._samples)
 
-    def rewind(self, mark: tuple[int, dict[str, int]]) -> None:
+    def rewind(self, mark: tuple[int, int]) -> None:
         """Discard the data collected after a mark."""
-        counts, samples = mark
-        del self._counts[counts:]
-        for name, length in samples.items():
-            del self._samples[name][length:]
+        del self._counts[mark[0] :], self._samples[mark[1] :]
 
-    def measures(self, run: Run) -> Measures:
-        """The measures at the end of the run."""
+    def measures(self, scene: Scene, count: int, dt: float) -> Measures:
+        """The measures at the end of the run, of its scene and number of discs now and the time of a frame."""
         counts = np.concatenate(self._counts) if self._counts else np.zeros(0, records.COUNTS)
-        run = replace(self._with_what_is_needed(run), slow=self._slow(run))
-        after = self._conserved() if len(counts) else {}
+        series = {name: np.array([sample[name] for sample in self._samples]) for name in self._sampled}
+        slow = self._slow(series.get("bath", np.zeros(0)), count, dt)
+        run = Run(scene, count, dt, self._of_discs, series.get("flow", np.zeros(0)), self._every, slow)
+        after = self._of_all(self._conserved) if len(counts) else {}
         results = Measures()
-        unknown = {name for name, values in self._samples.items() if not values or np.isnan(values).any()}
-        unknown |= self._lost if len(counts) else set(COUNTED) | self._lost
+        # Without frames, a mean over no discs, or of a scene that cannot have it
+        unknown = {name for name, values in series.items() if not len(values) or np.isnan(values).any()} | self._lost
+        unknown |= set() if len(counts) else set(COUNTED)
         for name in self._names:
-            if name in unknown:  # without frames, a mean over no discs, or of a scene that cannot have it
-                results[name] = Measure(float("nan"), float("nan"), 0, settled=False)
+            if name in unknown:
+                results[name] = UNKNOWN
             elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
             elif name in SAMPLED:
                 constant = OBSERVABLES[name].constant(run)
-                results[name] = average_beside(run.slow, np.array(self._samples[name]), constant=constant)
+                results[name] = average_beside(slow, series[name], constant=constant)
             else:
-                rate = DRIFTS[name].rate
-                value = rate(counts, run, self._before[name], after[name]) if name in after else float("nan")
-                results[name] = Measure(value, float("nan"), 1, settled=False)
+                value = DRIFTS[name](counts, run, self._before[name], after[name]) if name in after else math.nan
+                results[name] = Measure(value, math.nan, 1, settled=False)
         return results
 
-    def _slow(self, run: Run) -> SlowVariable | None:
+    def _slow(self, energy: NDArray[np.float64], count: int, dt: float) -> SlowVariable | None:
         """The energy along the run, which a bath changes slowly; None without one."""
-        energy = np.array(self._samples.get("bath", ()))
         if len(energy) < FEWEST_BLOCKS or not energy.mean() > 0:
             return None
-        memory = memory_of_baths(self._scene, energy.mean() / run.count)
-        return energy_in_bath(energy, memory / (len(energy) * self._every * run.dt), run.count)
+        memory = memory_of_baths(self._scene, energy.mean() / count)
+        return energy_in_bath(energy, memory / (len(energy) * self._every * dt), count)
 
     def _of_all(self, functions: Mapping[str, Callable[[Discs, Scene], Any]]) -> dict[str, Any]:
-        """What each of some functions gives of the present state, by name."""
+        """The values of functions of the present state, by name."""
         if not functions:
             return {}
         return self._of_discs(lambda now: {name: each(now, self._scene) for name, each in functions.items()})
-
-    def _conserved(self) -> dict[str, Any]:
-        """What the drifts take of the present state, by name."""
-        return self._of_all({name: drift.of for name, drift in self._drifts.items()})
-
-    def _with_what_is_needed(self, run: Run) -> Run:
-        """The run with the quantities that the requested measures take from states."""
-        names = set(self._names) - self._lost
-        walls = "pressure" in names and not all(run.scene.periodic)
-        if walls or "pressure_virial" in names or "pressure" in names:
-            if walls:
-                count, speed = self._of_discs(moments.number_and_speed)
-                run = replace(run, speed=speed, count=count)
-            if "pressure_virial" in names or not walls:
-                energy = self._of_discs(lambda now: _energy_without_drift(now, self._scene))
-                run = replace(run, kinetic_energy=energy)
-        if self._samples.get("flow"):
-            run = replace(run, flow=np.array(self._samples["flow"]), every=self._every)
-        return run
-
-
-def _energy_without_drift(discs: Discs, scene: Scene) -> float:
-    """Kinetic energy without that of the mean flow along periodic axes, which no collision changes."""
-    energy = observables.kinetic_energy(discs, scene)
-    mass = float(scene.masses.sum()) if scene.mass is not None else count_of(discs)
-    flow = observables.momentum(discs, scene)[list(scene.periodic)]
-    return energy - float((flow**2).sum()) / (2 * mass) if mass else energy

@@ -8,7 +8,7 @@ from support.scenes import gas, simulate
 
 import mpsim
 from mpsim import FixedDisc, Polyline, Scene
-from mpsim.measure import independent_average, reference_motion
+from mpsim.measure import independent_average, reference
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
 
@@ -24,12 +24,12 @@ def cooled(restitution, starts, count=50, law_of=None, rate=None, until=16.0, **
         with simulate(gas(count, PACKING, seed=seed, restitution=restitution), **settings) as sim:
             if rate:
                 sim.run(until=until)
-                expected = reference_motion.haff_in_time(sim.time, law_of or restitution, rate)
+                expected = reference.haff_in_time(sim.time, law_of or restitution, rate)
             else:
                 collisions, frames = 0.0, 1 if settings["method"] == "event" else 20
                 while collisions < until:
                     collisions += 2 * sim.run(frames=frames).collisions / count
-                expected = reference_motion.haff_by_collisions(collisions, law_of or restitution)
+                expected = reference.haff_by_collisions(collisions, law_of or restitution)
             ratios.append((sim.state.velocity**2).mean() / expected)
     return independent_average(ratios)
 
