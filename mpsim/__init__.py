@@ -45,7 +45,7 @@ from mpsim.features import (
     Thermostat,
     Translation,
 )
-from mpsim.measure.time_correlations import Correlations
+from mpsim.measure.correlations import Correlations
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.findings import Findings, findings

@@ -36,7 +36,7 @@ LEFT = {"slow": "takes seconds; run with --slow", "long": "takes minutes; run wi
 SLOW_EXAMPLES = {
     "mpsim.studies.tune.tune",
     "mpsim.scene.scene.Scene.compressed",
-    "mpsim.measure.time_correlations.Correlations",
+    "mpsim.measure.correlations.Correlations",
     "mpsim.measure.order.to_freud",
     "mpsim.studies.sweep.sweep",
     "mpsim.studies.tradeoff.tradeoff",

@@ -2,7 +2,7 @@
 
 from mpsim.measure import reference
 from mpsim.measure.correlation import PairCorrelation, pair_correlation
-from mpsim.measure.motion import TimeCorrelation
+from mpsim.measure.correlations import Series, TimeCorrelation
 from mpsim.measure.observables import (
     Overlap,
     SpeedDistribution,
@@ -28,7 +28,6 @@ from mpsim.measure.order import (
     to_freud,
 )
 from mpsim.measure.predictability import Predictability, comparable_until, predictability, require_predictable
-from mpsim.measure.series import Series
 from mpsim.measure.statistics import (
     Equilibration,
     Measure,

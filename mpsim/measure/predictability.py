@@ -103,7 +103,7 @@ def comparable_until(rate: float) -> float:
         rate: largest Lyapunov exponent [1/time], > 0.
 
     Raises:
-        InputError: naming the argument and its rule.
+        InputError: unless it is > 0.
 
     >>> round(comparable_until(2.9), 2)
     3.45

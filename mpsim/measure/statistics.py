@@ -1,4 +1,4 @@
-"""Means with their standard errors, the start of the stationary part of a series, and fitted orders.
+"""Means with their standard errors, the start of the stationary part of a series, and fitted orders of accuracy.
 
 The mean of n samples has the variance S(0) / n, where S is the spectral density, S(0) the sum of all
 autocovariances. These may be positive (a slow quantity) or negative (impulses on a wall: a disc that has just hit
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -41,36 +40,22 @@ _COARSE: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.1, 5000.0, 
 """Slopes to try, for one curve and for quotients of two."""
 
 
-@dataclass(frozen=True)
-class AtZero:
+class AtZero(NamedTuple):
     """S(0), and the fit that it comes from.
 
-    Attributes:
-        density: S(0) [of the series, squared].
-        slope: r of the curve S(0) / (1 + r u^2), or -r of S(0) exp(r u^2), with u = k / ordinates.
-        ordinates: number of ordinates used.
-        slower: correlation time of a slow component below faster ones, as a fraction of the length of the series; 0
-            if there is none.
+    density: S(0) [of the series, squared]. slope: r of the curve S(0) / (1 + r u^2), or -r of S(0) exp(r u^2), with
+    u = k / ordinates. ordinates: how many of them were used. correlation_time: the longest one found, as a fraction of
+    the length of the series; 0 if S rises.
     """
 
     density: float
     slope: float
     ordinates: int
-    slower: float = 0.0
-
-    @property
-    def correlation_time(self) -> float:
-        """Longest correlation time found, as a fraction of the length of the series; 0 if S rises."""
-        return max(_correlation_time(self.slope, self.ordinates), self.slower)
-
-
-def _correlation_time(slope: float, ordinates: int) -> float:
-    """Correlation time whose spectrum falls with this slope, as a fraction of the length of the series."""
-    return math.sqrt(max(slope, 0.0)) / (2 * math.pi * ordinates)
+    correlation_time: float
 
 
 def at_zero(series: NDArray[np.float64]) -> AtZero:
-    """Spectral density of a series at frequency 0.
+    """Spectral density of a series, shape (n,), n >= 3, at frequency 0. Below 33 samples there are fewer ordinates.
 
     Ordinates I_k of the periodogram are independent and exponentially distributed with mean S(k / n). A curve is fitted
     to the first K of them by maximum likelihood: S(0) / (1 + r k^2), for an exponential correlation, or S(0) exp(r k^2)
@@ -78,9 +63,6 @@ def at_zero(series: NDArray[np.float64]) -> AtZero:
     not fit better by more than CURVATURE_DEVIANCE, and fits to fewer ordinates, with standard errors of 1.5 / sqrt(K)
     in log S(0), agree with it within AGREED. If a quotient fits better at any K, and falls (s > r), there is a slow
     component besides faster ones, such as white noise: its correlation time counts as well.
-
-    Args:
-        series: shape (n,), n >= 3 [any]. Fewer than 2 LEAST + 1 samples have fewer than LEAST ordinates.
 
     Source: Heidelberger & Welch, Commun. ACM 24, 233 (1981), who fit a polynomial by least squares to the logarithms;
     the likelihood: Whittle, J. R. Stat. Soc. B 15, 125 (1953), as in CODA (Plummer et al., R News 6, 7, 2006).
@@ -92,33 +74,32 @@ def at_zero(series: NDArray[np.float64]) -> AtZero:
     n = len(series)
     periodogram = (np.abs(np.fft.rfft(series - series.mean())) ** 2 / n)[1 : (n - 1) // 2 + 1]
     if not periodogram[:LEAST].any():
-        return AtZero(0.0, 0.0, min(LEAST, len(periodogram)))
-    found, bent, slower = _fit(periodogram[:LEAST])
-    fits, slowest = [found], slower if bent > CURVATURE_DEVIANCE else 0.0
+        return AtZero(0.0, 0.0, min(LEAST, len(periodogram)), 0.0)
+    found, bent, slowest = _fit(periodogram[:LEAST])
+    fits = [found]
     while 2 * fits[-1].ordinates <= min(len(periodogram), MOST):
         fit, bent, slower = _fit(periodogram[: 2 * fits[-1].ordinates])
         fits.append(fit)
-        if bent > CURVATURE_DEVIANCE:
-            slowest = max(slowest, slower)
-        elif all(map(_agrees(fit), fits)):
+        slowest = max(slowest, slower)
+        agreed = (
+            abs(math.log(fit.density / each.density)) <= AGREED * 1.5 / math.sqrt(each.ordinates) for each in fits
+        )
+        if not bent and all(agreed):
             found = fit
-    return replace(found, slower=slowest)
+    return found._replace(correlation_time=max(found.correlation_time, slowest))
 
 
-def _agrees(fit: AtZero) -> Callable[[AtZero], bool]:
-    """A test whether another fit, to fewer ordinates, gives the same density within its error."""
-    return lambda other: abs(math.log(fit.density / other.density)) <= AGREED * 1.5 / math.sqrt(other.ordinates)
-
-
-def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, float, float]:
-    """The curve, the deviance by which a quotient fits better, and the correlation time of a falling quotient."""
+def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, bool, float]:
+    """The curve, whether a quotient fits better, and the correlation time of that one if it falls."""
     slopes, one, two = _curves(len(ordinates))
     densities, deviances = _likelihood(ordinates, one)
-    best = int(deviances.argmin())
-    found = AtZero(float(densities[best]), float(slopes[best]), len(ordinates))
-    bent = _likelihood(ordinates, two)[1]
-    rise, fall = (float(_COARSE[k]) for k in divmod(int(bent.argmin()), len(_COARSE)))
-    return found, float(deviances[best] - bent.min()), _correlation_time(fall if fall > rise else 0.0, len(ordinates))
+    best, slope = int(deviances.argmin()), float(slopes[deviances.argmin()])
+    others = _likelihood(ordinates, two)[1]
+    bent = bool(deviances[best] - others.min() > CURVATURE_DEVIANCE)
+    rise, fall = (float(_COARSE[k]) for k in divmod(int(others.argmin()), len(_COARSE)))
+    of_curve, of_quotient = (math.sqrt(max(each, 0.0)) / (2 * math.pi * len(ordinates)) for each in (slope, fall))
+    found = AtZero(float(densities[best]), slope, len(ordinates), of_curve)
+    return found, bent, of_quotient if bent and fall > rise else 0.0
 
 
 @functools.cache
@@ -140,7 +121,7 @@ def _likelihood(
     return densities, 2 * (len(ordinates) * (np.log(densities) + 1) + logs.sum(axis=1))
 
 
-# --- Means with their standard errors, from correlated and from independent samples, and fitted orders of accuracy
+# --- Means with their standard errors
 
 FEWEST_BLOCKS = 16
 """Smallest number of samples or blocks for an error: with 16 it is itself known to 1/sqrt(30) = 18 %."""
@@ -212,10 +193,8 @@ class Measure:
 class SlowVariable(NamedTuple):
     """A variable on which a series depends, and whose memory is known: the energy of a gas in a heat bath.
 
-    Attributes:
-        values: along the series, at equal intervals, shape (k,) [any].
-        error: standard error of their mean.
-        known: whether the series is long enough to know it.
+    values: along the series, at equal intervals, shape (k,) [any]. error: standard error of their mean. known: whether
+    the series is long enough to know it.
     """
 
     values: NDArray[np.float64]
@@ -566,22 +545,14 @@ def equilibration(series: ArrayLike, *, batch: int = 5) -> Equilibration:
             f"series must hold at least {FEWEST_BATCHES} batches of {batch} samples to find its stationary part; got "
             f"{len(samples)} samples. Record more of them, or give a smaller batch."
         )
-    scatter = marginal_errors(samples[: number * batch].reshape(number, batch).mean(axis=1))
+    values = samples[: number * batch].reshape(number, batch).mean(axis=1)
+    half = number // 2
+    shifted = values - values[half:].mean()  # so that a stationary part keeps its digits
+    left = number - np.arange(half + 1)
+    sums, squares = (np.cumsum(each[::-1])[::-1][: half + 1] for each in (shifted, shifted**2))
+    scatter = np.maximum(squares - sums**2 / left, 0.0) / left**2
     first = int(scatter.argmin())
     rest = samples[first * batch :]
     measure = block_average(rest)
     found = first < len(scatter) - 1 and (measure.settled or not np.ptp(rest))
     return Equilibration(first * batch, found, measure if found else replace(measure, settled=False, upper=False))
-
-
-def marginal_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """For d = 0, 1, ..., k/2: sum of (y_i - mean)^2 over all but the first d values, over (k - d)^2 [of y, squared].
-
-    >>> marginal_errors(np.array([9.0, 1.0, 1.0, 1.0])).tolist()
-    [3.0, 0.0, 0.0]
-    """
-    number, half = len(values), len(values) // 2
-    shifted = values - values[half:].mean()  # so that a stationary part keeps its digits
-    left = number - np.arange(half + 1)
-    sums, squares = (np.cumsum(each[::-1])[::-1][: half + 1] for each in (shifted, shifted**2))
-    return np.maximum(squares - sums**2 / left, 0.0) / left**2

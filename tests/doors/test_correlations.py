@@ -228,20 +228,17 @@ def written(tmp_path_factory):
     return path
 
 
-def at(place, value):
-    return lambda a: np.where(np.arange(len(a)) == place, value, a)
-
-
 WRONG = {
-    "no head": ("numbers", lambda a: None, "numbers"),
-    "another version": ("numbers", lambda a: a + (np.arange(len(a)) == 0), "it is of version 3, and 2 is read"),
-    "odd points": ("numbers", at(2, 9), "its points or levels are wrong"),
-    "few discs": ("numbers", at(7, 2), "its discs are not there"),
-    "dt 0": ("reals", at(1, 0.0), "its intervals are wrong"),
-    "waves": ("wave_numbers", lambda a: a[:, None], "its waves are wrong"),
-    "levels": ("received", lambda a: a - 10**6, "its levels are wrong"),
-    "recent": ("recent", lambda a: a[:, 1:], "its recent are wrong"),
-    "sums": ("sums", lambda a: a[:-1], "its sums are wrong"),
+    "no format": ("format", lambda a: None, "format"),
+    "another version": ("format", lambda a: a + 1, "it is of version 4, and 3 is read"),
+    "odd points": ("points", lambda a: a + 1, "points must be even"),
+    "few discs": ("count", lambda a: 0 * a + 2, "its discs are not there"),
+    "dt 0": ("dt", lambda a: 0 * a, "dt must be a finite number > 0"),
+    "waves": ("wave_numbers", lambda a: a[:, None], "wave_numbers must have shape"),
+    "levels": ("received", lambda a: a[:0], "its levels are wrong"),
+    "received": ("received", lambda a: a - 10**6, "its counts are wrong"),
+    "recent": ("recent", lambda a: a[:, 1:], "recent must have shape"),
+    "sums": ("sums", lambda a: a[:-1], "sums must have shape"),
     "counts": ("counts", lambda a: -a, "its counts are wrong"),
 }
 
