@@ -21,7 +21,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_block import contact_time_at_rest
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import MpsimError
-from mpsim.measure.correlation import lengths_of, to_nearest_image
+from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.measure.observables import overlap
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings

@@ -17,7 +17,7 @@ from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.errors import EmitterWarning, InputError
 from mpsim.features.emitters import Emitter
 from mpsim.features.properties import has_masses, has_radii
-from mpsim.measure.correlation import lengths_of, to_nearest_image
+from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings
 

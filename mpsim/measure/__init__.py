@@ -1,7 +1,6 @@
 """Observables of states, statistics, and in `reference` closed forms and published values."""
 
 from mpsim.measure import reference
-from mpsim.measure.correlation import PairCorrelation, pair_correlation
 from mpsim.measure.correlations import Series, TimeCorrelation
 from mpsim.measure.observables import (
     Overlap,
@@ -21,9 +20,11 @@ from mpsim.measure.observables import (
 from mpsim.measure.order import (
     HexaticCorrelation,
     HexaticOrder,
+    PairCorrelation,
     StructureFactor,
     hexatic_correlation,
     hexatic_order,
+    pair_correlation,
     structure_factor,
     to_freud,
 )

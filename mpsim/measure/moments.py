@@ -1,4 +1,4 @@
-"""Sums over discs in chunks, and what changes the number of discs or their energy."""
+"""Sums over discs in chunks, pairs of discs, and what changes the number of discs or their energy."""
 
 import functools
 import math
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import equal_sizes
-from mpsim.core.state import Discs, State, count_of, parts_of, present_in
+from mpsim.core.state import Box, Discs, State, count_of, parts_of, present_in
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.baths import mean_mass
@@ -71,10 +71,7 @@ def memory_of_baths(scene: Scene, temperature: float) -> float:
     """Time in which heat baths exchange the energy of a gas, at least; inf without any [time].
 
     Where contacts lose energy, a gas at T in a bath at B relaxes faster: they lose ~ T^(3/2), which balances the bath.
-
-    Args:
-        scene: the scene.
-        temperature: kT of the gas, > 0 [mass length^2/time^2].
+    temperature: kT of the gas, > 0 [mass length^2/time^2].
     """
     rate = sum(each.exchange_rate(scene, temperature) for each in FEATURES)
     if has_losses(scene):
@@ -107,12 +104,7 @@ Floats = NDArray[np.float64]
 
 
 class Chunk(NamedTuple):
-    """Consecutive discs, of which K are present. All properties are those of the present ones.
-
-    Attributes:
-        rows: their numbers.
-        state: of them.
-    """
+    """Consecutive discs: the rows of their numbers, and their state. Properties are those of the K present ones."""
 
     rows: slice
     state: State
@@ -168,25 +160,24 @@ SAME_BOX = 1e-4
 
 
 def demand_scene(scene: object, *states: Discs) -> None:
-    """Refuse what is no scene, such as a state in its place, and a scene in whose box the states are not.
-
-    Raises:
-        InputError: naming the type received, or the boxes.
-    """
+    """Refuse, naming it, what is no scene, such as a state, and a scene in whose box the states are not."""
     if not isinstance(scene, Scene):
         raise InputError(
             f"scene must be a Scene; got {type(scene).__name__}. Use sim.scene of a Simulation; the state comes first."
         )
-    for found in filter(None, (getattr(state, "box", None) for state in states)):
-        if not _fits(scene, found):
+    moving = scene._moving_wall
+    for box in filter(None, (getattr(state, "box", None) for state in states)):
+        sides = (box[1] - box[0]) / scene.width, (box[3] - box[2]) / scene.height
+        fixed = [side for axis, side in enumerate(sides) if moving is None or axis != moving.axis]
+        if any(abs(side - 1) > SAME_BOX for side in fixed):
             raise InputError(
-                f"scene must be that of the state, whose box is {_sides(found)}; got one of {_sides(scene.box)}. "
+                f"scene must be that of the state, whose box is {_sides(box)}; got one of {_sides(scene.box)}. "
                 "Use the scene of the simulation that the state comes from."
             )
 
 
 def placed(discs: Any, scene: Scene) -> Any:
-    """The discs in the coordinates of their scene, in its box: see `walls.placed`. Those of ranks are there already.
+    """The discs in the coordinates of their scene, in its box: see `placement.placed`. Those of ranks are there.
 
     Raises:
         InputError: as `demand_scene`; if a disc that is present is not between the walls.
@@ -207,26 +198,12 @@ def placed(discs: Any, scene: Scene) -> Any:
     return found
 
 
-def _fits(scene: Scene, box: Sequence[float]) -> bool:
-    """Whether the sides of a box are those of the scene, but along an axis with a wall that moves."""
-    moving = scene._moving_wall
-    return all(
-        abs((box[2 * axis + 1] - box[2 * axis]) / side - 1) <= SAME_BOX
-        for axis, side in enumerate((scene.width, scene.height))
-        if moving is None or axis != moving.axis
-    )
-
-
 def _sides(box: Sequence[float]) -> str:
     return f"{box[1] - box[0]:g} x {box[3] - box[2]:g}"
 
 
 def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
-    """Mass of each disc, shape (N,) [mass]. It includes discs that were added if all masses are 1.
-
-    Raises:
-        InputError: naming the caller, if the scene does not hold the masses of all discs.
-    """
+    """Mass of each disc, shape (N,) [mass], as `one_of_each`. It includes discs that were added if all masses are 1."""
     demand_scene(scene, discs)
     if scene.mass is None and all(emitter.mass in (None, 1.0) for emitter in scene.emitters):
         return equal_sizes(1.0, count_of(discs))
@@ -234,7 +211,7 @@ def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
 
 
 def radii_of(name: str, scene: Scene, discs: Discs) -> Floats:
-    """Radius of each disc, shape (N,) [length]; otherwise as `masses_of`."""
+    """Radius of each disc, shape (N,) [length], as `one_of_each`."""
     demand_scene(scene, discs)
     if isinstance(scene.radius, float) and scene.smallest_radius == scene.largest_radius:
         return equal_sizes(scene.radius, count_of(discs))
@@ -242,22 +219,13 @@ def radii_of(name: str, scene: Scene, discs: Discs) -> Floats:
 
 
 def one_of_each(name: str, what: str, values: Floats, discs: Discs) -> Floats:
-    """Values of the scene, one for each disc.
-
-    Raises:
-        InputError: naming the caller, if the scene has another number of values.
-    """
+    """Values of the scene, one for each disc; an InputError that names the caller for another number of them."""
     if len(values) != (count := count_of(discs)):
         raise InputError(
             f"{name} needs one {what} of the scene per disc; got {len(values)} and {count} discs. "
             f"Make a scene that holds all discs, with the {what} of each."
         )
     return values
-
-
-def number_present(discs: Discs) -> int:
-    """Number of discs that have not left."""
-    return total(discs, lambda part: part.number)
 
 
 def any_present(discs: Discs) -> bool:
@@ -287,13 +255,7 @@ def mass_and_momentum(discs: Discs, masses: Floats) -> tuple[float, Floats]:
 
 
 def number_and_squares(discs: Discs, masses: Floats, drift: Any = 0.0) -> tuple[int, float]:
-    """Number of discs, and the sum of m (v - drift)^2, twice their energy of translation [mass length^2/time^2].
-
-    Args:
-        discs: at one moment.
-        masses: shape (N,) [mass].
-        drift: shape (2,), or 0 [length/time].
-    """
+    """Number of discs, and the sum of m (v - drift)^2, twice their energy of translation [mass length^2/time^2]."""
 
     def term(part: Chunk) -> Floats:
         squares = part.velocity - drift
@@ -339,19 +301,108 @@ def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
     thermal motion, not a flow.
     """
     masses = masses_of("pressure", scene, discs)
-
-    def mass_and_flow(part: Chunk) -> Floats:
-        mass = part.of(masses)
-        return np.array([mass.sum(), *(mass[:, None] * part.velocity).sum(axis=0)])
+    mass, flow = mass_and_momentum(discs, masses)
+    kept = (False, False) if is_heated(scene) else scene.periodic
+    drift = flow * kept / max(mass, 1e-300)
 
     def squares(part: Chunk) -> Floats:
         mass, (x, y) = part.of(masses), (part.velocity - drift).T
-        return np.array(
-            [(mass * x * x).sum(), (mass * y * y).sum(), (mass * x * y).sum()]
-        )  # no BLAS: its bits follow its threads
+        # no BLAS: its bits follow its threads
+        return np.array([(mass * x * x).sum(), (mass * y * y).sum(), (mass * x * y).sum()])
 
-    mass, *flow = total(discs, mass_and_flow)
-    kept = (False, False) if is_heated(scene) else scene.periodic
-    drift = np.array(flow) * kept / max(mass, 1e-300)
     xx, yy, xy = total(discs, squares).tolist()
     return xx, yy, xy
+
+
+# --- Pairs of discs closer than a distance, in boxes with walls and periodic ones
+
+CANDIDATES = 2**21
+"""Pairs tested together: limits the memory of a pair search to about 100 MB, whatever the number of discs."""
+
+Pairs = tuple[NDArray[np.int64], NDArray[np.int64], Floats]
+"""Indices i, indices j, and distances [length], each of shape (pairs,)."""
+
+Lengths = tuple[float | None, float | None]
+"""Lengths of x and y, None for an axis that is not periodic [length]."""
+
+
+def lengths_of(scene: Scene, box: Box | None = None) -> Lengths:
+    """Lengths of the periodic axes of a scene, or those of the box of a state of it."""
+    sides = (scene.width, scene.height) if box is None else (box[1] - box[0], box[3] - box[2])
+    width, height = (length if wraps else None for length, wraps in zip(sides, scene.periodic, strict=True))
+    return width, height
+
+
+def to_nearest_image(difference: Floats, lengths: Lengths) -> Floats:
+    """Differences of positions, shape (..., 2), to the nearest image along each periodic axis.
+
+    >>> to_nearest_image(np.array([[0.9, 0.9], [-0.6, 0.2]]), (1.0, None)).round(12).tolist()
+    [[-0.1, 0.9], [0.4, 0.2]]
+    """
+    size = np.array([np.inf if length is None else length for length in lengths])
+    turns = np.round(difference / size)
+    return difference - np.where(np.isinf(size), 0.0, turns * np.where(np.isinf(size), 0.0, size))
+
+
+def close_pairs(position: Floats, reach: float, lengths: Lengths = (None, None)) -> Iterator[Pairs]:
+    """Pairs of discs closer than `reach`, each once, in chunks: indices i, indices j, distances.
+
+    Positions, shape (N, 2), are from 0 to its length along a periodic axis, of which reach is at most half [length].
+
+    >>> place = np.array([[0.1, 0.5], [0.9, 0.5], [0.5, 0.5]])
+    >>> [(i.tolist(), j.tolist(), d.round(12).tolist()) for i, j, d in close_pairs(place, 0.3, (1.0, None))]
+    [([1], [0], [0.2])]
+    """
+    if lengths == (None, None):
+        yield from _open_pairs(position, reach)
+        return
+    # Images beyond the upper end of each periodic axis. A pair of two images along one axis was found without them.
+    places, owner, image = position, np.arange(len(position)), np.zeros((len(position), 2), np.bool_)
+    for axis, length in enumerate(lengths):
+        if length is not None:
+            low = np.flatnonzero(places[:, axis] < reach)
+            shifted, marked = places[low].copy(), image[low].copy()
+            shifted[:, axis] += length
+            marked[:, axis] = True
+            places, owner = np.concatenate([places, shifted]), np.concatenate([owner, owner[low]])
+            image = np.concatenate([image, marked])
+    for i, j, distance in _open_pairs(places, reach):
+        new = ~(image[i] & image[j]).any(axis=1)
+        yield owner[i[new]], owner[j[new]], distance[new]
+
+
+def _open_pairs(position: Floats, reach: float) -> Iterator[Pairs]:
+    """`close_pairs` without periodic axes.
+
+    Discs are sorted by cells of side `reach`, numbered along y, then x, with an empty cell above each column. The
+    candidates of a disc are then two ranges of the sorted discs: the rest of its own cell with the cell above, and
+    three cells of the next column.
+    """
+    count = len(position)
+    if count < 2 or reach <= 0:
+        return
+    low = position.min(axis=0)
+    # Cells are wider than needed where their numbers would overflow.
+    side = max(reach * (1 + 1e-9), float((position.max(axis=0) - low).max()) / 2**30)
+    cell = ((position - low) / side).astype(np.int64)
+    rows = int(cell[:, 1].max()) + 2
+    key: NDArray[np.int64] = (cell[:, 0] + 1) * rows + cell[:, 1]
+    order = np.argsort(key, kind="stable")
+    key, x, y = key[order], position[order, 0], position[order, 1]
+    above: NDArray[np.intp] = np.searchsorted(key, key + 1, "right")
+    right: NDArray[np.intp] = np.searchsorted(key, key + rows + 1, "right")
+    first = np.stack([np.arange(1, count + 1), np.searchsorted(key, key + rows - 1, "left")], axis=1).ravel()
+    last: NDArray[np.intp] = np.stack([above, right], axis=1).ravel()
+    lengths = np.maximum(last - first, 0)
+    ends = np.cumsum(lengths)
+    start = 0
+    while start < len(ends):
+        done = int(ends[start] - lengths[start])
+        stop = max(int(np.searchsorted(ends, done + CANDIDATES, "right")), start + 1)
+        chunk = lengths[start:stop]
+        i = np.repeat(np.arange(start, stop) // 2, chunk)
+        j = np.arange(len(i)) + np.repeat(first[start:stop] - (ends[start:stop] - chunk - done), chunk)
+        distance = np.hypot(x[i] - x[j], y[i] - y[j])
+        near = distance < reach
+        yield order[i[near]], order[j[near]], distance[near]
+        start = stop

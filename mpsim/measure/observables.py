@@ -3,7 +3,7 @@
 Everything is computed in float64, whatever the precision of the state. Masses are those of the scene, 1 if it has none.
 Absorbed discs do not count. Along a periodic axis, distances are between nearest images, and displacements are
 unwrapped. If discs were added since the start, a state holds more discs than its scene; then all discs must be equal.
-Functions that sum over discs take a state, or an object that reads it in chunks (`moments`).
+Functions that sum over discs take a state, or an object that reads it in chunks.
 """
 
 from __future__ import annotations
@@ -18,8 +18,17 @@ from mpsim.core import checks
 from mpsim.core.state import Discs, State, count_of
 from mpsim.errors import InputError
 from mpsim.measure import moments
-from mpsim.measure.correlation import close_pairs, lengths_of, to_nearest_image
-from mpsim.measure.moments import SAME_BOX, Chunk, checked_positions, masses_of, one_of_each, placed, radii_of
+from mpsim.measure.moments import (
+    Chunk,
+    checked_positions,
+    close_pairs,
+    lengths_of,
+    masses_of,
+    one_of_each,
+    placed,
+    radii_of,
+    to_nearest_image,
+)
 from mpsim.scene.scene import Scene
 
 TOUCHING = 8
@@ -52,10 +61,9 @@ class SpeedDistribution:
         edges: shape (bins + 1,), of the bins [length/time].
         value: shape (bins,), density of speeds: fraction of discs in a bin, divided by its width [time/length].
         maxwell: shape (bins,), the same for the Maxwell distribution, its mean over each bin [time/length].
-        distance: largest difference of the two cumulative distributions (Kolmogorov-Smirnov), from 0 to 1, taken from
-            the speeds themselves, not from the bins. For N >= 50 speeds in equilibrium, it exceeds 1.08/sqrt(N) in 5 %
-            of cases and 1.28/sqrt(N) in 1 % (the test of Lilliefors, J. Am. Stat. Assoc. 64, 387, 1969; both numbers
-            from our own simulation, to 0.01).
+        distance: largest difference of the two cumulative distributions (Kolmogorov-Smirnov), from 0 to 1, of the
+            speeds themselves, not of the bins. For N >= 50 speeds in equilibrium, it exceeds 1.08/sqrt(N) in 5 % of
+            cases and 1.28/sqrt(N) in 1 % (Lilliefors, J. Am. Stat. Assoc. 64, 387, 1969; numbers by simulation).
     """
 
     edges: NDArray[np.float64]
@@ -82,7 +90,7 @@ class TrajectoryDeviation:
 def kinetic_energy(state: Discs, scene: Scene) -> float:
     """Kinetic energy, sum of m v^2 / 2 over the discs [mass length^2/time^2], >= 0. `scene`: that of the state.
 
-    For discs that spin, the energy of rotation is included; `rotational_energy` gives it alone.
+    It includes `rotational_energy`.
 
     Raises:
         InputError: if the state is not finite, or holds more or fewer discs than the scene has masses.
@@ -98,8 +106,8 @@ def kinetic_energy(state: Discs, scene: Scene) -> float:
 def rotational_energy(state: Discs, scene: Scene) -> float:
     """Kinetic energy of rotation, sum of m a^2 spin^2 / 4 over the discs [mass length^2/time^2]; 0 for smooth ones.
 
-    The moment of inertia of a uniform disc of radius a is m a^2 / 2. `scene`: that of the state. Perfectly rough discs
-    reach equilibrium; there it is half of the energy of translation: one degree of freedom of three.
+    The moment of inertia of a uniform disc of radius a is m a^2 / 2. `scene`: that of the state. In equilibrium, which
+    perfectly rough discs reach, it is half of the energy of translation: one degree of freedom of three.
 
     Raises:
         InputError: if the state is not finite, or holds more or fewer discs than the scene has masses or radii.
@@ -116,15 +124,11 @@ def rotational_energy(state: Discs, scene: Scene) -> float:
 def potential_energy(state: Discs, scene: Scene) -> float:
     """Potential energy of gravity and of each disc's own acceleration, -sum of m_i (g + a_i).r_i from the box's origin.
 
-    Each of these fields is uniform and constant, so kinetic plus potential energy is conserved by exact motion [D].
-
-    Returns:
-        [mass length^2/time^2]; 0.0 for a scene with neither.
+    [mass length^2/time^2], 0.0 for a scene with neither. Kinetic plus potential energy is constant in exact motion [D].
 
     Raises:
-        InputError: if the state is not finite, or holds more or fewer discs than the scene's acceleration has rows, or
-            than it has masses: those of a disc added later are not in the scene. If a field points along a periodic
-            axis, where there is no potential.
+        InputError: if the state is not finite, or holds more or fewer discs than the scene has accelerations or masses;
+            if a field points along a periodic axis, where there is no potential.
 
     >>> scene = Scene(width=4, height=3, position=[[1, 2]], velocity=[[0, 0]], radius=0.5, gravity=(0, -10))
     >>> potential_energy(State(scene.position, scene.velocity), scene)
@@ -175,13 +179,12 @@ def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> fl
 
     Args:
         state, scene: the state and its scene.
-        remove_drift: subtract the velocity of the centre of mass, and divide by N - 1 instead of N. This is correct if
-            the total momentum is conserved (periodic boxes, where kT = E/(N - 1) at rest) or if the gas flows. It is
-            wrong in a box with walls or with a thermostat, where kT is E/N.
+        remove_drift: subtract the velocity of the centre of mass, and divide by N - 1 instead of N: correct if the
+            total momentum is conserved, as in a periodic box, or if the gas flows; wrong with walls or a thermostat.
 
     Raises:
-        InputError: if there is no disc (two are needed with `remove_drift`), or the state is not finite, or holds more
-            or fewer discs than the scene has masses.
+        InputError: if there is no disc (one, with `remove_drift`), or the state is not finite, or holds more or fewer
+            discs than the scene has masses.
 
     >>> scene = Scene(width=9, height=9, position=[[1, 1], [5, 5]], velocity=[[3, 0], [1, 0]], radius=0.5)
     >>> state = State(scene.position, scene.velocity)
@@ -191,7 +194,7 @@ def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> fl
     masses, drift = masses_of("temperature", scene, state), 0.0
     remove_drift = checks.truth("remove_drift", remove_drift)
     if remove_drift:
-        count = moments.number_present(state)
+        count = moments.total(state, lambda part: part.number)
         _demand_discs("temperature", count, 2)
         mass, momentum = moments.mass_and_momentum(state, masses)
         drift = (momentum / count) / (mass / count)
@@ -217,40 +220,35 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     >>> overlap(State(scene.position, scene.velocity), scene)
     Overlap(pairs=1, largest=0.25, mean=0.25, worst=(0, 1))
     """
-    found = placed(state, scene)
+    inside = placed(state, scene)
     farthest = float(np.abs(state.position).max(initial=max(scene.width, scene.height)))
-    rounding, state = TOUCHING * float(np.finfo(state.position.dtype).eps) * farthest, found
-    name = "overlap"
+    rounding = TOUCHING * float(np.finfo(state.position.dtype).eps) * farthest
     if radii is None:
-        each = radii_of(name, scene, state)
+        each = radii_of("overlap", scene, inside)
     else:
-        each = one_of_each(name, "radius", checks.finite_array("radii", radii, (None,), "(N,)"), state)
-    whole, numbers = Chunk(slice(None), state), np.flatnonzero(state.present)
-    position = whole.position
-    radii = whole.of(each)
+        each = one_of_each("overlap", "radius", checks.finite_array("radii", radii, (None,), "(N,)"), inside)
+    discs, numbers = Chunk(slice(None), inside), np.flatnonzero(inside.present)
+    radii = discs.of(each)
     diameter = 2 * float(radii.max(initial=0.0))
     pairs, total, largest, worst = 0, 0.0, 0.0, None
-    for i, j, distance in close_pairs(position, diameter - rounding, lengths_of(scene, state.box)):
-        depth = radii[i] + radii[j] - distance
-        deep = (depth > rounding) | (radii[i] + radii[j] == diameter)  # pairs of the largest discs: by close_pairs
-        i, j, depth = i[deep], j[deep], depth[deep]  # noqa: PLW2901
-        if len(depth):
-            deepest = int(depth.argmax())
-            pairs += len(depth)
-            total += float(depth.sum())
-            if worst is None or depth[deepest] > largest:
-                largest = float(depth[deepest])
-                pair = numbers[[i[deepest], j[deepest]]]
-                worst = (int(pair.min()), int(pair.max()))
+    for i, j, distance in close_pairs(discs.position, diameter - rounding, lengths_of(scene, inside.box)):
+        depths = radii[i] + radii[j] - distance
+        deep = (depths > rounding) | (radii[i] + radii[j] == diameter)  # pairs of the largest discs: by close_pairs
+        depth, places = depths[deep], np.stack([i, j], axis=1)[deep]
+        pairs += len(depth)
+        total += float(depth.sum())
+        if len(depth) and (worst is None or depth.max() > largest):
+            largest = float(depth.max())
+            first, second = sorted(numbers[places[depth.argmax()]].tolist())
+            worst = first, second
     return Overlap(pairs, largest, total / pairs if pairs else 0.0, worst)
 
 
 def speed_kurtosis(state: Discs) -> float:
     """Fourth moment of the speeds over the square of the second, <v^4>/<v^2>^2 [1], >= 1.
 
-    1 for equal speeds, 2 for a Maxwell distribution in two dimensions; `reference.speed_kurtosis` is the value for N
-    discs, and kurtosis/2 - 1 is the excess a_2, which relaxes to (almost) 0. This holds for equal masses; a mixture is
-    far above 2 in equilibrium, as its light discs are faster: evaluate each species by itself.
+    1 for equal speeds, 2 for a Maxwell distribution in two dimensions, `reference.speed_kurtosis` for N discs in
+    equilibrium; kurtosis/2 - 1 is the excess a_2. A mixture of masses is far above 2: evaluate each species by itself.
 
     Raises:
         InputError: if no disc moves, or the state is not finite.
@@ -271,8 +269,7 @@ def speed_kurtosis(state: Discs) -> float:
 def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistribution:
     """Distribution of speeds, and Maxwell's of the same mean square, with density (v/kT) exp(-v^2/(2 kT)) in 2-D.
 
-    For discs of equal mass: in a mixture each species has its own distribution, so give the state of one species,
-    State(position[species], velocity[species]).
+    In a mixture of masses, give the state of one species, State(position[species], velocity[species]).
 
     Args:
         state: the state; speeds include its drift, if any.
@@ -306,18 +303,16 @@ def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistrib
 def mean_squared_displacement(before: State, after: State, scene: Scene | None = None) -> float:
     """Mean over the discs of |r(after) - r(before)|^2 [length^2], >= 0, for the same discs in the same order.
 
-    Displacements are unwrapped: states of a simulation have image flags (`State.image`). Discs that
-    are absent in one of the states are left out.
+    Displacements are unwrapped by image flags (`State.image`). Discs that are absent in one of the states are left out.
 
     Args:
-        before, after: the states, both with image flags or both without.
-        scene: that of the states. It is needed along periodic axes if the states have no image flags, because they were
-            made by hand or read from an old file: the nearest image is then taken, which is right if no disc has moved
-            by half of that axis. Without a scene and flags, positions are taken as they are.
+        before, after: the states, both with image flags or both without, as those made by hand.
+        scene: that of the states. Without image flags, nearest images along its periodic axes count, which is right if
+            no disc has moved by half of that axis; without a scene, positions are taken as they are.
 
     Raises:
         InputError: if the states have no disc in common or different numbers of them, or are not finite; if only one
-            has image flags, as then displacements are unknown; if discs have crossed borders of a box that changed.
+            has image flags.
 
     Source: Einstein (1905): 4 D t at long times in two dimensions, with the diffusion coefficient D.
 
@@ -343,7 +338,6 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
     else:
         if scene is not None:
             before, after = placed(before, scene), placed(after, scene)
-        _demand_one_box(before, after, common)
         moved = checked_positions(after.unwrapped)[common] - checked_positions(before.unwrapped)[common]
     return float((moved**2).sum(axis=1).mean())
 
@@ -414,20 +408,6 @@ def _difference(state: State, reference: State, discs: NDArray[np.int64], scene:
         state, reference = placed(state, scene), placed(reference, scene)
     a, b = checked_positions(state.position)[discs], checked_positions(reference.position)[discs]
     return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene, reference.box))
-
-
-def _demand_one_box(before: State, after: State, discs: NDArray[np.int64]) -> None:
-    """Refuse displacements of discs that have crossed borders of a box that has become another one."""
-    if before.image is None or after.image is None or before.box is None or after.box is None:
-        return
-    crossed = ((before.image[discs] != 0) | (after.image[discs] != 0)).any(axis=0)
-    sides = [np.subtract(state.box[1::2], state.box[::2]) for state in (before, after) if state.box is not None]
-    if (crossed & (np.abs(sides[1] / sides[0] - 1) > SAME_BOX)).any():
-        boxes = " and ".join("{:g} x {:g}".format(*each) for each in sides)
-        raise InputError(
-            f"mean_squared_displacement across borders needs states of one box; got boxes of {boxes}. In a box that "
-            "changes, displacements are not defined; take states before or after the change."
-        )
 
 
 def _demand_discs(name: str, count: int, fewest: int) -> None:

@@ -110,7 +110,8 @@ def pressure(counts: Counts, run: Run) -> Measure:
         return pressure_virial(counts, run)
     scene, walls = run.scene, _walls(run.scene)
     lengths = [scene.height] * 2 + [scene.width] * 2
-    scale = 1 / (run.dt * float(sum(lengths[index] for index in walls)))
+    all_round = 2 * (scene.width + scene.height)  # rounded once
+    scale = 1 / (run.dt * (all_round if len(walls) == len(EDGES) else sum(lengths[index] for index in walls)))
     count, speed = run.of_discs(moments.number_and_speed)
     mass = float(scene.masses.mean()) if scene.count else 1.0
     hit = (1 + scene.wall_restitution) * mass * speed * scale

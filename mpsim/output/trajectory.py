@@ -20,7 +20,7 @@ from mpsim.core.files import FileLock
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller, reason_of
 from mpsim.features.edges import BoundaryName
-from mpsim.measure.correlation import lengths_of, to_nearest_image
+from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.output.frames import FirstRank, Frame, Given, Ownership, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
 from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter

@@ -23,7 +23,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, InputError
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.kernels import records
-from mpsim.measure.correlation import lengths_of, to_nearest_image
+from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import CONTACTS
 from mpsim.viewer.comparison import Mark
