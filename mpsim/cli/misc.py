@@ -231,7 +231,7 @@ def description(file: SceneFile) -> dict[str, str]:
     if scene.count:
         mean = float(np.sqrt((scene.velocity**2).sum(axis=1).mean()))
         words["speed"] = f"{mean:.3g} (root mean square)"
-    present = {each.argument: each.description(scene) for each in FEATURES if each.is_in(scene)}
+    present = {each.argument: each.description(scene) for each in scene._features}
     words |= {name: text for name, text in present.items() if text}
     words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
     if scene.picture_interval is not None:

@@ -13,7 +13,7 @@ from mpsim.core.columns import EXITS, MASS, SPIN, Column, check_names, given
 from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.errors import InputError
-from mpsim.features import FEATURES, feature
+from mpsim.features import feature
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Polyline, Removed, capsules_of
 from mpsim.features.properties import has_masses, has_radii
@@ -87,7 +87,7 @@ def _check_new(scene: Scene, time: float, present: Floats, name: str, position: 
     """Refuse discs that are not in the box as it is now, or for which a feature of the scene leaves no room."""
     scene._check_inside(name, position, radius, time)
     new = feature.AddedDiscs(name, position, radius, present, time)
-    for each in FEATURES:
+    for each in scene._features:
         each.check_room(scene, new)
 
 
@@ -280,8 +280,9 @@ def checked_wall(place: Place, start: Scene, wall: Polyline) -> Change:
         )
     change = place.change(WALL, values)
     after = with_walls(place.scene, change)
-    for each in FEATURES:
-        each.check(with_walls(start, change))
+    from_start = with_walls(start, change)
+    for each in from_start._features:
+        each.check(from_start)
     discs, here = place.solver.discs(), np.flatnonzero(~place.solver.absorbed)
     position, radius = discs.position[here].astype(np.float64), discs.radius[here]
     alone = place.scene._replace(obstacles=after.obstacles[-1])
@@ -299,7 +300,7 @@ def checked_move(place: Place, wall: int, motion: Movement | None) -> Change:
     number = _present_wall(place.scene, wall)
     change = place.change(MOVE_WALL, {"wall": number, "motion": motion} if motion else {"wall": number})
     moved = with_walls(place.scene, change)
-    for each in FEATURES:
+    for each in moved._features:
         each.check(moved)
     before, after = (scene.obstacles[number] for scene in (place.scene, moved))
     jump = np.abs(capsules_of((after,), change.time) - capsules_of((before,), change.time)).max()
@@ -374,7 +375,7 @@ def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> N
     else:
         beside = solver.radii[: solver.count - len(numbers)]
     new = feature.AddedDiscs("position", position, radius, beside, solver.time)
-    for each in FEATURES:
+    for each in scene._features:
         each.check_room(scene, new)
 
 

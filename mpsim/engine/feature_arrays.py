@@ -71,7 +71,7 @@ def feature_specs(scene: Scene, capacity: int, precision: str) -> dict[str, Arra
     specs = {name: ArraySpec(real, shape) for name, shape in shapes.items()}
     for column in columns_of(scene):
         specs[column.name] = ArraySpec(column.dtype(real), column.shape(capacity))
-    for feature in FEATURES:
+    for feature in scene._features:
         for name, (dtype, shape) in feature.shapes(scene, capacity, real).items():
             specs[name] = ArraySpec(np.dtype(dtype), shape)
     return specs
@@ -83,7 +83,7 @@ def fill_features(arrays: dict[str, Any], scene: Scene) -> None:
         if axis in arrays:
             arrays[axis][0] = length
     margin = 0.0 if has_radii(scene) else scene.largest_radius
-    for feature in FEATURES:
+    for feature in scene._features:
         feature.fill(scene, arrays, margin)
 
 

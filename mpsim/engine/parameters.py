@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from mpsim.core import checks
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
-from mpsim.features import FEATURES
 from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.emitters import Emitter
 from mpsim.features.laws import friction_coefficient
@@ -118,7 +117,7 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], time: f
         values["thermal_walls"] = _with_walls_at(scene.thermal_walls, given["wall_temperature"])
     changed = dataclasses.replace(settings, **{name: given[name] for name in OF_SETTINGS if name in given})
     scene = scene._replace(**values) if values else scene
-    for feature in FEATURES:
+    for feature in scene._features:
         feature.check_law(scene, changed.law)
     return scene, changed
 

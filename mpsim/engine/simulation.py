@@ -79,7 +79,6 @@ from mpsim.errors import (
     WorkerDiedError,
     WorkerStalledError,
 )
-from mpsim.features import FEATURES
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Polyline
 from mpsim.kernels.compiling import compile_seconds
@@ -163,7 +162,7 @@ class Simulation(ReadOnly):
         """All that comes before the solver is started."""
         settings = settings_for(scene, settings)
         check_processes(settings, processes)
-        for feature in FEATURES:
+        for feature in scene._features:
             feature.check_law(scene, settings.law)
         check_precision(scene, settings)
         self._access = Access()

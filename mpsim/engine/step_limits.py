@@ -76,9 +76,10 @@ def speeds_of_emitters(scene: Scene) -> Speeds:
 
 def speeds_of_pushed(speeds: Speeds, scene: Scene) -> Speeds:
     """Speed of the smallest disc after a moving surface has hit it at rest: without loss twice that of the surface."""
-    fastest = max(FEATURES, key=lambda feature: feature.surface_speed(scene))
-    if not scene.count or not (speed := (1 + scene.wall_restitution) * fastest.surface_speed(scene)):
+    if not scene.count or not scene._surface_speed:
         return Speeds()
+    fastest = max(scene._features, key=lambda feature: feature.surface_speed(scene))
+    speed = (1 + scene.wall_restitution) * scene._surface_speed
     return Speeds(speed=speed, limit=speeds.smallest, when=f"pushed by the {fastest.argument}")
 
 

@@ -5,9 +5,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -23,10 +22,6 @@ if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
 
 # --- A thermostat: discs get new velocities at random, drawn from the Maxwell distribution at a temperature
-
-# pyright: reportUnnecessaryIsInstance=false
-# The argument is checked when the program runs as well, for callers without a type checker.
-
 
 MOST_SEED = 2**63 - 1
 
@@ -70,24 +65,9 @@ def check_seed(name: str, seed: Any) -> int:
     return checks.whole(name, 0 if seed is None else seed, 0, MOST_SEED, "Any whole number will do.")
 
 
-def other_seed(seed: int, variation: str) -> int:
-    """Another seed, which follows from a seed and a text."""
-    digest = hashlib.blake2b(f"{seed} {variation}".encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "little") >> 1
-
-
 def mean_mass(scene: Scene) -> float:
     """Of the discs at the start; 1 without any [mass]."""
     return float(scene.mass.mean()) if scene.mass is not None and scene.count else 1.0
-
-
-def check_thermostat(thermostat: Any) -> dict[str, Any]:
-    """What a scene keeps of the argument, by name: nothing without one, so that the digest is unchanged."""
-    if thermostat is None:
-        return {}
-    if not isinstance(thermostat, Thermostat):
-        raise InputError(f"thermostat must be an mpsim.Thermostat; got {checks.brief(thermostat)}.")
-    return {"thermostat": thermostat}
 
 
 def probability_of(thermostat: Thermostat, dt: float) -> float:
@@ -122,27 +102,18 @@ class ThermostatFeature(Feature):
     )
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {} if self.of(scene) is None else {"thermostat": (THERMOSTAT, ())}
+        return {"thermostat": (THERMOSTAT, ())}
 
     def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
-        thermostat: Thermostat | None = self.of(scene)
-        if thermostat is not None:
-            record = arrays["thermostat"]
-            record.probability = probability_of(thermostat, dt)
-            record.temperature = thermostat.temperature
-            record.seed, record.first_frame = thermostat.seed, origin[0]
-
-    def redrawn(self, scene: Scene, variation: str) -> Thermostat | None:
-        thermostat: Thermostat | None = self.of(scene)
-        return None if thermostat is None else replace(thermostat, seed=other_seed(thermostat.seed, variation))
+        thermostat, record = self.of(scene), arrays["thermostat"]
+        record.probability, record.temperature = probability_of(thermostat, dt), thermostat.temperature
+        record.seed, record.first_frame = thermostat.seed, origin[0]
 
     def thermal_speed(self, scene: Scene) -> float:
-        thermostat: Thermostat | None = self.of(scene)
-        return 0.0 if thermostat is None else math.sqrt(thermostat.temperature / mean_mass(scene))
+        return math.sqrt(self.of(scene).temperature / mean_mass(scene))
 
     def exchange_rate(self, scene: Scene, temperature: float) -> float:
-        thermostat: Thermostat | None = self.of(scene)
-        return 0.0 if thermostat is None else thermostat.rate
+        return float(self.of(scene).rate)
 
     def description(self, scene: Scene) -> str:
         thermostat: Thermostat = self.of(scene)
@@ -153,9 +124,6 @@ class ThermostatFeature(Feature):
 
 
 # --- Thermal walls: edges of the box at a temperature, which discs leave with new velocities. Checked when made
-
-# pyright: reportUnnecessaryIsInstance=false
-# The argument is checked when the program runs as well, for callers without a type checker.
 
 
 @dataclass(frozen=True)
@@ -209,15 +177,6 @@ class ThermalWalls:
         return tuple(self.temperatures.get(edge, 0.0) for edge in EDGES)
 
 
-def check_thermal_walls(thermal_walls: Any) -> dict[str, Any]:
-    """What a scene keeps of the argument, by name: nothing without any, so that the digest is unchanged."""
-    if thermal_walls is None:
-        return {}
-    if not isinstance(thermal_walls, ThermalWalls):
-        raise InputError(f"thermal_walls must be mpsim.ThermalWalls; got {checks.brief(thermal_walls)}.")
-    return {"thermal_walls": thermal_walls}
-
-
 class ThermalWallsFeature(Feature):
     """The argument `thermal_walls`."""
 
@@ -241,9 +200,7 @@ class ThermalWallsFeature(Feature):
     )
 
     def check(self, scene: Scene) -> None:
-        walls: ThermalWalls | None = self.of(scene)
-        if walls is None:
-            return
+        walls: ThermalWalls = self.of(scene)
         moving = scene._moving_wall
         for edge in walls.temperatures:
             demand_wall("thermal_walls", edge, scene.boundary)
@@ -260,34 +217,24 @@ class ThermalWallsFeature(Feature):
             )
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {} if self.of(scene) is None else {"thermal_walls": (THERMAL_WALLS, ())}
+        return {"thermal_walls": (THERMAL_WALLS, ())}
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        walls: ThermalWalls | None = self.of(scene)
-        if walls is not None:
-            record = arrays["thermal_walls"]
-            record.temperature[:] = walls.by_edge
-            record.seed = walls.seed
+        walls, record = self.of(scene), arrays["thermal_walls"]
+        record.temperature[:], record.seed = walls.by_edge, walls.seed
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
         return {"thermal walls": ThermalWalls(left=1.0, right=1.0, bottom=1.0, top=1.0)}
 
-    def redrawn(self, scene: Scene, variation: str) -> ThermalWalls | None:
-        walls: ThermalWalls | None = self.of(scene)
-        return None if walls is None else replace(walls, seed=other_seed(walls.seed, variation))
-
     def thermal_speed(self, scene: Scene) -> float:
-        walls: ThermalWalls | None = self.of(scene)
-        return 0.0 if walls is None else math.sqrt(max(walls.temperatures.values()) / mean_mass(scene))
+        return math.sqrt(max(self.of(scene).temperatures.values()) / mean_mass(scene))
 
     def exchange_rate(self, scene: Scene, temperature: float) -> float:
         """3/2 of the hits per disc, because a disc leaves the wall with 3/2 kT on average; for a uniform temperature.
 
         Excluded area makes hits more frequent, by some 1 / (1 - packing)^2 (scaled particle theory).
         """
-        walls: ThermalWalls | None = self.of(scene)
-        if walls is None:
-            return 0.0
+        walls: ThermalWalls = self.of(scene)
         covered = float((math.pi * scene.radii**2).sum()) / (scene.width * scene.height)
         lengths = [scene.width if edge in ("left", "right") else scene.height for edge in walls.temperatures]
         hits = sum(1 / max(length - 2 * scene.largest_radius, 1e-3 * length) for length in lengths)

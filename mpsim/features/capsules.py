@@ -5,18 +5,17 @@ every capsule: time and memory grow with the number of capsules and of close pai
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.errors import InputError
-from mpsim.features.edges import MovingWall
-from mpsim.features.packing_bounds import largest_capsules, largest_number
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Pairs = tuple[Integers, Integers]
 
 CELLS_PER_CAPSULE = 16
 """Grid cells per capsule, about."""
@@ -35,7 +34,7 @@ MOST_PAIRS = 1_000_000
 """Pairs of a capsule and a cell or disc that are handled together: about 100 MB."""
 
 FEW_DISCS = 64
-"""Number of discs up to which comparing each with every capsule is quicker than making a grid."""
+"""Number of discs up to which comparing each with every capsule is quicker than making a grid of all."""
 
 
 class Images(NamedTuple):
@@ -156,7 +155,14 @@ def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> Cel
         size: width and height of the box [length].
         reach: radius of the largest disc [length].
     """
-    return _lists(capsules, *_grid(capsules, size, reach))
+    side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_CAPSULE * (len(capsules) + 1))))
+    side = max(side, max(size) * 8 / _most(capsules))  # of a channel 10^16 times as long as it is wide, too
+
+    def grid(k: int) -> tuple[Integers, Floats]:
+        number = np.array([max(int(length / (side * 2.0**k)), 1) for length in size])
+        return number, number / np.array(size)
+
+    return _lists(capsules, reach, grid)[0]
 
 
 def lists_of_cells(
@@ -168,18 +174,29 @@ def lists_of_cells(
         capsules, size, reach: as of `cell_lists`.
         cells: columns and rows of the grid.
     """
-    most, shift = MOST_LISTED + LISTED_EACH * len(capsules), 0
+    finest = np.array(cells)
+    return _lists(capsules, reach, lambda k: (-(-finest >> k), finest / (2.0**k * np.array(size))))
+
+
+def _most(capsules: Floats) -> int:
+    return MOST_LISTED + LISTED_EACH * len(capsules)
+
+
+def _lists(capsules: Floats, reach: float, grid: Callable[[int], tuple[Integers, Floats]]) -> tuple[CellLists, int]:
+    """The lists of the first grid for which they are short enough, and its number.
+
+    Each grid is coarser than the one before: columns and rows, and cells per length. Where capsules overlap, small
+    cells would each list nearly all of them.
+    """
+    which = 0
     while True:
-        columns, rows = (-(-number >> shift) for number in cells)
-        per_length = np.array(cells) / (2.0**shift * np.array(size))
-        margin = _margin(reach, per_length)
-        if columns * rows == 1 or _cells_in_reach(capsules, margin, per_length, np.array([columns, rows])) <= most:
-            return _lists(capsules, columns, rows, per_length, margin), shift
-        shift += 1
-
-
-def _lists(capsules: Floats, columns: int, rows: int, per_length: Floats, margin: float) -> CellLists:
-    """The lists of a grid; see `_grid`."""
+        number, per_length = grid(which)
+        # A disc may be a rounding outside its cell; a thousandth of the cell is far more than that.
+        margin = reach + math.hypot(*(0.5 / per_length)) * 1.001
+        if number.prod() == 1 or _cells_in_reach(capsules, margin, per_length, number) <= _most(capsules):
+            break
+        which += 1
+    columns, rows = number.tolist()
     pairs = [cell * len(capsules) + index for index, cell in _cells_near(capsules, margin, per_length, columns, rows)]
     every = np.concatenate([np.zeros(0, np.int64), *pairs])
     del pairs
@@ -187,33 +204,7 @@ def _lists(capsules: Floats, columns: int, rows: int, per_length: Floats, margin
     cell, index = np.divmod(every, max(len(capsules), 1))
     near = np.append(0, np.cumsum(np.bincount(cell, minlength=columns * rows)))
     ordered = np.append(index, 0).astype(np.int32)
-    return CellLists(near.astype(np.int32), ordered, np.array([columns, rows], np.int64), per_length)
-
-
-def _grid(capsules: Floats, size: tuple[float, float], reach: float) -> tuple[int, int, Floats, float]:
-    """Columns, rows, cells per length, and the distance from a cell's centre within which capsules are listed.
-
-    Cells are doubled in size until the lists are short enough: where capsules overlap, small cells would each list
-    nearly all of them.
-    """
-    most = MOST_LISTED + LISTED_EACH * len(capsules)
-    side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_CAPSULE * (len(capsules) + 1))))
-    side = max(side, max(size) * 8 / most)  # of a channel 10^16 times as long as it is wide, too
-    while True:
-        columns, rows = (max(int(length / side), 1) for length in size)
-        per_length = np.array([columns / size[0], rows / size[1]])
-        margin = _margin(reach, per_length)
-        if columns * rows == 1 or _cells_in_reach(capsules, margin, per_length, np.array([columns, rows])) <= most:
-            return columns, rows, per_length, margin
-        side *= 2
-
-
-def _margin(reach: float, per_length: Floats) -> float:
-    """Distance from a cell's centre within which a disc with its centre in the cell can touch something [length].
-
-    A disc may be a rounding outside its cell; a thousandth of the cell is far more than that.
-    """
-    return reach + math.hypot(*(0.5 / per_length)) * 1.001
+    return CellLists(near.astype(np.int32), ordered, number, per_length), which
 
 
 def _cells_in_reach(capsules: Floats, margin: float, per_length: Floats, number: Integers) -> int:
@@ -231,36 +222,10 @@ def _cells_in_reach(capsules: Floats, margin: float, per_length: Floats, number:
     return int(np.ceil(np.minimum((inside[1] - inside[0]).prod(axis=1), grown)).astype(np.int64).sum())
 
 
-def depths(
-    position: Floats, radius: Floats, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]
-) -> Floats:
-    """How deep each disc is in the capsule that it overlaps most, images included; 0 outside all, shape (N,) [length].
-
-    Args:
-        position: in the box, shape (N, 2) [length].
-        radius: shape (N,) [length].
-        capsules: shape (K, 5) [length].
-        size: width and height of the box [length].
-        periodic: along x and along y.
-
-    Raises:
-        InputError: if more than MOST_COMPARED pairs of a disc and a capsule are near each other.
-    """
-    depth = np.zeros(len(position))
-    binary = np.frexp(radius)[1]
-    for power in np.unique(binary) if len(capsules) else ():  # discs of similar size share a grid
-        discs = np.flatnonzero(binary == power)
-        reach = float(radius[discs].max())
-        images = with_images(capsules, size, periodic, reach)
-        pairs = _disc_pairs(position[discs], images.capsule, size, reach)
-        depth[discs] = _deepest(position[discs], radius[discs], capsules, images, pairs)
-    return depth
-
-
 class CapsuleIndex:
-    """Capsules in a box, for repeated queries of how deep a few discs overlap them.
+    """Capsules in a box, for repeated queries of how deep discs overlap them.
 
-    The first FEW_DISCS discs are compared with every capsule, as in `depths`; then a grid is made and kept.
+    The first FEW_DISCS discs are compared with every capsule; then discs of similar size share a grid, which is kept.
 
     Args:
         capsules: shape (K, 5) [length].
@@ -269,37 +234,48 @@ class CapsuleIndex:
     """
 
     def __init__(self, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]):
-        self.capsules: Floats = capsules
-        self.size: tuple[float, float] = size
-        self.periodic: tuple[bool, bool] = periodic
+        self._capsules = capsules
+        self._box = size, periodic
         self._asked = 0
-        self._reach = 0.0
-        self._grid: tuple[Images, CellLists] | None = None
+        self._grids: dict[int, tuple[Images, CellLists]] = {}
 
     def depths(self, position: Floats, radius: Floats) -> Floats:
-        """The same as `depths`, to the bit."""
+        """How deep each disc is in the capsule that it overlaps most, images included; 0 outside all, shape (N,).
+
+        Args:
+            position: in the box, shape (N, 2) [length].
+            radius: shape (N,) [length].
+
+        Raises:
+            InputError: if more than MOST_COMPARED pairs of a disc and a capsule are near each other.
+        """
         self._asked += len(position)
-        if not len(self.capsules) or len(position) > FEW_DISCS or self._asked <= FEW_DISCS:
-            return depths(position, radius, self.capsules, self.size, self.periodic)
-        largest = float(radius.max(initial=0.0))
-        if self._grid is None or largest > self._reach:
-            self._reach = 2 * largest  # so that few grids are made while radii grow
-            images = with_images(self.capsules, self.size, self.periodic, self._reach)
-            self._grid = images, cell_lists(images.capsule, self.size, self._reach)
-        images, lists = self._grid
-        return _deepest(position, radius, self.capsules, images, _listed_pairs(position, lists))
+        depth = np.zeros(len(position))
+        if not len(self._capsules):
+            return depth
+        if self._asked <= FEW_DISCS:
+            images = with_images(self._capsules, *self._box, float(radius.max(initial=0.0)))
+            every = np.arange(len(images.capsule))
+            self._deepen(depth, position, radius, images, ((np.full_like(every, k), every) for k in range(len(radius))))
+            return depth
+        powers = np.frexp(radius)[1]
+        for power in np.unique(powers).tolist():
+            if power not in self._grids:
+                reach = math.ldexp(1.0, power)
+                images = with_images(self._capsules, *self._box, reach)
+                self._grids[power] = images, cell_lists(images.capsule, self._box[0], reach)
+            images, lists = self._grids[power]
+            discs = np.flatnonzero(powers == power)
+            pairs = ((discs[disc], capsule) for disc, capsule in _listed_pairs(position[discs], lists))
+            self._deepen(depth, position, radius, images, pairs)
+        return depth
 
-
-def _deepest(
-    position: Floats, radius: Floats, capsules: Floats, images: Images, pairs: Iterator[tuple[Integers, Integers]]
-) -> Floats:
-    """Largest overlap of each disc over the given pairs of discs and capsule images, shape (N,) [length]."""
-    depth = np.zeros(len(position))
-    for disc, capsule in pairs:
-        # The disc is shifted, not the capsule: rounded as its own coordinates are.
-        gap = distance(position[disc] - images.shift[capsule], capsules[images.source[capsule]])
-        np.maximum.at(depth, disc, radius[disc] - gap)
-    return depth
+    def _deepen(self, depth: Floats, position: Floats, radius: Floats, images: Images, pairs: Iterator[Pairs]) -> None:
+        """Raise the depth of each disc to its largest overlap over pairs of discs and capsule images."""
+        for disc, capsule in pairs:
+            # The disc is shifted, not the capsule: rounded as its own coordinates are.
+            gap = distance(position[disc] - images.shift[capsule], self._capsules[images.source[capsule]])
+            np.maximum.at(depth, disc, radius[disc] - gap)
 
 
 def nearest(position: Floats, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]) -> int:
@@ -309,20 +285,7 @@ def nearest(position: Floats, capsules: Floats, size: tuple[float, float], perio
     return int(images.source[gap == gap.min()].min())
 
 
-def _disc_pairs(
-    position: Floats, capsules: Floats, size: tuple[float, float], reach: float
-) -> Iterator[tuple[Integers, Integers]]:
-    """Discs and capsules that may overlap, in chunks of pairs: indices of both."""
-    if len(position) <= FEW_DISCS:
-        every = np.arange(len(position))
-        for chosen in _chunks(np.full(len(capsules), len(position))):
-            index = np.arange(len(capsules))[chosen]
-            yield np.repeat(every, len(index)), np.tile(index, len(every))
-        return
-    yield from _listed_pairs(position, cell_lists(capsules, size, reach))
-
-
-def _listed_pairs(position: Floats, lists: CellLists) -> Iterator[tuple[Integers, Integers]]:
+def _listed_pairs(position: Floats, lists: CellLists) -> Iterator[Pairs]:
     """Discs and the capsules that their cells list, in chunks of pairs: indices of both."""
     column, row = np.clip(position * lists.per_length, 0, lists.grid - 1).astype(np.int64).T
     cell = column * lists.grid[1] + row
@@ -338,9 +301,7 @@ def _listed_pairs(position: Floats, lists: CellLists) -> Iterator[tuple[Integers
         yield np.arange(len(position))[chosen][disc], lists.listed[place].astype(np.int64)
 
 
-def _cells_near(
-    capsules: Floats, margin: float, per_length: Floats, columns: int, rows: int
-) -> Iterator[tuple[Integers, Integers]]:
+def _cells_near(capsules: Floats, margin: float, per_length: Floats, columns: int, rows: int) -> Iterator[Pairs]:
     """Capsules, and column-major numbers of the cells whose centre is within `margin` of their surface.
 
     First the columns that a capsule reaches, then the rows in each of them: a long oblique capsule is near few of the
@@ -431,52 +392,3 @@ def check_clear(found: Deepest | None, name: str, position: Floats, radius: Floa
             f"{name}[{disc}] must be one radius from every obstacle; got {tuple(position[disc].tolist())}, "
             f"{found.depth:.3g} inside {found.where} with radius {radius[disc]:g}. Move the disc or the obstacle."
         )
-
-
-def demand_none(capsules: Floats, what: str) -> None:
-    """Refuse obstacles for discs, described in words, that allow none."""
-    if len(capsules):
-        raise InputError(
-            f"obstacles must be left out for {what}; got one or more. Use Scene.random, whose discs keep clear of them."
-        )
-
-
-RADII = 16
-"""Largest number of radii for which discs of that size and above are checked against the room among capsules."""
-
-
-def check_room_among(
-    capsules: Floats,
-    name: str,
-    radius: Floats,
-    number: Floats,
-    low: tuple[float, float],
-    high: tuple[float, float],
-    wall: MovingWall,
-) -> None:
-    """Refuse more discs than a box that a wall has made smaller can hold among capsules.
-
-    If there are several radii, discs of one radius and larger ones need at least as much room as equal discs of that
-    radius.
-
-    Args:
-        capsules: shape (K, 5) [length].
-        name: of the argument, for the text of the error.
-        radius, number: radii, and the number of discs of each, shape (L,) [length].
-        low, high: corners (x, y) of the box [length].
-        wall: the one that moves.
-
-    Raises:
-        InputError: with the number for which there is room.
-    """
-    radii, largest = np.unique(radius[number > 0]), largest_capsules(capsules)
-    for least in radii[:: math.ceil(len(radii) / RADII) or 1].tolist():
-        count, most = float(number[radius >= least].sum()), largest_number(least, low, high, largest)
-        if count > most * (1 + 1e-9):
-            kind = f"radius {least:g}" + (" or more" if len(radii) > 1 else "")
-            raise InputError(
-                f"{name} must leave room for all {count:g} discs of {kind} among the obstacles, where no arrangement "
-                f"has more than {math.floor(most)}; got {wall.stop:g}, which leaves a box of "
-                f"{high[0] - low[0]:g} x {high[1] - low[1]:g}. Let the {wall.name} stop earlier, or use fewer or "
-                "smaller discs or obstacles."
-            )

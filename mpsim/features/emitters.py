@@ -127,11 +127,10 @@ class Emitters(Feature):
                 raise InputError(
                     f"emitters[{lacking[0]}] must have a {name}, as the discs of this scene have one each; got None."
                 )
-        if emitters:
-            position = np.array([each.position for each in emitters])
-            radius = np.array([scene.radius if each.radius is None else each.radius for each in emitters])
-            scene._check_inside("the position of emitters", position, radius)
-            check_clear(scene._deepest(position, radius), "the position of emitters", position, radius)
+        position = np.array([each.position for each in emitters])
+        radius = np.array([scene.radius if each.radius is None else each.radius for each in emitters])
+        scene._check_inside("the position of emitters", position, radius)
+        check_clear(scene._deepest(position, radius), "the position of emitters", position, radius)
 
     def description(self, scene: Scene) -> str:
         words: list[str] = []

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from mpsim.core import checks
 from mpsim.core.columns import Column
 from mpsim.errors import InputError
 from mpsim.features.capsules import Deepest
@@ -83,6 +84,8 @@ class Continuation(NamedTuple):
 class Feature:
     """One optional argument of Scene.
 
+    Questions with a scene are asked where the scene has it, except `of`, `is_in`, `has_columns`, `brief` and `record`.
+
     Attributes:
         argument: its name, also the key in scene files and checkpoints.
         kinds: dataclasses of its value; () if the value is words.
@@ -98,7 +101,7 @@ class Feature:
         drives: what sets discs at rest in motion, for the text that asks for such a thing.
         relief: what makes room for compressed discs, for the text of the warning.
         invalidates: measures that it makes meaningless.
-        draws: whether it uses random numbers while the scene runs.
+        draws: whether it uses random numbers while the scene runs, which follow from the `seed` of its value.
         heats: whether it changes the energy of discs other than in contacts.
         on_tiles: whether `event` can do it on several workers.
         excludes: whether it keeps discs out of regions of the box.
@@ -159,7 +162,7 @@ class Feature:
 
     def check_law(self, scene: Scene, law: str) -> None:
         """Refuse a law of the settings that it does not work with."""
-        if self.law and law != self.law and self.is_in(scene):
+        if self.law and law != self.law:
             raise InputError(
                 f"law must be {self.law!r} in a scene with {self.argument}, which needs the impulse of a contact; got "
                 f"{law!r}. Leave one of them out."
@@ -191,14 +194,10 @@ class Feature:
 
     def cannot_be_exact(self, scene: Scene) -> str:
         """What of it `event` cannot do, in words; "" if it can."""
-        return self.not_exact if self.is_in(scene) else ""
+        return self.not_exact
 
     def continued(self, scene: Scene, moment: Continuation) -> Any:
         """Its value in a scene that starts from a moment of a run of this one."""
-        return self.of(scene)
-
-    def redrawn(self, scene: Scene, variation: str) -> Any:
-        """Its value in a scene of the same kind with other random numbers, which follow from a text."""
         return self.of(scene)
 
     def thermal_speed(self, scene: Scene) -> float:
@@ -268,6 +267,13 @@ def lattice_sites(side: float, pitch: float) -> int:
 def extent(values: Floats) -> list[float]:
     """The least and the largest number; [] if there are none."""
     return [float(values.min()), float(values.max())] if len(values) else []
+
+
+def given(name: str, value: Any, kind: type[Any]) -> dict[str, Any]:
+    """What a scene keeps of an argument, by name: nothing if there is none, so that the digest is unchanged."""
+    if value is not None and not isinstance(value, kind):
+        raise InputError(f"{name} must be an mpsim.{kind.__name__}; got {checks.brief(value)}.")
+    return {} if value is None else {name: value}
 
 
 # --- Values in files

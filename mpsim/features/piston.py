@@ -16,10 +16,9 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features.capsules import check_room_among
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
 from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation, Shapes
-from mpsim.features.packing_bounds import shortest_box
+from mpsim.features.properties import densest_packing
 from mpsim.kernels.records import moving_wall_in
 
 if TYPE_CHECKING:
@@ -74,18 +73,16 @@ class Piston:
         return f"Piston(wall={self.wall!r}, speed={self.speed!r}, stop={self.stop!r}{start})"
 
 
-def check_piston(
-    piston: Any, boundary: tuple[str, str], width: float, height: float, absorbing: tuple[str, ...]
-) -> Piston | None:
+def check_piston(piston: Any, scene: Scene) -> Piston | None:
     """The piston, checked: it moves a wall, and stops in the box."""
     if piston is None:
         return None
     if not isinstance(piston, Piston):
         raise InputError(f"piston must be an mpsim.Piston; got {type(piston).__name__}.")
-    demand_wall("piston", piston.wall, boundary)
-    if piston.wall in absorbing:
+    demand_wall("piston", piston.wall, scene.boundary)
+    if piston.wall in scene.absorbing:
         raise InputError(f"piston must not be an absorbing edge; got {piston.wall!r} for both. Choose one.")
-    length = width if piston.wall in ("left", "right") else height
+    length = scene.width if piston.wall in ("left", "right") else scene.height
     if not 0 < piston.stop < length:
         raise InputError(f"stop of the piston must lie in the box, in (0, {length:g}); got {piston.stop:g}.")
     if piston.start is not None and piston.start > length:
@@ -111,9 +108,7 @@ class PistonFeature(Feature):
     )
 
     def check(self, scene: Scene) -> None:
-        piston: Piston | None = self.of(scene)
-        if piston is None:
-            return
+        piston: Piston = self.of(scene)
         largest = scene.largest_radius
         length = scene.width if piston.wall in ("left", "right") else scene.height
         left = piston.stop if piston.wall in ("right", "top") else length - piston.stop
@@ -125,42 +120,33 @@ class PistonFeature(Feature):
         ending = [emitter for emitter in scene.emitters if emitter.limit is not None]
         radii = np.array([emitter.radius or largest for emitter in ending], float)
         number = np.concatenate([np.ones(scene.count), np.array([emitter.limit for emitter in ending], float)])
-        _check_end(scene, "stop of the piston", np.concatenate([scene.radii, radii]), number)
+        _demand_room(scene, "stop of the piston", np.concatenate([scene.radii, radii]), number)
 
     def check_room(self, scene: Scene, new: AddedDiscs) -> None:
-        if self.of(scene) is not None:
-            together = np.append(new.present, new.radius)
-            _check_end(scene, new.name, together, np.ones(len(together)))
+        together = np.append(new.present, new.radius)
+        _demand_room(scene, new.name, together, np.ones(len(together)))
 
-    def moving_wall(self, scene: Scene) -> MovingWall | None:
-        piston: Piston | None = self.of(scene)
-        if piston is None:
-            return None
+    def moving_wall(self, scene: Scene) -> MovingWall:
+        piston: Piston = self.of(scene)
         edge = EDGES.index(piston.wall)
         start = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
         return MovingWall("piston", edge, start, piston.stop, piston.speed, scene._piston_began)
 
     def continued(self, scene: Scene, moment: Continuation) -> Piston | None:
-        piston: Piston | None = self.of(scene)
-        if piston is None:
-            return None
-        moved = replace(piston, start=moment.box[EDGES.index(piston.wall)])
-        return check_piston(moved, scene.boundary, scene.width, scene.height, scene.absorbing)
+        piston: Piston = self.of(scene)
+        return check_piston(replace(piston, start=moment.box[EDGES.index(piston.wall)]), scene)
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {} if self.of(scene) is None else {"piston": (moving_wall_in(real), ())}
+        return {"piston": (moving_wall_in(real), ())}
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        wall = self.moving_wall(scene)
-        if wall is not None:
-            record = arrays["piston"]
-            record.edge, record.start, record.stop, record.speed = wall[1:5]
-            record.arrival, record.began = wall.arrival, wall.began
-            record.margin = margin if wall.speed > 0 else -margin
+        wall, record = self.moving_wall(scene), arrays["piston"]
+        record.edge, record.start, record.stop, record.speed = wall[1:5]
+        record.arrival, record.began = wall.arrival, wall.began
+        record.margin = margin if wall.speed > 0 else -margin
 
     def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
-        if self.of(scene) is not None:
-            arrays["piston"].dt, arrays["piston"].origin = dt, origin[1]
+        arrays["piston"].dt, arrays["piston"].origin = dt, origin[1]
 
     def description(self, scene: Scene) -> str:
         piston: Piston = self.of(scene)
@@ -174,32 +160,21 @@ class PistonFeature(Feature):
 PISTON = PistonFeature()
 
 
-def _check_end(scene: Scene, name: str, radius: Floats, number: Floats) -> None:
-    """`PistonFeature.check_room` for given numbers of discs.
+def _demand_room(scene: Scene, name: str, radius: Floats, number: Floats) -> None:
+    """Refuse more discs, of the radii and numbers given, shape (K,), than fit in the box where the piston has stopped.
 
-    Args:
-        scene: the scene with the piston.
-        name: of the argument, for the text of the error.
-        radius, number: radii, and the number of discs of each, shape (K,) [length].
-
-    Raises:
-        InputError: with the shortest box that could hold them.
+    name: of the argument.
     """
-    if scene.absorbing:  # few enough discs may be left in the end
-        return
     wall = PISTON.moving_wall(scene)
-    if wall is None:
+    if scene.absorbing or not number.any():  # few enough discs may be left in the end
         return
-    along, (low, high) = wall.axis, scene.walls_at(math.inf)
-    length, across = (high - low)[[along, 1 - along]].tolist()
-    shortest = shortest_box(radius, number, across, walls=not scene.periodic[1 - along])
+    low, high = scene.walls_at(math.inf)
+    length, across = (high - low)[[wall.axis, 1 - wall.axis]].tolist()
+    area, radii = math.pi * float((number * radius**2).sum()), radius[number > 0]
+    shortest = area / (densest_packing(float(radii.min()), float(radii.max())) * across)
     if length < shortest * (1 - 1e-12):
         raise InputError(
             f"{name} must leave room for all {number.sum():g} discs, a box at least {shortest:.4g} long and "
-            f"{across:g} across: no arrangement of them is denser; got {wall.stop:g}, which leaves "
-            f"{length:g} (packing {math.pi * float((number * radius**2).sum()) / (length * across):.3g}). Let the "
-            "piston stop earlier, or use fewer or smaller discs."
+            f"{across:g} across: no arrangement of them is denser; got {wall.stop:g}, which leaves {length:g} (packing "
+            f"{area / (length * across):.3g}). Let the piston stop earlier, or use fewer or smaller discs."
         )
-    if len(scene.capsules_at(0.0)) and not any(scene.periodic):
-        x_low, y_low, x_high, y_high = *low.tolist(), *high.tolist()
-        check_room_among(scene.capsules_at(0.0), name, radius, number, (x_low, y_low), (x_high, y_high), wall)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -28,6 +29,21 @@ def has_radii(scene: Scene) -> bool:
     return np.ndim(scene.radius) > 0 or any(emitter.radius not in (None, scene.radius) for emitter in scene.emitters)
 
 
+def densest_packing(smallest: float, largest: float) -> float:
+    """Packing fraction above which no discs with radii from `smallest` to `largest` can be arranged in the plane.
+
+    Florian's bound (Rend. Circ. Mat. Palermo 9, 300, 1960): no arrangement is denser than three touching discs, two of
+    the largest radius and one of the smallest. For equal discs it is the hexagonal lattice (Thue 1910). Copies of a box
+    side by side fill the plane, so it holds in any box, with walls and without.
+
+    >>> round(densest_packing(1, 1), 4), round(densest_packing(0.5, 1), 4)
+    (0.9069, 0.9158)
+    """
+    q = smallest / largest
+    corner = math.pi * q * q + 2 * (1 - q * q) * math.asin(q / (1 + q))
+    return corner / (2 * q * math.sqrt(2 * q + 1))
+
+
 class Radii(Feature):
     """The argument `radius`. Grid and giants among the discs are the solver's: `mpsim.engine.feature_arrays`."""
 
@@ -39,8 +55,6 @@ class Radii(Feature):
         return has_radii(scene)
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        if not has_radii(scene):
-            return {}
         buffers = {f"{buffer}.radius": (real, (capacity + records.PADDING,)) for buffer in "ab"}
         return {**buffers, "giants": (real, (1,))}
 
@@ -90,11 +104,10 @@ class Gravity(Feature):
         return scene.gravity is not None
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {} if scene.gravity is None else {"gravity": (real, (2,))}
+        return {"gravity": (real, (2,))}
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        if scene.gravity is not None:
-            arrays["gravity"][:] = scene.gravity
+        arrays["gravity"][:] = self.of(scene)
 
     def description(self, scene: Scene) -> str:
         x, y = self.of(scene)

@@ -414,7 +414,7 @@ _REFUSALS: tuple[tuple[Callable[[Scene], bool], tuple[str, ...], str, str], ...]
     ),
     *((of.is_in, each.measures, each.what, each.remedy) for of in FEATURES for each in of.invalidates),
     (
-        lambda scene: any(each.works(scene) for each in FEATURES),
+        lambda scene: any(each.works(scene) for each in scene._features),
         ("energy_drift",),
         "surfaces that move, which do work",
         "Compare kinetic energies, from sim.state.",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import kinds_of
-from mpsim.features.packing_bounds import densest_packing
+from mpsim.features.properties import densest_packing
 from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
 from mpsim.kernels.events.boundary import Box

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features.capsules import demand_none
 from mpsim.scene.starts import Sites, thermal_velocities, widest_spacing
 
 # --- Equal discs on a lattice that fills the box; each is computed from its number alone
@@ -220,7 +219,11 @@ def demand_equal_discs(radius: Any, others: dict[str, Any]) -> None:
 
 def demand_whole_box(scene: Any) -> None:
     """Refuse anything inside the box of a scene with discs on a lattice: capsules, or a wall that starts inside."""
-    demand_none(scene.capsules_at(0.0), "discs on a lattice, which fills the box")
+    if len(scene.capsules_at(0.0)):
+        raise InputError(
+            "obstacles must be left out for discs on a lattice, which fills the box; got one or more. Use "
+            "Scene.random, whose discs keep clear of them."
+        )
     wall = scene._moving_wall
     if wall is not None and scene.box != (0.0, scene.width, 0.0, scene.height):
         raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import functools
 import hashlib
 import math
@@ -20,11 +21,11 @@ from mpsim.core.state import Box, State, no_state, view
 from mpsim.errors import InputError
 from mpsim.features import FEATURES, PER_DISC
 from mpsim.features.absorption import check_edges
-from mpsim.features.baths import ThermalWalls, Thermostat, check_thermal_walls, check_thermostat
+from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, kinds_of, wraps_of
 from mpsim.features.emitters import Emitter, check_emitters
-from mpsim.features.feature import Continuation, Deepest
+from mpsim.features.feature import Continuation, Deepest, Feature, given
 from mpsim.features.laws import Restitution, check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
@@ -48,7 +49,7 @@ CHANGEABLE: dict[str, Callable[[Any, Any], Any] | None] = {
     "wall_restitution": lambda scene, value: checks.fraction("wall_restitution", value),
     "obstacles": lambda scene, value: check_obstacles(value, scene.width, scene.height),
     "emitters": lambda scene, value: check_emitters(value),
-    "piston": lambda scene, value: check_piston(value, scene.boundary, scene.width, scene.height, scene.absorbing),
+    "piston": lambda scene, value: check_piston(value, scene),
     **dict.fromkeys(("friction", "wall_friction", "thermostat", "thermal_walls", "_has_gaps", "_piston_began")),
 }
 """The arguments that can change in the scene of a simulation, and the check of each; None: the caller checks it."""
@@ -162,13 +163,15 @@ class Scene(ReadOnly):
         self.obstacles: tuple[Obstacle, ...] = check_obstacles(obstacles, self.width, self.height)
         self.emitters: tuple[Emitter, ...] = check_emitters(emitters)
         self.absorbing: tuple[str, ...] = check_edges(absorbing, self.boundary)
-        self.piston: Piston | None = check_piston(piston, self.boundary, self.width, self.height, self.absorbing)
-        vars(self).update(check_thermostat(thermostat) | check_thermal_walls(thermal_walls))
+        self.piston: Piston | None = check_piston(piston, self)
+        vars(self).update(
+            given("thermostat", thermostat, Thermostat) | given("thermal_walls", thermal_walls, ThermalWalls)
+        )
         vars(self).update(check_recommended(duration, settings, picture_interval, measures))
         starts.demand_room(self.largest_radius, self.width, self.height, self.boundary)
         if self._on_lattice is None:  # whose discs are inside by construction
             self._check_inside("position", self.position, self.radius)
-        for feature in FEATURES:
+        for feature in self._features:
             feature.check(self)
 
     # --- discs
@@ -210,13 +213,13 @@ class Scene(ReadOnly):
         last = checks.whole("last", last, first, self.count, "Give the number after that of a disc.")
         return self._start.positions(first, last), self._start.velocities(first, last)
 
-    @property
+    @functools.cached_property
     def largest_radius(self) -> float:
         """Radius of the largest disc, emitters' discs included [length]."""
         radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
         return float(radii.max(initial=0.0))
 
-    @property
+    @functools.cached_property
     def smallest_radius(self) -> float:
         """Radius of the smallest disc, emitters' discs included [length]."""
         radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
@@ -398,7 +401,7 @@ class Scene(ReadOnly):
         other = copy.copy(self)
         for name in ("_has_gaps", "_piston_began"):  # what is absent is left out, and time begins anew
             vars(other).pop(name, None)
-        for feature in [each for each in FEATURES if each.is_in(other)]:
+        for feature in self._features:
             if state.box is not None:
                 vars(other)[feature.argument] = feature.continued(other, Continuation(state.box, time))
             for column in feature.columns:
@@ -604,8 +607,7 @@ class Scene(ReadOnly):
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the scene holds, without how it was made; of a lattice its numbers, without arrays."""
-        derived = ("_redraw", "_capsules", "_capsule_index", "_overlaps")
-        return {name: value for name, value in vars(self).items() if name not in derived}
+        return {name: value for name, value in vars(self).items() if name not in _DERIVED}
 
     @property
     def _on_lattice(self) -> Lattice | None:
@@ -660,7 +662,10 @@ class Scene(ReadOnly):
         """Give the scene, a copy that nothing else refers to, other random numbers for its run, derived from a text."""
         for feature in FEATURES:
             if feature.draws and feature.is_in(self):
-                vars(self)[feature.argument] = feature.redrawn(self, variation())
+                value = feature.of(self)
+                digest = hashlib.blake2b(f"{value.seed} {variation()}".encode(), digest_size=8).digest()
+                seed = int.from_bytes(digest, "little") >> 1
+                vars(self)[feature.argument] = dataclasses.replace(value, seed=seed)
 
     def _keep(self, kept: NDArray[np.bool_]) -> None:
         """Keep what the discs of a mask, shape (count,), have of their own, and drop the others."""
@@ -669,23 +674,28 @@ class Scene(ReadOnly):
                 if isinstance(values := getattr(self, name), np.ndarray):
                     vars(self)[name] = each.check(values[kept], int(kept.sum()))
 
-    @property
+    @functools.cached_property
+    def _features(self) -> tuple[Feature, ...]:
+        """The features that it has."""
+        return tuple(each for each in FEATURES if each.is_in(self))
+
+    @functools.cached_property
     def _moving_wall(self) -> MovingWall | None:
         """The wall that a feature moves; None if all are at rest.
 
         Raises:
             InputError: if there are several.
         """
-        walls = [wall for feature in FEATURES if (wall := feature.moving_wall(self)) is not None]
+        walls = [wall for feature in self._features if (wall := feature.moving_wall(self)) is not None]
         if len(walls) > 1:
             names = " and ".join(wall.name for wall in walls)
             raise InputError(f"a scene must have at most one wall that moves; got {names}. Leave one of them out.")
         return walls[0] if walls else None
 
-    @property
+    @functools.cached_property
     def _surface_speed(self) -> float:
         """The highest speed of a moving wall or obstacle [length/time]; 0: all are at rest."""
-        return max(feature.surface_speed(self) for feature in FEATURES)
+        return max((feature.surface_speed(self) for feature in self._features), default=0.0)
 
     def _box_at(self, time: float) -> Box:
         """The box at a time >= 0 [time]: x_low, x_high, y_low, y_high [length]."""
@@ -733,7 +743,14 @@ class Scene(ReadOnly):
             radius: one each, shape (N,) [length].
             time: at which to look: obstacles may move [time].
         """
-        return next(filter(None, (feature.deepest(self, position, radius, time) for feature in FEATURES)), None)
+        return next(filter(None, (each.deepest(self, position, radius, time) for each in self._features)), None)
+
+
+_DERIVED = {
+    "_redraw", "_capsules", "_capsule_index", "_overlaps",
+    *(name for name, each in vars(Scene).items() if isinstance(each, functools.cached_property)),
+}  # fmt: skip
+"""Attributes that copies of a scene do not have."""
 
 
 def _plain(name: str) -> str:

@@ -205,7 +205,7 @@ def _continuing(sim: Simulation) -> Scene:
         "spin": None if state.spin is None else state.spin[here].astype(np.float64),
     }
     moment = Continuation(scene._box_at(sim.time), sim.time)
-    values |= {each.argument: each.continued(scene, moment) for each in (OBSTACLES, PISTON)}
+    values |= {each.argument: each.continued(scene, moment) for each in (OBSTACLES, PISTON) if each.is_in(scene)}
     return Scene(**values)
 
 

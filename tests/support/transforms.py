@@ -90,7 +90,7 @@ def is_weighed(scene: mpsim.Scene) -> bool:
 
 def features_of(scene: mpsim.Scene) -> dict[str, Any]:
     """Arguments that make the scene again."""
-    names = {name for name in vars(scene) if not name.startswith("_")} | {"position", "velocity"}
+    names = {name for name in scene.__getstate__() if not name.startswith("_")} | {"position", "velocity"}
     return copy.deepcopy({name: getattr(scene, name) for name in names})
 
 

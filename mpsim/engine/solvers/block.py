@@ -43,7 +43,6 @@ from mpsim.engine.solvers.stepped import (
 )
 from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, Grid, SharedBlock, block_arrays, resident_bytes
 from mpsim.errors import DivergedError
-from mpsim.features import FEATURES
 from mpsim.features.edges import EDGES
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
@@ -175,7 +174,7 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
     parameters.tally_scale = now.tally_scale
     parameters.fast = now.speed_limit.square(dt, common, smallest, settings.precision)
-    for feature in FEATURES:
+    for feature in scene._features:
         feature.begin(scene, arrays, settings.dt, now.origin)
     if "giants" in arrays:
         arrays["giants"][0] = np.inf if now.giant is None else now.giant

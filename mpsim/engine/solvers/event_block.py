@@ -25,7 +25,6 @@ from mpsim.engine.solvers.base import (
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock
 from mpsim.errors import InputError, StalledError
-from mpsim.features import FEATURES
 from mpsim.features.baths import probability_of
 from mpsim.features.capsules import lists_of_cells
 from mpsim.features.edges import kinds_of
@@ -77,7 +76,7 @@ def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
         **{law.not_exact: word == settings.law for word, law in stepped.LAWS.items() if law.not_exact},
         "precision='float32'": settings.precision != "float64",
         **{kind.not_exact: True for kind in kinds_of(scene.boundary) if kind.not_exact},
-        **{what: True for feature in FEATURES if (what := feature.cannot_be_exact(scene))},
+        **{what: True for feature in scene._features if (what := feature.cannot_be_exact(scene))},
         **{f"a {kind.__name__}": True for kind in {*map(type, scene.obstacles)} - {*OBSTACLES.exact}},
     }
     for what, present in refusals.items():
@@ -527,7 +526,7 @@ class BlockPlan(NamedTuple):
 
     def _tiling(self, count: int) -> Tiling:
         """The tiles for so many discs."""
-        if not all(feature.on_tiles for feature in FEATURES if feature.is_in(self.scene)):
+        if not all(feature.on_tiles for feature in self.scene._features):
             return WHOLE
         cells = cells_for(self.scene, count)
         return tiling_of(count, cells, self.scene.periodic, self.workers)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.columns import ranges
-from mpsim.features.packing_bounds import densest_packing
+from mpsim.features.properties import densest_packing
 from mpsim.kernels import records
 from mpsim.scene.scene import Scene
 
