@@ -34,6 +34,7 @@ from mpsim.errors import (
     WorkerDiedError,
 )
 from mpsim.features import (
+    Circle,
     Emitter,
     FixedDisc,
     Oscillation,
@@ -73,6 +74,7 @@ _LATE = {
 
 _VIEWS = {
     "scene_from_file": ("mpsim.scene.scenefile", "load"),
+    "scene_of_groups": ("mpsim.scene.scenefile", "of_groups"),
     "scene_to_file": ("mpsim.scene.scenefile", "save"),
     "compressed": ("mpsim.scene.compression", "compressed"),
     "scene_png": ("mpsim.output.drawing", "scene_png"),
@@ -113,6 +115,7 @@ def __dir__() -> list[str]:
 
 __all__ = [
     "CheckpointError",
+    "Circle",
     "Collisions",
     "Correlations",
     "DivergedError",

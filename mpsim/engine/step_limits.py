@@ -258,9 +258,10 @@ def is_crowded(scene: Scene, radii: Floats, time: float) -> bool:
     """Whether discs and capsules fill so much of the box at a time that most discs can be pressed."""
     low, high = scene.walls_at(time)
     ax, ay, bx, by, radius = scene.capsules_at(0.0).T
-    solid = math.pi * radius**2 + 2 * radius * np.hypot(bx - ax, by - ay)
+    room = float((high - low).prod())
+    solid = math.pi * radius * np.abs(radius) + 2 * radius * np.hypot(bx - ax, by - ay) + room * (radius < 0)
     area = math.pi * float((radii * radii).sum()) + float(solid.sum())
-    return area > CROWDED * float((high - low).prod())
+    return area > CROWDED * room
 
 
 def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:

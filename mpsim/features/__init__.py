@@ -6,7 +6,7 @@ from mpsim.features.emitters import Emitter, Emitters
 from mpsim.features.feature import Feature, PerDisc
 from mpsim.features.laws import Friction, Restitution
 from mpsim.features.motions import Oscillation, Path, Rotation, Translation
-from mpsim.features.obstacles import OBSTACLES, FixedDisc, Polyline
+from mpsim.features.obstacles import OBSTACLES, Circle, FixedDisc, Polyline
 from mpsim.features.piston import PISTON, Piston
 from mpsim.features.properties import Acceleration, Gravity, Masses, Radii
 
@@ -15,6 +15,7 @@ __all__ = [
     "NUMBERS",
     "PER_DISC",
     "VECTORS",
+    "Circle",
     "Emitter",
     "Feature",
     "FixedDisc",

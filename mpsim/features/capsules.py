@@ -1,11 +1,13 @@
 """Capsules (segments with a radius), of which all obstacles are made: distances to them, and those near a point.
 
-A capsule is a row (ax, ay, bx, by, radius) [length]; one of length 0 is a disc. Nothing here compares every disc with
-every capsule: time and memory grow with the number of capsules and of close pairs.
+A capsule is a row (ax, ay, bx, by, radius) [length]; one of length 0 is a disc, and with a radius below 0 a container:
+a circle that is solid outside. Nothing here compares every disc with every capsule: time and memory grow with the
+number of capsules and of close pairs.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,7 +65,7 @@ class CellLists(NamedTuple):
 
 
 def distance(position: Floats, capsules: Floats) -> Floats:
-    """Distance from centres to the surfaces of capsules, negative inside, shape (...) [length].
+    """Distance from centres to the surfaces of capsules, negative where they are solid, shape (...) [length].
 
     Args:
         position: shape (..., 2) [length].
@@ -74,14 +76,26 @@ def distance(position: Floats, capsules: Floats) -> Floats:
     squared = along[..., 0] ** 2 + along[..., 1] ** 2
     fraction = (r[..., 0] * along[..., 0] + r[..., 1] * along[..., 1]) / np.where(squared > 0, squared, 1)
     gap = r - np.clip(fraction, 0, 1)[..., None] * along
-    return np.hypot(gap[..., 0], gap[..., 1]) - radius
+    away = np.hypot(gap[..., 0], gap[..., 1])
+    return np.where(radius < 0, -away, away) - radius
+
+
+def is_within(position: Floats, sides: Floats) -> NDArray[np.bool_]:
+    """Whether points, shape (N, 2), are in a polygon, whose sides are capsules, shape (K, 5) [length]."""
+    (x, y), inside = position.T, np.zeros(len(position), bool)
+    for ax, ay, bx, by, _ in sides.tolist():
+        if ay != by:
+            inside ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) * (bx - ax) / (by - ay))
+    return inside
 
 
 def with_images(capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool], reach: float) -> Images:
     """Capsules, and their images one period away along periodic axes if a disc in the box can touch them.
 
+    A container, which does not cross such an axis, has none.
+
     Args:
-        capsules: shape (K, 5) [length].
+        capsules: shape (K, 5) [length]; further columns are kept.
         size: width and height of the box [length].
         periodic: along x and along y.
         reach: radius of the largest disc [length].
@@ -90,11 +104,13 @@ def with_images(capsules: Floats, size: tuple[float, float], periodic: tuple[boo
     for axis, length in enumerate(size):
         if periodic[axis] and len(capsules):
             step = length * np.eye(2)[axis]
-            moved = [found.capsule + np.append(np.tile(sign * step, 2), 0.0) for sign in (1, -1)]
+            rest = np.zeros(capsules.shape[1] - 4)
+            moved = [found.capsule + np.append(np.tile(sign * step, 2), rest) for sign in (1, -1)]
             shift = np.concatenate([found.shift, found.shift + step, found.shift - step])
             every = Images(np.concatenate([found.capsule, *moved]), np.tile(found.source, 3), shift)
             ends, margin = every.capsule[:, [axis, axis + 2]], reach + every.capsule[:, 4]
             near = (ends.max(axis=1) > -margin) & (ends.min(axis=1) < length + margin)
+            near = np.where(every.capsule[:, 4] < 0, ~shift.any(axis=1), near)
             found = Images(every.capsule[near], every.source[near], every.shift[near])
     return found
 
@@ -214,12 +230,17 @@ def _cells_in_reach(capsules: Floats, margin: float, per_length: Floats, number:
     A sum of whole numbers, each computed by operations that round alike on every machine, so that the grid is the same.
     """
     with np.errstate(over="ignore"):  # a radius may be as large as a float can be
-        reach = np.minimum((margin + capsules[:, 4:]) * per_length, number)
+        reach = np.minimum((margin + _extent(capsules)[:, None]) * per_length, number)
     ends = capsules[:, :4].reshape(-1, 2, 2) * per_length
     inside = np.clip([ends.min(axis=1) - reach, ends.max(axis=1) + reach], 0, number)
     across = (ends[:, 1] - ends[:, 0]) * reach[:, ::-1]
     grown = math.pi * reach.prod(axis=1) + 2 * np.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2)
     return int(np.ceil(np.minimum((inside[1] - inside[0]).prod(axis=1), grown)).astype(np.int64).sum())
+
+
+def _extent(capsules: Floats) -> Floats:
+    """Distance up to which each is solid: its radius, infinite for a container, shape (K,) [length]."""
+    return np.where(capsules[:, 4] < 0, np.inf, capsules[:, 4])
 
 
 class CapsuleIndex:
@@ -231,16 +252,20 @@ class CapsuleIndex:
         capsules: shape (K, 5) [length].
         size: width and height of the box [length].
         periodic: along x and along y.
+        filled: rows of capsules that are the sides of a polygon, which is solid inside.
     """
 
-    def __init__(self, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]):
+    def __init__(
+        self, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool], filled: Sequence[slice] = ()
+    ):
         self._capsules = capsules
+        self._filled = filled
         self._box = size, periodic
         self._asked = 0
         self._grids: dict[int, tuple[Images, CellLists]] = {}
 
     def depths(self, position: Floats, radius: Floats) -> Floats:
-        """How deep each disc is in the capsule that it overlaps most, images included; 0 outside all, shape (N,).
+        """How deep each disc is in what it overlaps most, images included; 0 outside all, shape (N,) [length].
 
         Args:
             position: in the box, shape (N, 2) [length].
@@ -249,6 +274,17 @@ class CapsuleIndex:
         Raises:
             InputError: if more than MOST_COMPARED pairs of a disc and a capsule are near each other.
         """
+        depth = self._in_capsules(position, radius)
+        shifts = [(0.0, -length, length) if wraps else (0.0,) for length, wraps in zip(*self._box, strict=True)]
+        for part, shift in product(self._filled, product(*shifts)):
+            sides = self._capsules[part]
+            discs = np.flatnonzero(is_within(position - shift, sides))
+            if len(discs):
+                away = distance(position[discs, None] - shift, sides).min(axis=1) + 2 * sides[0, 4] + radius[discs]
+                depth[discs] = np.maximum(depth[discs], away)
+        return depth
+
+    def _in_capsules(self, position: Floats, radius: Floats) -> Floats:
         self._asked += len(position)
         depth = np.zeros(len(position))
         if not len(self._capsules):
@@ -308,7 +344,7 @@ def _cells_near(capsules: Floats, margin: float, per_length: Floats, columns: in
     cells in its bounding rectangle.
     """
     with np.errstate(over="ignore"):  # a radius may be as large as a float can be
-        reach = margin + capsules[:, 4]
+        reach = margin + _extent(capsules)
         left = np.minimum(capsules[:, 0], capsules[:, 2]) - reach
         right = np.maximum(capsules[:, 0], capsules[:, 2]) + reach
         first, last = _cells(left, right, per_length[0], columns)

@@ -194,7 +194,7 @@ class Rotation(Movement):
 
     def fastest(self, capsules: Floats) -> float:
         ends = capsules[:, :4].reshape(-1, 2, 2) - np.asarray(self.centre)
-        return abs(self.rate) * float((np.hypot(*np.moveaxis(ends, 2, 0)) + capsules[:, 4:]).max(initial=0.0))
+        return abs(self.rate) * float((np.hypot(*np.moveaxis(ends, 2, 0)) + np.abs(capsules[:, 4:])).max(initial=0.0))
 
     def swept(self, points: Floats) -> tuple[Floats, Floats]:
         centre = np.asarray(self.centre)

@@ -1,4 +1,4 @@
-"""Obstacles: discs and polylines, at rest or moving, all made of capsules. Checked when made; immutable."""
+"""Obstacles: discs, polylines and circles, at rest or moving, all made of capsules. Checked when made; immutable."""
 
 # pyright: reportPrivateUsage=false
 # Names of Scene that begin with an underscore are for all of mpsim.
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Obstacle:
-    """What every obstacle can do; see FixedDisc and Polyline.
+    """What every obstacle can do; see FixedDisc, Polyline and Circle.
 
     Args:
         motion: a Translation, Oscillation, Rotation or Path; None: it is at rest.
@@ -59,6 +59,16 @@ class Obstacle:
         """Capsules where the obstacle was given: (ax, ay, bx, by, radius) [length]."""
         raise NotImplementedError
 
+    @property
+    def moves(self) -> bool:
+        """Whether its capsules do."""
+        return self.motion is not None
+
+    @property
+    def along(self) -> float:
+        """Speed of its surface as the kernels take it: see `surface_speed` there [length/time]."""
+        return self.surface_velocity
+
     def at_place(self, capsules: Floats) -> dict[str, Any]:
         """The arguments that would put it where its capsules, shape (K, 5), have come to [length]."""
         raise NotImplementedError
@@ -74,7 +84,7 @@ class Obstacle:
         return dataclasses.replace(checked, motion=motion.seen_from(-time))
 
 
-_UNSAID = {"motion": None, "surface_velocity": 0.0}
+_UNSAID = {"filled": False, "inside": False, "motion": None, "surface_velocity": 0.0}
 """Values that go without saying."""
 
 
@@ -119,6 +129,7 @@ class Polyline(Obstacle):
     Args:
         points: corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
         thickness: of the walls [length], >= 0.
+        filled: whether no disc may start or be added inside the polygon, whose last corner then is the first.
         motion: a Translation, Oscillation, Rotation or Path; None: it never moves.
         surface_velocity: at which its surface runs from the first point to the last, acting through wall_friction
             [length/time].
@@ -132,6 +143,7 @@ class Polyline(Obstacle):
 
     points: ArrayLike
     thickness: float = 0.0
+    filled: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -144,6 +156,18 @@ class Polyline(Obstacle):
         thickness = checks.non_negative("thickness of a Polyline", self.thickness, "[length]")
         object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in points))
         object.__setattr__(self, "thickness", thickness)
+        object.__setattr__(self, "filled", checks.truth("filled of a Polyline", self.filled))
+        if self.filled and not self.is_closed:
+            raise InputError(
+                "points of a Polyline that is filled must end with the first one, after three or more; got "
+                f"{checks.brief(points[:20].tolist())}. Add it."
+            )
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it is a polygon."""
+        points: Any = self.points
+        return len(points) > 3 and points[0] == points[-1]
 
     def capsules(self) -> list[tuple[float, float, float, float, float]]:
         points: Any = self.points
@@ -151,6 +175,60 @@ class Polyline(Obstacle):
 
     def at_place(self, capsules: Floats) -> dict[str, Any]:
         return {"points": np.concatenate([capsules[:1, :2], capsules[:, 2:4]])}
+
+
+@dataclass(frozen=True, repr=False)
+class Circle(Obstacle):
+    """A circle that discs cannot cross: from inside the wall of a round container, such as a drum; else a fixed disc.
+
+    Args:
+        centre: (x, y) [length], in the box.
+        radius: [length], > 0.
+        inside: True: all discs are inside, and it is solid outside; False: the other way round.
+        motion: a Translation, Oscillation, Rotation or Path; None: it never moves. A Rotation about its own centre that
+            does not stop is the same as a surface velocity.
+        surface_velocity: at which its surface runs counter-clockwise, acting through wall_friction [length/time].
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> Circle((5, 5), 4, inside=True)
+    Circle(centre=(5.0, 5.0), radius=4.0, inside=True)
+    """
+
+    centre: ArrayLike
+    radius: float
+    inside: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "centre", checks.point("centre of a Circle", self.centre))
+        object.__setattr__(self, "radius", checks.positive("radius of a Circle", self.radius, "[length]"))
+        object.__setattr__(self, "inside", checks.truth("inside of a Circle", self.inside))
+
+    def capsules(self) -> list[tuple[float, float, float, float, float]]:
+        place: Any = self.centre
+        x, y = place
+        return [(x, y, x, y, -self.radius if self.inside else self.radius)]
+
+    @property
+    def moves(self) -> bool:
+        return self.motion is not None and self._spin == 0
+
+    @property
+    def along(self) -> float:
+        speed = self.surface_velocity + self._spin * self.radius
+        return -speed if self.inside else speed
+
+    @property
+    def _spin(self) -> float:
+        """Angular velocity of a rotation about its own centre that never stops."""
+        motion: Any = self.motion
+        endless = isinstance(motion, Rotation) and motion.stop is None and motion.start <= 0
+        return motion.rate if endless and motion.centre == self.centre else 0.0
+
+    def at_place(self, capsules: Floats) -> dict[str, Any]:
+        return {"centre": capsules[0, :2]}
 
 
 @dataclass(frozen=True, repr=False)
@@ -172,6 +250,22 @@ def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> N
         if each.motion is not None:
             capsules[last - length : last] = each.motion.capsules_at(capsules[last - length : last], time)
     return capsules
+
+
+def solid_of(obstacles: tuple[Obstacle, ...]) -> NDArray[np.float64]:
+    """Obstacles at the start as placement takes them: capsules with the number of the filled polygon of each, or 0."""
+    capsules = capsules_of(obstacles, 0.0)
+    polygon = np.zeros(len(capsules))
+    for number, part in enumerate(filled_parts(obstacles), 1):
+        polygon[part] = number
+    return np.column_stack([capsules, polygon])
+
+
+def filled_parts(obstacles: tuple[Obstacle, ...]) -> list[slice]:
+    """The rows of `capsules_of` of each polygon that is filled."""
+    last = np.cumsum([len(each.capsules()) for each in obstacles]).tolist()
+    parts = zip([0, *last], last, obstacles, strict=False)
+    return [slice(first, end) for first, end, each in parts if isinstance(each, Polyline) and each.filled]
 
 
 def owner_of(capsule: int, obstacles: tuple[Obstacle, ...]) -> int:
@@ -219,10 +313,10 @@ class Obstacles(Feature):
     """The argument `obstacles`."""
 
     argument = "obstacles"
-    kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)
+    kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline, Circle)
     within: ClassVar[tuple[type[Any], ...]] = (Removed, *MOTIONS)
-    exact: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline, Removed)  # kinds that are nothing but their capsules
-    examples: ClassVar[tuple[Any, ...]] = (FixedDisc((0, 0), 1), Polyline([(0, 0), (1, 0)]))
+    exact: ClassVar[tuple[type[Any], ...]] = (*kinds, Removed)  # kinds that are nothing but their capsules
+    examples: ClassVar[tuple[Any, ...]] = (FixedDisc((0, 0), 1), Polyline([(0, 0), (1, 0)]), Circle((0, 0), 1))
     excludes = True
     invalidates: ClassVar[tuple[Invalidation, ...]] = (
         Invalidation(
@@ -243,16 +337,18 @@ class Obstacles(Feature):
                     f"surface_velocity of obstacles[{index}] acts through friction, and wall_friction is 0; got "
                     f"{each.surface_velocity:g}. Give the scene a wall_friction > 0, or leave it out."
                 )
-            if each.motion is not None:
+            if each.moves:
                 _check_motion(f"obstacles[{index}]", each, scene)
+            if scene._on_lattice is None:
+                _check_contents(f"obstacles[{index}]", each, scene)
 
     def check_room(self, scene: Scene, new: AddedDiscs) -> None:
         found = scene._deepest(new.position, new.radius, new.time)
         capsules.check_clear(found, new.name, new.position, new.radius)
 
     def surface_speed(self, scene: Scene) -> float:
-        moving = (each for each in self.of(scene) if each.motion is not None)
-        return max((each.motion.fastest(capsules_of((each,))) for each in moving), default=0.0)
+        moving = ((each, each.motion) for each in self.of(scene) if each.moves)
+        return max((motion.fastest(capsules_of((each,))) for each, motion in moving if motion), default=0.0)
 
     def works(self, scene: Scene) -> bool:
         return any(each.motion is not None or each.surface_velocity for each in self.of(scene))
@@ -328,11 +424,11 @@ class Obstacles(Feature):
 
 
 def _made(obstacles: tuple[Obstacle, ...], scene: Scene, margin: float = 0.0) -> _Made:
-    at_rest = [number for number, each in enumerate(obstacles) if each.motion is None]
+    at_rest = [number for number, each in enumerate(obstacles) if not each.moves]
     listed, owners = _listed(obstacles, at_rest, scene)
     groups: dict[Movement, list[int]] = {}
     for number, each in enumerate(obstacles):
-        if each.motion is not None:
+        if each.motion is not None and each.moves:
             groups.setdefault(each.motion, []).append(number)
     if not groups:
         return _Made(listed, {}, owners)
@@ -346,7 +442,7 @@ def _rows(obstacles: tuple[Obstacle, ...], numbers: list[int]) -> tuple[Floats, 
     """Capsules of some obstacles, the number of the obstacle of each, and the speed of its surface."""
     chosen = tuple(obstacles[number] for number in numbers)
     each_has = [len(each.capsules()) for each in chosen]
-    along = np.array([each.surface_velocity for each in chosen])
+    along = np.array([each.along for each in chosen])
     return capsules_of(chosen), np.repeat(np.array(numbers, np.int64), each_has), np.repeat(along, each_has)
 
 
@@ -362,9 +458,11 @@ def _listed(
     lists = capsules.cell_lists(images.capsule, size, scene.largest_radius)
     grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
     every = np.concatenate([images.capsule, capsules.cut_at_ends(images.capsule, lists, size)])  # these are not listed
-    made = {"capsule": every, "next_end": capsules.next_ends(every), **grid}
+    made: dict[str, NDArray[Any]] = {"capsule": every, "next_end": capsules.next_ends(every), **grid}
     if along.any():
         made["along"] = along[images.source]
+    if (images.capsule[:, 4] < 0).any():
+        made["around"] = images.capsule[:, 4] < 0
     return made, owners[images.source]
 
 
@@ -380,7 +478,7 @@ def _body(
             step = np.array([*np.tile(length * np.eye(2)[axis], 2), 0.0])
             rows = np.concatenate([rows, rows - step, rows + step])
             owners, along = np.tile(owners, 3), np.tile(along, 3)
-    ends, border = rows[:, :4].reshape(-1, 2), 1.001 * (reach + float(rows[:, 4].max()))
+    ends, border = rows[:, :4].reshape(-1, 2), 1.001 * (reach + float(np.abs(rows[:, 4]).max()))
     low, high = ends.min(axis=0) - border, ends.max(axis=0) + border
     width, height = (high - low).tolist()
     placed = rows - np.array([*low, *low, 0.0])
@@ -424,6 +522,8 @@ def _check_motion(name: str, obstacle: Obstacle, scene: Scene) -> None:
     rows, size = capsules_of((obstacle,)), (scene.width, scene.height)
     ends = rows[:, :4].reshape(-1, 2)
     low, high = motion.swept(ends)
+    beyond = np.maximum(-rows[0, 4], 0.0) * np.array(scene.periodic)  # a container has no images
+    low, high = low - beyond, high + beyond
     side = 2 * _half_size(motion, rows, scene.largest_radius)
     for axis, length in enumerate(size):
         slack = 1e-9 * length
@@ -436,11 +536,41 @@ def _check_motion(name: str, obstacle: Obstacle, scene: Scene) -> None:
                 f"{name} must be shorter than the periodic box along {'xy'[axis]}, {length:g}, to move so far along it "
                 f"or to turn; got {side[axis]:.4g}, with the largest disc on both sides. Use a larger box."
             )
-        if not scene.periodic[axis] and (low[axis] < -slack or high[axis] > length + slack):
+        if (not scene.periodic[axis] or beyond[axis]) and (low[axis] < -slack or high[axis] > length + slack):
             raise InputError(
                 f"the motion of {name} must keep it in the box, in [0, {length:g}] along {'xy'[axis]}; got "
                 f"[{low[axis]:g}, {high[axis]:g}]. Give a Translation a stop, or move less far."
             )
+
+
+def _check_contents(name: str, shape: Obstacle, scene: Scene) -> None:
+    """Refuse discs with their centres outside a container, or too large for it, or in a filled polygon."""
+    rows = capsules_of((shape,), 0.0)
+    if isinstance(shape, Circle) and shape.inside:
+        if scene.largest_radius >= shape.radius:
+            raise InputError(
+                f"radius of {name}, a Circle with discs inside, must be above that of the largest disc, "
+                f"{scene.largest_radius:g}; got {shape.radius:g}. Use a larger circle, or smaller discs."
+            )
+        for axis, length in enumerate((scene.width, scene.height)):
+            low, high = (shape.capsules()[0][axis] + sign * shape.radius for sign in (-1, 1))
+            if scene.periodic[axis] and not 0 <= low < high <= length:
+                raise InputError(
+                    f"{name}, a Circle with discs inside, must lie in the periodic box along {'xy'[axis]}, in "
+                    f"[0, {length:g}]; got [{low:g}, {high:g}]. Use a smaller circle, or walls."
+                )
+        where, wrong = "inside", capsules.distance(scene.position, rows) < 0
+    elif isinstance(shape, Polyline) and shape.filled:
+        where, wrong = "outside", capsules.is_within(scene.position, rows)
+    else:
+        return
+    if wrong.any():
+        disc = int(wrong.argmax())
+        raise InputError(
+            f"position[{disc}] must lie {where} {name}, a {type(shape).__name__}; got "
+            f"{tuple(scene.position[disc].tolist())} (such discs: {int(wrong.sum())}). Move the disc; Scene.random "
+            "places discs where they may be."
+        )
 
 
 OBSTACLES = Obstacles()

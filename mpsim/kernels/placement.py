@@ -258,8 +258,9 @@ def sweep(x, y, grid, moves, low, x_high, y_high, diameter, cells_per_length):
 
 # x, y, radius: shape (N,) [length]. level: of each disc, (N,). head: first disc of every cell of every level, all EMPTY
 # at first; following: next disc in the same cell, (N,). columns, rows, first (index in head), largest (radius): one per
-# level. width, height [length] and periodic_x, periodic_y: the box. capsule: (K, 7): ax, ay, bx, by, radius, and the
-# shift of the image, (0, 0) of the capsule itself.
+# level. width, height [length] and periodic_x, periodic_y: the box. capsule: (K, 8): ax, ay, bx, by, radius, the shift
+# of the image, (0, 0) of the capsule itself, and the number of the polygon of which it is a side: > 0 if that is solid
+# inside, < 0 outside, 0 of none. The sides of a polygon follow one another.
 Crowd = namedtuple(
     "Crowd",
     "x y radius level head following columns rows first largest width height periodic_x periodic_y capsule",
@@ -354,8 +355,9 @@ def look(crowd, px, py, radius, mover, scale, slack):
 
 @inlined
 def off_capsules(crowd, px, py, radius):
-    """Where to put a disc at (px, py) so that it does not touch the capsule it overlaps most: (x, y, depth)."""
+    """Where to put a disc at (px, py) out of the capsule, or the polygon, that it overlaps most: (x, y, depth)."""
     x, y, worst = px, py, 0.0
+    inside, nearest, toward_x, toward_y = False, math.inf, 0.0, 0.0
     for k in range(crowd.capsule.shape[0]):
         ax, ay = crowd.capsule[k, 0], crowd.capsule[k, 1]
         bx, by = crowd.capsule[k, 2] - ax, crowd.capsule[k, 3] - ay
@@ -364,11 +366,24 @@ def off_capsules(crowd, px, py, radius):
         fraction = min(max((rx * bx + ry * by) / square, 0.0), 1.0) if square > 0.0 else 0.0
         gx, gy = rx - fraction * bx, ry - fraction * by
         distance = math.sqrt(gx * gx + gy * gy)
+        if crowd.capsule[k, 4] < 0.0:  # a container
+            distance = -distance
         depth = radius + crowd.capsule[k, 4] - distance
         if depth > worst:
             worst = depth
-            away = depth / distance if distance > 0.0 else 0.0
+            away = depth / distance if distance != 0.0 else 0.0
             x, y = px + gx * away, py + gy * away + (depth if distance == 0.0 else 0.0)
+        polygon = crowd.capsule[k, 7]
+        if polygon != 0.0:
+            if (ry < 0.0) != (ry < by) and rx < ry * bx / by:
+                inside = not inside
+            if 0.0 < distance < nearest:
+                nearest, toward_x, toward_y = distance, -gx / distance, -gy / distance
+            if k + 1 == crowd.capsule.shape[0] or crowd.capsule[k + 1, 7] != polygon:
+                depth = nearest + radius + crowd.capsule[k, 4]
+                if inside == (polygon > 0.0) and worst < depth < math.inf:
+                    x, y, worst = px + depth * toward_x, py + depth * toward_y, depth
+                inside, nearest = False, math.inf
     return x, y, worst
 
 

@@ -20,7 +20,7 @@ from matplotlib.collections import EllipseCollection, PatchCollection
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, LogNorm, Normalize, is_color_like
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Annulus, Circle, Polygon, Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
@@ -30,6 +30,7 @@ from mpsim.core.state import Box, State, present_in
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError
 from mpsim.features.edges import boundary_of
+from mpsim.features.obstacles import filled_parts
 from mpsim.measure.moments import placed
 from mpsim.output.frames import Frame
 from mpsim.scene.scene import Scene
@@ -269,11 +270,16 @@ def draw_obstacles(axes: Axes, scene: Scene, capsules: NDArray[np.float64], them
     shapes: list[Any] = []
     for (ax, ay, bx, by, radius), (x, y) in product(capsules.tolist(), product(*shifts)):
         a, b = np.array([ax + x, ay + y]), np.array([bx + x, by + y])
+        if radius < 0:  # a container, solid from its circle to beyond the box
+            far = scene.width + scene.height
+            shapes += [Annulus((ax, ay), far, far + radius)] * (x == y == 0)
+            continue
         shapes += [Circle((float(end[0]), float(end[1])), radius) for end in (a, b)]
         length = float(np.hypot(*(b - a)))
         if length:
             across = radius / length * np.array([ay - by, bx - ax])
             shapes.append(Polygon([a - across, b - across, b + across, a + across]))
+    shapes += [Polygon(capsules[part, :2]) for part in filled_parts(scene.obstacles) if len(shapes)]
     if not shapes:
         return None
     # The line is what remains of a wall without thickness.

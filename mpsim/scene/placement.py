@@ -172,7 +172,9 @@ def _by_size(
     # In a thin box, too, no level has more cells than about one per disc.
     columns, rows = (np.clip(length / side, 1, np.maximum(counts, 1)).astype(np.int64) for length in size)
     cells, solid = columns * rows, np.zeros((0, 5)) if capsules is None else np.asarray(capsules, np.float64)
+    solid = np.pad(solid, [(0, 0), (0, 6 - solid.shape[1])])
     images = with_images(solid, size, periodic, REACH * float(largest.max(initial=0.0)))
+    polygon = np.where(images.shift.any(axis=1), 0, solid[images.source, 5])
     return placement.Crowd(
         x,
         y,
@@ -188,7 +190,7 @@ def _by_size(
         float(size[1]),
         bool(periodic[0]),
         bool(periodic[1]),
-        np.column_stack([solid[images.source], images.shift]),
+        np.column_stack([solid[images.source, :5], images.shift, polygon]),
     )
 
 
@@ -211,7 +213,7 @@ def random_polydisperse(
         width, height: of the box [length].
         rng: source of random numbers.
         periodic: along x and along y.
-        capsules: obstacles, shape (K, 5): ax, ay, bx, by, radius [length].
+        capsules: obstacles, shape (K, 5) or (K, 6): ax, ay, bx, by, radius [length], and their polygon, as `solid_of`.
 
     Raises:
         InputError: if no arrangement without overlap is found.
@@ -220,7 +222,7 @@ def random_polydisperse(
     if count == 0:
         return np.empty((0, 2))
     discs = _by_size(np.zeros(count), np.zeros(count), radius, (width, height), periodic, capsules)
-    packing = math.pi * float((radius**2).sum()) / (width * height)
+    packing = math.pi * float((radius**2).sum()) / area_of(width, height, discs.capsule)
     if not (packing <= SPARSE_PACKING and _add_all(discs, rng)):
         if not any(_remove_overlaps(discs, packing, overshoot, rng) for overshoot in OVERSHOOT):
             raise InputError(
@@ -232,6 +234,11 @@ def random_polydisperse(
         for _ in range(SWEEPS):
             placement.shuffle(discs, rng.uniform(-1, 1, (count, 2)) * longest[:, None], 1 + GAP)
     return np.column_stack([discs.x, discs.y])
+
+
+def area_of(width: float, height: float, capsules: NDArray[np.float64]) -> float:
+    """Area of a rectangle, or of the smallest container if that is less [length^2]."""
+    return min([width * height, *(math.pi * radius**2 for radius in capsules[:, 4] if radius < 0)])
 
 
 def displaced(

@@ -8,7 +8,7 @@ import functools
 import hashlib
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,10 +27,10 @@ from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary,
 from mpsim.features.emitters import Emitter, check_emitters
 from mpsim.features.feature import Continuation, Deepest, Feature, given
 from mpsim.features.laws import Restitution, check_friction
-from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
+from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles, filled_parts, solid_of
 from mpsim.features.piston import Piston, check_piston
 from mpsim.features.properties import check_acceleration, check_gravity, check_radius
-from mpsim.scene import placement, starts
+from mpsim.scene import starts
 from mpsim.scene.discs import GivenStart, Lattice, Start, demand_equal_discs, demand_sites, demand_whole_box, start_of
 from mpsim.scene.placement import placed
 from mpsim.scene.settings import NAMES, Settings, check_recommended, check_settings
@@ -77,7 +77,7 @@ class Scene(ReadOnly):
             rough) [dimensionless].
         spin: angular velocity at the start, counter-clockwise, of all discs or one each, shape (N,) [1/time]; None: 0.
         boundary: "walls" or "periodic", or one for x and one for y. A periodic axis is at least two diameters long.
-        obstacles: FixedDisc and Polyline objects, in the box.
+        obstacles: FixedDisc, Polyline and Circle objects, in the box.
         emitters: Emitter objects, which add discs while the scene runs.
         absorbing: edges, of "left", "right", "bottom", "top", at which discs leave for good.
         piston: one wall that moves.
@@ -470,6 +470,7 @@ class Scene(ReadOnly):
         height: float | None = None,
         boundary: BoundaryName | Sequence[BoundaryName] = "walls",
         obstacles: Sequence[Obstacle] | Obstacle = (),
+        inside: Sequence[float] | Obstacle | None = None,
         **others: Any,
     ) -> Scene:
         """Discs at random places without overlap, with thermal velocities.
@@ -486,6 +487,8 @@ class Scene(ReadOnly):
             packing: packing fraction, from which the side of a square box follows, 0 < packing <= 0.8.
             width, height: the box, instead of packing.
             boundary, obstacles: as for Scene. Discs do not overlap obstacles, whose area packing ignores.
+            inside: part of the box for the discs: (x_low, y_low, x_high, y_high) of their centres, or a Circle
+                or a closed Polyline around them.
             others: further arguments of Scene, such as gravity or duration.
 
         Positions come from random sequential addition up to packing 0.4. Denser scenes start from a hexagonal lattice
@@ -513,16 +516,45 @@ class Scene(ReadOnly):
         starts.demand_random_packing(packing)
         solid = check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
-        if isinstance(radius, float) and all(kind.has_walls for kind in kinds_of(edges)) and not solid:
-            position = placement.random_places(count, width, height, radius, rng)
-        else:
-            radii, wraps, capsules = np.broadcast_to(radius, count), wraps_of(edges), capsules_of(solid, 0.0)
-            position = placement.random_polydisperse(radii, width, height, rng, wraps, capsules)
+        taken, region = starts.Taken(solid_of(solid)), None
+        if inside is not None:
+            region = starts.check_region("inside", inside)
+        position = starts.random_places(radius, count, (width, height), region, taken, rng, wraps_of(edges))
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": solid, **others}
         made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)
         kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature, **box}
-        return made._redraw_with(functools.partial(_drawn_again, cls.random, kind, seed))
+        return made._redraw_with(functools.partial(_drawn_again, cls.random, kind | {"inside": inside}, seed))
+
+    @classmethod
+    def groups(
+        cls,
+        groups: Iterable[Mapping[str, Any]],
+        *,
+        packing: float | None = None,
+        width: float | None = None,
+        height: float | None = None,
+        **others: Any,
+    ) -> Scene:
+        """Groups of discs, each placed by its own rule, one after the other: what `[[discs]]` are in a scene file.
+
+        Args:
+            groups: of each the keys of a `[[discs]]` table with their values, such as places, count, radius, mass,
+                temperature, seed; region may also be a Circle or a closed Polyline.
+            packing: packing fraction, from which the side of a square box follows, > 0.
+            width, height: the box, instead of packing.
+            others: further arguments of Scene, such as gravity or obstacles.
+
+        Raises:
+            InputError: naming all that is wrong, by group and key.
+
+        >>> large = {"position": [[3, 3]], "radius": 1.5, "mass": 20}
+        >>> small = {"places": "random", "count": 30, "radius": 0.2, "region": (0.2, 0.2, 5.8, 3.8)}
+        >>> Scene.groups([large, small], width=6, height=6, gravity=(0, -1))
+        <Scene: 31 discs of radii 0.2 to 1.5 in 6 x 6, packing 0.301, mass, gravity>
+        """
+        checks.known_arguments("Scene.groups", others, {*checks.names_of(Scene.__init__)} - {"position", "velocity"})
+        return view("scene_of_groups", groups, {"packing": packing, "width": width, "height": height}, others)
 
     @classmethod
     def lattice(
@@ -732,7 +764,8 @@ class Scene(ReadOnly):
         """The obstacles at a time, indexed for repeated queries of overlap."""
         capsules = self.capsules_at(time)
         if self._capsule_index is None:
-            self._capsule_index = CapsuleIndex(capsules, (self.width, self.height), self.periodic)
+            filled = filled_parts(self.obstacles)
+            self._capsule_index = CapsuleIndex(capsules, (self.width, self.height), self.periodic, filled)
         return self._capsule_index
 
     def _deepest(self, position: NDArray[np.float64], radius: NDArray[np.float64], time: float = 0.0) -> Deepest | None:

@@ -30,7 +30,7 @@ from mpsim.errors import InputError, OutputError, SceneFileError, reason_of
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.edges import WALLED, check_boundary, wraps_of
 from mpsim.features.feature import MOST_VALUES, Feature, chosen
-from mpsim.features.obstacles import capsules_of
+from mpsim.features.obstacles import Obstacle, solid_of
 from mpsim.scene import starts
 from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene
 from mpsim.scene.settings import Settings
@@ -197,6 +197,24 @@ def load(source: str | os.PathLike[str]) -> SceneFile:
         raise SceneFileError(label, [_TOO_DEEP]) from None
     words = {key: reader.about.get(key, "") for key in KEYS["about"]}
     return SceneFile(path.stem, scene, **words, read=(path, *reader.arrays.read), compressed=reader.compressed)
+
+
+def of_groups(groups: Any, box: dict[str, float | None], arguments: dict[str, Any]) -> Scene:
+    """The scene of `Scene.groups`: its discs are placed, and its errors named, as those of a scene file.
+
+    Raises:
+        SceneFileError: with all problems; a subclass of InputError.
+    """
+    reader = _Reader("Scene.groups", Path())
+    tables = [
+        {name: np.asarray(each) if checks.dimensions(each) > 0 else each for name, each in dict(table).items()}
+        for table in groups
+    ]
+    given = {name: value for name, value in box.items() if value is not None}
+    reader.read({"schema": SCHEMA, "discs": tables, **given})
+    one = arguments.get("obstacles", ())
+    reader.arguments = arguments | {"obstacles": (one,) if isinstance(one, Obstacle) else tuple(one)}
+    return reader.scene()
 
 
 def _find(source: Any) -> Path:
@@ -449,13 +467,9 @@ class _Reader:
             raise InputError(f"{name} must be > 0 {unit}; {name}[{bad}] is {float(numbers[bad])!r}.")
         return numbers
 
-    def _region(self, name: str, value: Any) -> starts.Region:
-        x_low, y_low, x_high, y_high = self.arrays.array(name, value, ((4,),), "(4,)").tolist()
-        if x_low > x_high or y_low > y_high:
-            raise InputError(
-                f"{name} must be [x_low, y_low, x_high, y_high], low before high; got {checks.brief(value)}."
-            )
-        return x_low, y_low, x_high, y_high
+    def _region(self, name: str, value: Any) -> starts.Region | Obstacle:
+        region = value if isinstance(value, Obstacle) else self.arrays.array(name, value, ((4,),), "(4,)")
+        return starts.check_region(name, region)
 
     # --- tables of a class
 
@@ -574,7 +588,7 @@ class _Reader:
         boundary = self._tried("boundary", check_boundary, self.arguments.get("boundary", WALLED))
         periodic = wraps_of(boundary or WALLED)
         sides = None if boundary is None else self._sides(boundary)
-        taken = Taken(capsules=capsules_of(tuple(self.arguments.get("obstacles", ())), 0.0))
+        taken = Taken(capsules=solid_of(tuple(self.arguments.get("obstacles", ()))))
         groups: list[dict[str, Any]] = []
         for index, group in enumerate(self.groups):
             path, count = f"discs[{index}]", taken.count + group.get("count", 0)
@@ -897,7 +911,7 @@ def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: 
             columns, common = dict[str, Any](), dict[str, Any]()
             for name in dict.fromkeys(name for each in some for name in chosen(each)):
                 column: list[Any] = [getattr(each, name) for each in some]
-                if many and not dataclasses.is_dataclass(column[0]):
+                if many and not _is_one(column[0]):
                     columns[name] = column
                 elif isinstance(column[0], tuple) and len(column[0]) > INLINE:
                     columns[name] = column[0]
@@ -912,10 +926,15 @@ def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: 
 
 
 def _likeness(value: Any) -> tuple[Any, ...]:
-    """What values have in common that can be in one table: their class, the keys, and values of other classes."""
+    """What values have in common that can be in one table: their class, the keys, and values of `_is_one`."""
     values = vars(value)
     keys = tuple(name for name, each in values.items() if each is not None)
-    return type(value), keys, [each for each in values.values() if dataclasses.is_dataclass(each)]
+    return type(value), keys, [each for each in values.values() if _is_one(each)]
+
+
+def _is_one(value: Any) -> bool:
+    """Whether a value is the same for all in a table: a truth value, or of another class."""
+    return isinstance(value, bool) or dataclasses.is_dataclass(value)
 
 
 def _write(parts: list[tuple[Path, Callable[[BinaryIO], object]]]) -> None:

@@ -1,5 +1,7 @@
 """Starts: lattices, random positions among discs and obstacles, thermal velocities."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,6 +14,7 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import with_images
 from mpsim.features.edges import kinds_of
+from mpsim.features.obstacles import Circle, Obstacle, Polyline, capsules_of
 from mpsim.scene import placement
 
 # --- Messages about overlaps at the start of a scene
@@ -64,30 +67,62 @@ class Taken:
     """Discs and capsules that are already in the box.
 
     Attributes:
-        capsules: those in the box, and discs as capsules of length 0, shape (K, 5) [length].
+        capsules: those in the box, and discs as capsules of length 0, shape (K, 6): of `solid_of`. The number of a
+            polygon that is solid outside is below 0.
         count: number of discs among them.
     """
 
-    capsules: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 5)))
+    capsules: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
     count: int = 0
     _new: list[NDArray[np.float64]] = field(default_factory=lambda: [])
 
     def add(self, position: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
         """Add more discs."""
-        self._new.append(np.column_stack([position, position, radius]))
+        self._new.append(np.column_stack([position, position, radius, np.zeros(len(position))]))
         self.count += len(position)
 
     def near(
         self, room: Region, size: tuple[float, float], periodic: tuple[bool, bool], reach: float
     ) -> NDArray[np.float64]:
-        """Those of `capsules`, and of their images, that reach into a region, shape (K, 5) [length]."""
+        """Those of `capsules`, and of their images, that reach into a region, shape (K, 6); polygons as a whole."""
         self.capsules = np.concatenate([self.capsules, *self._new])
         self._new = []
-        every = with_images(self.capsules, size, periodic, reach).capsule
-        (ax, ay, bx, by, radius), (x_low, y_low, x_high, y_high) = every.T, room
-        apart_x = (np.maximum(ax, bx) + radius <= x_low) | (np.minimum(ax, bx) - radius >= x_high)
-        apart_y = (np.maximum(ay, by) + radius <= y_low) | (np.minimum(ay, by) - radius >= y_high)
-        return every[~(apart_x | apart_y)]
+        every, _, shift = with_images(self.capsules, size, periodic, reach)
+        every[shift.any(axis=1), 5] = 0  # what is in the box is in no image
+        (ax, ay, bx, by, radius, polygon), (x_low, y_low, x_high, y_high) = every.T, room
+        apart_x = (np.maximum(ax, bx) + radius < x_low) | (np.minimum(ax, bx) - radius > x_high)
+        apart_y = (np.maximum(ay, by) + radius < y_low) | (np.minimum(ay, by) - radius > y_high)
+        return every[~(apart_x | apart_y) | (radius < 0) | (polygon != 0)]
+
+    def inside(self, shape: Obstacle) -> Taken:
+        """The same within a circle or a polygon."""
+        around = np.column_stack([capsules_of((shape,)), np.full(len(shape.capsules()), -1.0)])
+        if isinstance(shape, Circle):
+            around[:, 4:] = -shape.radius, 0
+        return Taken(np.concatenate([self.capsules, *self._new, around]))
+
+    def region(self, box: tuple[float, float], radius: float) -> Region | None:
+        """The rectangle in which containers leave room for discs of a radius; None without any."""
+        circles, polygon = (self.capsules[where] for where in (self.capsules[:, 4] < 0, self.capsules[:, 5] < 0))
+        if not len(circles) + len(polygon):
+            return None
+        low = [*(circles[:, :2] + circles[:, 4:5]), np.zeros(2)]
+        high = [*(circles[:, :2] - circles[:, 4:5]), np.array(box)]
+        if len(polygon):
+            low.append(polygon[:, :2].min(axis=0))
+            high.append(polygon[:, :2].max(axis=0))
+        (x_low, y_low), (x_high, y_high) = np.max(low, axis=0) + radius, np.min(high, axis=0) - radius
+        return x_low, y_low, x_high, y_high
+
+
+def check_region(name: str, value: Any) -> Region | Obstacle:
+    """Part of a box for discs: x_low, y_low, x_high, y_high of their centres, or a shape around them."""
+    if isinstance(value, Circle) or (isinstance(value, Polyline) and value.is_closed):
+        return value
+    x_low, y_low, x_high, y_high = checks.finite_array(name, value, (4,), "(4,)").tolist()
+    if x_low > x_high or y_low > y_high:
+        raise InputError(f"{name} must be [x_low, y_low, x_high, y_high], low before high; got {checks.brief(value)}.")
+    return x_low, y_low, x_high, y_high
 
 
 def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:
@@ -127,7 +162,7 @@ class Sites(NamedTuple):
     even: int
 
     @classmethod
-    def fitting(cls, kind: str, width: float, height: float, spacing: float) -> "Sites":
+    def fitting(cls, kind: str, width: float, height: float, spacing: float) -> Sites:
         """Those in a region: width along the rows, height across them [length]; none if one of these is below 0."""
         if width < 0 or height < 0:
             return cls(kind, spacing, 0, 0, 0)
@@ -180,7 +215,7 @@ def widest_spacing(kind: str, lengths: Callable[[float], tuple[float, float]], c
 
 
 def lattice_sites(
-    kind: str, region: Region, spacing: float | None = None, count: int | None = None
+    kind: str, region: Region | Obstacle, spacing: float | None = None, count: int | None = None
 ) -> NDArray[np.float64]:
     """Sites of a lattice, row by row from the lower left corner of a region, shape (K, 2) [length].
 
@@ -198,6 +233,8 @@ def lattice_sites(
     >>> lattice_sites("hexagonal", (0, 0, 2, 1), spacing=1.0, count=4).round(3).tolist()
     [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.5, 0.866]]
     """
+    if isinstance(region, Obstacle):
+        raise InputError(f"region of a lattice must be [x_low, y_low, x_high, y_high]; got {region!r}. Use 'random'.")
     width, height = region[2] - region[0], region[3] - region[1]
     if spacing is None:
         spacing = widest_spacing(kind, lambda _: (width, height), count or 1)
@@ -220,7 +257,7 @@ def random_places(
     radius: float | NDArray[np.float64],
     count: int,
     box: tuple[float, float],
-    region: Region | None,
+    region: Region | Obstacle | None,
     taken: Taken,
     rng: np.random.Generator,
     periodic: tuple[bool, bool] = (False, False),
@@ -233,7 +270,7 @@ def random_places(
         radius: of all, or of each, shape (count,) [length], > 0.
         count: number of discs, >= 0.
         box: width and height [length].
-        region: that contains the centres; None: the box.
+        region: that contains the centres, or a shape around the discs; None: the box, or what containers leave of it.
         taken: what is already in the box.
         rng: source of random numbers.
         periodic: along x and along y. A region then ends a diameter before the images of its discs.
@@ -243,9 +280,11 @@ def random_places(
     """
     demand_area("radius", radius)
     corner, (width, height), largest = np.zeros(2), box, float(np.max(radius, initial=0.0))
-    wraps = periodic
+    wraps, margin = periodic, float(np.min(radius, initial=math.inf)) if count else 0.0
+    if isinstance(region, Obstacle):
+        taken, region = taken.inside(region), None
+    region = region or taken.region(box, margin)
     if region is not None:
-        margin = float(np.min(radius, initial=math.inf)) if count else 0.0
         corner, beyond = np.array(region[:2]) - margin, np.add(region[:2], box) - 2 * largest
         width, height = np.where(periodic, np.minimum(region[2:], beyond), region[2:]) - corner + margin
         wraps = (False, False)
@@ -254,15 +293,15 @@ def random_places(
             f"radius must be at most half the room, {min(width, height) / 2:g} here; got {largest!r}. "
             "Use smaller discs."
         )
+    room = corner[0], corner[1], corner[0] + width, corner[1] + height
+    near = taken.near(room, box, (False, False) if region is None else periodic, 2 * largest)
     radii = np.broadcast_to(radius, count)
-    packing = math.pi * float((radii**2).sum()) / (width * height)
+    packing = math.pi * float((radii**2).sum()) / placement.area_of(width, height, near)
     if packing > placement.LARGEST_PACKING:
         raise InputError(
             f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
             "Use fewer or smaller discs, a larger box or region, or a lattice; a table [compressed] shrinks the box."
         )
-    room = corner[0], corner[1], corner[0] + width, corner[1] + height
-    near = taken.near(room, box, (False, False) if region is None else periodic, 2 * largest)
     if isinstance(radius, float) and not len(near) and not any(wraps):
         return placement.random_places(count, width, height, radius, rng) + corner
     near[:, :4] -= np.tile(corner, 2)

@@ -52,7 +52,10 @@ class ArrayFiles:
         Raises:
             InputError: naming the rule and the value received.
         """
-        numbers = self.content(name, value) if isinstance(value, str) else _numbers(name, value, meaning)
+        if isinstance(value, np.ndarray):
+            numbers = value
+        else:
+            numbers = self.content(name, value) if isinstance(value, str) else _numbers(name, value, meaning)
         fitting = [shape for shape in shapes if len(shape) == numbers.ndim]
         # An empty list has lost its axes: the shape of most axes is taken.
         return checks.finite_array(name, numbers, fitting[0] if fitting and numbers.size else shapes[-1], meaning)

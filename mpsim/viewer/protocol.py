@@ -38,6 +38,7 @@ from mpsim.core import checks
 from mpsim.core.state import Box
 from mpsim.engine.solvers.base import InPlace
 from mpsim.errors import InputError
+from mpsim.features.obstacles import filled_parts
 from mpsim.kernels.output import paint_places
 from mpsim.output.drawing import PAGE
 from mpsim.scene.scene import Scene
@@ -318,7 +319,8 @@ class Broadcast:
         capsules = self.scene.capsules_at(self._time)
         if capsules is not self._capsules:
             self._capsules = capsules
-            self.tell_if_new("obstacles", {"capsules": capsules})
+            filled = [[part.start, part.stop] for part in filled_parts(self.scene.obstacles)]
+            self.tell_if_new("obstacles", {"capsules": capsules, "filled": filled})
         return capsules
 
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:

@@ -34,6 +34,7 @@ HERE = [(2.0 * (k % 10) + 0.5, 2.0 * (k // 10) + 0.5) for k in range(70)]
 EXAMPLES = {
     mpsim.FixedDisc: [mpsim.FixedDisc(place, 0.25) for place in HERE],
     mpsim.Polyline: [mpsim.Polyline([(x, y), (x + 0.5, y + 0.25)], 0.25 * (x > 9)) for x, y in HERE],
+    mpsim.Circle: [*(mpsim.Circle(place, 0.25) for place in HERE), mpsim.Circle((10, 7), 10.5, inside=True)],
 }
 HOW = {"method": "grid", "dt": 1 / 32, "workers": 1}
 
@@ -126,7 +127,7 @@ def test_what_is_no_obstacle_is_refused_by_the_kinds_that_are():
         ),
         (
             "points = [[1, 1], [2, 2]]\nradius = 0.5",
-            "It is a key of FixedDisc; keys of this table: points, thickness, ",
+            "It is a key of FixedDisc or Circle; keys of this table: points, thickness, ",
         ),
         ("position = [1, 1]\nradius = 0.5\nlength = 1.0", "Did you mean 'lengths'?"),
     ],
@@ -211,3 +212,70 @@ def test_a_disc_that_is_added_in_an_image_is_refused(boundary):
     with pytest.raises(mpsim.InputError, match="one radius from every obstacle"):
         mpsim.Scene(width=20, height=20, position=[[5, 5]], velocity=[[0, 0]], radius=0.5, boundary=boundary,
                     obstacles=scene.obstacles, emitters=[mpsim.Emitter((10.2, 0.3), (0, 1), interval=1.0)])  # fmt: skip
+
+
+# --- parts of the box for discs
+
+TRIANGLE = [(4, 2), (10, 3), (6, 8), (4, 2)]
+
+
+def in_triangle(position):
+    corners = np.array(TRIANGLE)
+    along, r = corners[1:] - corners[:-1], position[:, None] - corners[:-1]
+    return (along[:, 0] * r[..., 1] - along[:, 1] * r[..., 0] > 0).all(axis=1)
+
+
+@pytest.mark.parametrize("count", [30, 130])  # one after the other at random, and by overlap removal
+@pytest.mark.parametrize("boundary", ["walls", "periodic"])
+def test_random_discs_are_outside_a_filled_polygon_or_inside_a_shape(count, boundary):
+    box = {"width": 12, "height": 10, "radius": 0.25, "seed": 1, "boundary": boundary}
+    filled, hollow = (mpsim.Polyline(TRIANGLE, 0.2, filled=filled) for filled in (True, False))
+    outside = mpsim.Scene.random(count=count, obstacles=filled, **box)
+    assert not in_triangle(outside.position).any()
+    assert count == 30 or in_triangle(mpsim.Scene.random(count=count, obstacles=hollow, **box).position).any()
+    inside = mpsim.Scene.random(count=count // 4, inside=hollow, obstacles=hollow, **box)
+    assert in_triangle(inside.position).all()
+    assert in_triangle(inside.redrawn(1).position).all()
+    circle = mpsim.Scene.random(count=count // 2, inside=mpsim.Circle((8, 5), 2.8), **box)
+    assert np.hypot(*(circle.position - (8, 5)).T).max() <= 2.55
+    region = mpsim.Scene.random(count=count // 5, inside=(1, 1, 4, 5), **box)
+    assert ((region.position >= 1) & (region.position <= (4, 5))).all()
+    assert [each.overlaps_at_start() for each in (outside, inside, circle, region)] == [""] * 4
+
+
+def test_no_disc_starts_or_is_added_in_a_filled_polygon_also_after_it_has_moved():
+    box = {"width": 12, "height": 10, "radius": 0.25, "velocity": [(0, 0)]}
+    filled = mpsim.Polyline(TRIANGLE, filled=True, motion=mpsim.Translation((0.5, 0), stop=1))
+    with pytest.raises(mpsim.InputError, match=re.escape("position[0] must lie outside obstacles[0], a Polyline")):
+        mpsim.Scene(position=[(6, 4)], obstacles=filled, **box)
+    with mpsim.Simulation(mpsim.Scene(position=[(1, 9)], obstacles=filled, **box), mpsim.Settings(dt=1 / 8)) as sim:
+        for frames, place in ((0, (4.8, 3)), (24, (10, 3.7))):
+            sim.run(frames=frames)
+            with pytest.raises(mpsim.InputError, match="must be one radius from every obstacle"):
+                sim.add(place, (0, 0))
+        sim.add((4.8, 3), (0, 0))
+    with pytest.raises(mpsim.InputError, match="filled must end with the first one"):
+        mpsim.Polyline(TRIANGLE[:3], filled=True)
+    with pytest.raises(mpsim.InputError, match=re.escape("inside must be numbers of shape (4,)")):
+        mpsim.Scene.random(count=1, width=9, height=9, radius=0.1, inside=mpsim.Polyline(TRIANGLE[:3]))
+
+
+def test_groups_are_those_of_a_scene_file(tmp_path):
+    text = """schema = 1\nwidth = 9\nheight = 6\ngravity = [0, -1]
+[[obstacles]]\ncentre = [6, 3]\nradius = 0.3
+[[discs]]\nposition = [[2, 3]]\nradius = 1.5\nmass = 20
+[[discs]]\nplaces = "random"\ncount = 20\nradius = 0.2\nregion = [4, 1, 8, 5]\ntemperature = 1.0\nseed = 3\n"""
+    (tmp_path / "groups.toml").write_text(text)
+    groups = [
+        {"position": np.array([[2, 3]]), "radius": 1.5, "mass": 20},
+        {"places": "random", "count": 20, "radius": 0.2, "region": (4, 1, 8, 5), "temperature": 1.0, "seed": 3},
+    ]
+    made = mpsim.Scene.groups(groups, width=9, height=6, gravity=(0, -1), obstacles=mpsim.Circle((6, 3), 0.3))
+    file = mpsim.Scene.load(tmp_path / "groups.toml")
+    assert made.digest() == file.digest()
+    assert made.redrawn(1).digest() == file.redrawn(1).digest() != made.digest()
+    groups[1]["region"] = mpsim.Circle((6, 3), 2)
+    assert np.hypot(*(mpsim.Scene.groups(groups, width=9, height=6).position[1:] - (6, 3)).T).max() <= 1.8
+    groups[0]["radios"], groups[1]["count"] = 1, -1
+    with pytest.raises(mpsim.errors.SceneFileError, match=r"discs\[0\].radios.*\n.*discs\[1\].count must be a whole"):
+        mpsim.Scene.groups(groups, width=9, height=6)

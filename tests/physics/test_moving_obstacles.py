@@ -1,4 +1,4 @@
-"""Obstacles that move: contacts by closed forms, orders of convergence, belts, and discs that stay in a drum."""
+"""Obstacles that move: contacts by closed forms, orders of convergence, belts, drums and other containers."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mpsim
-from mpsim import FixedDisc, Oscillation, Path, Polyline, Rotation, Translation
+from mpsim import Circle, FixedDisc, Oscillation, Path, Polyline, Rotation, Translation
 
 pytestmark = pytest.mark.plain
 
@@ -196,3 +196,104 @@ def test_the_image_of_a_rotor_beyond_a_border_hits_too():
             states.append(sim.state.velocity[0])
     assert np.hypot(*states[0]) > 0.5
     assert states[0] == pytest.approx(states[1], abs=1e-9)
+
+
+# --- containers
+
+DRUM = Circle((6, 6), 5, inside=True)
+
+
+def in_container(container, frames, position=(7, 6.5), velocity=(0.3, 1.7), **features):
+    """The state of one disc of radius 0.5 in a box of 12 x 12, by frames of a 16th."""
+    how = mpsim.Settings(dt=1 / 16, **{name: features.pop(name) for name in ("method", "contact") if name in features})
+    scene = mpsim.Scene(
+        width=12, height=12, position=[position], velocity=[velocity], radius=0.5, obstacles=container, **features
+    )
+    with mpsim.Simulation(scene, how) as sim:
+        report = sim.run(frames=frames)
+        return sim.state, report.collisions
+
+
+def angular_momentum(state):
+    (x, y), (vx, vy) = state.position[0] - 6, state.velocity[0]
+    return x * vy - y * vx
+
+
+@pytest.mark.parametrize("method", ["event", "grid"])
+@pytest.mark.parametrize("velocity", [(0.3, 1.7), (-0.8, 1.6)], ids=["across", "along the wall"])
+def test_a_circular_billiard_keeps_energy_and_angular_momentum_also_in_steps(method, velocity):
+    """Between two reflections the disc flies on a chord, always of the same length, which every frame may cut."""
+    state, _ = in_container(DRUM, 400, velocity=velocity, method=method)
+    first = 1.0 * velocity[1] - 0.5 * velocity[0]
+    assert angular_momentum(state) == pytest.approx(first, rel=1e-12)
+    assert np.hypot(*state.velocity[0]) == pytest.approx(np.hypot(*velocity), rel=1e-12)
+    turns, start = np.hypot(*velocity) * 400 / 16, np.array([1.0, 0.5])
+    unit = np.array(velocity) / np.hypot(*velocity)
+    impact, until = abs(first) / np.hypot(*velocity), np.sqrt(4.5**2 - (first / np.hypot(*velocity)) ** 2)
+    chords, rest = divmod(turns + until + start @ unit, 2 * until)
+    angle = math.atan2(unit[1], unit[0]) + math.copysign(chords * 2 * math.acos(impact / 4.5), first)
+    along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+    place = (rest - until) * along - math.copysign(impact, first) * across
+    assert np.abs(state.position[0] - 6 - place).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_a_circular_billiard_keeps_angular_momentum_over_a_hundred_thousand_reflections():
+    state, reflections = in_container(DRUM, 2_000_000, velocity=(-1.6, 3.2), method="event")
+    assert reflections > 100_000
+    assert angular_momentum(state) == pytest.approx(3.2 + 0.8, rel=1e-12)
+
+
+def test_a_container_that_turns_about_its_own_centre_is_a_belt():
+    rough = {"wall_friction": 0.5, "gravity": (0, -1)}
+    for method in ("grid", "event"):
+        turned, running = (
+            in_container(drum, 200, method=method, **rough)[0]
+            for drum in (
+                Circle((6, 6), 5, inside=True, motion=Rotation((6, 6), rate=0.4)),
+                Circle((6, 6), 5, inside=True, surface_velocity=2.0),
+            )
+        )
+        assert turned.digest() == running.digest()
+        assert turned.spin[0] > 0, "driven counter-clockwise, as a wheel inside a ring"
+    eased = in_container(Circle((6, 6), 5, inside=True, motion=Rotation((6, 6), 0.4, stop=100)), 200, **rough)[0]
+    assert eased.position == pytest.approx(in_container(DRUM, 0, **rough)[0].position, abs=9)
+    assert eased.velocity == pytest.approx(turned.velocity, abs=0.05), "the same by way of a body that moves"
+
+
+@pytest.mark.parametrize("contact", ["impact", "push", "event"])
+def test_a_container_that_moves_reflects_in_its_own_frame(contact):
+    wall = Circle((5, 3), 3, inside=True, motion=Translation((-1.0, 0.0), stop=4.5))
+    state = one_disc(wall, (4, 3), (1.0, 0.0), 3.0, contact=contact)
+    assert state.velocity[0] == pytest.approx([-3, 0], abs=1e-9)
+    if contact != "push":  # they meet where 4.5 + t = 8 - t
+        assert state.position[0] == pytest.approx([5.75 - 3 * (3 - 1.75), 3], abs=1e-9)
+
+
+def test_discs_outside_a_container_or_too_large_for_it_are_refused():
+    for container, words in (
+        (Circle((3, 6), 3, inside=True), r"position\[0\] must lie inside obstacles\[0\], Circle\(centre"),
+        (Circle((7, 6.5), 0.5, inside=True), r"radius of obstacles\[0\], a Circle with discs inside, must be above"),
+    ):
+        with pytest.raises(mpsim.InputError, match=words):
+            in_container(container, 1)
+    with pytest.raises(mpsim.InputError, match=r"must lie in the periodic box along x, in \[0, 12\]; got \[-1, 13\]"):
+        in_container(Circle((6, 6), 7, inside=True), 1, boundary=("periodic", "walls"))
+    moving = Circle((6, 6), 5, inside=True, motion=Translation((1, 0), stop=2))
+    with pytest.raises(mpsim.InputError, match=r"the motion of obstacles\[0\] must keep it in the box"):
+        in_container(moving, 1, boundary=("periodic", "walls"))
+    scene = mpsim.Scene(width=12, height=12, position=[(6, 6)], velocity=[(0, 0)], radius=0.5, obstacles=DRUM)
+    with mpsim.Simulation(scene) as sim:
+        for place in ((1.4, 6), (11.5, 11.5)):
+            with pytest.raises(mpsim.InputError, match="must be one radius from every obstacle"):
+                sim.add(place, (0, 0))
+        sim.add((1.6, 6), (0, 0))
+
+
+@pytest.mark.parametrize("count", [60, 180])  # one after the other, and by overlap removal
+def test_random_discs_are_inside_a_container(count):
+    small = Circle((8, 5), 4, inside=True)
+    scene = mpsim.Scene.random(count=count, width=20, height=10, radius=0.2, obstacles=[small, FixedDisc((8, 5), 1)])
+    away = np.hypot(*(scene.position - (8, 5)).T)
+    assert 1.2 <= away.min() <= away.max() <= 3.8
+    assert scene.overlaps_at_start() == ""

@@ -20,7 +20,18 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim import Emitter, FixedDisc, Oscillation, Piston, Polyline, Rotation, ThermalWalls, Thermostat, Translation
+from mpsim import (
+    Circle,
+    Emitter,
+    FixedDisc,
+    Oscillation,
+    Piston,
+    Polyline,
+    Rotation,
+    ThermalWalls,
+    Thermostat,
+    Translation,
+)
 from mpsim import Path as Track
 from support.scenes import lattice, split
 
@@ -206,6 +217,16 @@ SCENES: dict[str, Pinned] = {
     "periodic": Pinned({"boundary": "periodic"}, acts=_crossed(0, 1)),
     "fixed disc": Pinned({"obstacles": PEG}),
     "polyline": Pinned({"obstacles": FUNNEL}),
+    "container": Pinned({"obstacles": Circle((4.0, 3.5), 4.75, inside=True), "gravity": (0.375, -2.0)}),
+    "container that moves": Pinned(
+        {
+            "obstacles": Circle(
+                (4.0, 3.5), 4.75, inside=True, surface_velocity=2.0, motion=Rotation((4.25, 3.5), rate=2.0)
+            ),
+            **ROUGH,
+        },
+        acts=_spun,
+    ),
     "translation": Pinned({"obstacles": _moved(Translation((-2.0, -1.0), stop=0.75))}),
     "oscillation": Pinned({"obstacles": _moved(Oscillation((0.125, 0.5), period=0.375, phase=1.0, start=0.125))}),
     "rotation": Pinned({"obstacles": _moved(Rotation((6.9, 5.9), rate=-5.0, stop=4.0))}),
@@ -315,6 +336,7 @@ EXACT = {
     "bare", "giants", "periodic", "periodic y", "everything exact", "stream exact", "thermostat", "thermal walls",
     "absorbing left", "absorbing right", "absorbing top", "piston left", "piston right", "piston bottom",
     "law reflect", "acceleration", "unguarded", "everything", "everything rough", "moving, everything",
+    "container", "container that moves",
 }  # fmt: skip
 """Scenes that `event` refuses or plays by code, or with ends, that the two exact ones of many features lack."""
 

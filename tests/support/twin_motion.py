@@ -21,6 +21,8 @@ def segments_of(scene: mpsim.Scene) -> np.ndarray:
     for obstacle in scene.obstacles:
         if isinstance(obstacle, mpsim.FixedDisc):
             found.append([*obstacle.position, *obstacle.position, obstacle.radius])
+        elif isinstance(obstacle, mpsim.Circle):
+            found.append([*obstacle.centre, *obstacle.centre, obstacle.radius * (-1 if obstacle.inside else 1)])
         else:
             assert isinstance(obstacle, mpsim.Polyline), f"the twin does not know a {type(obstacle).__name__}"
             ends = zip(obstacle.points[:-1], obstacle.points[1:], strict=True)
@@ -59,7 +61,8 @@ def cells_of(capsules: np.ndarray, scene: mpsim.Scene) -> np.ndarray:
     cell = [length / number for length, number in zip(size, found.shape, strict=True)]
     for place in np.ndindex(found.shape):
         middle = np.array([(index + 0.5) * length for index, length in zip(place, cell, strict=True)])
-        apart = [np.hypot(*Motion.from_segment(middle, each[:2], each[2:4])[0]) - each[4] for each in capsules]
+        away = [np.hypot(*Motion.from_segment(middle, each[:2], each[2:4])[0]) for each in capsules]
+        apart = [(own if each[4] >= 0 else -own) - each[4] for own, each in zip(away, capsules, strict=True)]
         within = reach + math.hypot(*cell) / 2 * 1.001
         found[place] = [index for index, distance in enumerate(apart) if distance <= within]
     return found
@@ -327,6 +330,8 @@ class Motion:
         a, b = capsule[:2], capsule[2:4]
         r, end = self.from_segment(self.p[i], a, b)
         reach = self.surface(i) + capsule[4]
+        if capsule[4] < 0:
+            return self.meet_wall_around(i, a, -reach)
         if not _dot(r, r) < reach * reach:
             return False
         if end is not None and any(_dot(r, arm) > 0 for arm in arms[end][1:]):
@@ -348,6 +353,32 @@ class Motion:
         self.v[i] += change * n
         self.p[i] += way * n
         self.rub(i, n, change, time)
+        return True
+
+    def meet_wall_around(self, i: int, centre: Any, room: Any) -> bool:
+        """Back inside a circle, from where it was crossed as long as that was in this step: at most seven times."""
+        for bounce in range(8):
+            r, v = (self.p[i] - centre).astype(np.float64), self.v[i].astype(np.float64)
+            outside, outward = _dot(r, r) - room * room, _dot(r, v)
+            if not outside > 0:
+                return bounce > 0
+            n = -r / np.sqrt(_dot(r, r))
+            if self.impact and outward > 0 and bounce < 7:
+                since = outside / (outward + np.sqrt(max(outward * outward - _dot(v, v) * outside, 0.0)))
+                if since <= self.dt:
+                    n = v * since - r
+                    n = n / np.sqrt(_dot(n, n))
+                pull = [self.pull(i, axis) for axis in range(2)]
+                depth = -room - _dot(r, n)
+                way, inward, time = self.bounced(depth, max(-_dot(v, n), self.real(0)), -_dot(pull, n))
+                way, change = way + depth, max(inward - _dot(v, n), self.real(0))
+            else:
+                along, time = _dot(v, n), 0.0
+                way = -room + np.sqrt(_dot(r, r))
+                change = -(1.0 + np.float64(self.wall_restitution)) * along if along < 0 else self.real(0)
+            self.v[i] += change * n
+            self.p[i] += way * n
+            self.rub(i, n, change, time)
         return True
 
     @staticmethod

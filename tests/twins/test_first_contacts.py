@@ -1,5 +1,6 @@
 """The first contact of a disc with an obstacle that moves, against a search in small steps of time."""
 
+import dataclasses
 import math
 from types import SimpleNamespace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 import mpsim
-from mpsim import FixedDisc, Oscillation, Path, Polyline, Rotation, Translation
+from mpsim import Circle, FixedDisc, Oscillation, Path, Polyline, Rotation, Translation
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels.events.features.bodies import time_to_body
 from mpsim.kernels.features.bodies import Bodies
@@ -59,7 +60,8 @@ def gaps(motion, capsules, start, velocity, gravity, times):
     for ax, ay, bx, by, thick in capsules:
         along = np.array([bx - ax, by - ay])
         part = np.clip((seen - (ax, ay)) @ along / max(along @ along, 1e-300), 0, 1)
-        best = np.minimum(best, np.hypot(*(seen - (ax, ay) - part[:, None] * along).T) - thick - RADIUS)
+        away = np.hypot(*(seen - (ax, ay) - part[:, None] * along).T)
+        best = np.minimum(best, (away if thick >= 0 else -away) - thick - RADIUS)
     return best
 
 
@@ -67,12 +69,11 @@ def compare(number, seed):
     """Compare so many random cases; returns the number of contacts among them."""
     rng, contacts = np.random.default_rng(seed), 0
     shapes = [Polyline([(5, 6), (7, 6)], 0.2), Polyline([(5, 5.5), (6, 6.5), (7, 5.5)]), FixedDisc((6, 6.2), 0.4)]
+    shapes.append(Circle((6, 5.8), 4, inside=True))
     box = SimpleNamespace(width=SIDE, height=SIDE)
     while number > 0:
         for motion in motions(rng):
-            shape = shapes[rng.integers(3)]
-            kind = Polyline if isinstance(shape, Polyline) else FixedDisc
-            shape = kind(**{**vars(shape), "motion": motion})
+            shape = dataclasses.replace(shapes[rng.integers(len(shapes))], motion=motion)
             scene = mpsim.Scene(width=SIDE, height=SIDE, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)),
                                 radius=RADIUS, obstacles=shape)  # fmt: skip
             bodies = Bodies(**OBSTACLES.bodies(scene, margin=2 * RADIUS))

@@ -277,7 +277,8 @@ def _capsules(scene: Scene, cells: tuple[int, int]) -> CellCapsules:
     """The scene's capsules, listed by cells."""
     arrays = OBSTACLES.arrays(scene)
     lists, shift = lists_of_cells(arrays["capsule"], (scene.width, scene.height), scene.largest_radius, cells)
-    return CellCapsules(arrays["capsule"], lists.near, lists.listed, int(lists.grid[1]), shift, arrays.get("along"))
+    optional = arrays.get("along"), arrays.get("around")
+    return CellCapsules(arrays["capsule"], lists.near, lists.listed, int(lists.grid[1]), shift, *optional)
 
 
 # --- Snapshots of the exact solver: their content, and checks of it

@@ -131,14 +131,17 @@ def time_to_come_down(height, speed, acceleration):
 
 @inlined
 def excess(t, rx, ry, vx, vy, gx, gy, contact):
-    """Half of |.|^2 - contact^2 of the point r + v t + g t^2/2, and its first and second derivative."""
+    """Half of |.|^2 - contact^2 of the point r + v t + g t^2/2, and its first and second derivative.
+
+    With the other sign, as seen from inside the circle, for a contact < 0.
+    """
     px, py = rx + t * (vx + 0.5 * t * gx), ry + t * (vy + 0.5 * t * gy)
     ux, uy = vx + t * gx, vy + t * gy
-    distance = math.sqrt(px * px + py * py)
+    distance, side = math.sqrt(px * px + py * py), math.copysign(1.0, contact)
     return (
-        0.5 * (distance - contact) * (distance + contact),
-        px * ux + py * uy,
-        ux * ux + uy * uy + px * gx + py * gy,
+        side * (0.5 * (distance - contact) * (distance + contact)),
+        side * (px * ux + py * uy),
+        side * (ux * ux + uy * uy + px * gx + py * gy),
     )
 
 
@@ -191,7 +194,7 @@ def time_to_circle(rx, ry, vx, vy, gx, gy, contact, ax, ay, within):
 
     r, v, g: place, velocity, acceleration. contact: radius of the circle [length]. a: only the part of the
     circle counts that does not lie ahead in this direction; (0, 0): all. A point that is inside by rounding enters when
-    it begins to approach.
+    it begins to approach. For a contact < 0 it leaves the circle of that radius from inside.
     """
     slack = 1e-9 * contact * math.sqrt(ax * ax + ay * ay)
     first_bend, second_bend = bends(rx, ry, vx, vy, gx, gy)

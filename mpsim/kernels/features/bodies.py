@@ -232,6 +232,8 @@ def touch_at(body, bodies, k, radius, x, y, time, pose):
     if end >= 0:
         nx, ny = normal_at_corner(nx, ny, end, bodies)
     thick = bodies.capsule[k, 4]
+    if thick < 0.0:
+        nx, ny = -nx, -ny
     across = rx * nx + ry * ny
     at_x, at_y = out_of_frame(body, pose, frame_x - (across - thick) * nx, frame_y - (across - thick) * ny)
     wx, wy = velocity_at(body, bodies.knots, time, at_x, at_y)
@@ -272,7 +274,8 @@ def resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features,
     frame_x, frame_y = into_frame(body, pose, x, y)
     rx, ry, end = nearest_offset(frame_x, frame_y, bodies.capsule, k)
     reach = radius + bodies.capsule[k, 4]
-    if not rx * rx + ry * ry < reach * reach:
+    apart = rx * rx + ry * ry < reach * reach if reach < 0.0 else not rx * rx + ry * ry < reach * reach
+    if apart:
         return False
     if end >= 0 and is_behind_surface(rx, ry, end, bodies):
         return False

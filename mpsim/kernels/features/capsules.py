@@ -6,6 +6,9 @@ every worker can process its own slice. A separate grid tells which capsules are
 Capsules that share an end, or have one on another, form one surface, which a disc meets where its distance from the
 chain has a local minimum: across a segment, or at a corner that is ahead along none of the segments there. Other ends
 lie behind the surface, and an impulse from one would stop discs that slide past.
+
+A capsule of length 0 with a radius below 0 is a container: a circle that is solid outside. The sum of its radius and
+that of a disc is then below 0, too: minus the distance from its centre at which they touch.
 """
 
 import math
@@ -31,6 +34,7 @@ class Capsules(NamedTuple):
     index: numbers of capsules. grid: columns and rows, shape (2,).
     per_length: columns per length along x and rows per length along y, shape (2,) [1/length].
     along: speed of the surface of each along itself, shape (K,) [length/time]; None: all are at rest.
+    around: whether each is a container, shape (K,); None: there is none.
     """
 
     capsule: Any
@@ -40,6 +44,7 @@ class Capsules(NamedTuple):
     grid: Any
     per_length: Any
     along: Any
+    around: Any
 
 
 FIELDS = {"capsules": Capsules}
@@ -135,7 +140,7 @@ def normal_at_corner(nx, ny, end, capsules):
 def surface_speed(along, capsule, k, nx, ny):
     """Speed of the surface of capsule k along (-ny, nx), where its outer normal is n; None if surfaces are at rest.
 
-    `along` is from a to b on both sides of a segment, and counter-clockwise around a disc.
+    `along` is from a to b on both sides of a segment, counter-clockwise around a disc, and clockwise in a container.
     """
     if along is None:
         return None
@@ -145,12 +150,22 @@ def surface_speed(along, capsule, k, nx, ny):
 
 
 @inlined
+def is_container(around, k):
+    """Whether capsule k is a circle around the discs."""
+    if around is None:
+        return False
+    return around[k]
+
+
+@inlined
 def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters, impact):
     """Contact of the disc in slot i with capsule k, if they overlap: by impact, or pushed out to its surface.
 
     Impact treats the side of a segment, and the tangent plane at an end, as a wall: `bounce_back` keeps the energy of
     accelerated discs, and lets a disc rest.
     """
+    if is_container(capsules.around, k):
+        return resolve_container(discs, i, k, capsules, radius, ax, ay, features, parameters, impact)
     offset_x, offset_y, end = nearest_offset(discs.x[i], discs.y[i], capsules.capsule, k)
     reach = radius + capsules.capsule[k, 4]
     if not offset_x * offset_x + offset_y * offset_y < reach * reach:
@@ -162,17 +177,57 @@ def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters,
     squared = rx * rx + ry * ry
     distance = np.sqrt(squared)
     nx, ny = normal_of(rx, ry, distance, capsules.capsule, k)
-    if impact and rx * vx + ry * vy < 0:
+    approaches = impact and rx * vx + ry * vy < 0
+    if approaches:
         if end >= 0:
             nx, ny = normal_at_touch(rx, ry, squared, reach, vx, vy, parameters.dt)
             nx, ny = normal_at_corner(nx, ny, end, capsules)
-        depth, speed = reach - (rx * nx + ry * ny), -(vx * nx + vy * ny)
+        distance = rx * nx + ry * ny
+    leave_surface(discs, i, k, nx, ny, reach - distance, approaches, capsules, ax, ay, features, parameters)
+    return True
+
+
+MOST_BOUNCES = 8
+"""Contacts with a container in one step: of discs that run along it there are several."""
+
+
+@inlined
+def resolve_container(discs, i, k, capsules, radius, ax, ay, features, parameters, impact):
+    """Contact of the disc in slot i with container k, as `resolve_capsule`, until it is inside."""
+    reach, dt, met = radius + capsules.capsule[k, 4], parameters.dt, False
+    for bounce in range(MOST_BOUNCES):
+        rx, ry = np.float64(discs.x[i] - capsules.capsule[k, 0]), np.float64(discs.y[i] - capsules.capsule[k, 1])
+        vx, vy = np.float64(discs.vx[i]), np.float64(discs.vy[i])
+        squared = rx * rx + ry * ry
+        if not squared > reach * reach:
+            break
+        met, distance = True, -np.sqrt(squared)
+        nx, ny, outward = rx / distance, ry / distance, rx * vx + ry * vy
+        approaches = impact and outward > 0 and bounce < MOST_BOUNCES - 1
+        if approaches:
+            gap = squared - reach * reach
+            time = gap / (outward + np.sqrt(max(outward * outward - (vx * vx + vy * vy) * gap, 0.0)))
+            if time <= dt:  # since it crossed the circle
+                nx, ny = vx * time - rx, vy * time - ry
+                length = math.sqrt(nx * nx + ny * ny)
+                nx, ny = nx / length, ny / length
+            distance = rx * nx + ry * ny
+        leave_surface(discs, i, k, nx, ny, reach - distance, approaches, capsules, ax, ay, features, parameters)
+    return met
+
+
+@inlined
+def leave_surface(discs, i, k, nx, ny, depth, approaches, capsules, ax, ay, features, parameters):
+    """New place and velocity of a disc `depth` in capsule k, along n from there: by `bounce_back` if it approaches."""
+    vx, vy = np.float64(discs.vx[i]), np.float64(discs.vy[i])
+    if approaches:
+        speed = -(vx * nx + vy * ny)
         displacement, inward, time = bounce_back(depth, max(speed, 0.0), -(ax * nx + ay * ny), parameters)
         displacement, change = displacement + depth, max(inward + speed, 0.0)
     else:
         along = vx * nx + vy * ny
         back = 1.0 + np.float64(parameters.wall_restitution)
-        displacement, change = reach - distance, -back * along if along < 0 else 0.0
+        displacement, change = depth, -back * along if along < 0 else 0.0
         time = 0.0
     discs.vx[i] += change * nx
     discs.vy[i] += change * ny
@@ -180,7 +235,6 @@ def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters,
     discs.y[i] += displacement * ny
     surface = surface_speed(capsules.along, capsules.capsule, k, nx, ny)
     on_capsule(discs, i, k, nx, ny, change, time, surface, features, parameters)
-    return True
 
 
 @linked

@@ -28,6 +28,7 @@ export function take(message) {
     requestDraw();
   } else if (message.type === "obstacles") {
     state.obstacles = message.capsules;
+    state.filled = message.filled;
     requestDraw();
   } else if (message.type === "status") {
     state.status = message;

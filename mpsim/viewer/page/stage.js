@@ -113,10 +113,24 @@ export function drawGround(canvas, picture, ratio) {
       for (const dy of shifts(scene.periodic[1], scene.height)) {
         c.lineWidth = Math.max(2 * radius * camera.scale, 1.5 * ratio);
         c.beginPath();
+        if (radius < 0) {  // a container, solid around its circle
+          if (dx || dy) continue;
+          c.rect(left, top, right - left, bottom - top);
+          c.arc(...camera.pixel(ax, ay), -radius * camera.scale, 0, 2 * Math.PI);
+          c.fillStyle = scene.theme.solid;
+          c.fill("evenodd");
+          continue;
+        }
         c.moveTo(...camera.pixel(ax + dx, ay + dy));
         c.lineTo(...camera.pixel(bx + dx, by + dy));
         c.stroke();
       }
+  c.fillStyle = scene.theme.solid;
+  for (const [first, last] of state.filled) {
+    c.beginPath();
+    state.obstacles.slice(first, last).forEach(([x, y], k) => (k ? c.lineTo(...camera.pixel(x, y)) : c.moveTo(...camera.pixel(x, y))));
+    c.fill();
+  }
   c.restore();
   c.lineWidth = 2 * ratio;
   c.strokeStyle = "#16191d";

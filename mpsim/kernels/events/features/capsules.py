@@ -1,8 +1,8 @@
 """Obstacles: segments with a radius that never move, met where a disc's centre comes within the sum of both radii.
 
-That is, two straight sides and a circle around each end. Impacts on them are predicted only up to the border of the
-disc's cell, whose list names those near it; the next cell has its own list. `side` of such an event is FIRST_CAPSULE +
-its row.
+That is, two straight sides and a circle around each end; of a container, a circle from inside. Impacts on them are
+predicted only up to the border of the disc's cell, whose list names those near it; the next cell has its own list.
+`side` of such an event is FIRST_CAPSULE + its row.
 """
 
 import math
@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.features.properties import component, radius_of
-from mpsim.kernels.events.flight import INFINITY, time_to_circle, time_to_come_down, time_to_impact
+from mpsim.kernels.events.flight import INFINITY, approach_of, time_to_circle, time_to_come_down, time_to_impact
 from mpsim.kernels.events.records import FIRST_CAPSULE
-from mpsim.kernels.features.capsules import surface_speed
+from mpsim.kernels.features.capsules import is_container, surface_speed
 
 
 class CellCapsules(NamedTuple):
@@ -22,6 +22,7 @@ class CellCapsules(NamedTuple):
     near: where the list of each square of cells begins in `listed`, column by column. listed: rows of `capsule`.
     rows: of squares. shift: squares are 2^shift cells wide.
     along: speed of the surface of each along itself, shape (K,) [length/time]; None: all are at rest.
+    around: whether each is a container, shape (K,); None: there is none.
     """
 
     capsule: Any
@@ -30,6 +31,7 @@ class CellCapsules(NamedTuple):
     rows: Any
     shift: Any
     along: Any
+    around: Any
 
 
 FIELDS = {"capsules": None}
@@ -74,6 +76,18 @@ def time_to_end(rx, ry, vx, vy, contact, ax, ay, within, gravity):
     return INFINITY
 
 
+@inlined
+def time_to_container(rx, ry, vx, vy, contact, within, gravity):
+    """Time until a centre, r from that of a container, comes to a distance -contact from it from inside."""
+    if gravity is not None:
+        return time_to_circle(rx, ry, vx, vy, gravity[0], gravity[1], contact, 0.0, 0.0, within)
+    b, gap, discriminant = approach_of(rx, ry, vx, vy, contact)
+    root, square = math.sqrt(max(discriminant, 0.0)), vx * vx + vy * vy
+    if b > 0.0:
+        return max(-gap, 0.0) / (root + b)
+    return (root - b) / square if square > 0.0 else INFINITY
+
+
 @linked
 def time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, gravity):
     """Time until a centre that moves at most `travel` comes within `reach` of segment k; infinity after `within`."""
@@ -83,6 +97,9 @@ def time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, gravity):
     length = math.sqrt(along_x * along_x + along_y * along_y)
     far = reach + travel
     best = INFINITY
+    if is_container(capsules.around, k):
+        best = time_to_container(rx, ry, vx, vy, reach, within, gravity)
+        return best if best <= within else INFINITY
     if length > 0.0:
         ux, uy = along_x / length, along_y / length
         height = ry * ux - rx * uy
@@ -149,6 +166,8 @@ def surface(capsules, i, side, store, box, features):
     k = side - FIRST_CAPSULE
     rx, ry = nearest_offset(disc.position[0], disc.position[1], capsules.capsule, k)
     distance = math.sqrt(rx * rx + ry * ry)
+    if is_container(capsules.around, k):
+        distance = -distance
     depth = radius_of(i, box, features) + capsules.capsule[k, 4] - distance
     nx, ny = rx / distance, ry / distance
     running = 0.0
