@@ -20,7 +20,7 @@ from PIL import Image
 from rich.console import Console
 
 import mpsim
-from mpsim.output.animation import Picture, pictures_until
+from mpsim.output.animation import Picture
 from mpsim.output.drawing import LIGHT, STYLE, ColourScale, percentile_scale, sampled, speeds_of
 from mpsim.scene.scene import frames_between_pictures, settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
@@ -73,7 +73,7 @@ def show(found: SceneFile, folder: Path) -> None:
     every = frames_between(found, settings)
     number = PICTURES
     if scene.duration:
-        number = min(number, pictures_until(scene.duration, every, settings))
+        number = min(number, int(scene.duration / (every * settings.dt) + 1e-9) + 1)
     still = number - 1 if found.name in WHOLE else round(STILLS.get(found.name, 0.67) * number)
     promise, mark = promise_of(found.name, scene, settings), MARKS.get(found.name)
     scale = scale_of_run(found, number, every)

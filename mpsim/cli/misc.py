@@ -1,4 +1,4 @@
-"""Small commands: scenes, show, plot, animate, bench, warmup, completion, clean."""
+"""Small commands: scenes, show, plot, animate, warmup, clean."""
 
 import dataclasses
 import textwrap
@@ -12,91 +12,17 @@ import numpy as np
 from mpsim.cli import terminal
 from mpsim.cli.run import MEASURES, RunFolder
 from mpsim.cli.terminal import complete_scene
-from mpsim.core.machine import usable_cores
 from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.workers import shared
-from mpsim.errors import InputError, MpsimError
+from mpsim.errors import InputError
 from mpsim.features import FEATURES, NUMBERS
 from mpsim.kernels.compiling import compiled_kernels
 from mpsim.scene import scenefile
-from mpsim.scene.scene import Scene
 from mpsim.scene.scenefile import SceneFile
-from mpsim.scene.settings import LAWS, PRECISIONS, Law, Precision, Settings
+from mpsim.scene.settings import Settings
 
-# --- `mpsim bench`, `mpsim warmup` and `mpsim completion`: benchmarks and setup on this machine
-
-REPORT_SECONDS = {"naive": 1.651e-3, "grid": 0.133e-3, "parallel": 3.898e-3}
-"""Mean frame times of the term-project report, 100 discs, 500 frames [s]; its parallel version used threads."""
-
-BENCH_EXAMPLES = """\b
-Examples:
-  mpsim bench                          a few seconds
-  mpsim bench --count 3000 --workers 4 --json
-All of it, with pictures: python scripts/run_bench.py in a checkout.
-"""
-
-
-@click.command(epilog=BENCH_EXAMPLES, short_help="Measure how fast mpsim is here.")
-@click.option(
-    "--count",
-    type=terminal.Whole(1, 3000),
-    default=100,
-    show_default=True,
-    help="Number of discs; limited, as one method tests all pairs.",
-)
-@click.option("--frames", type=terminal.Whole(1, 100_000), default=500, show_default=True)
-@click.option(
-    "--workers",
-    type=terminal.Whole(1, terminal.MOST_WORKERS),
-    help="Workers of the method parallel; default: one per core.",
-)
-@click.option("--law", type=terminal.OneOf(LAWS), default="elastic", show_default=True)
-@click.option(
-    "--precision",
-    type=terminal.OneOf(PRECISIONS),
-    default="float32",
-    show_default=True,
-    help="The report used float32.",
-)
-@terminal.json_option
-@terminal.quiet_option
-def bench(
-    count: int, frames: int, workers: int | None, law: Law, precision: Precision, as_json: bool, quiet: bool
-) -> None:
-    """Repeat the first experiment of the term-project report: time each method on the same gas.
-
-    The results are checked in the same run. Times do not include compilation.
-    """
-    scene = Scene.random(count=count, packing=0.4, radius=0.5, temperature=1.0, seed=1)
-    settings = Settings(dt=0.01, law=law, contact="push", precision=precision, workers=workers)
-    rows: list[dict[str, Any]] = []
-    with terminal.progress(quiet) as progress:
-        for method, report_seconds in REPORT_SECONDS.items():
-            chosen = dataclasses.replace(settings, method=method)
-            with Simulation(scene, chosen) as sim:
-                sim.run(frames=50)
-            with Simulation(scene, chosen) as sim:
-                report, digest = sim.run(frames=frames), sim.digest()
-            row: dict[str, Any] = {"method": method, "workers": report.workers}
-            row |= {"median_seconds": float(np.median(report.frame_seconds))}
-            row |= {"mean_seconds": float(np.mean(report.frame_seconds))}
-            rows.append({**row, "report_seconds": report_seconds if count == 100 else None, "digest": digest})
-            if progress is not None:
-                progress(len(rows), len(REPORT_SECONDS), method)
-    bits = {row["method"]: row["digest"] for row in rows}
-    if bits["grid"] != bits["parallel"]:
-        raise MpsimError(f"grid and parallel must have equal digests; got {bits['grid']}, {bits['parallel']}.")
-    if as_json:
-        click.echo(json_text({"discs": count, "frames": frames, "cores": usable_cores(), "methods": rows}))
-        return
-    click.echo(f"{count} discs, {frames} frames, packing 0.4, {precision}, on {usable_cores()} cores:")
-    for row in rows:
-        ours = f"median {row['median_seconds'] * 1e6:8.1f} us a frame, mean {row['mean_seconds'] * 1e6:8.1f} us"
-        report = f" (in the report: {row['report_seconds'] * 1e6:.0f} us)" if row["report_seconds"] else ""
-        click.echo(f"  {row['method']:8} {row['workers']:2} worker{'s' * (row['workers'] > 1):1} {ours}{report}")
-    click.echo(f"grid and parallel gave the same bits: {bits['grid']}")
-
+# --- `mpsim warmup` and `mpsim clean`: compiles ahead; removes shared memory left by killed programs
 
 WARMUP_EXAMPLES = """\b
 Examples:
@@ -134,35 +60,12 @@ def warmup(scenes: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) 
         click.echo(f"{row['scene']:12} {row['seconds']:6.1f} s, {row['kernels']} kernels compiled or loaded")
 
 
-COMPLETION_EXAMPLES = """\b
-Examples:
-  mpsim completion bash >> ~/.bashrc
-  mpsim completion zsh >> ~/.zshrc
-  mpsim completion fish > ~/.config/fish/completions/mpsim.fish
-"""
-
-
-@click.command(epilog=COMPLETION_EXAMPLES, short_help="Print the completion script of a shell.")
-@click.argument("shell", type=terminal.OneOf(["bash", "zsh", "fish"]))
-def completion(shell: str) -> None:
-    """Print a script with which SHELL completes commands, options and scenes of mpsim."""
-    from click.shell_completion import get_completion_class  # noqa: PLC0415 - only here
-
-    kind = get_completion_class(shell)
-    assert kind is not None  # click knows these three
-    root = click.get_current_context().find_root().command
-    click.echo(kind(root, {}, "mpsim", "_MPSIM_COMPLETE").source())
-
-
-# --- `mpsim clean`: removes shared memory left by killed programs
-
-
 @click.command(
     short_help="Remove shared memory of programs that were killed.",
     epilog="\b\nExamples:\n  mpsim clean --dry-run\n  mpsim clean",
 )
 @click.option("--dry-run", is_flag=True, help="Only list what would be removed.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON: name, size and process of each.")
+@terminal.json_option
 def clean(dry_run: bool, as_json: bool) -> None:
     """Remove shared memory of mpsim whose owner is dead, and nothing else.
 
@@ -183,7 +86,7 @@ def clean(dry_run: bool, as_json: bool) -> None:
 
 
 @click.command(epilog="\b\nExamples:\n  mpsim scenes\n  mpsim scenes --json")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON: name and title of each.")
+@terminal.json_option
 def scenes(as_json: bool) -> None:
     """List the scenes that come with mpsim."""
     titles = scenefile.titles()
@@ -199,7 +102,7 @@ def scenes(as_json: bool) -> None:
     short_help="Describe a scene.", epilog="\b\nExamples:\n  mpsim show hopper\n  mpsim show my_scene.toml --json"
 )
 @click.argument("scene", shell_complete=complete_scene)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@terminal.json_option
 def show(scene: str, as_json: bool) -> None:
     """Describe SCENE: box, discs, features, recommended settings, what to look for.
 
@@ -311,11 +214,12 @@ def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
     from mpsim.output.drawing import checked_picture, save_figure  # noqa: PLC0415 - with matplotlib, see run.py
     from mpsim.output.figures import history  # noqa: PLC0415
     from mpsim.output.recorder import read_table  # noqa: PLC0415
+    from mpsim.output.trajectory import Trajectory  # noqa: PLC0415
 
     found = RunFolder.open(folder)
     if out is not None:
         terminal.existing_refused(checked_picture(out), force)
-    table, frames = read_table(found[MEASURES]), found.frames
+    table, frames = read_table(found[MEASURES]), Trajectory(found.trajectory)
     if not len(frames) or not len(table["time"]):
         raise InputError(
             f"{str(folder)!r} holds no frame yet; got an empty trajectory. Let the run continue for a while."
@@ -330,33 +234,24 @@ ANIMATE_EXAMPLES = """\b
 Examples:
   mpsim animate gas gas.gif
   mpsim animate galton galton.gif --until 20 --fps 12
-  mpsim animate cooling cooling.gif --seconds 8 --scale log --theme dark
-  mpsim animate hopper -o hopper.mp4 --frames 300 --every 4      (needs ffmpeg or mpsim[film])
+  mpsim animate cooling cooling.gif --frames 200 --until 400 --scale log --theme dark
+  mpsim animate hopper hopper.mp4 --frames 300 --every 4      (needs ffmpeg or mpsim[film])
   mpsim animate dense passes.gif --colour parity --method parallel --workers 2
 """
 
 
 @click.command(epilog=ANIMATE_EXAMPLES, short_help="Write an animation.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.argument("out", required=False, type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
-    "--out", "-o", "out_option", type=click.Path(path_type=Path, dir_okay=False), help="Another way to give OUT."
+    "--frames", type=click.IntRange(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
 )
-@click.option(
-    "--frames", type=terminal.Whole(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
-)
-@click.option("--until", type=terminal.Positive("time"), help="Time of the last picture, in place of --frames.")
-@click.option(
-    "--seconds",
-    type=terminal.Positive("seconds"),
-    help="How long the animation lasts, in place of --frames; its pictures are spread over the time to --until or "
-    "the scene's duration.",
-)
-@click.option("--every", type=terminal.Whole(1), help="Frames of the simulation per picture; default: the scene's own.")
-@click.option("--fps", type=terminal.Whole(1, 50), default=25, show_default=True, help="Pictures per second.")
+@click.option("--until", type=terminal.POSITIVE, help="Time of the last picture.")
+@click.option("--every", type=click.IntRange(1), help="Frames of the simulation per picture; default: the scene's own.")
+@click.option("--fps", type=click.IntRange(1, 50), default=25, show_default=True, help="Pictures per second.")
 @click.option(
     "--pixels",
-    type=terminal.Whole(100, 4000),
+    type=click.IntRange(100, 4000),
     default=480,
     show_default=True,
     help="Pixels along the longer side of the box.",
@@ -364,30 +259,28 @@ Examples:
 @click.option(
     "--colour",
     "--color",
-    type=terminal.OneOf(["speed", "worker", "parity", "none"]),
+    type=click.Choice(["speed", "worker", "parity", "none"]),
     default="speed",
     show_default=True,
     help="worker: by the worker that owns the disc's column; parity: by even and odd columns.",
 )
 @click.option(
     "--scale",
-    type=terminal.OneOf(["linear", "log"]),
+    type=click.Choice(["linear", "log"]),
     default="linear",
     show_default=True,
     help="How speeds become colours; log tells slow discs apart where speeds span decades.",
 )
-@click.option("--theme", type=terminal.OneOf(["light", "dark"]), default="light", show_default=True)
+@click.option("--theme", type=click.Choice(["light", "dark"]), default="light", show_default=True)
 @terminal.settings_options
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @terminal.json_option
 @terminal.quiet_option
 def animate(
     scene: str,
-    out: Path | None,
-    out_option: Path | None,
+    out: Path,
     frames: int | None,
     until: float | None,
-    seconds: float | None,
     every: int | None,
     fps: int,
     pixels: int,
@@ -402,12 +295,11 @@ def animate(
     """Simulate SCENE and write an animation to OUT: a .gif, or an .mp4 if ffmpeg is installed."""
     from mpsim.output import animation  # noqa: PLC0415 - with matplotlib, see run.py
 
-    out = _target(out, out_option)
     terminal.existing_refused(out, force)
     animation.checked_target(out)  # before the scene is made, which may take a while
     file = scenefile.load(scene)
     settings = terminal.settings_of(file, options)
-    frames, every = animation.pictures_of(file.scene, settings, frames, every, until, seconds, fps)
+    frames, every = animation.pictures_of(file.scene, settings, frames, every, until)
     try:
         with terminal.progress(quiet) as progress:
             animation.animate(
@@ -432,11 +324,3 @@ def animate(
         )
     else:
         click.echo(f"written: {out}, {frames} pictures, {frames / fps:.3g} s, {size / 1000:.0f} kB")
-
-
-def _target(out: Path | None, out_option: Path | None) -> Path:
-    """The one of the two that was given."""
-    target = out_option or out
-    if target is None or (out and out_option):
-        raise click.UsageError("Give the file to write once, as OUT or by --out, such as gas.gif.")
-    return target

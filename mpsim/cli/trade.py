@@ -11,9 +11,8 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.cli.misc import settings_text
-from mpsim.cli.run import run
 from mpsim.core import files
-from mpsim.core.files import CSV, JSON, PARQUET, TEXT, demand_parquet
+from mpsim.core.files import CSV, JSON
 from mpsim.core.text import json_text
 from mpsim.errors import OutputError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
@@ -29,7 +28,7 @@ _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
 until_option = click.option(
     "--until",
-    type=terminal.Positive("time"),
+    type=terminal.POSITIVE,
     help="Length of a run; default: the scene's duration, or chosen by mpsim.",
 )
 
@@ -37,18 +36,18 @@ until_option = click.option(
 def replicas_option(most: int) -> Callable[..., Any]:
     """The option --replicas of a command that takes at most so many."""
     return click.option(
-        "--replicas", type=terminal.Whole(2, most), default=16, show_default=True, help="Runs per candidate."
+        "--replicas", type=click.IntRange(2, most), default=16, show_default=True, help="Runs per candidate."
     )
 
 
 starts_option = click.option(
     "--starts",
-    type=terminal.OneOf(KINDS),
+    type=click.Choice(KINDS),
     help="kind: new random starts of the same kind; same: this start, discs displaced by a thousandth of a diameter.",
 )
 contact_time_option = click.option(
     "--contact-time",
-    type=terminal.Positive("time"),
+    type=terminal.POSITIVE,
     help="Contact time of the reference, if discs come to rest; it is then a model and not exact.",
 )
 
@@ -58,8 +57,7 @@ def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for name in reversed(ERRORS):
         unit = _WORDS.get(UNITS.get(name, ""), "relative: 0.01 or 1%")
         text = f"Largest error of {name.replace('_', ' ')}, {unit}."
-        below = 1.0 if OBSERVABLES[name].error == "relative" else math.inf
-        kind = terminal.Positive("error", percent=True, below=below)
+        kind = terminal.Share(below=1.0 if OBSERVABLES[name].error == "relative" else math.inf)
         command = click.option(f"--{name.replace('_', '-')}", name, type=kind, help=text)(command)
     return command
 
@@ -78,9 +76,7 @@ Examples:
 @replicas_option(tuning.MOST_REPLICAS)
 @starts_option
 @contact_time_option
-@click.option(
-    "--seconds", type=terminal.Positive("time"), default=150.0, show_default=True, help="Approximate time limit [s]."
-)
+@click.option("--seconds", type=terminal.POSITIVE, default=150.0, show_default=True, help="Approximate time limit [s].")
 @terminal.json_option
 @terminal.quiet_option
 def tune(
@@ -110,8 +106,7 @@ def tune(
     if as_json:
         click.echo(json_text(_record(tuned)))
         return
-    text, warning = str(tuned), tuned.warning
-    click.echo(text.replace(warning, terminal.in_options(warning, run)) if warning else text)
+    click.echo(str(tuned))
     click.echo(f"to run it: {_run_command(scene, settings_for(chosen, None), tuned.settings)}")
     click.echo(f"in Python: {settings_text(tuned.settings)}")
 
@@ -156,7 +151,7 @@ Examples:
 @click.command(epilog=TRADEOFF_EXAMPLES, short_help="Measure cost and error of settings.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.option(
-    "--measure", "measures", type=terminal.OneOf(ERRORS), multiple=True, help="An error to measure; default: all."
+    "--measure", "measures", type=click.Choice(ERRORS), multiple=True, help="An error to measure; default: all."
 )
 @until_option
 @replicas_option(tradeoffs.MOST_REPLICAS)
@@ -164,7 +159,7 @@ Examples:
 @contact_time_option
 @click.option(
     "--seconds",
-    type=terminal.Positive("time"),
+    type=terminal.POSITIVE,
     default=150.0,
     show_default=True,
     help="Approximate time limit of the reference [s].",
@@ -174,7 +169,7 @@ Examples:
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write to a file: CSV if it ends in .csv or .txt, JSON in .json, Parquet in .parquet.",
+    help="Write to a file: CSV if it ends in .csv, JSON in .json.",
 )
 @click.option(
     "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Save finished runs here; continue from it."
@@ -199,11 +194,16 @@ def tradeoff(
     """Measure the cost of settings on SCENE, and their errors against the exact solver."""
     if as_csv and as_json:
         raise click.UsageError("Choose one of --csv and --json.")
-    asked = JSON if as_json else CSV if as_csv else None
     if out is not None:
-        _demand_ending(out, asked)
+        if out.suffix.lower() not in (CSV, JSON):
+            raise click.UsageError(f"--out must end in .csv or .json; got {str(out)!r}. Use {out.stem}.csv.")
         terminal.existing_refused(out, force)
-        _demand_writable(out)  # before the long work, not after
+        try:  # before the long work, not after
+            files.check_target(out)
+        except OSError as error:
+            raise OutputError(
+                f"--out must be a file that can be written; got {str(out)!r} ({error.strerror}). Choose another place."
+            ) from None
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
         how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "path": keep}
@@ -212,28 +212,6 @@ def tradeoff(
     if out is None:
         click.echo(table.to_json() if as_json else table.to_csv() if as_csv else str(table), nl=False)
         return
-    write = {JSON: table.to_json, PARQUET: table.to_parquet}.get(asked or out.suffix.lower(), table.to_csv)
-    write(out)
+    {CSV: table.to_csv, JSON: table.to_json}[out.suffix.lower()](out)
     number = len(table.rows)
     click.echo(f"{number} candidate{'s' * (number != 1)} written to {out}", err=True)
-
-
-def _demand_ending(out: Path, asked: str | None) -> None:
-    """Refuse a file whose ending is that of another format than the one asked for, or of none."""
-    known = (CSV, JSON, PARQUET, TEXT) if asked is None else (asked, TEXT)
-    if out.suffix.lower() not in known:
-        with_it = f" with --{asked[1:]}" if asked else ""
-        raise click.UsageError(
-            f"--out must end in one of {', '.join(known)}{with_it}; got {str(out)!r}. Use {out.stem}{known[0]}."
-        )
-
-
-def _demand_writable(out: Path) -> None:
-    if out.suffix.lower() == PARQUET:
-        demand_parquet()
-    try:
-        files.check_target(out)
-    except OSError as error:
-        raise OutputError(
-            f"--out must be a file that can be written; got {str(out)!r} ({error.strerror}). Choose another place."
-        ) from None

@@ -11,7 +11,7 @@ from mpsim.cli import terminal
 from mpsim.cli.run import RECORD, RunFolder
 from mpsim.errors import InputError
 from mpsim.features.edges import BOUNDARIES
-from mpsim.output.trajectory import READERS, ending_of
+from mpsim.output.trajectory import READERS
 from mpsim.scene import scenefile
 from mpsim.scene.settings import Settings
 
@@ -29,7 +29,7 @@ Examples:
   mpsim view '?scene=gas&dt=0.005&seed=3&wait'  a link from the page of another view
   mpsim view run                                the folder of a run, which may still be in progress
   mpsim view trajectory.xyz
-  mpsim view dump.lammpstrj.gz --radius 0.5     what another program left out of its file
+  mpsim view plain.xyz --box 8,6 --radius 0.5   what another program left out of its file
   mpsim view gas --port 8000 --no-browser       on a machine without a screen: ssh -L 8000:127.0.0.1:8000 there
 """
 
@@ -42,13 +42,13 @@ Examples:
     show_default=True,
     help="Address to listen on; the default accepts this machine only.",
 )
-@click.option("--port", type=terminal.Whole(0, 65535), default=0, help="Port to listen on; default: a free one.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen on; default: a free one.")
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser.")
 @click.option("--paused", is_flag=True, help="Start paused, until the page's play button is pressed.")
 @click.option("--beside", metavar="SETTINGS", help="A second stage: a method, or settings such as dt=0.001,passes=2.")
 @click.option("--box", metavar="WIDTH,HEIGHT", help="Of a file whose frames hold none; or X_LOW,X_HIGH,Y_LOW,Y_HIGH.")
-@click.option("--boundary", type=terminal.OneOf(BOUNDARIES), help="Of a file whose frames do not say it.")
-@click.option("--radius", type=terminal.Positive("length"), help="Of all discs of a file whose frames hold none.")
+@click.option("--boundary", type=click.Choice(BOUNDARIES), help="Of a file whose frames do not say it.")
+@click.option("--radius", type=terminal.POSITIVE, help="Of all discs of a file whose frames hold none.")
 @terminal.settings_options
 def view(
     scene: str,
@@ -99,7 +99,7 @@ def _is_folder(path: str) -> bool:
 
 def _is_recording(path: str) -> bool:
     """Whether a path leads to the folder of a run or the file of a trajectory."""
-    return _is_folder(path) or ending_of(path) in READERS
+    return _is_folder(path) or Path(path).suffix.lower() in READERS
 
 
 def _recording(path: str, given: dict[str, Any], options: dict[str, Any]) -> "Recording":

@@ -6,7 +6,6 @@ executed.
 
 import math
 import os
-import re
 import struct
 import zipfile
 from collections.abc import Callable
@@ -79,26 +78,14 @@ DAMAGE = (
 )
 """What reading a damaged file raises; other errors (no memory, no permission, an interrupt) are not the file's."""
 
-MOST_DIRECTORY = 2**16
-"""Largest size in bytes of the directory at the end of a file, which names its arrays: each takes about 100."""
-
-# The end of a zip file: a record of 22 bytes; in large ones behind a record of 56 bytes and its locator, of 20.
-_END, _END_64, _LOCATOR = b"PK\x05\x06", b"PK\x06\x06", b"PK\x06\x07"
+MOST_HEADER = 256
+"""Largest size in bytes of the header of an array: NumPy evaluates its text, and nested text can take all memory."""
 
 _LENGTHS_AT = 26
 """Bytes of a member's own header before the lengths of its name and of what follows that."""
 
 _ENCRYPTED = 1
 """Bit among the flags of a member of a zip file."""
-
-_LENGTH = rb"\d{1,19}"
-_HEADER = re.compile(
-    rb"\{'descr': '([<>|]?[fiubcU]\d{1,9})', 'fortran_order': (True|False), "
-    rb"'shape': \(((?:%b, ?)*(?:%b)?)\),? ?\}\s*" % (_LENGTH, _LENGTH)
-)
-"""The header of an array without objects. NumPy's reader evaluates the text, where
-9000 minus signs lead to a MemoryError."""
-
 
 REAL = "fiu"
 """dtype kinds of real numbers: floating, signed, unsigned."""
@@ -136,21 +123,13 @@ def declared(file: Any, length: int, name: str, kinds: str) -> Declared:
     """
     if np.lib.format.read_magic(file) != (1, 0):
         raise ValueError(f"{name!r} is of another version of the .npy format")
-    header = file.read(int.from_bytes(file.read(2), "little"))
-    found = _HEADER.fullmatch(header)
-    if not found:
-        raise ValueError(f"{name!r} is not a plain array; its header is {header[:80]!r}")
-    try:
-        dtype = np.dtype(found[1].decode())
-    except TypeError:
-        raise ValueError(f"{name!r} is of a type that NumPy does not know, {found[1].decode()}") from None
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(file, max_header_size=MOST_HEADER)
     if dtype.kind not in kinds:
         raise ValueError(f"{name!r} holds {dtype}")
-    shape = tuple(int(length) for length in re.findall(_LENGTH, found[3]))
     rest = length - file.tell()
-    if math.prod(shape) * dtype.itemsize != rest:
+    if math.prod(shape) * dtype.itemsize != rest or min(shape, default=0) < 0:
         raise ValueError(f"{name!r} declares shape {shape!s:.60} of {dtype}, and has {rest} bytes")
-    return Declared(dtype, shape, "F" if found[2] == b"True" else "C", rest)
+    return Declared(dtype, shape, "F" if fortran else "C", rest)
 
 
 class ArrayFile:
@@ -164,8 +143,6 @@ class ArrayFile:
     def __init__(self, file: BinaryIO):
         self._file = file
         length = os.fstat(file.fileno()).st_size
-        if _directory_bytes(file, length) > MOST_DIRECTORY:
-            raise ValueError(f"its directory is longer than {MOST_DIRECTORY:,} bytes; {MOST_ARRAYS} arrays are allowed")
         try:
             with interrupts_held_back():  # one that is half made would print an error when it is collected
                 self._zip = zipfile.ZipFile(file)
@@ -178,12 +155,10 @@ class ArrayFile:
         if len(self._members) != len(members) or len(members) > MOST_ARRAYS:
             raise ValueError(f"it holds {len(members)} arrays, or one twice; {MOST_ARRAYS} different ones are allowed")
         for member in members:
-            if member.compress_type != zipfile.ZIP_STORED or member.compress_size != member.file_size:
-                raise ValueError(f"{member.filename!r} in it is compressed, as mpsim writes none")
-            if not 0 <= member.header_offset < length:  # seeking there would be an OSError, which blames the system
-                raise ValueError(f"{member.filename!r} in it begins outside of it")
-            if member.flag_bits & _ENCRYPTED:
-                raise ValueError(f"{member.filename!r} in it is encrypted, as mpsim writes none")
+            stored = member.compress_type == zipfile.ZIP_STORED and member.compress_size == member.file_size
+            # Seeking outside would be an OSError, which blames the system.
+            if not stored or member.flag_bits & _ENCRYPTED or not 0 <= member.header_offset < length:
+                raise ValueError(f"{member.filename!r} in it is compressed, encrypted or outside, as mpsim writes none")
         # Members may overlap in a zip file: only the sum shows that no more is read than the file has.
         if sum(member.file_size for member in members) > length:
             raise ValueError("it declares more bytes than it has")
@@ -223,19 +198,3 @@ class ArrayFile:
         if begin + said.nbytes > os.fstat(self._file.fileno()).st_size:
             raise ValueError(f"{name!r} is cut off")
         return np.asarray(np.memmap(self._file, said.dtype, "r", begin, said.shape, said.order))
-
-
-def _directory_bytes(file: BinaryIO, length: int) -> int:
-    """Declared size of a zip file's directory in bytes: zipfile would read all of it at once."""
-    file.seek(max(length - 98, 0))
-    end = file.read(98)[-98:].rjust(98, b"\0")
-    file.seek(0)
-    if not end[76:].startswith(_END):
-        raise ValueError("it does not end as a file of arrays does")
-    declared = [int.from_bytes(end[88:92], "little")]
-    if end[56:].startswith(_LOCATOR):
-        where = int.from_bytes(end[64:72], "little")
-        if not end.startswith(_END_64) or where != length - 98:
-            raise ValueError("it does not end as a large file of arrays does")
-        declared = [int.from_bytes(end[40:48], "little"), *(size for size in declared if size != 2**32 - 1)]
-    return max(declared)

@@ -6,14 +6,34 @@ import math
 import numbers
 import reprlib
 from collections.abc import Callable, Iterable
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.errors import InputError, UnknownArgumentError
+from mpsim.errors import InputError, MpsimError, UnknownArgumentError
+
+Refused = TypeVar("Refused", bound=MpsimError)
 
 # --- All checks of user input: finite, dtype, shape, range. Messages: name, rule, value received, what to do
+
+
+def refusal(what: str, rule: str, got: str, instead: str = "", error: type[Refused] = InputError) -> Refused:
+    """The error to raise for something that breaks a rule. Every refusal of mpsim has these four parts.
+
+    Args:
+        what: the argument, file or call.
+        rule: what it must do or be, in words that follow "must".
+        got: what was received, in words; `brief(value)` of a value.
+        instead: what to do, a sentence.
+        error: its class.
+
+    >>> raise refusal("dt", "be a number > 0 [time]", brief(-1), "Use 0.01.")
+    Traceback (most recent call last):
+        ...
+    mpsim.InputError: dt must be a number > 0 [time]; got -1. Use 0.01.
+    """
+    return error(f"{what} must {rule}; got {got}.{instead and f' {instead}'}")
 
 
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:

@@ -256,12 +256,6 @@ COLUMNS: tuple[Column, ...] = (MASS, ACCELERATION, IMAGE, EXITS, SPIN)
 _IN_STATE = [column for column in COLUMNS if column.in_state]
 
 
-class StateColumns(TypedDict, total=False):
-    """Types of the columns that a state is made of by name, for type checkers."""
-
-    spin: NDArray[np.floating] | None
-
-
 class GivenColumns(TypedDict, total=False):
     """Types of the columns that `Simulation.add` is given by name, for type checkers."""
 

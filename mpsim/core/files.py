@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import fcntl
-import io
 import json
 import os
 import re
@@ -12,7 +11,6 @@ import socket
 import stat
 import weakref
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -21,7 +19,6 @@ import psutil
 from mpsim.core import checks
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.machine import garbage_collection_paused
-from mpsim.core.optional_packages import imported
 from mpsim.errors import InputError, OutputError
 
 # --- Opens files of unknown origin: checks kind and size before it reads the content
@@ -94,11 +91,10 @@ def json_value(path: Path, most: int) -> Any:
 
 
 class FileLock:
-    """Keeps other writers from a file, in this process and in others, until it is released or the process ends.
+    """Keeps other writers from a file or folder until it is released, is collected, or the process ends.
 
-    A lock of the system, by `flock`: it holds among those that ask for it, hinders no reader and leaves nothing behind.
-    Without a file, or on a file system without locks, nothing is locked. Forks of the process do not keep the lock:
-    worker processes that outlive a killed owner would keep the next one from the file.
+    A lock of the system, by `flock`: it holds among those that ask for it, in this process and in others, hinders no
+    reader and leaves nothing behind. Without a file, or on a file system without locks, nothing is locked.
 
     Raises:
         OutputError: if another writer has the file.
@@ -106,8 +102,7 @@ class FileLock:
 
     def __init__(self, path: Path):
         self._path = path
-        self._unlock: weakref.finalize[..., FileLock] | None = None
-        self._descriptor = -1
+        self._close: weakref.finalize[..., FileLock] | None = None
         self.renew()
 
     def renew(self) -> None:
@@ -117,15 +112,13 @@ class FileLock:
             descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe must not wait for its other end
         except OSError:
             return
-        self._unlock = weakref.finalize(self, _unlock, descriptor, os.getpid())
-        self._descriptor = descriptor
-        _held.add(self)
+        self._close = weakref.finalize(self, _unlock, descriptor, os.getpid())
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self.release()
             raise OutputError(
-                f"{str(self._path)!r} is being written by another writer, of this process or another. Frames of both "
+                f"{str(self._path)!r} is being written by another writer, of this process or another. What both write "
                 "would be lost. Close that one first, as the end of its `with` block does, or choose another file."
             ) from None
         except OSError:
@@ -133,34 +126,14 @@ class FileLock:
 
     def release(self) -> None:
         """Release the file. May be called again."""
-        _held.discard(self)
-        if self._unlock is not None:
-            self._unlock()
-
-    def leave_to_owner(self) -> None:
-        """In a fork of the process that holds the lock: close the copy of its descriptor."""
-        if self._unlock is not None and self._unlock.detach() is not None:
-            with suppress(OSError):
-                os.close(self._descriptor)
-
-
-_held: weakref.WeakSet[FileLock] = weakref.WeakSet()
-
-
-def _leave_to_owner() -> None:
-    for lock in list(_held):
-        lock.leave_to_owner()
-    _held.clear()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_leave_to_owner)
+        if self._close is not None:
+            self._close()
 
 
 def _unlock(descriptor: int, owner: int) -> None:
-    """Unlock a file, though a fork of its owner may still have the file open; in such a fork, leave it to the owner."""
+    """Unlock a file, though a fork of its owner may still have it open; in such a fork, leave the lock to the owner."""
     if os.getpid() == owner:
-        with suppress(OSError):  # there was no lock
+        with contextlib.suppress(OSError):  # there was no lock
             fcntl.flock(descriptor, fcntl.LOCK_UN)
     os.close(descriptor)
 
@@ -260,7 +233,7 @@ def check_target(path: Path) -> int | None:
 
     Raises:
         OSError: if its folder is missing or cannot be written to; if the path is a symbolic link, no regular file,
-            write-protected, or mounted.
+            or write-protected.
     """
     if not path.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
@@ -278,18 +251,7 @@ def check_target(path: Path) -> int | None:
         raise OSError(errno.EINVAL, "it is not a regular file", str(path))
     if not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, "it is protected from writing", str(path))
-    if _is_mounted(path):
-        raise OSError(
-            errno.EBUSY, "it is a mounted file, which cannot be replaced: mount its folder instead", str(path)
-        )
     return mode & 0o777
-
-
-def _is_mounted(path: Path) -> bool:
-    """Whether a file is itself a mount, as by `docker run -v FILE:FILE`."""
-    with contextlib.suppress(OSError):  # without /proc nobody knows; the renaming fails then
-        return os.path.realpath(path) in {each.mountpoint for each in psutil.disk_partitions(all=True)}
-    return False
 
 
 def _remove_leftovers(folder: Path) -> None:
@@ -317,20 +279,18 @@ def _sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-# --- Writes tables as text (CSV, JSON) or Parquet, each completely or not at all
+# --- Writes tables as text (CSV, JSON), each completely or not at all
 
-CSV, JSON, TEXT, PARQUET = ".csv", ".json", ".txt", ".parquet"
+CSV, JSON, TEXT = ".csv", ".json", ".txt"
 """Endings of the files of tables; TEXT may be CSV or JSON."""
 
-StrPath = str | os.PathLike[str]
 
-
-def written(text: str, path: StrPath | None, table: str, ending: str) -> str:
-    """A table as text, also written to `path`, if given.
+def written(text: str, path: str | os.PathLike[str] | None, table: str, ending: str) -> str:
+    """A table as text, also written to `path`, if given, whose existing file is replaced.
 
     Args:
         text: of the table.
-        path: of the file; an existing one is replaced.
+        path: of the file.
         table: what it is, such as "the table of a sweep".
         ending: of files of this format.
 
@@ -338,53 +298,21 @@ def written(text: str, path: StrPath | None, table: str, ending: str) -> str:
         InputError: if it is no path, or ends neither so nor in TEXT.
         OutputError: if it cannot be written.
     """
-    if path is not None:
-        _demand_ending(path, table, ending, TEXT)
-        _write(text.encode("utf-8", "backslashreplace"), path, table)  # a lone surrogate, as in names of files
-    return text
-
-
-def demand_parquet() -> None:
-    """Refuse to begin without what writes Parquet.
-
-    Raises:
-        OutputError: if pyarrow is not installed.
-    """
-    imported("pyarrow", "a Parquet file", "sweep", "use to_csv")
-
-
-def write_parquet(frame: Any, path: StrPath, table: str) -> None:
-    """Write a pandas.DataFrame without its index as Parquet.
-
-    Raises:
-        InputError: if it is no path, or has another ending.
-        OutputError: if pyarrow is not installed, or the file cannot be written.
-    """
-    _demand_ending(path, table, PARQUET)
-    demand_parquet()
-    content = io.BytesIO()
-    frame.to_parquet(content, engine="pyarrow", index=False)
-    _write(content.getvalue(), path, table)
-
-
-def _demand_ending(path: object, table: str, *endings: str) -> None:
-    """Refuse what is no path, or one without any of these endings, of which the first is suggested."""
+    if path is None:
+        return text
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"the path of {table} must be a str or a Path; got {checks.brief(path)}. Use 'table.csv'.")
     target = Path(os.fsdecode(path))
-    if target.suffix.lower() not in endings:
-        instead = ", or to_parquet" if target.suffix.lower() == PARQUET else ""
+    if target.suffix.lower() not in (ending, TEXT):
         raise InputError(
-            f"{table} must be a file that ends in {' or '.join(endings)} here; got {str(target)!r}. "
-            f"Use {target.stem + endings[0]!r}{instead}."
+            f"{table} must be a file that ends in {ending} or {TEXT} here; got {str(target)!r}. "
+            f"Use {target.stem + ending!r}."
         )
-
-
-def _write(content: bytes, path: StrPath, table: str) -> None:
     try:
-        write_bytes(path, content)
+        write_bytes(target, text.encode("utf-8", "backslashreplace"))  # a lone surrogate, as in names of files
     except OSError as error:
         raise OutputError(
-            f"{table} must be a file that can be written; got {os.fspath(path)!r} ({error.strerror or error}). "
+            f"{table} must be a file that can be written; got {str(target)!r} ({error.strerror or error}). "
             "Choose another place."
         ) from error
+    return text

@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from itertools import pairwise
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TypeVar
 
 import psutil
@@ -40,35 +40,26 @@ def may_start_processes() -> bool:
 def _cgroup_quotas() -> list[float]:
     """CPU quotas, in cores, of this process's cgroups of both versions and of all groups above them.
 
-    A container may see its own group mounted at the top, under the path that the host has for it.
+    A container sees its own group at the top, also where its path is that of the host, which leads nowhere.
     """
-    quotas = []
+    quotas: list[float] = []
     try:
-        groups = [line.split(":", 2) for line in _lines("/proc/self/cgroup")]
-        mounts = [line.split(" - ", 1) for line in _lines("/proc/self/mountinfo")]
+        text = Path("/proc/self/cgroup").read_text(errors="surrogateescape")
     except OSError:
         return []
-    for place, system in mounts:
-        (root, mount), (kind, *_, options) = place.split()[3:5], system.split()  # some have no source
-        for _, controllers, path in groups:
-            if kind == "cgroup2" and not controllers:
-                files = ["cpu.max"]
-            elif kind == "cgroup" and "cpu" in controllers.split(",") and "cpu" in options.split(","):
-                files = ["cpu.cfs_quota_us", "cpu.cfs_period_us"]
-            else:
-                continue
-            top, own = Path(mount), PurePath(path)
-            folder = top / (own.relative_to(root) if own.is_relative_to(root) else "")
-            for group in (folder, *folder.parents):
+    for line in text.splitlines():
+        _, controllers, path = line.split(":", 2)
+        if not controllers:
+            top, files = Path("/sys/fs/cgroup"), ["cpu.max"]
+        elif "cpu" in controllers.split(","):
+            top, files = Path("/sys/fs/cgroup/cpu"), ["cpu.cfs_quota_us", "cpu.cfs_period_us"]
+        else:
+            continue
+        own = top / path.lstrip("/")
+        for group in (own, *own.parents):
+            if group.is_relative_to(top):
                 quotas += _quota(*(group / file for file in files))
-                if group == top:
-                    break
     return quotas
-
-
-def _lines(file: str) -> list[str]:
-    """Lines of a file of the system, in which paths may have any bytes."""
-    return Path(file).read_text(errors="surrogateescape").split("\n")[:-1]
 
 
 def _quota(*files: Path) -> list[float]:

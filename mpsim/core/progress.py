@@ -4,6 +4,7 @@ On a terminal and in a notebook it is a line that is rewritten; elsewhere, as in
 """
 
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -22,12 +23,6 @@ OFTEN, SPARSE = 0.1, 10.0
 
 BAR = 20
 """Characters of the bar."""
-
-WIDTH = 100
-"""Columns of a notebook, and of a terminal whose width is unknown."""
-
-ERASE = "\x1b[K"
-"""Erases a line of a terminal from the cursor on."""
 
 
 def checked_progress(progress: Any, call: str) -> Any:
@@ -63,26 +58,24 @@ def shown(progress: bool | Show | None, *, last: bool = True) -> Iterator[Show]:
     """
     if callable(progress):
         yield progress
-    elif not progress or sys.stderr is None:
+        return
+    if not progress or sys.stderr is None:
         yield lambda done, of, what: None
-    elif is_watched():
-        line = _Line(sys.stderr)
-        _lines.append(line)
-        try:
-            yield line
-        finally:
-            _lines.remove(line)
-            line.end()
-    else:
-        yield _Lines(last)
+        return
+    line = _Line(sys.stderr, is_watched(), last)
+    _lines.append(line)
+    try:
+        yield line
+    finally:
+        _lines.remove(line)
+        line.end()
 
 
 def above(text: str) -> bool:
     """Print a text above the line that is shown now; False if none is."""
-    if not _lines:
-        return False
-    _lines[-1].above(text)
-    return True
+    if _lines:
+        _lines[-1].above(text)
+    return bool(_lines)
 
 
 @contextmanager
@@ -99,95 +92,67 @@ _lines: list["_Line"] = []
 """Lines that are shown now."""
 
 
-class _Rate:
-    """Rate of progress since the first call, and remaining time."""
+class _Line:
+    """Progress on a stream: a line that is rewritten if somebody watches, else a new line now and then.
 
-    def __init__(self) -> None:
+    last: whether the end too is a new line.
+    """
+
+    def __init__(self, stream: TextIO, watched: bool, last: bool):
+        self._stream, self._watched, self._last = stream, watched, last
+        self._due = time.monotonic() + (0.0 if watched else SPARSE)
         self._first: int | None = None
         self._started = 0.0
+        self._text = ""
 
-    def words(self, done: int, of: int) -> list[str]:
-        """Such as ["120/s", "12 s left"]; none before anything is known."""
+    def __call__(self, done: int, of: int, what: str) -> None:
+        if (done, of) == (0, 1):  # which announces what comes
+            self.above(what)
+            return
         now = time.monotonic()
         if self._first is None or done < self._first:  # less after a run has gone back to a snapshot
             self._first, self._started = done, now
-        seconds, gained = now - self._started, done - self._first
+        if now < self._due and not (done >= of and (self._watched or self._last)):
+            return
+        self._due = now + (OFTEN if self._watched else SPARSE)
+        words = ", ".join([what, *self._rate(now, done, of)])
+        if self._watched:
+            filled = BAR * done // of if of else BAR
+            words = words.replace(what, f"{what} [{'#' * filled}{' ' * (BAR - filled)}] {done}/{of}", 1)
+            self._write(words[: shutil.get_terminal_size((100, 24)).columns - 1])
+        else:
+            self.above(f"{done} of {of}: {words}")
+
+    def _rate(self, now: float, done: int, of: int) -> list[str]:
+        """Rate since the first call and remaining time, such as ["120/s", "12 s left"]; none before they are known."""
+        seconds, gained = now - self._started, done - (self._first or 0)
         if seconds <= 0 or gained <= 0:
             return []
         rate = gained / seconds
         left = [f"{duration((of - done) / rate)} left"] if done < of else []
         return [f"{rate:,.0f}/s" if rate >= 100 else f"{rate:.3g}/s", *left]
 
-
-class _Line:
-    """A line that is rewritten."""
-
-    def __init__(self, stream: TextIO):
-        self._stream = stream
-        self._notebook = _is_notebook(stream)
-        self._rate = _Rate()
-        self._due = 0.0
-        self._text = ""
-
-    def __call__(self, done: int, of: int, what: str) -> None:
-        if is_announcement(done, of):
-            self.above(what)
-            return
-        now = time.monotonic()
-        if now < self._due and done < of:
-            return
-        self._due = now + OFTEN
-        filled = BAR * done // of if of else BAR
-        bar = f"[{'#' * filled}{' ' * (BAR - filled)}]"
-        text = ", ".join([f"{what} {bar} {done}/{of}", *self._rate.words(done, of)])
-        self._write(text[: self._width() - 1])
-
     def above(self, text: str) -> None:
         """Print a text above the line."""
-        shown, self._text = self._text, ""
-        start = f"\r{' ' * len(shown)}\r" if self._notebook else ""
-        self._stream.write(f"{start}{text}{'' if self._notebook else ERASE}\n")
+        shown = self._text
+        self._write("")
+        self._stream.write(f"{text}\n")
         self._write(shown)
 
     def end(self) -> None:
         """The line goes from a terminal; in a notebook it stays."""
-        self._stream.write("\n" if self._notebook else ERASE)
-        self._stream.flush()
+        if _is_notebook(self._stream):
+            self._stream.write("\n")
+        else:
+            self._write("")
 
     def _write(self, text: str) -> None:
-        """On a terminal the cursor stands before the line, so that other texts replace it."""
-        self._stream.write(f"\r{text:<{len(self._text)}}" if self._notebook else f"{text}{ERASE}\r")
+        """Show a text in the place of the line."""
+        if self._text or text:
+            blank = f"\r{' ' * len(self._text)}\r" if len(text) < len(self._text) else "\r"
+            self._stream.write(f"{blank}{text}")
         self._stream.flush()
         self._text = text
-
-    def _width(self) -> int:
-        try:
-            return os.get_terminal_size(self._stream.fileno()).columns or WIDTH
-        except (OSError, ValueError):
-            return WIDTH
-
-
-class _Lines:
-    """A line every SPARSE seconds, and perhaps one at the end."""
-
-    def __init__(self, last: bool) -> None:
-        self._shown = time.monotonic()
-        self._rate = _Rate()
-        self._last = last
-
-    def __call__(self, done: int, of: int, what: str) -> None:
-        if is_announcement(done, of):
-            print(what, file=sys.stderr)
-            return
-        words = self._rate.words(done, of)
-        if time.monotonic() - self._shown >= SPARSE or (self._last and done >= of):
-            self._shown = time.monotonic()
-            print(", ".join([f"{done} of {of}: {what}", *words]), file=sys.stderr)
-
-
-def is_announcement(done: int, of: int) -> bool:
-    """Whether a call of progress announces what comes, rather than what is done."""
-    return (done, of) == (0, 1)
 
 
 def _is_notebook(stream: object) -> bool:

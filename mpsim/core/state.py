@@ -8,14 +8,14 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mpsim.core import checks, columns, files
 from mpsim.core.archive import DAMAGE, ArrayFile
-from mpsim.core.columns import ChunkedArray, StateColumns, chunks_of, ranges
+from mpsim.core.columns import ChunkedArray, chunks_of, ranges
 from mpsim.errors import InputError, OutputError, reason_of
 
 # --- Registry through which upper packages offer functions to objects of lower ones, such as pictures of scenes
@@ -55,8 +55,7 @@ class State:
 
     Args:
         position, velocity: as below; velocity may be left out where it is unknown.
-        present, image, box: as below, by name; None: all present, no counts, unknown.
-        others: other arrays with a row for each disc, as below, by name, such as spin; None: there are none.
+        present, image, spin, box: as below, by name; None: all present, no counts, smooth discs, unknown.
 
     Attributes:
         position: shape (N, 2) [length], in the precision of the run; in [0, length) along a periodic axis.
@@ -99,28 +98,31 @@ class State:
         *,
         present: NDArray[np.bool_] | None = None,
         image: NDArray[np.int64] | None = None,
+        spin: NDArray[np.floating] | None = None,
         box: Box | None = None,
-        **others: Unpack[StateColumns],
     ):
-        if others:
-            columns.check_names("State", others, checks.names_of(State.__init__), columns.in_state())
         position = _two_each("position", position, None)
         count = len(position)
         velocity = None if velocity is None else _two_each("velocity", velocity, count)
         here = np.ones(count, np.bool_) if present is None else np.asarray(present, np.bool_)
         if here.shape != (count,):
             raise InputError(f"present of a state must have shape ({count},), one per disc; got {here.shape}.")
-        given: dict[str, Any] = {**others, "image": image}
-        found = {
-            column.name: None if given.get(column.name) is None else column.of_state(given[column.name], count)
-            for column in columns.in_state()
-        }
+        image, spin = (
+            None if given is None else column.of_state(given, count)
+            for column, given in ((columns.IMAGE, image), (columns.SPIN, spin))
+        )
         if image is not None and box is None:
             raise InputError("image of a state needs box, which has the periods; got None. Give both, or neither.")
         edges = None if box is None else checks.finite_array("box of a state", box, (4,), "(4,)").tolist()
         walls = None if edges is None else tuple(edges)
-        counts = found.pop("image")  # which comes before `present` in the digest
-        values = {"position": position, "velocity": velocity, "image": counts, "present": here, **found, "box": walls}
+        values = {
+            "position": position,
+            "velocity": velocity,
+            "image": image,
+            "present": here,
+            "spin": spin,
+            "box": walls,
+        }
         for name, value in values.items():
             if name != "velocity" or value is not None:
                 object.__setattr__(self, name, _read_only(value) if isinstance(value, np.ndarray) else value)
@@ -214,8 +216,6 @@ class State:
     def load(cls, path: str | os.PathLike[str]) -> State:
         """Read what `save` wrote, with the same bits. Nothing in the file is executed.
 
-        In a file with position and velocity alone, as older versions wrote it, all discs are present.
-
         Raises:
             InputError: if it is no file of a state.
 
@@ -245,7 +245,6 @@ class State:
         return state
 
     def __repr__(self) -> str:
-        """A line; the numbers are in the arrays."""
         count, absent = len(self.position), len(self.present) - int(np.count_nonzero(self.present))
         words = [f"{count} disc{'s' * (count != 1)}"]
         words += [f"{absent} absorbed"] if absent else []
@@ -261,11 +260,6 @@ class StateInChunks:
     Args:
         between: called with (first, last), gives the state of the discs of these numbers, as long as none moves.
         count: number of all discs.
-
-    >>> whole = State(np.arange(6.0).reshape(3, 2), np.ones((3, 2)))
-    >>> discs = StateInChunks(lambda first, last: part_of(whole, first, last), 3)
-    >>> discs.count, discs.between(1, 3).position.tolist()
-    (3, [[2.0, 3.0], [4.0, 5.0]])
     """
 
     def __init__(self, between: Callable[[int, int], State], count: int):
@@ -278,11 +272,7 @@ Discs = State | StateInChunks
 
 
 def count_of(discs: Discs) -> int:
-    """Number of discs, N, absorbed ones included.
-
-    >>> count_of(State(np.zeros((3, 2)), np.ones((3, 2))))
-    3
-    """
+    """Number of discs, N, absorbed ones included."""
     if isinstance(discs, State):
         return len(discs.position)
     if not isinstance(discs, StateInChunks):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
@@ -295,9 +285,6 @@ def states_in(states: State | Iterable[State]) -> list[State]:
 
     Raises:
         InputError: if there is anything but states, or none.
-
-    >>> len(states_in(State(np.zeros((3, 2)), np.ones((3, 2)))))
-    1
     """
     if isinstance(states, State):
         return [states]
@@ -334,10 +321,6 @@ def moved_into(state: State, box: Box, periodic: tuple[bool, bool], corner: tupl
     """The same discs seen from the point `corner`, wrapped into their box along periodic axes; image flags follow.
 
     box: of the state [length]. Discs that are there already keep their bits.
-
-    >>> state = State(np.array([[9.0, 1.0], [15.0, 1.0]]), np.zeros((2, 2)))
-    >>> moved_into(state, (8, 12, 0, 4), (True, False), (8, 0)).position.tolist()
-    [[1.0, 1.0], [3.0, 1.0]]
     """
     (x, y), sides, real = corner, (box[1] - box[0], box[3] - box[2]), state.position.dtype
     if corner == (0, 0) and not any(periodic):
@@ -359,11 +342,7 @@ def moved_into(state: State, box: Box, periodic: tuple[bool, bool], corner: tupl
 
 
 def part_of(state: State, first: int, last: int) -> State:
-    """The discs numbered `first` to `last` - 1, whose arrays are views.
-
-    >>> part_of(State(np.zeros((3, 2)), np.ones((3, 2))), 1, 3).velocity.tolist()
-    [[1.0, 1.0], [1.0, 1.0]]
-    """
+    """The discs numbered `first` to `last` - 1, whose arrays are views."""
     count = count_of(state)
     if (first, last) == (0, count):
         return state
@@ -376,9 +355,6 @@ def parts_of(discs: Discs) -> Iterator[tuple[slice, State]]:
     """The discs in the order of their numbers, a chunk at a time: which they are, and their state.
 
     Where there are no discs, one part without any.
-
-    >>> [(rows, len(part.velocity)) for rows, part in parts_of(State(np.zeros((2, 2)), np.ones((2, 2))))]
-    [(slice(0, 2, None), 2)]
     """
     count = count_of(discs)
     between = functools.partial(part_of, discs) if isinstance(discs, State) else discs.between
@@ -386,12 +362,7 @@ def parts_of(discs: Discs) -> Iterator[tuple[slice, State]]:
 
 
 def digest_of(values: Mapping[str, Any]) -> str:
-    """The digest of a state with such attributes, by name, in their order; arrays may be read in chunks.
-
-    >>> state = State(np.zeros((1, 2)), np.ones((1, 2)))
-    >>> digest_of({"position": state.position, "velocity": state.velocity}) == state.digest()
-    True
-    """
+    """The digest of a state with such attributes, by name, in their order; arrays may be read in chunks."""
     digest = hashlib.blake2b(digest_size=16)
     for name, array in values.items():  # what only some scenes have changes no digest of others
         if name in NOT_DIGESTED or (name == "present" and all(chunk.all() for chunk in chunks_of(array))):
@@ -408,11 +379,6 @@ def in_chunks(between: Callable[[int, int], State], count: int) -> dict[str, Any
     """The attributes of a state of so many discs, by name, each to be read in chunks.
 
     between: called with (first, last), gives the state of the discs of these numbers.
-
-    >>> whole = State(np.arange(6.0).reshape(3, 2), np.ones((3, 2)))
-    >>> found = in_chunks(lambda first, last: State(whole.position[first:last], whole.velocity[first:last]), 3)
-    >>> found["position"][1:3].tolist(), digest_of(found) == whole.digest()
-    ([[2.0, 3.0], [4.0, 5.0]], True)
     """
     kept = functools.lru_cache(maxsize=1)(between)  # who reads one attribute of a range reads the others next
 
@@ -425,25 +391,14 @@ def in_chunks(between: Callable[[int, int], State], count: int) -> dict[str, Any
 
 
 def in_frame(state: State) -> dict[str, NDArray[Any]]:
-    """What a frame of a trajectory has of the discs that are present beside their positions, by name.
-
-    >>> import numpy as np
-    >>> list(in_frame(State(np.zeros((1, 2)), np.ones((1, 2)))))
-    ['velocity']
-    """
+    """What a frame of a trajectory has of the discs that are present beside their positions, by name."""
     values = {name: getattr(state, name) for name in ("velocity", *(column.name for column in columns.in_state()))}
     here = present_in(state)
     return {name: value[here] for name, value in values.items() if value is not None}
 
 
 def present_in(state: State) -> Any:
-    """An index of the discs that are present, for arrays of one row per disc; where all are, one that copies nothing.
-
-    >>> import numpy as np
-    >>> present_in(State(np.zeros((2, 2)), np.ones((2, 2)))), present_in(State(np.zeros((1, 2)), np.ones((1, 2)),
-    ...                                                                        present=np.zeros(1, bool)))
-    (slice(None, None, None), array([False]))
-    """
+    """An index of the discs that are present, for arrays of one row per disc; where all are, it copies nothing."""
     return slice(None) if state.present.all() else state.present
 
 

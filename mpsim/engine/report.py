@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.files import CSV, write_parquet, written
+from mpsim.core.files import CSV, written
 from mpsim.core.optional_packages import imported
 from mpsim.core.state import view
 from mpsim.errors import InputError
@@ -200,15 +200,6 @@ class Report:
         frame = pandas.DataFrame(self._columns(), index=pandas.RangeIndex(1, self.frames + 1, name="frame"))
         frame.attrs["measures"] = {name: dataclasses.asdict(measure) for name, measure in self.measures.items()}
         return frame
-
-    def to_parquet(self, path: str | os.PathLike[str]) -> None:
-        """Write the columns of `to_csv` to `path` as a Parquet file.
-
-        Raises:
-            InputError: if the path does not end in .parquet.
-            OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
-        """
-        write_parquet(self.to_pandas().reset_index(), path, TABLE)
 
     def plot(self) -> Any:
         """matplotlib Figure, without a window, of the frame times and of each worker's working and waiting times.

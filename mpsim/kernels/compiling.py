@@ -1,4 +1,4 @@
-"""Compilation of kernels: their parts, their optional arguments, the cache of machine code, and turns of processes."""
+"""Compilation of kernels: their parts, their optional arguments, and the cache of machine code."""
 
 import fcntl
 import hashlib
@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, Protocol
 
 import llvmlite
 import numba
@@ -25,17 +25,16 @@ from numba.extending import register_jitable
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.machine import garbage_collection_paused
 
+# pyright: reportAttributeAccessIssue=false, reportIndexIssue=false
+# Types of Numba, the state of a compilation and Numba's config have attributes that it declares nowhere.
+
+logger = logging.getLogger("mpsim")
+
 # --- The message while kernels are compiled, and the time that this takes
 #
 # Numba compiles a kernel silently, inside its first call with new types. A call of the compiler that the cache does
 # not answer is timed here, and announced once it has taken `QUIET_FOR`. A separate thread announces it, because a
 # listener (a log handler, for example) may wait for a lock that the compiling thread holds.
-
-# pyright: reportAttributeAccessIssue=false
-# Types of Numba have attributes that it declares nowhere.
-
-
-logger = logging.getLogger("mpsim")
 
 QUIET_FOR = 0.5
 """Seconds of compiling of which nothing is said: small kernels take less."""
@@ -43,24 +42,8 @@ QUIET_FOR = 0.5
 PATIENCE = 1.0
 """Seconds to wait for an announcement that has begun: none that is well takes as long."""
 
-
-class CompileCost(NamedTuple):
-    """Seconds that compiling a kernel takes: of a bare scene, and more for each field of `Features` that it has."""
-
-    what: str
-    bare: float
-    field: float = 0.0
-
-
-LOOPS = "the loops for this scene"
-
-COSTS = {
-    "run_grid": CompileCost(LOOPS, 10.0, 1.3),
-    "run_naive": CompileCost(LOOPS, 3.5, 0.7),
-    "run_events": CompileCost(LOOPS, 3.0, 0.1),
-}
-"""By the kernel that Python calls: processor seconds with an empty cache, as measured on bare scenes and, for a field,
-on named scenes (of the exact solver on one with friction), Intel Xeon, Python 3.11, numba 0.68."""
+LOOPS = {"run_grid": 10, "run_naive": 4, "run_events": 3}
+"""The kernels that Python calls for the frames of a scene: seconds of compiling for a bare one (Xeon, Numba 0.68)."""
 
 
 class Announcer(Protocol):
@@ -82,7 +65,6 @@ class LogLine:
     """
 
     def begin(self, text: str) -> None:
-        """Log the text."""
         waited_for = hasattr(sys, "ps1") or (sys.stderr is not None and sys.stderr.isatty())
         logger.log(logging.WARNING if waited_for else logging.INFO, "mpsim: %s", text)
 
@@ -118,49 +100,24 @@ def compile_seconds() -> float:
     return _spent
 
 
-def announcement(kernel: str, signature: Any, kept: bool) -> str:
-    """The text announced for the compilation of a kernel for such arguments; kept: whether its machine code is cached.
-
-    >>> announcement("run_naive", (), True)
-    'compiling the loops for this scene, once; about 4 s'
-    """
-    once = ", once" if kept else ""
-    if kernel not in COSTS:
-        return f"compiling a small kernel ({kernel}){once}"
-    cost = COSTS[kernel]
-    return f"compiling {cost.what}{once}; about {cost.bare + cost.field * _features_in(signature):.0f} s"
-
-
-def _features_in(signature: Any) -> int:
-    """How many fields of `Features` are present (not None) among the types of arguments."""
-    records = (each for each in signature if isinstance(each, types.BaseNamedTuple))
-    of_features = (each for each in records if each.instance_class.__name__.endswith("Features"))
-    return sum(not isinstance(field, types.NoneType) for each in of_features for field in each.types)
-
-
 class _Compilation(threading.local):
-    """What this thread compiles: nesting depth of calls of the compiler, and the request of the outermost."""
+    """What this thread compiles: the kernel that Python has called, and since when it is not loaded."""
 
-    def __init__(self) -> None:
-        self.depth = 0
-        self.asked: tuple[str, Any, bool] = ("", (), False)
-        self.started: float | None = None
-        self.announcement: _Announcement | None = None
+    kernel: str = ""
+    started: float | None = None
+    announcement: "_Announcement | None" = None
 
 
 _mine = _Compilation()
 
 
-class _Announcement:
+class _Announcement(threading.Timer):
     """An announcement that comes when compiling has taken QUIET_FOR."""
 
     def __init__(self, announcer: Announcer, text: str):
-        self._announcer = announcer
-        self._text = text
-        self._begun = False
-        self._timer = threading.Timer(QUIET_FOR, self._begin)
-        self._timer.daemon = True
-        self._timer.start()
+        super().__init__(QUIET_FOR, self._begin)
+        self.daemon = True
+        self._announcer, self._text, self._begun = announcer, text, False
 
     def _begin(self) -> None:
         self._begun = True
@@ -168,104 +125,45 @@ class _Announcement:
 
     def end(self) -> None:
         """Compilation has ended."""
-        self._timer.cancel()
-        self._timer.join(PATIENCE)  # a process that forks next should not have this thread
+        self.cancel()
+        self.join(PATIENCE)  # a process that forks next should not have this thread
         if self._begun:
             self._announcer.end()
 
 
 @contextmanager
-def asked_for(kernel: str, signature: Any, kept: bool) -> Iterator[None]:
-    """Wraps each call of the compiler, for a kernel and the types of its arguments; such calls are nested."""
+def _compiling(kernel: str) -> Iterator[None]:
+    """Time and announce a call of the compiler, if `_not_cached` is called inside; such calls are nested."""
     global _spent  # noqa: PLW0603 - see compile_seconds
-    if _mine.depth == 0:
-        _mine.asked = kernel, signature, kept
-    _mine.depth += 1
+    if _mine.kernel:
+        yield
+        return
+    _mine.kernel = kernel
     try:
         yield
     finally:
-        _mine.depth -= 1
-        if _mine.depth == 0 and _mine.started is not None:
+        started, announcement = _mine.started, _mine.announcement
+        _mine.kernel, _mine.started, _mine.announcement = "", None, None
+        if started is not None:
             with _lock:
-                _spent += time.perf_counter() - _mine.started
-            _mine.started = None
-            if _mine.announcement is not None:
-                _mine.announcement.end()
-                _mine.announcement = None
+                _spent += time.perf_counter() - started
+        if announcement is not None:
+            announcement.end()
 
 
-def not_cached() -> None:
-    """Called when a requested kernel is in no cache: from here on this thread compiles."""
-    if _mine.started is None and _mine.depth:
+def _not_cached() -> None:
+    """Note that a requested kernel is in no cache: from here on this thread compiles."""
+    if _mine.started is None and _mine.kernel:
         _mine.started = time.perf_counter()
         if _announcer is not None:
+            once, seconds = ", once" * (_FOLDER is not None), LOOPS.get(_mine.kernel)
+            text = f"compiling a small kernel ({_mine.kernel}){once}"
+            if seconds is not None:
+                text = f"compiling the loops for this scene{once}; about {seconds} s or more"
+            announcement = _Announcement(_announcer, text)
             with suppress(RuntimeError):  # the system allows no more threads
-                _mine.announcement = _Announcement(_announcer, announcement(*_mine.asked))
-
-
-# --- If several processes need the same kernel, one compiles it; the others wait and load the result
-#
-# Otherwise ranks and runs that start together would each compile it, on cores that the others need. The system's lock
-# (`flock`) ends with its process. A fork may keep it longer, so no process waits longer than LONGEST.
-
-LONGEST = 60.0
-"""Seconds to wait for another process; then a kernel is compiled twice, which does no harm."""
-
-STEP = 0.02
-"""Seconds between two looks at the lock."""
-
-
-class Turns:
-    """Turns of compiling one function, for each signature of its own.
-
-    Args:
-        folder: of the cache; the lock files lie in it.
-        name: of the function, unique.
-    """
-
-    def __init__(self, folder: Path, name: str):
-        self._stem = folder / f"{hashlib.sha256(name.encode()).hexdigest()[:16]}"
-        self._held: dict[str, int] = {}
-
-    def load_or_take(self, signature: Any, load: Callable[[], Any]) -> Any:
-        """What `load` finds in the cache, perhaps from another process; None: compile it, then `give_back`."""
-        key = hashlib.sha256(str(signature).encode()).hexdigest()[:16]
-        path = self._stem.with_name(f"{self._stem.name}-{key}.lock")
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        except OSError:  # a read-only cache
-            return None
-        if not _locked(descriptor):
-            os.close(descriptor)
-            return None
-        found = load()
-        if found is None:
-            self._held[key] = descriptor
-        else:
-            os.close(descriptor)
-        return found
-
-    def give_back(self) -> None:
-        """Release the lock: the function is compiled, or could not be."""
-        while self._held:
-            _, descriptor = self._held.popitem()
-            with suppress(OSError):
-                os.close(descriptor)
-
-
-def _locked(descriptor: int) -> bool:
-    """Wait for the lock, at most LONGEST; False: it could not be taken."""
-    end = time.monotonic() + LONGEST
-    while time.monotonic() < end:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            time.sleep(STEP)
-        except OSError:  # a file system without locks
-            return False
-        else:
-            return True
-    return False
+                announcement.start()
+                _mine.announcement = announcement
 
 
 # --- Merges functions into one kernel; functions that only kernels call get no machine code of their own
@@ -280,15 +178,11 @@ def _locked(descriptor: int) -> bool:
 #     linked with its parts   <--  kept
 #     optimised, machine code
 
-# pyright: reportAttributeAccessIssue=false, reportIndexIssue=false
-# The state of a compilation has attributes that Numba declares nowhere.
-
 
 class _Part(JITCodeLibrary):
     """The code of one function as it was lowered: neither linked with what it calls, nor optimised as a whole."""
 
     def finalize(self) -> None:
-        """Numba asks for this before it links the code with that of a caller."""
         self._finalized = True
 
 
@@ -329,7 +223,6 @@ class _LowerKernel(NativeLowering):
     _name = "mpsim_lower_kernel"
 
     def run_pass(self, state: Any) -> Literal[True]:
-        """As Numba's, for a library of our own."""
         state.library = _Kernel(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         return super().run_pass(state)
@@ -362,7 +255,6 @@ class _Compiler(CompilerBase):
     lowering: type[NativeLowering]
 
     def define_pipelines(self) -> list[Any]:
-        """The one pipeline."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
         passes.passes = [(self.lowering if each is NativeLowering else each, why) for each, why in passes.passes]
         passes.finalize()
@@ -388,10 +280,6 @@ class PartCompiler(_Compiler):
 # folder whose name is a digest of *all* kernel sources and of the versions that compiled them. Any edit or upgrade is
 # therefore a different folder, and a stale cache cannot be loaded.
 
-# pyright: reportAttributeAccessIssue=false
-# Numba fills its config module when it is imported.
-
-
 JIT_DISABLED: bool = bool(config.DISABLE_JIT)
 """True under NUMBA_DISABLE_JIT=1: kernels then run as plain Python (slow, bounds-checked, one process)."""
 
@@ -407,17 +295,11 @@ def source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def cache_root() -> Path:
-    """Folder in which mpsim keeps its machine code: NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache."""
-    if config.CACHE_DIR:
-        return Path(config.CACHE_DIR) / "mpsim"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mpsim"
-
-
 def _writable_cache_folder() -> Path | None:
-    """This version's cache folder, or None (with one log line) if nothing can be written."""
+    """This version's folder in NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache; None (with one log line) if read-only."""
     try:
-        folder = cache_root() / source_digest()
+        root = config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        folder = Path(root) / "mpsim" / source_digest()
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
     except (OSError, RuntimeError) as error:
@@ -441,16 +323,41 @@ that allocates nothing does not need: counting them for each array taken out of 
 wrapper that would make each a first-class function, which none is used as."""
 
 
+LONGEST = 60.0
+"""Seconds to wait for another process; then a kernel is compiled twice, which does no harm."""
+
+STEP = 0.02
+"""Seconds between two looks at the lock."""
+
+
+def _take_turn(folder: Path, name: str) -> int:
+    """A descriptor that locks the compilation of one function; -1 if the lock cannot be had.
+
+    Ranks and runs that start together would otherwise each compile a kernel, on cores and in memory that the others
+    need. The system's lock ends with its process; a fork may keep it longer, so no process waits longer than LONGEST.
+    """
+    end = time.monotonic() + LONGEST
+    try:
+        descriptor = os.open(folder / f"{name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    except OSError:  # a read-only cache
+        return -1
+    while time.monotonic() < end:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(STEP)
+        except OSError:  # a file system without locks
+            break
+        else:
+            return descriptor
+    os.close(descriptor)
+    return -1
+
+
 def _cached(dispatcher: Any) -> Any:
     """Keep the machine code of a function in mpsim's own cache folder."""
     if JIT_DISABLED:
         return dispatcher
-    turns = (
-        None
-        if _FOLDER is None
-        else Turns(_FOLDER, f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}")
-    )
-    _watch_compiling(dispatcher, turns)
     _type_without_literals(dispatcher)
     if _FOLDER is not None:
         # Numba reads this setting only while a function's cache is set up, so other users' functions keep theirs.
@@ -459,34 +366,8 @@ def _cached(dispatcher: Any) -> Any:
             dispatcher.enable_caching()
         finally:
             config.CACHE_DIR = users_folder
-    _watch_loading(dispatcher._cache, turns)
+    _watch(dispatcher)
     return dispatcher
-
-
-def _watch_compiling(dispatcher: Any, turns: Turns | None) -> None:
-    """Make Ctrl-C wait for the end of a compilation or load, whose callbacks from LLVM cannot pass an exception on.
-
-    Also announce and time it, if it is a compilation.
-    """
-    compile_signature, name = dispatcher.compile, dispatcher.py_func.__name__
-
-    def compile_undisturbed(signature: Any) -> Any:
-        noted = asked_for(name, signature, _FOLDER is not None)
-        with interrupts_held_back(), noted, garbage_collection_paused():
-            try:
-                return compile_signature(signature)
-            except FileNotFoundError:
-                try:
-                    os.getcwd()
-                except FileNotFoundError as error:
-                    why = "compiling needs the current folder, which has been removed; start in one that exists"
-                    raise FileNotFoundError(error.errno, why) from error
-                raise
-            finally:
-                if turns is not None:
-                    turns.give_back()
-
-    dispatcher.compile = compile_undisturbed
 
 
 def _type_without_literals(dispatcher: Any) -> None:
@@ -500,12 +381,23 @@ def _type_without_literals(dispatcher: Any) -> None:
     dispatcher.get_call_template = call_template_without_literals
 
 
-def _watch_loading(cache: Any, turns: Turns | None) -> None:
-    """If a cache file is damaged (by a killed process) or cannot be written (a full disk), do without it.
+def _watch(dispatcher: Any) -> None:
+    """Make Ctrl-C wait for the end of a compilation or load, whose callbacks from LLVM cannot pass an exception on.
 
-    Also notice what is not in the cache and will be compiled, by this process or another.
+    Also announce and time compilations, let one process compile for all, and do without cache files that are damaged
+    (by a killed process) or cannot be written (on a full disk).
     """
-    load, save = cache.load_overload, cache.save_overload
+    function, cache = dispatcher.py_func, dispatcher._cache
+    compile_signature, load, save = dispatcher.compile, cache.load_overload, cache.save_overload
+    turns: list[int] = []
+
+    def compile_undisturbed(signature: Any) -> Any:
+        with interrupts_held_back(), _compiling(function.__name__), garbage_collection_paused():
+            try:
+                return compile_signature(signature)
+            finally:
+                while turns:
+                    os.close(turns.pop())
 
     def load_undamaged(signature: Any, target_context: Any) -> Any:
         try:
@@ -515,6 +407,16 @@ def _watch_loading(cache: Any, turns: Turns | None) -> None:
             with suppress(OSError):
                 cache.flush()
             return None
+
+    def load_or_take_turn(signature: Any, target_context: Any) -> Any:
+        found = load_undamaged(signature, target_context)
+        if found is None:
+            _not_cached()
+            turn = -1 if _FOLDER is None else _take_turn(_FOLDER, f"{function.__module__}.{function.__qualname__}")
+            if turn >= 0:
+                turns.append(turn)
+                found = load_undamaged(signature, target_context)  # which another process may have compiled meanwhile
+        return found
 
     def save_if_possible(signature: Any, result: Any) -> None:
         try:
@@ -526,15 +428,8 @@ def _watch_loading(cache: Any, turns: Turns | None) -> None:
                 error,
             )
 
-    def load_or_recompile(signature: Any, target_context: Any) -> Any:
-        found = load_undamaged(signature, target_context)
-        if found is None:
-            not_cached()
-            if turns is not None:
-                found = turns.load_or_take(signature, lambda: load_undamaged(signature, target_context))
-        return found
-
-    cache.load_overload, cache.save_overload = load_or_recompile, save_if_possible
+    dispatcher.compile = compile_undisturbed
+    cache.load_overload, cache.save_overload = load_or_take_turn, save_if_possible
 
 
 def compiled(function: Callable[..., Any]) -> Any:

@@ -8,12 +8,13 @@ import dataclasses
 import itertools
 import math
 import os
+import pickle
 import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PosixPath
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -91,21 +92,10 @@ def kept(moments: Iterable[Shot]) -> Iterator[Iterator[Shot]]:
     with tempfile.SpooledTemporaryFile(IN_MEMORY) as file:
         number = 0
         for moment in moments:
-            _write(file, moment)
+            pickle.dump(moment, file, pickle.HIGHEST_PROTOCOL)
             number += 1
         file.seek(0)
-        yield (_read(file) for _ in range(number))
-
-
-def _write(file: IO[bytes], moment: Shot) -> None:
-    for array in (np.array([moment.time, *moment.walls]), *moment[2:]):
-        np.lib.format.write_array(file, array, allow_pickle=False)
-
-
-def _read(file: IO[bytes]) -> Shot:
-    numbers, position, radius, values = (np.lib.format.read_array(file, allow_pickle=False) for _ in range(4))
-    time, *walls = numbers.tolist()
-    return Shot(time, tuple(walls), position, radius, values)  # pyright: ignore[reportArgumentType]
+        yield (pickle.load(file) for _ in range(number))
 
 
 class Picture:
@@ -312,7 +302,6 @@ def animate(
     colour: str | None = "speed",
     progress: bool | Callable[[int, int], None] = True,
     until: float | None = None,
-    seconds: float | None = None,
     scale: ScaleName = "linear",
     theme: ThemeName = "light",
 ) -> Animation:
@@ -324,9 +313,10 @@ def animate(
     Args:
         scene, settings: what is simulated and how; settings=None: those that the scene recommends, or the defaults.
         path: needed; ends in .gif, or .mp4 (needs ffmpeg, or the extra `film`). An existing file is replaced.
-        frames: number of pictures, >= 1; the first shows the start. None: as many as the scene's duration needs, up to
-            MOST_PICTURES; 200 without a duration.
-        every: frames of the simulation from one picture to the next, >= 1; None: the scene's picture_interval, or 1.
+        frames: number of pictures, >= 1; the first shows the start. None: as many as `until`, or else the scene's
+            duration, needs, up to MOST_PICTURES; 200 without a duration.
+        every: frames of the simulation from one picture to the next, >= 1. None: the scene's picture_interval, or 1;
+            with `until` so many that the pictures are spread evenly over that time.
         pictures_per_second: of the animation, 1 to 50 [1/s].
         pixels: length of the longer side of the box in a picture, 100 to 4000.
         colour: "speed"; "worker", by the worker that owns the column of a disc, or "parity", by whether that column is
@@ -334,11 +324,8 @@ def animate(
             `auto` then stands for the latter); None: one colour for all.
         progress: True: shown on standard error, if that is a terminal or a notebook; or a function, called as
             progress(done, of).
-        until: time of the last picture [time], > 0, in place of `frames`; without `every` too, MOST_PICTURES at most
-            are spread evenly over it.
-        seconds: how long the animation lasts [s], > 0, in place of `frames`. Without `every`, its pictures are spread
-            over the time to `until`, else over the scene's duration. It is then a little shorter if the frames of the
-            simulation do not divide evenly, and ends early if there are fewer of them than pictures.
+        until: time of the last picture [time], > 0. With `frames` there may be fewer of them, if the frames of the
+            simulation do not divide evenly.
         scale: "linear" or "log": how speeds become colours. The latter distinguishes slow discs when a gas cools down.
         theme: "light" or "dark".
 
@@ -359,7 +346,7 @@ def animate(
     _demand_path(settings, path)
     settings = settings_for(scene, settings)
     rate = checks.whole("pictures_per_second", pictures_per_second, 1, 50, "25 looks smooth.")
-    frames, every = pictures_of(scene, settings, frames, every, until, seconds, rate)
+    frames, every = pictures_of(scene, settings, frames, every, until)
     pixels = checks.whole("pixels", pixels, 100, 4000, "480 suits a page.")
     look = THEMES[checks.choice("theme", theme, THEMES)]
     _check_colours(colour, scale)
@@ -437,66 +424,40 @@ def _moments(
 
 
 def pictures_of(
-    scene: Scene,
-    settings: Settings,
-    frames: int | None,
-    every: int | None,
-    until: float | None = None,
-    seconds: float | None = None,
-    rate: int = 25,
+    scene: Scene, settings: Settings, frames: int | None, every: int | None, until: float | None = None
 ) -> tuple[int, int]:
     """Number of pictures of an animation, and frames between two; None stands for what the scene recommends.
-
-    The arguments are those of `animate`; rate: pictures per second.
 
     >>> pictures_of(Scene.load("pi"), Settings(dt=0.01), None, None)
     (211, 20)
     >>> pictures_of(Scene.load("pi"), Settings(dt=0.01), None, None, until=20.0)
     (101, 20)
-    >>> pictures_of(Scene.load("pi"), Settings(dt=0.01), None, None, until=20.0, seconds=4)
+    >>> pictures_of(Scene.load("pi"), Settings(dt=0.01), 100, None, until=20.0)
     (96, 21)
     """
-    given = {"frames": frames, "until": until, "seconds": seconds}
-    named = ", ".join(f"{name}={value!r}" for name, value in given.items() if value is not None)
-    if frames is not None and (until is not None or seconds is not None):
-        raise InputError(f"frames must not come with until or seconds; got {named}. Leave one out.")
+    most = MOST_PICTURES
+    if frames is not None:
+        most = checks.whole("frames", frames, 1, LONGEST, "Ask for at least one picture.")
     if every is not None:
         every = checks.whole("every", every, 1, 10**9, "1 shows every frame.")
-        if until is not None and seconds is not None:
-            raise InputError(
-                f"every must not come with both until and seconds; got {named}, every={every}. Leave one out."
-            )
-    until = None if until is None else checks.positive("until", until, "[time]")
-    most = MOST_PICTURES if seconds is None else _pictures_in(checks.positive("seconds", seconds, "[s]"), rate)
+        if frames is not None and until is not None:
+            raise checks.refusal("every", "not come with both frames and until", str(every), "Leave one out.")
     between = every or frames_between_pictures(scene, settings) or 1
-    end = scene.duration if until is None else until
-    if end is not None and frames is None:
-        frames_until(end, settings.dt, "the scene's duration" if until is None else "until")  # refused
-    if seconds is not None and (every is not None or end is None):
+    if frames is not None and until is None:
         return most, between
-    if end is not None and every is None and (until is not None or seconds is not None):
-        least = 1 if seconds is not None else between
-        between = max(least, math.ceil(end / settings.dt / max(most - 1, 1) - 1e-9))
-    if frames is None:
-        lasting = PICTURES if end is None else pictures_until(end, between, settings)
-        if until is None or every is None:
-            return min(lasting, most), between
-        if lasting > LONGEST:
-            raise InputError(
-                f"until must be at most {(LONGEST - 1) * every * settings.dt:g} with every={every}, {LONGEST:,} "
-                f"pictures; got {until:g}. Use a larger every, or stop earlier."
-            )
-        return lasting, between
-    return checks.whole("frames", frames, 1, LONGEST, "Ask for at least one picture."), between
-
-
-def _pictures_in(seconds: float, rate: int) -> int:
-    if seconds * rate > LONGEST:
-        raise InputError(
-            f"seconds must be at most {LONGEST / rate:g} with {rate} pictures per second, {LONGEST:,} pictures; got "
-            f"{seconds:g}."
-        )
-    return max(round(seconds * rate), 1)
+    end = scene.duration if until is None else checks.positive("until", until, "[time]")
+    if end is None:
+        return PICTURES, between
+    steps = frames_until(end, settings.dt, "the scene's duration" if until is None else "until")
+    if until is not None and every is None:
+        between = max(between if frames is None else 1, math.ceil(steps / max(most - 1, 1)))
+    lasting = int(end / (between * settings.dt) + 1e-9) + 1
+    if until is None or every is None:
+        return min(lasting, most), between
+    if lasting > LONGEST:
+        rule = f"be at most {(LONGEST - 1) * every * settings.dt:g} with every={every}, {LONGEST:,} pictures"
+        raise checks.refusal("until", rule, f"{until:g}", "Use a larger every, or stop earlier.")
+    return lasting, between
 
 
 def _demand_path(settings: object, path: object) -> None:
@@ -513,10 +474,8 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     ending = target.suffix.lower()
     if ending not in (".gif", ".mp4"):
-        still = " One picture is made by mpsim.draw or `mpsim plot`." if ending in (".png", ".pdf", ".svg") else ""
-        raise InputError(
-            f"an animation's path must end in .gif or .mp4; got {str(target)!r}. Use {target.stem}.gif.{still}"
-        )
+        instead = f"Use {target.stem}.gif. One picture is made by mpsim.draw or `mpsim plot`."
+        raise checks.refusal("an animation's path", "end in .gif or .mp4", repr(str(target)), instead)
     if ending == ".mp4":
         executable(_instead_of(target))
     try:
@@ -527,8 +486,3 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
             f"({error.strerror}). Make the folder, or choose another path."
         ) from None
     return target
-
-
-def pictures_until(end: float, every: int, settings: Settings) -> int:
-    """Pictures from time 0 to `end` [time], with `every` frames between two."""
-    return int(end / (every * settings.dt) + 1e-9) + 1

@@ -7,7 +7,7 @@ import io
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from mpsim.core import checks, files
-from mpsim.core.state import Box, State, present_in
+from mpsim.core.state import Box, State
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError
 from mpsim.features.edges import boundary_of
@@ -423,37 +423,25 @@ def plain_ticks(axis: Axis, digits: Sequence[float] = COARSE) -> None:
 
 
 INCHES = 6.0  # longer side of the box in a figure of its own
-MOST_LABELS = 2_000  # discs with labels at most: more could not be read
-
-LUMINANCE, DARK_BELOW = np.array([0.299, 0.587, 0.114]), 0.5
-"""Weights of red, green and blue in the luminance of a colour, and the luminance below which its label is white."""
-
-FONT_SIZES = (4.0, 11.0)  # smallest and largest labels [points]
 
 
 @dataclass(frozen=True)
 class Shown:
-    """The N discs that a picture shows, in the order of their numbers. Absorbed discs are not among them."""
+    """What a picture shows: discs in the order of their numbers, of which absorbed ones are left out."""
 
+    state: State
     scene: Scene  # box and obstacles
-    corner: tuple[float, float]  # where the coordinates of the picture have the lower left corner of that box
-    walls: Box | None  # None: unknown
-    time: float | None  # None: unknown
-    here: Any  # which discs of the state these are: an index of arrays of one row per disc
-    number: NDArray[np.int64]
-    position: NDArray[np.floating]
-    velocity: NDArray[np.floating] | None  # None: unknown
-    radius: NDArray[np.float64]
-    mass: NDArray[np.float64]
-    spin: NDArray[np.floating] | None  # None: smooth discs
-    given: int  # discs that the state has, absorbed ones included
+    radius: NDArray[np.floating]
+    mass: NDArray[np.floating]
+    time: float | None = None  # None: unknown
+    corner: tuple[float, float] = (0.0, 0.0)  # where the picture has the lower left corner of the box
 
 
 KINDS: dict[str, tuple[str, Callable[[Shown], Any]]] = {
-    "speed": (SPEED, lambda shown: None if shown.velocity is None else speeds_of(shown.velocity)),
+    "speed": (SPEED, lambda shown: speeds_of(shown.state.velocity) if "velocity" in vars(shown.state) else None),
     "radius": ("radius [length]", lambda shown: shown.radius),
     "mass": ("mass [mass]", lambda shown: shown.mass),
-    "spin": ("angular velocity [1/time]", lambda shown: shown.spin),
+    "spin": ("angular velocity [1/time]", lambda shown: shown.state.spin),
 }
 """What discs can be coloured by, with the words of the colour bar."""
 
@@ -465,7 +453,6 @@ def draw(
     colour: str | ArrayLike | None = "speed",
     colour_label: str | None = None,
     scale: ScaleName = "linear",
-    labels: bool | Sequence[object] | NDArray[Any] = False,
     ax: Axes | None = None,
 ) -> Figure:
     """Draw discs at true radius in their box, with obstacles and moving walls, by matplotlib.
@@ -482,7 +469,6 @@ def draw(
         colour_label: text beside the colour bar; None: what the colour stands for, and nothing for an array.
         scale: "linear" or "log": how numbers become colours. The ends of the colour bar are the 2nd and the 98th
             percentile of what is drawn, and arrows show that values lie outside.
-        labels: True: the number of each disc; or a text or number for each disc, N of them; at most 2,000.
         ax: Axes to draw in; None: a new figure.
 
     Returns:
@@ -490,44 +476,47 @@ def draw(
         box, in coordinates of the scene [length].
 
     Raises:
-        InputError: for a State without a scene, an array or labels of the wrong length, or an unknown word.
+        InputError: for a State without a scene, an array of the wrong length, or an unknown word.
 
     >>> import mpsim
     >>> scene = mpsim.Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
-    >>> figure = mpsim.draw(scene, colour=[0, 1, 2, 3, 4], colour_label="number", labels=True)
-    >>> [text.get_text() for text in figure.axes[0].texts]
-    ['0', '1', '2', '3', '4']
+    >>> figure = mpsim.draw(scene, colour=[0, 1, 2, 3, 4], colour_label="number")
+    >>> for number, (x, y) in enumerate(scene.position):
+    ...     text = figure.axes[0].text(x, y, number, ha="center", va="center")
+    >>> figure.axes[0].get_title()
+    '5 discs'
     """
     shown = _shown_by(state, scene)
     scale = checks.choice("scale", scale, SCALES)  # pyright: ignore[reportAssignmentType]
     values, words = _numbers(colour, shown)
-    texts = _texts(labels, shown)
     if ax is not None and not isinstance(ax, Axes):
-        raise InputError(f"ax must be an Axes of matplotlib; got {type(ax).__name__}. Leave it out, or make one.")
+        raise checks.refusal("ax", "be an Axes of matplotlib", type(ax).__name__, "Leave it out, or make one.")
+    here = np.flatnonzero(shown.state.present)
+    step = max(math.ceil(len(here) / MOST_DISCS), 1)
+    these = here[::step]
     with contextlib.nullcontext() if ax is not None else matplotlib.rc_context(fname=STYLE):
         axes = _own_axes(shown.scene) if ax is None else ax
-        step = max(math.ceil(len(shown.number) / MOST_DISCS), 1)
         discs = draw_discs(
             axes,
-            shown.position[::step],
+            shown.state.position[these],
             shown.scene,
-            radii=shown.radius[::step],
+            radii=shown.radius[these],
             corner=shown.corner,
             time=shown.time or 0.0,
         )
         if values is not None:
-            found = percentile_scale(values[::step], scale)
-            colour_discs(discs, values[::step], found)
+            found = percentile_scale(values[these], scale)
+            colour_discs(discs, values[these], found)
             words = words if colour_label is None else str(colour_label)
             colour_bar(axes, discs, shown.scene, words, found.outside)
         elif isinstance(colour, str):
             discs.set_facecolor(colour)
-        closed = closed_off(shown.scene, shown.walls)
+        closed = closed_off(shown.scene, shown.state.box)
         if closed is not None:
             axes.add_patch(closed)
-        axes.set_title(_title(shown, step))
-        if texts is not None:
-            _write(axes, shown, discs, texts)
+        number = f"{len(these):,} of {len(here):,}" if step > 1 else f"{len(here):,}"
+        time = "" if shown.time is None else f"time {shown.time:.4g}, "
+        axes.set_title(f"{time}{number} disc{'s' * (len(here) != 1)}")
     return axes.figure.figure
 
 
@@ -538,69 +527,48 @@ def _own_axes(scene: Scene) -> Axes:
     return figure_around(scene, size, beside=(1.3, 0.6), below=(0.0, 1.4)).add_subplot()
 
 
-def _title(shown: Shown, step: int) -> str:
-    number = len(shown.number)
-    words = f"{number:,} discs" if step == 1 else f"{math.ceil(number / step):,} of {number:,} discs"
-    words = "1 disc" if number == 1 else words
-    return words if shown.time is None else f"time {shown.time:.4g}, {words}"
-
-
 def _shown_by(state: object, scene: object) -> Shown:
     if scene is not None and not isinstance(scene, Scene):
-        raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Use Scene.load, or Scene(...).")
-    if isinstance(state, Scene | Simulation):
-        if scene is not None:
-            raise InputError(f"scene must be left out with a {type(state).__name__}, which has its own; got {scene!r}.")
-        return _start_of(state) if isinstance(state, Scene) else _now_of(state)
+        raise checks.refusal("scene", "be an mpsim.Scene", type(scene).__name__, "Use Scene.load, or Scene(...).")
+    if isinstance(state, Scene | Simulation) and scene is not None:
+        kind = type(state).__name__
+        raise checks.refusal("scene", f"be left out with a {kind}, which has its own", repr(scene))
+    if isinstance(state, Scene):
+        start = State(state.position, state.velocity, spin=state.spin, box=state.box)
+        return Shown(placed(start, state), state, state.radii, state.masses)
+    if isinstance(state, Simulation):
+        return Shown(placed(state.state, state.scene), state.scene, state.radii, state.masses, state.time)
     if isinstance(state, Frame):
         return _moment_of(state, scene)
     if not isinstance(state, State):
-        raise InputError(
-            "state must be a State, a frame of a Trajectory, a Simulation or a Scene; "
-            f"got {type(state).__name__}. Use sim.state."
-        )
+        rule = "be a State, a frame of a Trajectory, a Simulation or a Scene"
+        raise checks.refusal("state", rule, type(state).__name__, "Use sim.state.")
     if scene is None:
-        raise InputError(
-            f"scene must be given with a State, which has no radii; got {state!r} alone. Use draw(state, scene), or "
-            "draw(sim) while the simulation is open."
+        raise checks.refusal(
+            "scene",
+            "be given with a State, which has no radii",
+            f"{state!r} alone",
+            "Use draw(state, scene), or draw(sim) while the simulation is open.",
         )
     if len(state.position) != scene.count:
-        raise InputError(
-            f"scene must have as many discs as the state; got {scene.count} and {len(state.position)}. Discs that were "
-            "added or entered are known to the simulation: use draw(sim), or a frame of a Trajectory."
+        raise checks.refusal(
+            "scene",
+            "have as many discs as the state",
+            f"{scene.count} and {len(state.position)}",
+            "Discs that were added or entered are known to the simulation: use draw(sim), or a frame of a Trajectory.",
         )
-    return _of(state, scene, scene.radii, scene.masses, None)
-
-
-def _of(state: State, scene: Scene, radius: Any, mass: Any, time: float | None) -> Shown:
-    state = placed(state, scene)
-    here, given = present_in(state), len(state.position)
-    spin, velocity = (None if array is None else array[here] for array in (state.spin, vars(state).get("velocity")))
-    return Shown(
-        scene, (0.0, 0.0), state.box, time, here, np.arange(given)[here], state.position[here], velocity,
-        np.asarray(radius)[here], np.asarray(mass)[here], spin, given,
-    )  # fmt: skip
-
-
-def _start_of(scene: Scene) -> Shown:
-    state = State(scene.position, scene.velocity, spin=scene.spin, box=scene.box)
-    return _of(state, scene, scene.radii, scene.masses, None)
-
-
-def _now_of(sim: Simulation) -> Shown:
-    return _of(sim.state, sim.scene, sim.radii, sim.masses, sim.time)
+    return Shown(placed(state, scene), scene, scene.radii, scene.masses)
 
 
 def _moment_of(frame: Frame, scene: Scene | None) -> Shown:
     """The discs of a frame, which may hold less than a state: what it lacks is an error only if it is needed."""
-    known, corner = frame.known, (0.0, 0.0)
+    corner = (0.0, 0.0)
     if scene is None:  # its box, with nothing in it
         (width, height), corner, none = frame.box, frame.origin, np.zeros((0, 2))
         small, boundary = min(width, height) / 4, boundary_of(frame.periodic)
         scene = Scene(width=width, height=height, position=none, velocity=none, radius=small, boundary=boundary)
-    mass = known.get("mass", np.ones(len(frame.position)))
-    shown = _of(frame.state, scene, frame.radius, mass, known.get("time"))
-    return replace(shown, number=frame.ids, corner=corner)
+    mass = frame.known.get("mass", np.ones(len(frame.position)))
+    return Shown(placed(frame.state, scene), scene, frame.radius, mass, frame.known.get("time"), corner)
 
 
 def _numbers(colour: Any, shown: Shown) -> tuple[NDArray[np.float64] | None, str]:
@@ -614,46 +582,15 @@ def _numbers(colour: Any, shown: Shown) -> tuple[NDArray[np.float64] | None, str
             what = "discs whose velocities are unknown" if colour == "speed" else "smooth discs, which do not spin"
             raise InputError(f"colour must not be {colour!r} of {what}. Use 'radius', or None.")
         return np.asarray(values, np.float64), label
+    count = len(shown.state.position)
     try:
         given = np.asarray(colour, np.float64)
     except (TypeError, ValueError, OverflowError):
         given = np.zeros(())
-    if given.shape != (shown.given,):
-        raise InputError(
-            f"colour must be one of {', '.join(map(repr, KINDS))}, a colour of matplotlib, or an array of "
-            f"{shown.given} numbers, one for each disc; got {checks.brief(colour)}."
-        )
-    return given[shown.here], ""
-
-
-def _texts(labels: Any, shown: Shown) -> list[str] | None:
-    if labels is False or labels is None:
-        return None
-    rule = f"True, or {shown.given} texts or numbers, one for each disc"
-    if labels is not True and (isinstance(labels, str) or not isinstance(labels, Sequence | np.ndarray)):
-        raise InputError(f"labels must be {rule}; got {checks.brief(labels)}.")
-    if labels is not True and len(labels) != shown.given:
-        raise InputError(f"labels must be {rule}; got {len(labels)}.")
-    if len(shown.number) > MOST_LABELS:
-        raise InputError(
-            f"labels must be for at most {MOST_LABELS:,} discs; got {len(shown.number):,}. Leave them out, or label "
-            "the discs of a smaller scene."
-        )
-    if labels is True:
-        return [str(number) for number in shown.number.tolist()]
-    return [str(labels[row]) for row in np.arange(shown.given)[shown.here]]
-
-
-def _write(axes: Axes, shown: Shown, discs: EllipseCollection, texts: list[str]) -> None:
-    """Write labels on discs, in black or white, as large as fits the smaller ones."""
-    figure = axes.figure.figure
-    figure.draw_without_rendering()  # which finds the colours, and the size of the box
-    luminance = np.resize(np.asarray(discs.get_facecolor())[:, :3] @ LUMINANCE, len(texts))
-    points = 72 / figure.dpi * axes.bbox.width / shown.scene.width * 2 * float(np.median(shown.radius, axis=0))
-    size = float(np.clip(1.4 * points / max(2, 2, *map(len, texts)), *FONT_SIZES))
-    for (x, y), text, light in zip((shown.position + shown.corner).tolist(), texts, luminance, strict=True):
-        ink = "white" if light < DARK_BELOW else "black"
-        axes.text(x, y, text, color=ink, fontsize=size, ha="center", va="center", clip_on=True)
+    if given.shape != (count,):
+        words = f"{', '.join(map(repr, KINDS))}, a colour of matplotlib, or an array of {count} numbers"
+        raise checks.refusal("colour", f"be one of {words}, one for each disc", checks.brief(colour))
+    return given, ""
 
 
 # --- A still of a scene, for a notebook

@@ -99,14 +99,12 @@ def usual_phases(report: Report) -> dict[str, NDArray[np.float64]]:
 
 # --- Figures of a run: energy, overlap and collision rate against time, and the final state
 
-TALL, LOW = 1.25, 0.45
-"""Ratio of height to width from which a box is drawn beside the curves, and below which it is drawn under them."""
-
 
 def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, title: str) -> Figure:
     """Four panels: curves of a table of `mpsim.output.recorder`, and the last discs in the box of the scene."""
     with matplotlib.rc_context(fname=STYLE):
-        figure, energy, rate, overlap, place = _panels(scene.height / scene.width)
+        figure = new_figure(10, 6.4)
+        (energy, rate), (overlap, place) = figure.subplots(2, 2)
         time = table["time"]
         line: dict[str, Any] = {"marker": marker_of(len(time))}
         energy.plot(time, table["kinetic_energy"], color="#0072B2", **line)
@@ -130,26 +128,6 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
 def final_picture(scene: Scene, last: Frame, path: str | os.PathLike[str]) -> Path:
     """The last frame of a run as a picture, in the format of the path's ending."""
     return save_figure(draw(last, scene), path)
-
-
-def _panels(shape: float) -> tuple[Figure, Axes, Axes, Axes, Axes]:
-    if shape > TALL:
-        height = 8.4
-        wide = max(height / shape, 1.6) + 1.6
-        figure = new_figure(5.4 + wide, height)
-        grid = figure.add_gridspec(3, 2, width_ratios=[5.4, wide])
-        curves, place = [grid[row, 0] for row in range(3)], grid[:, 1]
-    elif shape < LOW:
-        low = max(11 * shape, 0.8) + 1.4
-        figure = new_figure(11, 3 + low)
-        grid = figure.add_gridspec(2, 3, height_ratios=[3, low])
-        curves, place = [grid[0, column] for column in range(3)], grid[1, :]
-    else:
-        figure = new_figure(10, 6.4)
-        grid = figure.add_gridspec(2, 2)
-        curves, place = [grid[0, 0], grid[0, 1], grid[1, 0]], grid[1, 1]
-    energy, rate, overlap = (figure.add_subplot(each) for each in curves)
-    return figure, energy, rate, overlap, figure.add_subplot(place)
 
 
 def _from_zero(axes: Axes, values: NDArray[np.float64], room: float = 1.15) -> None:

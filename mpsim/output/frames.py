@@ -62,7 +62,7 @@ Result = TypeVar("Result")
 class FirstRank:
     """Does for all ranks of a communicator what only one process may do, such as writing a file.
 
-    All ranks make the same calls, except `alone`. Without a communicator, this process does it.
+    All ranks make the same calls. Without a communicator, this process does it.
     """
 
     def __init__(self, comm: Any = None):
@@ -72,15 +72,6 @@ class FirstRank:
     def once(self, act: Callable[[], Result]) -> Result:
         """The result of a call made by the first rank; an error that it raises is raised on all ranks."""
         return act() if self._ranks is None else self._ranks.once(act)
-
-    def alone(self, act: Callable[[], None]) -> None:
-        """Let the first rank do something without the others: when a run fails, they may never make the call."""
-        if self._ranks is None or self._ranks.rank == 0:
-            act()
-
-    def any_of(self, said: bool) -> bool:
-        """Whether something is true on any rank."""
-        return said if self._ranks is None else self._ranks.agree(int(said), 0, 0).trouble > 0
 
     def close(self) -> None:
         """Release the communicator. May be called again."""
@@ -185,7 +176,7 @@ class Frame:
             found = ", ".join(["position", *sorted(self.known)])
             raise TrajectoryError(
                 f"{name} must be in a trajectory to be read from it; {str(self.source)!r} holds only {found}. "
-                f"Have the program that wrote it write {_written_as(name)}, too"
+                f"Have the program that wrote it write {WRITTEN_AS.get(name, f'the column {name}')}, too"
                 f"{', or give Trajectory(path, radius=...)' * (name == 'radius')}."
             )
         return self.known[name]
@@ -299,21 +290,13 @@ def _in_plane(name: str, vectors: NDArray[Any], z: ArrayLike, scale: float, wher
 
 
 WRITTEN_AS = {
-    "time": "the key Time (extended XYZ), log/mpsim/time (GSD) or ITEM: TIME (LAMMPS)",
-    "velocity": "the column velo:R:3 (extended XYZ), particles/velocity (GSD) or vx vy (LAMMPS)",
-    "radius": "the column radius:R:1 (extended XYZ), particles/diameter (GSD) or radius (LAMMPS)",
-    "mass": "the column masses:R:1 (extended XYZ), particles/mass (GSD) or mass (LAMMPS)",
-    "image": "the column map_shift:I:3 (extended XYZ), particles/image (GSD) or ix iy (LAMMPS)",
+    "time": "the key Time",
+    "velocity": "the column velo:R:3",
+    "radius": "the column radius:R:1",
+    "mass": "the column masses:R:1",
+    "image": "the column map_shift:I:3",
 }
-"""Where formats have what has a name of its own in them."""
-
-
-def _written_as(name: str) -> str:
-    further = {
-        each.name: f"the column {each.name}:{kind_of(each)} (extended XYZ) or log/particles/mpsim/{each.name} (GSD)"
-        for each in in_state()
-    }
-    return (further | WRITTEN_AS)[name]
+"""What has a name of its own in extended XYZ."""
 
 
 def kind_of(column: Column) -> str:

@@ -16,7 +16,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.measure.moments import energy_of_rotation, energy_of_translation
 from mpsim.measure.observables import overlap
-from mpsim.output.frames import FirstRank, Ownership
+from mpsim.output.frames import Ownership
 
 MOST_BYTES = 2**30  # bytes of a table at most: some ten million rows
 
@@ -38,21 +38,17 @@ Absorbed discs are not counted."""
 class Recorder:
     """An observer that writes a table row by row, flushing each; it belongs to its simulation.
 
-    A table of the same run is continued; rows later than the simulation's frame are written again. `first_rank` writes
-    for all ranks.
+    A table of the same run is continued; rows later than the simulation's frame are written again.
     """
 
-    def __init__(self, path: str | os.PathLike[str], every: int, sim: Simulation, first_rank: FirstRank | None = None):
+    def __init__(self, path: str | os.PathLike[str], every: int, sim: Simulation):
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes a row for every frame.")
         self._path = Path(path)
-        self._first_rank = FirstRank() if first_rank is None else first_rank
-        advice = "Make a Recorder for each, with a file of its own."
-        self._ownership = Ownership("table", self._path, advice, self._first_rank.comm is not None)
+        self._ownership = Ownership("table", self._path, "Make a Recorder for each, with a file of its own.")
         self._ownership.bind_or_check(sim)
         self._since = sim.frame
         self._collisions = 0
-        self._file: TextIO | None = None  # of the first rank
-        self._last = self._first_rank.once(lambda: self._open(sim.frame))
+        self._last = self._open(sim.frame)
 
     def _open(self, frame: int) -> int:
         """Cut the table back to a frame, and open it. Returns the frame of its last row; -1: there is none."""
@@ -61,7 +57,9 @@ class Recorder:
         csv.writer(text, lineterminator="\n").writerows([COLUMNS, *kept])
         try:
             files.write_text(self._path, text.getvalue())
-            self._file = self._path.open("a", newline="", encoding="utf-8")  # row by row: a kill costs the last one
+            self._file: TextIO = self._path.open(
+                "a", newline="", encoding="utf-8"
+            )  # row by row: a kill costs the last one
         except OSError as error:
             raise OutputError(
                 f"the table of a run must be a file that can be written; got {str(self._path)!r} ({error.strerror})."
@@ -76,18 +74,13 @@ class Recorder:
         if sim.frame <= self._last:
             return
         self._last = sim.frame
-        sim.once(lambda: self._append(row_of(sim, sim.state, frames, met)))
-
-    def _append(self, row: list[float]) -> None:
-        assert self._file is not None  # as `_ownership` has looked
-        csv.writer(self._file, lineterminator="\n").writerow(row)
+        csv.writer(self._file, lineterminator="\n").writerow(row_of(sim, sim.state, frames, met))
         self._file.flush()
 
     def close(self) -> None:
         """Close the file."""
         self._ownership.close("To write more rows, make another Recorder for it.")
-        if self._file is not None:
-            self._file.close()
+        self._file.close()
 
     def __enter__(self) -> "Recorder":
         return self

@@ -14,7 +14,7 @@ from typing import Any
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.files import CSV, JSON, write_parquet, written
+from mpsim.core.files import CSV, JSON, written
 from mpsim.core.optional_packages import imported
 from mpsim.core.progress import checked_progress, shown
 from mpsim.core.state import view
@@ -200,24 +200,6 @@ class Tradeoff:
         pandas = imported("pandas", "a DataFrame", "sweep", "use to_csv")
         records = [row.record() for row in self.rows]
         return pandas.DataFrame({name: [record.get(name) for record in records] for name in self.columns})
-
-    def to_parquet(self, path: str | Path) -> None:
-        """Write the table to `path` as a Parquet file, with the columns of `to_pandas`.
-
-        Raises:
-            InputError: if the path does not end in .parquet.
-            OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
-        """
-        write_parquet(self.to_pandas(), path, TABLE)
-
-    def to_xarray(self) -> Any:
-        """The table as an xarray.Dataset, whose dimension `candidate` counts the rows from 0.
-
-        Raises:
-            OutputError: if xarray or pandas is not installed.
-        """
-        imported("xarray", "a Dataset", "sweep", "use to_csv")
-        return self.to_pandas().rename_axis("candidate").to_xarray()
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The table as JSON: each attribute, the rows as plain values; also written to `path`.

@@ -120,17 +120,6 @@ def test_a_checkpoint_goes_from_ranks_to_workers_and_back(name, tmp_path):
     assert resumed.out.split()[-1] == whole
 
 
-def test_the_command_line_runs_on_ranks_and_speaks_once():
-    done = on_ranks(2, "run", "gas", "--method", "mpi", "--frames", "50", "--json", program="mpsim")
-    assert done.code == 0, done.err
-    told = json.loads(done.out)
-    assert told["method"] == "mpi"
-    assert told["workers"] == 2
-    with mpsim.Simulation(mpsim.Scene.load("gas"), mpsim.Settings(dt=told["settings"]["dt"], method="grid")) as sim:
-        sim.run(frames=50)
-        assert sim.digest() == told["digest"]
-
-
 @pytest.mark.long
 def test_the_program_of_the_page_stops_and_goes_on(tmp_path):
     page = (ROOT / "docs" / "howto" / "cluster.md").read_text()

@@ -26,48 +26,41 @@ REFUSED = [
     ("run gas --frames 3 --until 2", "Give --frames or --until, not both."),
     ("resume gas --frames 3 --until 2", "Give --frames or --until, not both."),
     ("run gas --every 3", "--every needs --out, the folder to write to."),
-    ("run gas --dt 0", "'--dt': '0' must be a number > 0, such as 0.05."),
-    ("run gas --frames 5.5", "'--frames': '5.5' must be a whole number >= 1. Give 5 or 6."),
-    ("run gas --workers 1024.5", "'1024.5' must be a whole number from 1 to 1024. Give 1024."),
-    ("run gas --frames 30 --start 0.3", "--start must lie before the end of the run, at time 0.3; got 0.3"),
+    ("run gas --dt 0", "'--dt': 0.0 is not in the range x>0."),
+    ("run gas --frames 5.5", "'--frames': '5.5' is not a valid integer range."),
+    ("run gas --workers 1025", "1025 is not in the range 1<=x<=1024."),
+    (
+        "run gas --method mpi",
+        "method 'mpi' is for programs on the ranks of MPI. Give --method grid",
+    ),
+    ("run gas --frames 30 --start 0.3", "start must lie before the end of the run, at time 0.3; got 0.3"),
     ("run gsa", "got 'gsa'. Did you mean 'gas'?"),
     ("run none.toml", "scene must be a file that can be read; got 'none.toml' (No such file or directory)."),
     ("run gas --method gird", "'--method': 'gird' is not one of"),
     (
         "run gas --method naive --dt 1 --frames 1 --on-fast error",
-        "Use --dt 0.079, --substeps 13 or --on-fast substep; --on-fast warn runs it anyway.",
+        "Use dt=0.079, substeps=13 or on_fast='substep'; on_fast='warn' runs it anyway.",
     ),
     (
         "run gas --method event --precision float32",
-        "--method event cannot do --precision float32. Leave it out, or use --method grid.",
+        "method='event' cannot do precision='float32'. Leave it out, or use method='grid'.",
     ),
-    ("run gas --version", "--version stands before the command: mpsim --version"),
-    ("run gas -v", "-v stands before the command: mpsim -v ..."),
-    ("animate gas", "Give the file to write once, as OUT or by --out, such as gas.gif."),
-    ("animate gas a.gif --out b.gif", "Give the file to write once, as OUT or by --out, such as gas.gif."),
-    ("animate gas a.gif --until 1e308 --seconds 1", f"--until {LONG} 0.01; got 1e+308."),
+    ("animate gas a.gif --until 1e308", f"until {LONG} 0.01; got 1e+308."),
     ("animate gas a.gif --dt 1e-300", f"the scene's duration {LONG} 1e-300; got 100."),
     (
         "animate gas a.gif --until 1e9 --every 2",
-        "--until must be at most 1999.98 with --every 2, 100,000 pictures; got 1e+09.",
+        "until must be at most 1999.98 with every=2, 100,000 pictures; got 1e+09.",
     ),
-    ("animate gas a.gif --colour worker --method naive", "this run is by 'naive'. Use --method parallel"),
+    ("animate gas a.gif --colour worker --method naive", "this run is by 'naive'. Use Settings(method='parallel'"),
     ("animate gas a.pdf", "Use a.gif. One picture is made by mpsim.draw or `mpsim plot`."),
-    ("completion tcsh", "'tcsh' is not one of 'bash', 'zsh', 'fish'."),
     ("shwo", "No such command 'shwo'"),
-    ("compare", "`mpsim tradeoff SCENE`"),
-    ("draw", "`mpsim plot RUN`"),
-    ("live", "`mpsim view SCENE`"),
-    ("measure", "`mpsim run SCENE --measure NAME`"),
-    ("sweep", "with mpsim.sweep"),
     ("tune", "Missing argument 'SCENE'."),
     ("tune cradle", "Give at least one budget: --pressure, --collision-rate, "),
-    ("tune cradle --pressure nan", "'--pressure': 'nan' must be a number > 0, such as 0.05 or 5%."),
-    ("tune gas --pressure 200%", "'200%' must be less than 100%. Give a smaller one, such as 5%."),
-    ("tune cradle --pressure 1% --replicas 65", "'65' must be a whole number from 2 to 64."),
+    ("tune cradle --pressure nan", "'--pressure': 'nan' must be a number > 0 and less than 100%, such as 0.05 or 5%."),
+    ("tune gas --pressure 200%", "'200%' must be a number > 0 and less than 100%, such as 0.05 or 5%."),
+    ("tune cradle --pressure 1% --replicas 65", "65 is not in the range 2<=x<=64."),
     ("tradeoff cradle --csv --json", "Choose one of --csv and --json."),
-    ("tradeoff cradle --out t", "--out must end in one of .csv, .json, .parquet, .txt; got 't'. Use t.csv."),
-    ("tradeoff cradle --out t.json --csv", "--out must end in one of .csv, .txt with --csv; got 't.json'. Use t.csv."),
+    ("tradeoff cradle --out t", "--out must end in .csv or .json; got 't'. Use t.csv."),
 ]
 
 
@@ -115,10 +108,6 @@ def test_what_cannot_be_animated_or_written_is_told_before_any_work(tmp_path, mo
     assert result.exit_code == 1
     assert "an .mp4 needs the package imageio_ffmpeg, which cannot be imported" in result.stderr
     assert f"`pip install 'mpsim[film]'`, or install ffmpeg, or write '{tmp_path}/a.gif'." in result.stderr
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    result = mpsim_command("tradeoff", "cradle", "--out", tmp_path / "b.parquet")
-    assert result.exit_code == 1
-    assert "a Parquet file needs the package pyarrow, which cannot be imported" in result.stderr
     result = mpsim_command("tradeoff", "cradle", "--out", tmp_path / "none" / "a.csv")
     assert result.exit_code == 1
     assert f"--out must be a file that can be written; got '{tmp_path}/none/a.csv' (No such file or" in result.stderr
@@ -133,7 +122,7 @@ def test_what_cannot_be_animated_or_written_is_told_before_any_work(tmp_path, mo
 
 
 def test_help_has_examples_that_begin_with_the_command():
-    known = "animate bench clean completion plot resume run scenes show tradeoff tune view warmup"
+    known = "animate clean plot resume run scenes show tradeoff tune view warmup"
     assert " ".join(NAMES) == known
     for command in [[], *([name] for name in NAMES)]:
         result = mpsim_command(*command, "--help")
@@ -151,12 +140,10 @@ def test_the_module_is_the_command(monkeypatch, capsys):
     assert told.err.startswith("Error: scene must be a path that ends in .toml or one of ")
 
 
-def test_scenes_and_shells_are_completed():
+def test_scenes_are_completed():
     words = [item.value for item in ShellComplete(main, {}, "mpsim", "_MPSIM_COMPLETE").get_completions(["run"], "ga")]
     assert {"galton", "gas"} <= set(words)
     assert "pi" not in words
-    for shell in ("bash", "zsh", "fish"):
-        assert "_MPSIM_COMPLETE" in mpsim_command("completion", shell).stdout
 
 
 def test_verbose_tells_what_is_read_and_a_warning_is_a_line_without_source(monkeypatch):
@@ -251,15 +238,11 @@ def test_tune_and_tradeoff_do_what_they_say(tmp_path):
     assert (tmp_path / "a.csv").read_text().startswith("method,contact,law,")
 
 
-# --- bench, warmup
+# --- warmup
 
 
 @pytest.mark.slow
-def test_bench_and_warmup_tell_numbers():
-    lines = mpsim_command("bench", "--frames", 60, "--workers", 2, "--quiet").stdout.splitlines()
-    assert [line.split()[0] for line in lines[1:4]] == ["naive", "grid", "parallel"]
-    assert all(" us a frame, mean " in line for line in lines[1:4])
-    assert lines[4].startswith("grid and parallel gave the same bits: ")
+def test_warmup_tells_numbers():
     result = mpsim_command("warmup", "gas", "--method", "grid", "--quiet")
     assert result.exit_code == 0
     assert result.stdout.startswith("gas ")

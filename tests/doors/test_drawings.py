@@ -29,10 +29,6 @@ def centres(figure):
     return np.asarray(discs_in(figure).get_offsets())
 
 
-def labels_of(figure):
-    return [text.get_text() for text in figure.axes[0].texts]
-
-
 def three(**features):
     """Three discs in a row, and their scene."""
     scene = mpsim.Scene(width=8, height=4, position=[[1, 2], [4, 2], [7, 2]], velocity=[[1, 0], [0, 2], [0, 0]],
@@ -54,14 +50,12 @@ def test_discs_are_where_they_are_and_as_large_as_they_are():
     assert not isinstance(by_radius.norm, LogNorm)
 
 
-def test_what_was_absorbed_is_not_drawn_and_others_keep_their_numbers():
+def test_what_was_absorbed_is_not_drawn_and_others_keep_their_colours():
     state, scene = three(absorbing="left")
     state = mpsim.State(state.position, state.velocity, present=np.array([True, False, True]), box=state.box)
-    figure = mpsim.draw(state, scene, colour=[10, 20, 30], labels=True)
+    figure = mpsim.draw(state, scene, colour=[10, 20, 30])
     assert centres(figure).tolist() == [[1, 2], [7, 2]]
     assert discs_in(figure).get_array().tolist() == [10, 30]
-    assert labels_of(figure) == ["0", "2"]
-    assert labels_of(mpsim.draw(state, scene, labels=["a", "b", "c"])) == ["a", "c"]
 
 
 def test_an_array_of_ones_own_has_its_words_at_the_colour_bar_and_its_scale():
@@ -114,8 +108,7 @@ def test_a_frame_needs_no_scene_but_shows_obstacles_with_one(tmp_path):
     )
     (frame,) = mpsim.Trajectory(tmp_path / "a.xyz")
     _, scene = three(obstacles=[mpsim.FixedDisc((2.5, 2), 0.2)])
-    alone = mpsim.draw(frame, labels=True)
-    assert labels_of(alone) == ["5", "6", "9"]
+    alone = mpsim.draw(frame)
     assert len(centres(alone)) == 6, "with images beyond the periodic border"
     assert alone.axes[0].get_title() == "time 1.5, 3 discs"
     assert len(mpsim.draw(frame, scene).axes[0].collections) == len(alone.axes[0].collections) + 1
@@ -143,8 +136,6 @@ def test_very_many_discs_are_drawn_in_part_and_it_says_so():
     figure = mpsim.draw(scene)
     assert (len(centres(figure)), figure.axes[0].get_title()) == (25_001, "25,001 of 50,001 discs")
     assert len(scene._repr_png_()) < 100_000
-    with pytest.raises(mpsim.InputError, match=r"labels must be for at most 2,000 discs; got 50,001"):
-        mpsim.draw(scene, labels=True)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +144,6 @@ def test_very_many_discs_are_drawn_in_part_and_it_says_so():
         ({"colour": "sped"}, r"colour must be one of 'speed', 'radius', 'mass', 'spin'; got 'sped'. Did you mean"),
         ({"colour": [1, 2]}, r"colour must be one of .*, or an array of 3 numbers, one for each disc; got \[1, 2\]"),
         ({"colour": "spin"}, r"colour must not be 'spin' of smooth discs"),
-        ({"labels": "abc"}, r"labels must be True, or 3 texts or numbers, one for each disc; got 'abc'"),
         ({"scene": None}, r"scene must be given with a State, which has no radii; got <State: 3"),
         ({"state": np.zeros((3, 2))}, r"state must be a State, a frame .*; got ndarray. Use sim.state"),
         ({"state": gas(5, 0.1)}, r"scene must be left out with a Scene, which has its own"),

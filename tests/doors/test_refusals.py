@@ -95,8 +95,7 @@ WHOLE = [
     ),
     (
         lambda: mpsim.Trajectory("run.txt"),
-        "a trajectory's path must end in .xyz, .extxyz, .gsd, .lammpstrj, .dump, .xyz.gz, .extxyz.gz, "
-        ".lammpstrj.gz, .dump.gz; got 'run.txt'. Use 'run.xyz'.",
+        "a trajectory's path must end in .xyz, .extxyz, .gsd; got 'run.txt'. Use 'run.xyz'.",
     ),
     (
         lambda: mpsim.Simulation(scene(), start_method="frok"),
@@ -140,7 +139,11 @@ def refusals(source):
     """Texts of an InputError, or of a class made for it, with {} for what is filled in."""
     for node in ast.walk(ast.parse(source)):
         name = getattr(node, "func", None)
-        if isinstance(node, ast.Call) and "InputError" in (getattr(name, "id", ""), getattr(name, "attr", "")):
+        name = getattr(name, "id", getattr(name, "attr", ""))
+        if isinstance(node, ast.Call) and name == "refusal" and len(node.args) > 2:  # whose form is fixed
+            what, rule, got, instead = [*map(template, node.args), "Use that."][:4]
+            yield f"{what or '{}'} must {rule or '{}'}; got {got or '{}'}. {instead or '{}.'}"
+        elif isinstance(node, ast.Call) and name == "InputError":
             for text in map(template, node.args):
                 if text and text not in LEFT_TO_OTHERS:
                     yield text

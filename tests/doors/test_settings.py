@@ -160,15 +160,13 @@ Notebook = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"
 
 
 def on_screen(text):
-    """What a terminal shows in the end: the cursor returns at \\r, and \\x1b[K erases what is behind it."""
+    """What a terminal shows in the end: the cursor returns at \\r."""
     lines, line, at = [], "", 0
-    for part in re.findall(r"\x1b\[K|[\r\n]|[^\x1b\r\n]+", text):
+    for part in re.findall(r"[\r\n]|[^\r\n]+", text):
         if part == "\n":
-            lines, line, at = [*lines, line], "", 0
+            lines, line, at = [*lines, line.rstrip()], "", 0
         elif part == "\r":
             at = 0
-        elif part == "\x1b[K":
-            line = line[:at]
         else:
             line, at = line[:at] + part + line[at + len(part) :], at + len(part)
     return [*lines, line.rstrip()]
@@ -204,11 +202,10 @@ def test_a_terminal_has_a_line_with_rate_and_time_left_which_goes_at_the_end(sho
     assert end == [""]
     notebook = Notebook()
     _, end = shown(notebook)
-    assert "\x1b" not in notebook.getvalue()
     assert re.fullmatch(r"frames \[####################\] 25/25, [\d.]+/s", end[0].rstrip()), "there it stays"
     quick = Terminal()
     shown(quick, 0.01)
-    assert 2 <= quick.getvalue().count("\r") <= 6, "ten times a second"
+    assert 2 <= quick.getvalue().count("frames [") <= 6, "ten times a second"
     _, end = shown(io.StringIO())  # a file
     assert end == ["9 of 25: frames, 1/s, 16 s left", "19 of 25: frames, 1/s, 6.0 s left", "25 of 25: frames, 1/s", ""]
 
@@ -244,18 +241,10 @@ def test_a_run_shows_its_frames_when_asked_has_the_same_bits_and_cleans_up_when_
 
 # --- cores
 
-MOUNTS = {
-    1: "30 24 0:26 {} /sys/fs/cgroup/cpu rw,relatime shared:9 - cgroup cgroup rw,cpu,cpuacct\n",
-    2: "30 24 0:26 {} /sys/fs/cgroup rw,relatime - cgroup2 cgroup2 rw,nsdelegate\n",
-}
-ODD = "40 24 0:30 / /a rw - tmpfs  rw\n41 24 0:31 / /b rw shared:2 - tmpfs - rw\n42 24 0:32 / /\udce9 rw - tmpfs a rw\n"
-"""Mounts without a source, with a dash for one, with a name that is not UTF-8."""
 
-
-def groups(version, path, mounted="/", odd=""):
-    """What a process in a group of this path sees, where the group `mounted` stands at the top."""
-    line = f"5:memory:/\n3:cpu,cpuacct:{path}\n0::/\n" if version == 1 else f"0::{path}\n"
-    return {"/proc/self/cgroup": line, "/proc/self/mountinfo": odd + MOUNTS[version].format(mounted)}
+def groups(version, path):
+    """What a process in a group of this path sees."""
+    return {"/proc/self/cgroup": f"5:memory:/\n3:cpu,cpuacct:{path}\n0::/\n" if version == 1 else f"0::{path}\n"}
 
 
 def v1(folder, cores):
@@ -275,13 +264,11 @@ CORES = {
     "nonsense": ({"files": JOB | v2("/user/job", "odd")}, 8),
     "quota of half a core": ({"files": JOB | v2("/user/job", "50000 100000")}, 1),
     "quota of a parent": ({"files": JOB | v2("/user/job", "max 100000") | v2("/user", "300000 100000")}, 3),
-    "own group at the top": ({"files": groups(2, "/docker/a", "/docker/a") | v2("", "200000 100000")}, 2),
-    "odd mounts": ({"files": groups(2, "/user/job", odd=ODD) | v2("/user/job", "200000 100000")}, 2),
+    "own group at the top": ({"files": groups(2, "/docker/a") | v2("", "200000 100000")}, 2),
     "version 1": ({"files": groups(1, "/job") | v1("/job", 3)}, 3),
     "version 1 unlimited": ({"files": groups(1, "/job") | v1("/job", 3)
                              | {"/sys/fs/cgroup/cpu/job/cpu.cfs_quota_us": "-1\n"}}, 8),
-    "version 1, own group at the top": ({"files": groups(1, "/pod/own", "/pod/own") | v1("", 2)}, 2),
-    "version 1, below the top": ({"files": groups(1, "/pod/own", "/pod") | v1("/own", 3) | v1("", 5)}, 3),
+    "version 1, own group at the top": ({"files": groups(1, "/pod/own") | v1("", 2)}, 2),
 }  # fmt: skip
 
 

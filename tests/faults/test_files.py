@@ -55,7 +55,6 @@ WRITERS = {
     "gas.position.npy": lambda path: SCENE.save(path.with_name("gas.toml")),
     "state.npz": STATE.save,
     "times.csv": REPORT.to_csv,
-    "times.parquet": REPORT.to_parquet,
     "sweep.csv": SWEPT.to_csv,
     "sweep.json": SWEPT.to_json,
     "picture.png": picture,
