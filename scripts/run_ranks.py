@@ -24,7 +24,7 @@ from rich.console import Console
 from run_bench import machine
 
 import mpsim
-from mpsim.engine.solvers.mpi_ranks import Communicator
+from mpsim.engine.solvers.ranks.messages import MpiRanks
 from mpsim.kernels import records
 from mpsim.output.drawing import STYLE, new_figure, save_figure
 
@@ -83,22 +83,22 @@ class Network(NamedTuple):
 
 
 class Counter:
-    """Counts what `Communicator` sends."""
+    """Counts what `MpiRanks` sends."""
 
     def __init__(self) -> None:
         self.counts = np.zeros(5)
         self._border_seconds: list[float] = []
-        self._right = {name: getattr(Communicator, name) for name in ("exchange", "deal", "agree")}
+        self._right = {name: getattr(MpiRanks, name) for name in ("exchange", "deal", "agree")}
         self._dealing = False
 
     def __enter__(self) -> "Counter":
         for name in self._right:
-            setattr(Communicator, name, self._counting(name))
+            setattr(MpiRanks, name, self._counting(name))
         return self
 
     def __exit__(self, *exception: object) -> None:
         for name, right in self._right.items():
-            setattr(Communicator, name, right)
+            setattr(MpiRanks, name, right)
 
     def mean(self, frames: int) -> Sent:
         """Of so many frames."""
@@ -109,7 +109,7 @@ class Counter:
     def _counting(self, name: str) -> Any:
         right = self._right[name]
 
-        def count(ranks: Communicator, *arguments: Any) -> Any:
+        def count(ranks: MpiRanks, *arguments: Any) -> Any:
             if name == "agree":
                 self.counts[4] += len(arguments) == OF_A_STEP
             elif name == "exchange":
@@ -165,7 +165,7 @@ def tell_one(task: str) -> None:
     warnings.simplefilter("ignore")
     discs, settings = json.loads(task)
     found = frame_seconds(discs, settings)
-    if "mpi" not in settings.values() or Communicator().rank == 0:
+    if "mpi" not in settings.values() or MpiRanks().rank == 0:
         print(json.dumps(found))
 
 

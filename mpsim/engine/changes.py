@@ -174,7 +174,7 @@ def demand_whole_frame(solver: Solver, what: str) -> None:
     Raises:
         InputError: with both times.
     """
-    end = solver.time_of(solver.frame)
+    end = solver.terms.time_of(solver.frame)
     if solver.time != end:
         raise InputError(
             f"{what} must be called between two frames; got time {solver.time:g}, and frame {solver.frame} ended at "

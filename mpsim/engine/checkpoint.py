@@ -566,14 +566,7 @@ def check(found: Checkpoint) -> None:
     count = count_in(arrays)
     demand(scene.count <= count <= LARGEST_COUNT, f"it has {count} discs; its scene has {scene.count}")
     solver = METHODS[choose(count, settings).method].solver
-    shapes = solver.snapshot_shapes(scene, settings, count)
-    demand(arrays.keys() == shapes.keys(), f"it holds arrays {sorted(arrays)}; needed are {sorted(shapes)}")
-    for name, array in arrays.items():
-        dtype, shape = shapes[name]
-        demand(
-            array.dtype == dtype and array.shape == shape,
-            f"{name} must be {dtype} of shape {shape}; got {array.dtype} of shape {array.shape}",
-        )
+    solver.check_snapshot(scene, settings, arrays)
     _check_sizes(scene, arrays)
     frames, second = arrays["progress"].tolist()
     demand(0 <= frames <= MOST_STEPS and second >= 0, f"frames and steps must be >= 0; got {frames}, {second}")
@@ -582,7 +575,6 @@ def check(found: Checkpoint) -> None:
     _check_emission(scene, found.run["emission"], count)
     if solver.capabilities.has_steps:
         _check_steps(settings, frames, second)
-    solver.check_snapshot(scene, settings, arrays)
 
 
 def _check_steps(settings: Settings, frames: int, steps: int) -> None:

@@ -16,7 +16,7 @@ from mpsim.core.deferred_signals import Noted
 from mpsim.engine.access import Notices
 from mpsim.engine.checkpoint import Checkpointer
 from mpsim.engine.solvers import base
-from mpsim.engine.solvers.base import Slice, Solver
+from mpsim.engine.solvers.base import BatchResult, Solver
 from mpsim.errors import WorkerDiedError
 from mpsim.kernels.records import PHASES
 from mpsim.measure.registry import RunAverages
@@ -25,11 +25,12 @@ from mpsim.measure.registry import RunAverages
 
 
 class Rewind(NamedTuple):
-    """How far a run had come: frames and collisions, slices of times, what had been gathered for measures, logged."""
+    """How far a run had come, with what had been gathered for measures, and logged."""
 
     done: int
     collisions: int
     slices: int
+    guarded: int
     gathered: Any
     logged: tuple[NDArray[Any], ...]
 
@@ -40,41 +41,40 @@ class RunRecord:
     Attributes:
         averages: averages for its measures; None: it has none.
         whole: whether it began between two frames, not inside one.
-        guarded: losses that the solver's guard had suppressed before.
+        guarded: losses of energy that the solver's guard has suppressed.
         done: frames.
         collisions: contacts resolved.
         logged: tables of collisions that nobody has taken yet.
     """
 
-    def __init__(
-        self, workers: int, averages: RunAverages | None, whole: bool, guarded: int, logged: list[NDArray[Any]]
-    ):
+    def __init__(self, workers: int, averages: RunAverages | None, whole: bool, logged: list[NDArray[Any]]):
         self.averages = averages
         self.whole: bool = whole
-        self.guarded: int = guarded
+        self.guarded: int = 0
         self.done: int = 0
         self.collisions: int = 0
         self.logged: list[NDArray[Any]] = logged
         self._workers = workers
         self._times: list[NDArray[np.int64]] = []
 
-    def take(self, part: Slice) -> None:
+    def take(self, part: BatchResult) -> None:
         """Add what one command of the solver took and counted."""
         size = part.times.shape[1]
         self.done += size
         self._times.append(part.times)
         self.collisions += part.contacts
+        self.guarded += part.guarded
         if size and self.averages is not None:
-            self.averages.take(part.tally, self.done)
+            self.averages.take(part.counters, self.done)
 
     def mark(self) -> Rewind:
         """How far the run has come, for `rewind`."""
         gathered = None if self.averages is None else self.averages.mark()
-        return Rewind(self.done, self.collisions, len(self._times), gathered, tuple(self.logged))
+        return Rewind(self.done, self.collisions, len(self._times), self.guarded, gathered, tuple(self.logged))
 
     def rewind(self, mark: Rewind) -> None:
         """Forget what came after a mark."""
-        self.done, self.collisions = mark.done, mark.collisions
+        self.done, self.collisions, self.guarded = mark.done, mark.collisions, mark.guarded
         del self._times[mark.slices :]
         if self.averages is not None:
             self.averages.rewind(mark.gathered)
@@ -86,6 +86,11 @@ class RunRecord:
         late = table["frame"] > frame
         self.logged[:] = [table[late]]
         return base.in_order(table[~late])
+
+    @property
+    def count_enabled(self) -> bool:
+        """Whether measures need what the solver counts."""
+        return self.averages is not None and self.averages.counting
 
     @property
     def times(self) -> NDArray[np.int64]:
@@ -323,7 +328,7 @@ class Interruption:
 
     def look(self) -> None:
         """Raise KeyboardInterrupt in all processes if Ctrl-C has come to one. All of them look."""
-        if self._is_shared and self._solver.group.any_of(self._noted.came):
+        if self._is_shared and self._solver.ranks.any_rank(self._noted.came):
             raise KeyboardInterrupt
 
     @property

@@ -52,7 +52,7 @@ from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import (
     Choice,
-    Columns,
+    CollisionLog,
     InPlace,
     NewDiscs,
     OnWorkerDeath,
@@ -61,12 +61,17 @@ from mpsim.engine.solvers.base import (
     Solver,
     SolverState,
     StartMethod,
+    Steps,
     Terms,
     count_in,
+    digest_of_state,
+    log_collisions,
+    resources_of,
+    set_substeps,
 )
-from mpsim.engine.solvers.grid import Pass, frame_in_passes
+from mpsim.engine.solvers.grid import Columns, Pass, columns_of, frame_in_passes
 from mpsim.engine.solvers.methods import capabilities_of, check_processes, on_ranks, same_bits
-from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together
+from mpsim.engine.solvers.ranks.messages import MpiRanks, collective
 from mpsim.engine.step_limits import StepLimits, check_precision
 from mpsim.engine.workers.shared import MOST_FRAMES, refusals_named
 from mpsim.errors import (
@@ -154,7 +159,7 @@ class Simulation(ReadOnly):
         unguarded: bool = False,
     ):
         chosen = scene.settings if settings is None and isinstance(scene, Scene) else settings
-        with _refused_together(chosen, comm):
+        with _collective(chosen, comm):
             self._set_up(scene, settings, Processes(comm, start_method, on_worker_death, unguarded))
         self._begin(self._step_limits.at_start(), self._solver.start)
 
@@ -189,7 +194,7 @@ class Simulation(ReadOnly):
 
     def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
         try:
-            with self._solver.group.together():
+            with _collective(self._settings, self._processes.comm):
                 for text, kind in warned_of:
                     warn(text, kind)
             methods.note_remark(self._solver.choice, None, self._access.notices)
@@ -225,7 +230,7 @@ class Simulation(ReadOnly):
         """Close the simulation, also from within another call of this thread; Ctrl-C waits."""
         with interrupts_held_back(), self._access.moving():
             if self._alive:
-                self._last_frame, self._last_time = self._solver.frame, self._solver.time_of(self._solver.frame)
+                self._last_frame, self._last_time = self._solver.frame, self._solver.terms.time_of(self._solver.frame)
                 self._closing()
 
     @property
@@ -298,7 +303,8 @@ class Simulation(ReadOnly):
     @reading
     def substeps(self) -> int:
         """Steps in each frame now: as set, or as chosen by on_fast="substep"; 1 for `event`, which has no steps."""
-        return self._open_solver().substeps
+        solver = self._open_solver()
+        return solver.substeps if isinstance(solver, Steps) else 1
 
     @property
     @reading
@@ -324,7 +330,7 @@ class Simulation(ReadOnly):
         solver = self._whole("state_between")
         last = checks.whole("last", last, 0, solver.count, "It is the number behind the last disc.")
         first = checks.whole("first", first, 0, last, "It is the number of the first disc, at most last.")
-        return solver.state_between(first, last)
+        return solver.state(first, last)
 
     @reading
     def local_state(self) -> tuple[NDArray[np.int64], State]:
@@ -366,19 +372,13 @@ class Simulation(ReadOnly):
         Raises:
             InputError: for `naive` and `event`, which have no columns.
         """
-        solver = self._open_solver()
-        if (found := solver.columns()) is None:
-            raise InputError(
-                "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
-                f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."
-            )
-        return found
+        return columns_of(self._open_solver())
 
     @property
     @reading
     def array_names(self) -> tuple[str, ...]:
         """Names of the arrays in the shared block; those of a feature exist only if the scene has the feature."""
-        return self._open_solver().array_names
+        return tuple(self._open_solver().block.specs)
 
     @property
     def pids(self) -> list[int]:
@@ -388,7 +388,7 @@ class Simulation(ReadOnly):
     @reading
     def digest(self) -> str:
         """Hex digest of the state in the order of the scene's discs: equal digests mean equal bits."""
-        return self._whole("digest").digest()
+        return digest_of_state(self._whole("digest"))
 
     def once(self, act: Callable[[], Result]) -> Result:
         """Call a function on the first rank only, and return its result on all ranks.
@@ -404,11 +404,11 @@ class Simulation(ReadOnly):
         ...     sim.once(lambda: sim.count)
         50
         """
-        return self._open_solver().group.once(act)
+        return self._open_solver().ranks.on_root(act)
 
     @reading
     def _read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
-        return self._whole("discs in place").read_in_place(read)
+        return read(self._whole("discs in place").in_place())
 
     def _whole(self, what: str) -> Solver:
         """The solver, with a whole state to read."""
@@ -465,31 +465,35 @@ class Simulation(ReadOnly):
         measures = measures if measures is None or isinstance(measures, str) else tuple(measures)
         if on_ranks := solver.capabilities.on_ranks:
             given = frames, until, measures, start, checkpoint, checkpoint_every, checkpoint_seconds
-            solver.group.demand_alike("arguments of run", given)
+            solver.ranks.assert_same_on_ranks("arguments of run", given)
         if progress is not None:
             progress = checked_progress(progress, "progress(done, of_frames)")
-            if progress is True and not solver.group.is_first:
+            if progress is True and not solver.ranks.is_root:
                 progress = None  # of several ranks the first one shows it
         if until is not None or type(frames) is not int or not 0 <= frames <= report.MOST_FRAMES_OF_A_RUN:
-            now = solver.frame, solver.time, solver.origin
+            now = solver.frame, solver.time, solver.terms.origin
             frames = report.frames_wanted(frames, until, self._settings.dt, *now)
         skipped = 0
         if start is not None:
-            skipped = report.frames_skipped(start, measures, frames, self._settings.dt, solver.frame, solver.origin)
+            skipped = report.frames_skipped(
+                start, measures, frames, self._settings.dt, solver.frame, solver.terms.origin
+            )
         observers = None if observe is None else Observers(observe)
         names = () if measures is None else checked(measures, self._scene, solver.count)
         with access.state_lock:
             record = self._begin_record(names, frames, observers is not None and observers.want_collisions, skipped)
         if progress or on_ranks or checkpoint is not None or checkpoint_every is not None or checkpoint_seconds != 60.0:
-            place = None if checkpoint is None else solver.group.once(lambda: checkpoint_file.checked_place(checkpoint))
+            place = (
+                None if checkpoint is None else solver.ranks.on_root(lambda: checkpoint_file.checked_place(checkpoint))
+            )
 
             def save(path: Path) -> None:
                 if observers is not None:
-                    self._open_solver().group.once(observers.keep)
+                    self._open_solver().ranks.on_root(observers.keep)
                 self.save(path)
 
             with (
-                Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.group.any_of) as checkpoints,
+                Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.ranks.any_rank) as checkpoints,
                 Interruption(solver) as interruption,
                 of_frames(progress) as show,
             ):
@@ -505,7 +509,7 @@ class Simulation(ReadOnly):
         logged: whether collisions are logged. skipped: frames at the beginning that the averages leave out.
         """
         solver = self._solver
-        whole = solver.capabilities.has_steps or solver.time == solver.time_of(solver.frame)
+        whole = solver.capabilities.has_steps or solver.time == solver.terms.time_of(solver.frame)
         averages = None
         if names:
             me = weakref.ref(self)  # a cycle would keep a simulation that is dropped from being closed at once
@@ -514,13 +518,12 @@ class Simulation(ReadOnly):
                 return cast("Simulation", me())._of_discs(function)
 
             averages = RunAverages(names, frames, self._scene, of_discs, whole, skipped)
-        if logged != solver.logging:
-            self._between_frames(lambda: self._solver.log_collisions(logged))
+        if logged != _is_logging(solver):
+            self._between_frames(lambda: log_collisions(self._solver, logged))
             solver = self._solver
-        solver.tallied = averages is not None and averages.counting
         if not logged:
             self._logged.clear()
-        self._record = RunRecord(max(solver.choice.workers), averages, whole, solver.guarded, self._logged)
+        self._record = RunRecord(max(solver.choice.workers), averages, whole, self._logged)
         return self._record
 
     def _of_discs(self, function: Callable[[Discs], Any]) -> Any:
@@ -530,7 +533,7 @@ class Simulation(ReadOnly):
         """
         solver = self._solver
         if solver.capabilities.on_ranks:
-            return solver.group.once(lambda: function(StateInChunks(solver.state_between, solver.count)))
+            return solver.ranks.on_root(lambda: function(StateInChunks(solver.state, solver.count)))
         return function(solver.state())
 
     def _recovery(self, record: RunRecord) -> RecoverySnapshots | None:
@@ -584,7 +587,7 @@ class Simulation(ReadOnly):
 
         most: frames of the slice at most. frame: frames done before it.
         """
-        if self._solver.too_fast or self._step_limits.is_due(frame, self._solver.count):
+        if _is_too_fast(self._solver) or self._step_limits.is_due(frame, self._solver.count):
             self._adapt()
         try:
             if self._emission.emits:
@@ -592,7 +595,7 @@ class Simulation(ReadOnly):
             if recovery is not None and self._solver.pids:
                 recovery.take()
             workers, frames, until = self._next_slice(most, frame, record)
-            part = self._solver.advance(frames, workers, until)
+            part = self._solver.advance(frames, workers, until, record.count_enabled)
         except WorkerDiedError as death:
             try:
                 if recovery is None or not self._alive:
@@ -627,11 +630,11 @@ class Simulation(ReadOnly):
     def _look_after(self, record: RunRecord) -> None:
         """Look at what has come of a command: collisions, discs at rest, too fast or pressed, and those to enter."""
         solver, limits = self._solver, self._step_limits
-        if solver.logging:
+        if _is_logging(solver):
             self._take_collisions()
-        if (guarded := solver.guarded - record.guarded) >= MANY_GUARDED:
-            self._warn_of_rest(guarded)
-        if solver.too_fast:  # look now: the run may end here, or be saved
+        if record.guarded >= MANY_GUARDED:
+            self._warn_of_rest(record.guarded)
+        if _is_too_fast(solver):  # look now: the run may end here, or be saved
             self._adapt()
         if limits.may_be_pressed(solver.count):
             limits.look_for_pressed(solver, self._access.notices)
@@ -640,9 +643,10 @@ class Simulation(ReadOnly):
 
     def _take_collisions(self) -> None:
         """Take over what the solver has logged, before it moves to another block."""
-        if self._solver.logging:
+        solver = self._solver
+        if isinstance(solver, CollisionLog) and solver.logging:
             with interrupts_held_back():
-                self._logged.append(self._solver.take_collisions())
+                self._logged.append(solver.take_collisions())
 
     def _warn_of_rest(self, guarded: int) -> None:
         """Warn once, while it runs: the guard has acted so often in the run that discs must be at rest."""
@@ -668,9 +672,9 @@ class Simulation(ReadOnly):
     def _adapt(self) -> None:
         """Check the speeds if it is time to, and divide the following frames into as many steps as they need."""
         solver = self._solver
-        if solver.too_fast or self._step_limits.is_due(solver.frame, solver.count):
+        if _is_too_fast(solver) or self._step_limits.is_due(solver.frame, solver.count):
             with interrupts_held_back(), self._access.moving():
-                solver.divide(self._step_limits.check(solver, self._access.notices))
+                set_substeps(solver, self._step_limits.check(solver, self._access.notices))
 
     def _look(self, new: NewDiscs | None = None, changed: NDArray[np.int64] | None = None) -> int:
         """Check the speeds of all discs and new ones; warn or refuse as is set. Returns the sub-steps from now on.
@@ -687,12 +691,11 @@ class Simulation(ReadOnly):
         if averages is not None:
             measures = averages.measures(self._scene, solver.count, self._settings.dt)
         method, workers = methods.what_ran(solver.choice, self._batch_sizer.best, self._settings)
-        guarded = solver.guarded - record.guarded
-        if guarded:
+        if record.guarded:
             self._access.notices.warn(
-                f"in {guarded} collisions the contact-time guard suppressed the loss of energy, because the previous "
-                "collision of a disc was less than the contact time ago, as in inelastic collapse or for a disc at "
-                "rest. Without the guard the run would never end. This is said once; report.guarded counts.",
+                f"in {record.guarded} collisions the contact-time guard suppressed the loss of energy, because the "
+                "previous collision of a disc was less than the contact time ago, as in inelastic collapse or for a "
+                "disc at rest. Without the guard the run would never end. This is said once; report.guarded counts.",
                 GuardWarning,
                 self._guard,
             )
@@ -705,7 +708,7 @@ class Simulation(ReadOnly):
             workers,
             *self._resources(solver),
             measures,
-            guarded,
+            record.guarded,
             observing_seconds,
             compiled,
             solver.contact_time,
@@ -715,7 +718,7 @@ class Simulation(ReadOnly):
         """Memory of the processes and of the block, read anew after a while, and by another solver's processes."""
         now, known = time.monotonic(), self._memory
         if solver.capabilities.on_ranks or known is None or now >= known.until or known.pids != solver.pids:
-            known = Memory(now + MEMORY_SECONDS, solver.pids, solver.resources())
+            known = Memory(now + MEMORY_SECONDS, solver.pids, resources_of(solver))
             self._memory = known
         return known.resources
 
@@ -751,7 +754,7 @@ class Simulation(ReadOnly):
             TooFastError: as settings.on_fast says; then nothing was added either.
         """
         given = position, velocity, acceleration, radius, mass, others
-        self._open_solver().group.demand_alike("the discs that are added", given)
+        self._open_solver().ranks.assert_same_on_ranks("the discs that are added", given)
         place = self._place()
         brought = {"acceleration": acceleration, **others}
         radii = place.solver.radii[~place.solver.absorbed] if place.scene._loses_discs else place.solver.radii
@@ -798,7 +801,7 @@ class Simulation(ReadOnly):
         ...     sim.state.position.tolist(), sim.state.velocity.tolist()
         ([[1.0, 1.0], [2.5, 1.5]], [[1.0, 0.0], [0.0, 1.0]])
         """
-        self._open_solver().group.demand_alike("what is set", (ids, position, velocity, acceleration, others))
+        self._open_solver().ranks.assert_same_on_ranks("what is set", (ids, position, velocity, acceleration, others))
         place = self._place("set")
         self._change_discs(changes.checked_set(place, ids, position, velocity, acceleration, others))
 
@@ -820,7 +823,7 @@ class Simulation(ReadOnly):
         ...     sim.state.velocity.tolist()
         [[1.5, 2.0]]
         """
-        self._open_solver().group.demand_alike("the kick", (ids, impulse))
+        self._open_solver().ranks.assert_same_on_ranks("the kick", (ids, impulse))
         self._change_discs(changes.checked_kick(self._place("kick"), ids, impulse))
 
     @exclusive
@@ -847,7 +850,7 @@ class Simulation(ReadOnly):
         ...     sim.count, sim.state.present.tolist()
         (5, [True, False, True, False, True])
         """
-        self._open_solver().group.demand_alike("the discs that are removed", ids)
+        self._open_solver().ranks.assert_same_on_ranks("the discs that are removed", ids)
         self._change_discs(changes.checked_remove(self._place("remove"), ids))
 
     @exclusive
@@ -878,7 +881,7 @@ class Simulation(ReadOnly):
         (200, [[1.0, 0.0]], 1.0)
         """
         given = dict(parameters)
-        self._open_solver().group.demand_alike("the parameters that are changed", given)
+        self._open_solver().ranks.assert_same_on_ranks("the parameters that are changed", given)
         place = self._place("change")
         check_names(given)
         demand_steps(given, self._settings)
@@ -890,7 +893,7 @@ class Simulation(ReadOnly):
                 f"{given['dt']!r}. Return from the run before."
             )
         change = place.change(changes.PARAMETERS, plain(given))
-        origin = Origin(change.frame, change.time) if "dt" in given else place.solver.origin
+        origin = Origin(change.frame, change.time) if "dt" in given else place.solver.terms.origin
         self._take_over(change, *in_force(self._scene, self._settings, change.values, change.time), origin)
 
     @exclusive
@@ -927,7 +930,7 @@ class Simulation(ReadOnly):
         ...     wall, sim.scene.obstacles, sim.state.velocity.tolist()
         (0, (Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
         """
-        self._open_solver().group.demand_alike("the wall", (points, thickness, motion, surface_velocity))
+        self._open_solver().ranks.assert_same_on_ranks("the wall", (points, thickness, motion, surface_velocity))
         wall = Polyline(points, thickness, motion=motion, surface_velocity=surface_velocity)
         self._change_walls(changes.checked_wall(self._place("add_wall"), self._start[0], wall))
         return len(self._scene.obstacles) - 1
@@ -954,7 +957,7 @@ class Simulation(ReadOnly):
         ...     sim.state.velocity.round(9).tolist()
         [[-2.0, 0.0]]
         """
-        self._open_solver().group.demand_alike("the motion of the wall", (wall, motion))
+        self._open_solver().ranks.assert_same_on_ranks("the motion of the wall", (wall, motion))
         self._change_walls(changes.checked_move(self._place("move_wall"), wall, motion))
 
     @exclusive
@@ -976,12 +979,12 @@ class Simulation(ReadOnly):
         ...     sim.state.position.round(9).tolist()
         [[5.0, 2.0]]
         """
-        self._open_solver().group.demand_alike("the wall", wall)
+        self._open_solver().ranks.assert_same_on_ranks("the wall", wall)
         self._change_walls(changes.checked_removal(self._place("remove_wall"), wall))
 
     def _change_walls(self, change: Change) -> None:
         """Make a change of obstacles that has been checked, and note it in the journal."""
-        self._take_over(change, changes.with_walls(self._scene, change), self._settings, self._solver.origin)
+        self._take_over(change, changes.with_walls(self._scene, change), self._settings, self._solver.terms.origin)
 
     def _place(self, what: str = "") -> changes.Place:
         """Where the simulation stands; what: the call, if that needs a whole frame."""
@@ -998,22 +1001,21 @@ class Simulation(ReadOnly):
 
         def act() -> None:
             if change.what == REMOVE and not self._scene._loses_discs:
-                self._adopt(self._scene._replace(_has_gaps=True), self._settings, self._solver.origin)
-            self._solver.replace(after, numbers)
+                self._adopt(self._scene._replace(_has_gaps=True), self._settings, self._solver.terms.origin)
+            self._solver.set_discs(after, numbers)
 
         with interrupts_held_back():
             self._between_frames(act)
             self._note(change)
         if change.what != REMOVE:  # which makes no disc faster
-            self._look_or_undo(lambda: self._solver.replace(before, numbers), numbers)
+            self._look_or_undo(lambda: self._solver.set_discs(before, numbers), numbers)
 
     def _look_or_undo(self, undo: Callable[[], None], numbers: NDArray[np.int64]) -> None:
         """Check the speeds after the last change of the journal, of these discs; where they are refused, undo it."""
         try:
             substeps = self._look(changed=numbers)
             self._access.notices.give()  # where a filter makes an error of a warning, nothing is changed
-            if substeps != self._solver.substeps:
-                self._between_frames(lambda: self._solver.divide(substeps))
+            self._between_frames(lambda: set_substeps(self._solver, substeps))
         except Exception:
             with interrupts_held_back():
                 self._between_frames(undo)
@@ -1037,7 +1039,7 @@ class Simulation(ReadOnly):
         def act() -> None:
             self._adopt(scene, settings, origin)
             limits.set_limit(self._solver)
-            self._solver.divide(substeps)
+            set_substeps(self._solver, substeps)
 
         with interrupts_held_back():
             before = self._solver.choice
@@ -1056,7 +1058,7 @@ class Simulation(ReadOnly):
     def _adopt(self, scene: Scene, settings: Settings, origin: Origin) -> None:
         """Take another scene and settings for those in force."""
         choice = methods.choose(self._solver.count, settings, self._processes)
-        self._solver.adopt(Terms(scene, settings, origin), choice)
+        self._solver.change_scene(Terms(scene, settings, origin), choice)
         self._scene, self._settings = scene, settings
 
     def _insert(self, new: NewDiscs, substeps: int) -> None:
@@ -1068,8 +1070,7 @@ class Simulation(ReadOnly):
             if not methods.same_solver(self._solver.choice, choice):
                 self._replace_solver(choice, self._solver.snapshot(), self._solver.terms, count)
             self._solver.add(new, choice)
-            if substeps != self._solver.substeps:
-                self._solver.divide(substeps)
+            set_substeps(self._solver, substeps)
 
         self._between_frames(grow)
         methods.note_remark(choice, before, self._access.notices)
@@ -1109,13 +1110,13 @@ class Simulation(ReadOnly):
         [(0, 'kick', [0, 1])]
         """
         solver = self._open_solver()
-        return Journal(*self._start, tuple(self._changes), solver.frame, solver.digest())
+        return Journal(*self._start, tuple(self._changes), solver.frame, digest_of_state(solver))
 
     @property
     @reading
     def origin(self) -> tuple[int, float]:
         """Frame and time [time] of the last `change` of dt, since which frames are counted; (0, 0.0) without one."""
-        frame, time = self._open_solver().origin
+        frame, time = self._open_solver().terms.origin
         return frame, time
 
     @exclusive
@@ -1250,12 +1251,12 @@ class Simulation(ReadOnly):
         ...         again.frame
         20
         """
-        self._open_solver().group.demand_alike("paths of checkpoints", path)
+        self._open_solver().ranks.assert_same_on_ranks("paths of checkpoints", path)
         with self._access.state_lock:
             solver = self._open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._emission.progress}, solver.snapshot()
-            start, changed = self._start, Changed(tuple(self._changes), solver.origin)
-        return solver.group.once(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
+            start, changed = self._start, Changed(tuple(self._changes), solver.terms.origin)
+        return solver.ranks.on_root(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
 
     @classmethod
     def resume(
@@ -1381,7 +1382,7 @@ class Simulation(ReadOnly):
             self._between_frames(act)
             self._scene, self._settings, self._changes = scene, settings, list(to.changes)
             self._emission, self._step_limits = emission, limits
-            self._last_frame, self._last_time = to.frame, self._solver.time_of(to.frame)
+            self._last_frame, self._last_time = to.frame, self._solver.terms.time_of(to.frame)
             self._logged.clear()
             if choice != before:
                 self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
@@ -1390,17 +1391,18 @@ class Simulation(ReadOnly):
     def _enter(self, choice: Choice, snapshot: SolverState, terms: Terms, new_workers: bool = True) -> None:
         """Have the solver, or another one that `choice` asks for, continue from a snapshot."""
         if methods.same_solver(self._solver.choice, choice):
-            self._solver.restore(snapshot, choice, terms=terms, new_workers=new_workers)
+            self._solver.restore(snapshot, choice, terms, new_workers=new_workers)
         else:
             self._replace_solver(choice, snapshot, terms)
 
     def _replace_solver(self, choice: Choice, snapshot: SolverState, terms: Terms, room: int = 0) -> None:
         """Replace the solver by one of another method, chosen by `auto`."""
         old, new = self._solver, methods.METHODS[choice.method].solver(terms.scene, terms.settings, choice)
-        new.tallied, new.logging = old.tallied, old.logging
+        if isinstance(new, CollisionLog):
+            new.logging = _is_logging(old)
         self._closing.solvers.append(new)  # before there is anything to close
         try:
-            new.restore(snapshot, choice, room, terms)
+            new.restore(snapshot, choice, terms, room)
             self._step_limits.set_limit(new)
         except BaseException:
             self._closing.solvers.remove(new)
@@ -1425,7 +1427,7 @@ def next_frame_in_passes(sim: Simulation) -> list[Pass]:
     Raises:
         InputError: for a method or a scene whose frame is not made of an even and an odd pass alone.
     """
-    return frame_in_passes(sim._open_solver(), sim.scene, sim.settings)  # pyright: ignore[reportPrivateUsage]
+    return frame_in_passes(sim._open_solver())  # pyright: ignore[reportPrivateUsage]
 
 
 def _same_start(one: tuple[Scene, Settings], other: tuple[Scene, Settings]) -> bool:
@@ -1434,20 +1436,25 @@ def _same_start(one: tuple[Scene, Settings], other: tuple[Scene, Settings]) -> b
     return one[0] is other[0] and settings[0] == settings[1]
 
 
-def _refused_together(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:
+def _is_logging(solver: Solver) -> bool:
+    return isinstance(solver, CollisionLog) and solver.logging
+
+
+def _is_too_fast(solver: Solver) -> bool:
+    return isinstance(solver, Steps) and solver.too_fast
+
+
+def _collective(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:
     """What one rank refuses in the block, all refuse; without ranks it is as ever."""
     on_ranks = isinstance(settings, Settings) and capabilities_of(settings).on_ranks
-    return raised_together(comm) if on_ranks else contextlib.nullcontext()
+    return collective(comm) if on_ranks else contextlib.nullcontext()
 
 
 def _read(path: str | os.PathLike[str], comm: object, together: bool) -> checkpoint_file.Checkpoint:
     """A checkpoint, verified; together: on ranks, by the first one."""
     if not together:
         return checkpoint_file.read(path, checkpoint.check)
-    ranks = communicator_of(comm)
-    try:
-        ranks.demand_alike("paths of checkpoints", str(checkpoint_file.place_of(path)))
-        with raised_together(comm):
-            return checkpoint_file.read_together(path, checkpoint.check, ranks.once)
-    finally:
-        ranks.close()
+    with contextlib.closing(MpiRanks(comm)) as ranks:
+        ranks.assert_same_on_ranks("paths of checkpoints", str(checkpoint_file.place_of(path)))
+        with ranks.collective():
+            return checkpoint_file.read_together(path, checkpoint.check, ranks.on_root)

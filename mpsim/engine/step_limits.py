@@ -12,7 +12,7 @@ from mpsim.core import checks
 from mpsim.core.columns import given
 from mpsim.core.state import State
 from mpsim.engine.access import Notices, Once
-from mpsim.engine.solvers.base import NewDiscs, Origin, Solver
+from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Steps
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, estimated_collision_rate, sides_at, speeds_at_start
 from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarning, TooFastError
@@ -269,7 +269,11 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     state, radii = solver.state(), solver.radii
     if not state.present.any():
         return None
-    displacement = np.hypot(*state.velocity.T.astype(np.float64)) * settings.dt / solver.substeps
+    displacement = (
+        np.hypot(*state.velocity.T.astype(np.float64))
+        * settings.dt
+        / (solver.substeps if isinstance(solver, Steps) else 1)
+    )
     mean = float(np.sqrt((displacement[state.present] ** 2).mean()))
     found = overlap(state, scene, radii) if _overlap_at_all(state, scene, radii) else NONE
     words = _deepest_pair(found, radii, displacement, mean)
@@ -543,7 +547,8 @@ class StepLimits:
             speed_limit = SpeedLimit(SUBSTEP_LIMIT * BOUND, self._gain(solver.frame, 1))
         elif self._has_limit:
             speed_limit = SpeedLimit(JUST_ABOVE * BOUND, self._surface)
-        solver.set_speed_limit(speed_limit)
+        if isinstance(solver, Steps):
+            solver.set_speed_limit(speed_limit)
 
     def check(
         self,
@@ -564,12 +569,12 @@ class StepLimits:
             TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
         """
         usual = self._settings.substeps if self._has_steps else 1
-        if self._fast.given:
+        if self._fast.given or not isinstance(solver, Steps):
             if self._has_limit:
                 self.set_limit(solver)
             return usual
         frame = solver.frame
-        speeds = solver.speeds(new, None if self.adapts else changed).or_faster(solver.disc_too_fast())
+        speeds = solver.speeds(new, None if self.adapts else changed)
         if self.adapts:
             self.set_limit(solver)
             return self.substeps_for(speeds, frame)
@@ -591,7 +596,7 @@ class StepLimits:
         anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
         if not anyway and not is_crowded(self._scene, solver.radii, solver.time):
             return
-        text = solver.group.once(lambda: pressed(solver, self._scene, self._settings))
+        text = solver.ranks.on_root(lambda: pressed(solver, self._scene, self._settings))
         if text and self._settings.on_fast == "error":
             raise TooFastError(f"{text} on_fast='warn' runs it anyway.")
         if text:

@@ -1,9 +1,8 @@
 """One frame of a trajectory, the common parts of all formats, and whose a file is."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +13,6 @@ from mpsim.core.columns import ChunkedArray, Column, in_state
 from mpsim.core.state import Box, State, in_chunks, in_frame, present_in
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.engine.solvers.mpi_ranks import communicator_of
 from mpsim.errors import InputError, OutputError, TrajectoryError
 from mpsim.features.edges import check_boundary, wraps_of
 
@@ -52,32 +50,6 @@ class Ownership:
             )
         if refusal := self._owner.refusal(sim):
             raise OutputError(f"the {self._name} belongs to {refusal}. {self._advice}")
-
-
-# --- Files of MPI ranks: the first rank reads and writes them, and sends the content to the others
-
-Result = TypeVar("Result")
-
-
-class FirstRank:
-    """Does for all ranks of a communicator what only one process may do, such as writing a file.
-
-    All ranks make the same calls. Without a communicator, this process does it.
-    """
-
-    def __init__(self, comm: Any = None):
-        self.comm: Any = comm
-        self._ranks = None if comm is None else communicator_of(comm)
-
-    def once(self, act: Callable[[], Result]) -> Result:
-        """The result of a call made by the first rank; an error that it raises is raised on all ranks."""
-        return act() if self._ranks is None else self._ranks.once(act)
-
-    def close(self) -> None:
-        """Release the communicator. May be called again."""
-        ranks, self._ranks = self._ranks, None
-        if ranks is not None:
-            ranks.close()
 
 
 # --- One frame of a trajectory, and the common parts of all trajectory formats

@@ -18,10 +18,11 @@ from numpy.typing import ArrayLike
 from mpsim.core import checks, files
 from mpsim.core.files import FileLock
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.ranks.messages import ranks_sharing
 from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller, reason_of
 from mpsim.features.edges import BoundaryName
 from mpsim.measure.moments import lengths_of, to_nearest_image
-from mpsim.output.frames import FirstRank, Frame, Given, Ownership, differs, frame_of, select
+from mpsim.output.frames import Frame, Given, Ownership, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
 from mpsim.output.xyz import XyzReader, XyzWriter
 from mpsim.scene.scene import Scene
@@ -392,12 +393,12 @@ class TrajectoryWriter:
         self.seconds: float = 0.0
         advice = "Open one for each by mpsim.Trajectory.write(...); for the same run, resumed, with mode='a'."
         self._ownership = Ownership("trajectory", self.path, advice, comm is not None)
-        self._first_rank = FirstRank(comm)
+        self._ranks = ranks_sharing(comm)
         self._file: FrameFile | None = None  # of the first rank
         try:
-            self._first_rank.once(lambda: self._open(mode))
+            self._ranks.on_root(lambda: self._open(mode))
         except BaseException:
-            self._first_rank.close()
+            self._ranks.close()
             raise
 
     def _open(self, mode: str) -> None:
@@ -425,7 +426,7 @@ class TrajectoryWriter:
         self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
         if self._file is not None:
             self._file.close()
-        self._first_rank.close()
+        self._ranks.close()
 
 
 def _path_of(path: str | os.PathLike[str]) -> Path:

@@ -91,7 +91,7 @@ class PassView:
 
 def _offer_of_passes(sim: Simulation) -> dict[str, Any] | None:
     """The message for pages if frames have no passes but would have them with the method grid; None otherwise."""
-    if has_columns(sim) or not has_passes_by_grid(sim.scene, sim.settings, sim.radii):
+    if has_columns(sim) or not has_passes_by_grid(sim.scene, sim.radii):
         return None
     what = "method naive tests all pairs of discs at once"
     if not capabilities_of(sim.settings).has_steps:

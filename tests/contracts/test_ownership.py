@@ -216,7 +216,7 @@ def _with_room_for_workers(sim):
     solver = sim._solver
     solver.choice = dataclasses.replace(solver.choice, workers=(WORKERS,))
     snapshot = solver.snapshot()
-    old, solver._block = solver._block, solver._next_block(max(solver.count, 1), solver._radii)
+    old, solver._block = solver._block, solver._next_block(max(solver.count, 1), solver.radii)
     solver._fill(solver._block)
     old.close()
     solver._enter(snapshot)

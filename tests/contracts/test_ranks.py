@@ -55,7 +55,7 @@ WRONG = """
 import json, sys
 import numpy as np
 from mpi4py import MPI
-from mpsim.engine.solvers.mpi_part import Subdomain
+from mpsim.engine.solvers.ranks.subdomain import Subdomain
 from support.ranks import found
 
 right, before = Subdomain.column_at, {{}}
@@ -145,10 +145,10 @@ GROWING = """
 import json, sys
 import mpsim
 from mpi4py import MPI
-from mpsim.engine.solvers import mpi_part
+from mpsim.engine.solvers.ranks import subdomain
 from support.ranks import found
 
-mpi_part.SPARE, mpi_part.FEWEST = 1.0, 4
+subdomain.SPARE, subdomain.FEWEST = 1.0, 4
 told = found("corner", method="mpi", workers=int(sys.argv[1]))
 if MPI.COMM_WORLD.rank == 0:
     print(json.dumps(told))
@@ -165,20 +165,20 @@ BALANCED = """
 import json, sys
 import mpsim
 from mpi4py import MPI
-from mpsim.engine.solvers import mpi
+from mpsim.engine.solvers.ranks import solver
 from support import ranks
 
 name, finer, uneven, method = sys.argv[1:]
-mpi.UNEVEN, case, finer = float(uneven), ranks.CASES[name](), int(finer)
+solver.UNEVEN, case, finer = float(uneven), ranks.CASES[name](), int(finer)
 scene = getattr(ranks, name)(case.scene.count * finer**2)
-agree, most = mpi.Communicator.agree, [0]
+agree, most = solver.MpiRanks.agree, [0]
 
 def noted(*given):
     agreed = agree(*given)
     most.append(agreed.discs)
     return agreed
 
-mpi.Communicator.agree = noted
+solver.MpiRanks.agree = noted
 with mpsim.Simulation(scene, mpsim.Settings(**case.settings, method=method)) as sim:
     sim.run(frames=case.frames * finer)
     digest = sim.digest()

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import mpsim
-from mpsim.engine.solvers.mpi_ranks import Communicator, library
+from mpsim.engine.solvers.ranks.messages import MpiRanks, library
 from mpsim.measure.registry import NAMES
 from support.processes import Outcome
 from support.scenes import gas, zoo
@@ -234,7 +234,7 @@ def tell(*words: Any) -> None:
 def main(workers: str, *names: str) -> None:
     """Run cases on these ranks, each with so many workers, and print what the first finds."""
     told = {name: found(name, method="mpi", workers=int(workers)) for name in names}
-    if Communicator().rank == 0:
+    if MpiRanks().rank == 0:
         print(json.dumps(told))
 
 

@@ -75,8 +75,7 @@ def windows_of(sim: mpsim.Simulation) -> dict[str, int]:
 def tallies_of_a_command(sim: mpsim.Simulation, frames: int) -> Any:
     """Give one command of so many frames, and return what was counted of each that it finished."""
     solver = solver_of(sim)
-    solver.tallied = True
-    return solver.advance(frames, solver.choice.workers[0]).tally
+    return solver.advance(frames, solver.choice.workers[0], count_enabled=True).counters
 
 
 def tallies(sim: mpsim.Simulation, frames: int) -> Any:

@@ -1,10 +1,12 @@
-"""The protocol of all solvers, and what they hand over: slices, snapshots, collisions, discs in place."""
+"""The protocol of all solvers, and their results: counts, snapshots, collisions, discs in place."""
 
 import contextlib
 import math
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
@@ -12,54 +14,36 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import COLUMNS, EXITS, MASS, Column, kept_sizes
-from mpsim.core.state import Box, State, part_of
+from mpsim.core.state import Box, State, digest_of, in_chunks
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
-from mpsim.engine.workers.shared import ArraySpec
+from mpsim.engine.workers.shared import ArraySpec, SharedBlock, resident_bytes
 from mpsim.errors import InputError
 from mpsim.features.obstacles import OBSTACLES
-from mpsim.kernels import records
 from mpsim.kernels.features import collisions as log
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
 
-# --- Times and counts of one command of a solver
+# --- The result of one command of a solver
 
 MOST_COUNTED = 2.0**61
 """The largest sum of momenta, in units of the counts: of impulses twice as large the sum fits into 63 bits."""
 
 
 @dataclass(frozen=True)
-class Slice:
-    """What one command of a solver took and counted.
+class BatchResult:
+    """The times and counts of one command of a solver.
 
     Attributes:
         times: int64 [ns], shape (workers, frames, phases), zero for workers at rest.
         contacts: contacts resolved.
-        tally: COUNTS, shape (frames,), in the scene's units, or None if nothing was to be counted.
+        counters: COUNTS, shape (frames,), in the scene's units, or None if nothing was to be counted.
+        guarded: losses of energy that a guard against endless collisions has suppressed.
     """
 
     times: NDArray[np.int64]
     contacts: int
-    tally: NDArray[Any] | None
-
-
-def totals(tally: NDArray[Any], scale: float, diameter: float) -> NDArray[Any]:
-    """What all workers counted in each frame, in the scene's units: COUNTS, shape (frames,).
-
-    Args:
-        tally: TALLY, shape (workers, frames), in units of the kernels.
-        scale: by which impulses were multiplied.
-        diameter: of the largest disc [length].
-    """
-    found = np.zeros(tally.shape[1], records.COUNTS)
-    for name in records.COUNTS.names or ():
-        found[name] = tally[name].sum(axis=0)
-    found["deepest"] = tally["deepest"].max(axis=0)
-    for name in records.IMPULSES:
-        found[name] /= scale
-    for name in records.DEPTHS:
-        found[name] *= diameter / records.DEPTH_SCALE
-    return found
+    counters: NDArray[Any] | None
+    guarded: int = 0
 
 
 # --- Snapshots of solvers, and checks of those that come from a file
@@ -97,6 +81,17 @@ def demand(condition: Any, text: str) -> None:
         raise ValueError(text)
 
 
+def check_shapes(snapshot: SolverState, shapes: Shapes) -> None:
+    """Raise ValueError unless a snapshot has these arrays, and no others."""
+    demand(snapshot.keys() == shapes.keys(), f"it holds arrays {sorted(snapshot)}; needed are {sorted(shapes)}")
+    for name, array in snapshot.items():
+        dtype, shape = shapes[name]
+        demand(
+            array.dtype == dtype and array.shape == shape,
+            f"{name} must be {dtype} of shape {shape}; got {array.dtype} of shape {array.shape}",
+        )
+
+
 def check_periods(scene: Scene, image: NDArray[np.int64]) -> None:
     """Raise ValueError unless counts of periods, shape (N, 2), are 0 along axes with walls."""
     demand((image[:, ~np.array(scene.periodic)] == 0).all(), "no disc can have moved through a wall")
@@ -131,16 +126,6 @@ def specs_of(count: int, workers: int, least: int = 0) -> dict[str, ArraySpec]:
     }
 
 
-def longest(arrays: Mapping[str, Any]) -> int:
-    """Rows of the longest log, those that did not fit included."""
-    return int(arrays[log.STATE][:, log.COUNT].max())
-
-
-def fit(arrays: Mapping[str, Any]) -> bool:
-    """Whether all rows have fitted the logs."""
-    return longest(arrays) <= arrays[log.ROWS].shape[1]
-
-
 def emptied(arrays: Mapping[str, Any]) -> NDArray[Any]:
     """The rows of all logs that are not to be taken back, which they then hold no more. Called between two commands."""
     found = []
@@ -167,8 +152,12 @@ def table_of(rows: NDArray[Any], frame: Any, time: Any, scene: Scene) -> NDArray
     table["frame"], table["time"] = frame, time
     for name in ("kind", "i", "j", "impulse", "tangential_impulse", "place"):
         table[name] = rows[name]
-    _name_obstacles(table, scene)
-    _put_lower_disc_first(table)
+    if (met := table["kind"] == log.OBSTACLE).any():
+        table["j"][met] = OBSTACLES.owners(scene)[table["j"][met]]
+    swapped = (table["kind"] == log.DISC) & (table["i"] > table["j"])
+    table["i"][swapped], table["j"][swapped] = table["j"][swapped], table["i"][swapped]
+    for name in ("impulse", "tangential_impulse"):
+        table[name][swapped] *= -1
     for axis, length in enumerate((scene.width, scene.height)):
         if scene.periodic[axis]:
             place = np.mod(table["place"][:, axis], length)
@@ -191,27 +180,9 @@ def in_order(table: NDArray[Any]) -> NDArray[Any]:
     return table
 
 
-def _name_obstacles(table: NDArray[Any], scene: Scene) -> None:
-    met = table["kind"] == log.OBSTACLE
-    if met.any():
-        table["j"][met] = OBSTACLES.owners(scene)[table["j"][met]]
-
-
-def _put_lower_disc_first(table: NDArray[Any]) -> None:
-    swapped = (table["kind"] == log.DISC) & (table["i"] > table["j"])
-    table["i"][swapped], table["j"][swapped] = table["j"][swapped], table["i"][swapped]
-    table["impulse"][swapped] *= -1
-    table["tangential_impulse"][swapped] *= -1
-
-
-def no_collisions() -> NDArray[Any]:
-    """An empty table."""
-    return np.zeros(0, TABLE)
-
-
 def joined(tables: list[NDArray[Any]]) -> NDArray[Any]:
-    """Several tables as one."""
-    return np.concatenate([no_collisions(), *tables])
+    """Several tables, or none, as one."""
+    return np.concatenate([np.zeros(0, TABLE), *tables])
 
 
 # --- Reads discs where a solver stores them, without copies in the order of their numbers
@@ -315,20 +286,6 @@ class Choice:
     processes: Processes = Processes()
 
 
-class Columns(NamedTuple):
-    """Who is where in the grid.
-
-    Attributes:
-        of_disc: column of each disc, shape (N,).
-        owner: the worker to whom the next frame gives that column, shape (N,).
-        number: of columns, of equal width.
-    """
-
-    of_disc: NDArray[np.int64]
-    owner: NDArray[np.int64]
-    number: int
-
-
 class Origin(NamedTuple):
     """When the length of frames in force began to act: `frame`, frames done, and `time` [time], since the start.
 
@@ -340,11 +297,15 @@ class Origin(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """What is in force: scene and settings, with all changes made so far, and when their frames began."""
+    """Scene and settings in force, with all changes made so far, and when their frames began."""
 
     scene: Scene
     settings: Settings
     origin: Origin
+
+    def time_of(self, frame: int) -> float:
+        """The time at the end of a frame that is done under these terms, or is to come [time]."""
+        return self.origin.time + (frame - self.origin.frame) * self.settings.dt
 
 
 class NewDiscs(NamedTuple):
@@ -397,8 +358,8 @@ class Capabilities:
     """What can be known of a method before there is a solver.
 
     Attributes:
-        has_steps: frames are made of steps, so that a disc can be too fast for one. Without steps `dt` only says when
-            frames end, and `contact`, `passes` and `substeps` change nothing.
+        has_steps: frames are made of steps, so that a disc can be too fast for one: its solver has `Steps`. Without
+            steps `dt` only says when frames end, and `contact`, `passes` and `substeps` change nothing.
         is_exact: its only error is rounding, so that other methods are compared with it.
         on_ranks: several processes make the same calls, each with a simulation of its own.
     """
@@ -408,38 +369,113 @@ class Capabilities:
     on_ranks: bool = False
 
 
-class Group:
-    """The processes that share a simulation, who all make the same calls: one alone, unless a subclass says more."""
+class Ranks:
+    """The processes that share something and make the same calls: this one alone, unless a subclass says more.
 
-    def demand_alike(self, what: str, given: object) -> None:
-        """Refuse what is given if it differs in any of them; all of them ask.
+    Attribute is_root: whether this process is the first of them.
+    """
+
+    is_root: bool = True
+
+    def close(self) -> None:
+        """Release the communicator. May be called again."""
+
+    def assert_same_on_ranks(self, what: str, value: object) -> None:
+        """Refuse a value that differs on any of them.
 
         Raises:
-            InputError: naming what.
+            InputError: naming what, on all.
         """
 
-    def together(self) -> contextlib.AbstractContextManager[None]:
-        """A block in which what one of them raises, all raise. Before `start`."""
+    def collective(self) -> contextlib.AbstractContextManager[None]:
+        """A block in which an error of one of them is raised on all."""
         return contextlib.nullcontext()
 
-    def any_of(self, said: bool) -> bool:
-        """Whether something is so in any of them; all ask in the same order."""
-        return said
+    def any_rank(self, flag: bool) -> bool:
+        """Whether a flag is set on any of them."""
+        return flag
 
-    def once(self, act: Callable[[], Result]) -> Result:
-        """Act on the first of them alone, and return the result on all.
+    def all_of(self, value: Any) -> list[Any]:
+        """The values of all of them, in their order."""
+        return [value]
 
-        The act may read the discs of all of them; what it raises, all raise.
+    def on_root(self, act: Callable[[], Result]) -> Result:
+        """Act on the first of them alone, and return the result, or raise the error, on all.
+
+        The act may read the discs of all of them.
         """
         return act()
 
-    @property
-    def is_first(self) -> bool:
-        """Whether this process is the first of them."""
-        return True
+
+ALONE = Ranks()
 
 
-ALONE = Group()
+class Steps:
+    """The part of a solver that only methods with steps have: speeds, at which a disc is too fast for a step.
+
+    Attributes:
+        substeps: steps of a frame now.
+        too_fast: whether a disc was too fast in the last command, and so ended it; until `speeds` has told which.
+    """
+
+    substeps: int = 1
+    too_fast: bool = False
+
+    def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
+        """How fast the discs are, or one was that ended the last command.
+
+        Args:
+            new: discs that are about to be added; None: none are.
+            numbers: of discs, if others need not be looked at.
+        """
+        raise NotImplementedError
+
+    def set_speed_limit(self, limit: SpeedLimit) -> None:
+        """End each command with the frame in which a disc is so fast."""
+        raise NotImplementedError
+
+    def set_substeps(self, substeps: int) -> None:
+        """Divide the following frames into so many steps, >= 1."""
+        raise NotImplementedError
+
+
+def set_substeps(solver: "Solver", substeps: int) -> None:
+    """Divide the following frames of a solver into so many steps, if it has any."""
+    if isinstance(solver, Steps):
+        solver.set_substeps(substeps)
+
+
+class CollisionLog:
+    """The part of a solver that logs collisions. Attribute logging: whether it does now; may be set before `start`."""
+
+    logging: bool = False
+
+    def log_collisions(self, enabled: bool) -> None:
+        """Log collisions from now on, or not.
+
+        Raises:
+            ResourceError, WorkerDiedError, WorkerStalledError: as `Solver.start`.
+        """
+        raise NotImplementedError
+
+    def take_collisions(self) -> NDArray[Any]:
+        """The collisions since the last call, those of a frame in hand included, in order: TABLE."""
+        raise NotImplementedError
+
+
+def log_collisions(solver: "Solver", enabled: bool) -> None:
+    """Have a solver log collisions from now on, or not.
+
+    Raises:
+        InputError: if they are wanted, and the method does not log them.
+    """
+    if isinstance(solver, CollisionLog):
+        solver.log_collisions(enabled)
+    elif enabled:
+        raise InputError(
+            f"method={solver.choice.method!r} does not log collisions, for which observe asks. Use method='event', "
+            "'parallel', 'grid' or 'naive'."
+        )
 
 
 class Solver(ABC):
@@ -447,7 +483,8 @@ class Solver(ABC):
 
     It holds nothing that would have to be given back until `start`: so its owner knows of it before. Unless something
     else is said, members may be used between `start` and `close`, and change nothing if they raise. Discs are in the
-    order of the scene's, added ones follow; N is their number.
+    order of the scene's, added ones follow; N is their number. What only some methods have is in `Steps` and
+    `CollisionLog`, from which their solvers derive as well.
 
     Args:
         scene, settings: of the simulation.
@@ -459,33 +496,36 @@ class Solver(ABC):
     Attributes:
         capabilities: of the method.
         count: number of discs, N.
+        radii, masses: of each disc, shape (N,), read-only [length], [mass].
         choice: what runs.
-        substeps: steps of a frame now; 1 without steps.
-        origin: when the scene and settings in force began to act.
-        tallied: whether what measures need is counted, and put into Slice.tally; may be set between two commands.
-        logging: whether collisions are logged, for `take_collisions`; may be set before `start`, and changed by
-            `log_collisions`.
-        too_fast: whether a disc was too fast in the last command, and so ended it.
+        terms: scene and settings in force.
     """
 
     capabilities: ClassVar[Capabilities]
-    count: int
-    choice: Choice
-    substeps: int = 1
-    origin: Origin = Origin()
-    tallied: bool = False
-    logging: bool = False
-    too_fast: bool = False
 
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         """Check that the method can do the scene, and plan."""
-        self._scene = scene
-        self._settings = settings
-        self.count = scene.count
-        self.choice = choice
-        self._radii: NDArray[np.float64] = kept_sizes(scene.radii)
-        self._masses: NDArray[np.float64] = kept_sizes(scene.masses)
+        self._scene: Scene = scene
+        self._settings: Settings = settings
+        self._origin: Origin = Origin()
+        self.count: int = scene.count
+        self.choice: Choice = choice
+        self.radii: NDArray[np.float64] = kept_sizes(scene.radii)
+        self.masses: NDArray[np.float64] = kept_sizes(scene.masses)
+
+    @property
+    def terms(self) -> Terms:
+        return Terms(self._scene, self._settings, self._origin)
+
+    def _set_terms(self, terms: Terms) -> None:
+        """Take these terms for those in force; they differ as `change_scene` says."""
+        self._scene, self._settings, self._origin = terms
+
+    @property
+    def ranks(self) -> Ranks:
+        """The processes that share the simulation, this one among them."""
+        return ALONE
 
     @abstractmethod
     def start(self) -> None:
@@ -505,8 +545,8 @@ class Solver(ABC):
     # --- frames
 
     @abstractmethod
-    def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
-        """Run up to so many frames on so many workers, and return what they took and counted.
+    def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
+        """Run up to so many frames on so many workers.
 
         Fewer where they take longer than expected, so that no call lasts much longer than a tenth of a second.
 
@@ -514,27 +554,11 @@ class Solver(ABC):
             frames: >= 1, at most workers.arrays.MOST_FRAMES.
             workers: one of choice.workers.
             stop: where to end, if it comes first [time]: with the frame that reaches it, or at it, inside the frame.
+            count_enabled: whether what measures need is counted.
 
         Raises:
             DivergedError, StalledError, WorkerDiedError, WorkerStalledError: it can then only be closed, or restored.
         """
-
-    def log_collisions(self, wanted: bool) -> None:
-        """Have collisions logged from now on, or not; see `logging`.
-
-        Raises:
-            InputError: if they are wanted, and the method does not log them.
-            ResourceError, WorkerDiedError, WorkerStalledError: as `start`.
-        """
-        if wanted:
-            raise InputError(
-                f"method={self.choice.method!r} does not log collisions, for which observe asks. Use method='event', "
-                "'parallel', 'grid' or 'naive'."
-            )
-
-    def take_collisions(self) -> NDArray[Any]:
-        """The collisions since the last call, those of a frame in hand included, in order: TABLE (`collisions.py`)."""
-        return no_collisions()
 
     @property
     @abstractmethod
@@ -550,51 +574,32 @@ class Solver(ABC):
     def reached(self, time: float) -> bool:
         """Whether a time [time] has been reached, but for rounding."""
 
-    def time_of(self, frame: int) -> float:
-        """The time at the end of a frame that is done under the parameters in force, or is to come [time]."""
-        return self.origin.time + (frame - self.origin.frame) * self._settings.dt
-
     @property
+    @abstractmethod
     def half_done(self) -> bool:
         """Whether the last command was left in the middle, so that there is no whole state. Also after `close`."""
-        return False
 
     # --- discs
 
     @abstractmethod
-    def state(self) -> State:
-        """Copies of positions and velocities now, (N, 2), with what else a state has. Taking them changes nothing."""
+    def state(self, first: int = 0, last: int | None = None) -> State:
+        """Copies of positions and velocities, (K, 2), with what else a state has. Taking them changes nothing.
 
-    def state_between(self, first: int, last: int) -> State:
-        """The same of the discs of these numbers, from `first` to before `last`."""
-        return part_of(self.state(), first, last)
+        first, last: numbers of the discs, from `first` to before `last`; None: to the end.
+        """
 
-    def read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
-        """What a function gives that reads the discs where they lie. It must keep no view, and write nothing."""
-        return read(in_place(self.state(), self._scene.box, self.frame, self.time, self.radii))
+    def in_place(self) -> InPlace:
+        """The discs where they lie, as views, which must not outlive the next call of this solver."""
+        return in_place(self.state(), self._scene.box, self.frame, self.time, self.radii)
 
     def local_state(self) -> tuple[NDArray[np.int64], State]:
         """Numbers, rising, of the discs that this process has, and their state."""
         return np.arange(self.count), self.state()
 
-    def digest(self) -> str:
-        """Hex digest of the state: `State.digest`."""
-        return self.state().digest()
-
     @property
-    def radii(self) -> NDArray[np.float64]:
-        """Radius of each disc, shape (N,), read-only [length]."""
-        return self._radii
-
-    @property
-    def masses(self) -> NDArray[np.float64]:
-        """Mass of each disc, shape (N,), read-only [mass]."""
-        return self._masses
-
-    @property
+    @abstractmethod
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left, through an absorbing edge or removed, shape (N,)."""
-        return np.zeros(self.count, bool)
 
     @abstractmethod
     def add(self, new: NewDiscs, choice: Choice) -> None:
@@ -609,18 +614,16 @@ class Solver(ABC):
 
     # --- changes between two frames
 
+    @abstractmethod
     def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
-        """Copies of discs now, with all that they have, for `replace`.
+        """Copies of discs now, with all that they have, for `set_discs`.
 
         numbers: of them, shape (K,), each once; None: all.
-
-        Raises:
-            InputError: if the method cannot change discs between two frames.
         """
-        raise self._cannot_change()
 
-    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
-        """Continue from here with these discs in place of those that are there, as many, of the same radii.
+    @abstractmethod
+    def set_discs(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+        """Continue with these discs in place of the present ones, as many, of the same radii.
 
         numbers: of those that they replace, shape (K,), each once; None: all.
 
@@ -628,23 +631,10 @@ class Solver(ABC):
             InputError: for discs that the method cannot do.
             ResourceError, WorkerDiedError, WorkerStalledError: as `add`.
         """
-        raise self._cannot_change()
 
-    @property
-    def terms(self) -> Terms:
-        """Scene and settings in force."""
-        return Terms(self._scene, self._settings, self.origin)
-
-    def _assume(self, terms: Terms) -> None:
-        """Take these terms for those in force; they differ as `adopt` says.
-
-        Raises:
-            InputError: for a scene or settings that the method cannot do, naming them; then nothing has changed.
-        """
-        self._scene, self._settings, self.origin = terms
-
-    def adopt(self, terms: Terms, choice: Choice) -> None:
-        """Continue from here under another scene and settings, with the same discs.
+    @abstractmethod
+    def change_scene(self, terms: Terms, choice: Choice) -> None:
+        """Continue under another scene and settings, with the same discs.
 
         Other may be numbers of the scene, what moves its wall and its emitters, its obstacles, and whether discs can be
         absent; dt, contact, passes, substeps, workers of the settings. Where dt is another, the origin is now.
@@ -653,12 +643,6 @@ class Solver(ABC):
             InputError: for a scene or settings that the method cannot do, naming them; then nothing has changed.
             ResourceError, WorkerDiedError, WorkerStalledError: as `add`.
         """
-        raise self._cannot_change()
-
-    def _cannot_change(self) -> InputError:
-        return InputError(
-            f"method={self.choice.method!r} cannot change what it simulates between two frames. Use another method."
-        )
 
     # --- snapshots
 
@@ -668,12 +652,7 @@ class Solver(ABC):
 
     @abstractmethod
     def restore(
-        self,
-        snapshot: SolverState,
-        choice: Choice,
-        room: int = 0,
-        terms: Terms | None = None,
-        new_workers: bool = True,
+        self, snapshot: SolverState, choice: Choice, terms: Terms, room: int = 0, new_workers: bool = True
     ) -> None:
         """Go back, or on, to a snapshot of this method, or of one that `auto` may have taken before.
 
@@ -682,83 +661,59 @@ class Solver(ABC):
         Args:
             snapshot: what `snapshot` has returned, or a checkpoint that has been checked.
             choice: what then runs, by a method of this class.
+            terms: then in force, which differ as `change_scene` says.
             room: discs for which there is then room without another move, if it needs one for them.
-            terms: then in force, which differ as `adopt` says; None: those that are.
             new_workers: whether workers, if any, are new ones, as those that were there may be dead.
 
         Raises:
-            InputError: as `adopt`.
+            InputError: as `change_scene`.
             ResourceError, WorkerDiedError, WorkerStalledError: as `start`.
         """
 
     @staticmethod
     @abstractmethod
-    def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
-        """dtype and shape of every array of a snapshot of so many discs."""
-
-    @staticmethod
-    @abstractmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:
-        """Raise ValueError for a snapshot from a file in which no solver can have been, saying why.
-
-        Its arrays have the right shapes, and radii, masses and `progress` have been looked at.
-        """
-
-    @property
-    def group(self) -> Group:
-        """The processes that share the simulation, this one among them."""
-        return ALONE
+        """Raise ValueError for a snapshot from a file in which no solver can have been, saying why."""
 
     # --- what a report says
 
     @property
-    def guarded(self) -> int:
-        """Losses of energy that a guard against endless collisions has suppressed so far; 0 without one."""
-        return 0
-
-    @property
     def contact_time(self) -> float:
-        """Time between two contacts of a disc within which that guard acts [time]; 0 without one."""
+        """Time between two contacts of a disc within which a guard keeps its energy [time]; 0 without one."""
         return 0.0
 
     @property
+    @abstractmethod
     def most_momentum(self) -> float:
         """Momenta whose sum is larger make impulses that its counts cannot hold [mass length/time]."""
-        return math.inf
 
     @property
     @abstractmethod
-    def array_names(self) -> tuple[str, ...]:
-        """Names of the arrays in the block."""
-
-    @abstractmethod
-    def resources(self) -> tuple[tuple[int, ...], int]:
-        """Resident bytes of each process, this one first, and the size of the block [bytes]."""
+    def block(self) -> SharedBlock:
+        """The block of this process."""
 
     @property
     def pids(self) -> list[int]:
         """Process numbers of the workers other than this process, at any moment; none where all is done in it."""
         return []
 
-    def columns(self) -> Columns | None:
-        """Column of the grid and owner of each disc; None where discs are not sorted into columns."""
-        return None
 
-    # --- steps: without them no disc is too fast for one
+def digest_of_state(solver: Solver) -> str:
+    """`State.digest` of the present state, which on ranks the first one reads in chunks."""
+    if not solver.capabilities.on_ranks:
+        return solver.state().digest()
 
-    def disc_too_fast(self) -> Speeds | None:
-        """The disc that was too fast in the last command, reported once; None where there was none."""
-        return None
+    def read() -> str:
+        values = in_chunks(solver.state, solver.count)
+        if not solver.terms.scene._loses_discs:
+            del values["present"]  # which all of them are
+        return digest_of(values)
 
-    def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
-        """How fast the discs are, those that are about to be added included.
+    return solver.ranks.on_root(read)
 
-        numbers: of discs, if others need not be looked at.
-        """
-        return Speeds()
 
-    def set_speed_limit(self, limit: SpeedLimit) -> None:  # noqa: B027 - not abstract: a method may have no steps
-        """From now on end a command with the frame in which a disc is so fast."""
-
-    def divide(self, substeps: int) -> None:  # noqa: B027
-        """Divide the frames that follow into so many steps, >= 1."""
+def resources_of(solver: Solver) -> tuple[tuple[int, ...], int]:
+    """Resident bytes of each process, this one first, and the size of the blocks [bytes]; on ranks of all of them."""
+    own = [resident_bytes(pid) for pid in (os.getpid(), *solver.pids)]
+    resident, blocks = zip(*solver.ranks.all_of((own, solver.block.nbytes)), strict=True)
+    return tuple(chain.from_iterable(resident)), sum(blocks)

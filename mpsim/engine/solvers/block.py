@@ -1,76 +1,75 @@
-"""Stepped solvers in shared memory: the block, its growth, and the execution of commands."""
+"""Stepped solvers in shared memory: discs in the block, its growth, and the execution of commands."""
 
 import math
-import os
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
-from mpsim.core.columns import kept_sizes
+from mpsim.core.columns import ChunkedArray, kept_sizes
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.state import State
-from mpsim.engine.feature_arrays import feature_specs, fill_features, given_in, wall_limits
-from mpsim.engine.solvers import base, stepped
-from mpsim.engine.solvers.base import (
-    Choice,
-    InPlace,
-    NewDiscs,
-    Origin,
-    Result,
-    Slice,
-    SolverState,
-    Terms,
-    count_in,
-)
-from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, disc_too_fast, fastest_in, speeds_of
-from mpsim.engine.solvers.stepped import (
-    SteppedSolver,
-    absorbed_in,
-    discs_of,
-    first_not_finite,
-    live_discs,
-    places_and_speeds,
-    state_in,
-    state_of,
-    write_discs,
-    write_discs_of,
-)
-from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, Grid, SharedBlock, block_arrays, resident_bytes
+from mpsim.core.state import State, part_of
+from mpsim.engine.feature_arrays import feature_specs, fill_features, given_in
+from mpsim.engine.solvers import base
+from mpsim.engine.solvers.base import BatchResult, Choice, CollisionLog, InPlace, NewDiscs, SolverState, Terms, count_in
+from mpsim.engine.solvers.speeds import Speeds, disc_too_fast, fastest_in, speeds_of
+from mpsim.engine.solvers.stepped import SteppedSolver, disc_at, state_of
+from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock, block_arrays
+from mpsim.engine.workers.worker import buffers_of
 from mpsim.errors import DivergedError
-from mpsim.features.edges import EDGES
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.features import collisions
-from mpsim.kernels.features.collisions import ROWS
-from mpsim.kernels.features.hooks import prepare_first_step
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-# --- The log of collisions of stepped solvers
+# --- Discs in the block, where the last frame has sorted them, and in the order of their numbers
 
 
-class Begun(NamedTuple):
-    """When a command began, and what then was in force.
+def live_discs(block: SharedBlock) -> records.Discs:
+    """The buffer that holds the state."""
+    return buffers_of(block)[int(block.arrays["control"]["live"])]
 
-    Attributes:
-        scene: in force.
-        origin: since when it is.
-        frame: frames done.
-        dt: length of a frame [time].
-        substeps: steps of each.
+
+def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.int32]) -> NDArray[np.floating]:
+    """Components as rows (x, y), that of disc ids[k] from place k.
+
+    Each row is one write: of many discs, most lie where no cache has them.
+    """
+    row = np.dtype(f"c{2 * x.itemsize}")
+    rows = np.empty((len(x), 2), x.dtype)
+    rows[:, 0], rows[:, 1] = x, y
+    found = np.empty_like(rows)
+    found.view(row).reshape(-1)[ids] = rows.view(row).reshape(-1)
+    return found
+
+
+class AsTheyLay(ChunkedArray):
+    """Pairs of numbers of each disc, copied as they lay in memory, and put in order when somebody reads them.
+
+    Args:
+        x, y: shape (N,).
+        numbers: of the discs, shape (N,).
     """
 
-    scene: Scene
-    origin: Origin
-    frame: int
-    dt: float
-    substeps: int
+    def __init__(self, x: NDArray[np.floating], y: NDArray[np.floating], numbers: NDArray[np.int32]):
+        super().__init__(x.dtype, (len(x), 2), lambda first, last: self._in_order[first:last])
+        self.x: NDArray[np.floating] = x
+        self.y: NDArray[np.floating] = y
+        self.numbers: NDArray[np.int32] = numbers
+        self.nbytes: int = x.nbytes + y.nbytes
+
+    @cached_property
+    def _in_order(self) -> NDArray[np.floating]:
+        return _pairs_by_id(self.x, self.y, self.numbers)
+
+
+# --- The log of collisions of stepped solvers
 
 
 class StepLog:
@@ -89,38 +88,37 @@ class StepLog:
         """The arrays of the logs in a block for so many discs."""
         return base.specs_of(count, workers, self._least)
 
-    def begin(self, arrays: Mapping[str, Any]) -> None:
-        """Empty the logs for a command."""
-        arrays[collisions.STATE][:] = 0
-
-    def take(self, arrays: Mapping[str, Any], frames: int, begun: Begun) -> bool:
+    def take(self, arrays: Mapping[str, Any], frames: int, terms: Terms, frame: int, substeps: int) -> bool:
         """Take over what a command of so many frames has left in the logs. False: not all of it has fitted.
 
         Then a block that is made from now on has room for it.
+
+        Args:
+            arrays: of the block.
+            frames: of the command.
+            terms, frame, substeps: in force, done, and of each frame when it began.
         """
-        longest, room = base.longest(arrays), arrays[collisions.ROWS].shape[1]
+        state, room = arrays[collisions.STATE], arrays[collisions.ROWS].shape[1]
+        longest = int(state[:, collisions.COUNT].max())
         if longest > room:
             self._least = 2 * longest
             return False
         self.frames_that_fit = max(min(frames * room // (2 * longest or 1), 2 * self.frames_that_fit, MOST_FRAMES), 1)
-        arrays[collisions.STATE][:, collisions.AGREED] = arrays[collisions.STATE][:, collisions.COUNT]
-        self._tables.append(_table(base.emptied(arrays), begun))
+        state[:, collisions.AGREED] = state[:, collisions.COUNT]
+        rows = base.emptied(arrays)
+        step, origin = rows["span"] - 1, terms.origin
+        frames, ended = frame + step // substeps, (step % substeps + 1) / substeps
+        time = origin.time + ((frames - origin.frame + ended) * terms.settings.dt - rows["time"])
+        for edge in range(4):
+            hit = (rows["kind"] == collisions.WALL) & (rows["j"] == edge)
+            rows["place"][hit, edge // 2] = _wall_at(terms.scene, edge, time[hit])
+        self._tables.append(base.table_of(rows, frames + 1, time, terms.scene))
         return True
 
     def taken(self) -> NDArray[Any]:
         """The collisions since the last call."""
         tables, self._tables = self._tables, []
         return base.in_order(base.joined(tables))
-
-
-def _table(rows: NDArray[Any], begun: Begun) -> NDArray[Any]:
-    step, origin = rows["span"] - 1, begun.origin
-    frame, ended = begun.frame + step // begun.substeps, (step % begun.substeps + 1) / begun.substeps
-    time = origin.time + ((frame - origin.frame + ended) * begun.dt - rows["time"])
-    for edge in range(4):
-        hit = (rows["kind"] == collisions.WALL) & (rows["j"] == edge)
-        rows["place"][hit, edge // 2] = _wall_at(begun.scene, edge, time[hit])
-    return base.table_of(rows, frame + 1, time, begun.scene)
 
 
 def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDArray[np.float64]:
@@ -131,95 +129,29 @@ def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDAr
     return np.array([wall.place(each) for each in time.tolist()])
 
 
-# --- The records `parameters` and `control` of stepped solvers, from scene, settings and number of discs
-
-
-class Present(NamedTuple):
-    """What changes while a scene is simulated.
-
-    Attributes:
-        radii: of all discs, shape (N,) [length].
-        grid: of the broad phase.
-        giant: radius above which discs are kept out of it [length]; None: there are no such discs.
-        substeps: steps of a frame.
-        speed_limit: when a disc is too fast.
-        origin: frame and time from which frames and steps are counted.
-        tally_scale: by which impulses are multiplied before they are counted.
-        unguarded: whether neighbouring columns are resolved at the same time, a race.
-    """
-
-    radii: NDArray[np.float64]
-    grid: Grid
-    giant: float | None
-    substeps: int
-    speed_limit: SpeedLimit
-    origin: tuple[int, float]
-    tally_scale: float
-    unguarded: bool = False
-
-
-def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Present) -> None:
-    """Write both records into a block."""
-    grid, dt = now.grid, settings.dt / now.substeps
-    smallest = float(now.radii.min(initial=scene.largest_radius))
-    common = None if has_radii(scene) else scene.largest_radius
-    parameters = arrays["parameters"]
-    parameters.dt = dt
-    parameters.diameter = 2 * scene.largest_radius
-    parameters.limit[:] = wall_limits(scene)
-    parameters.cells_per_x = grid.columns / scene.width
-    parameters.cells_per_y = grid.rows / scene.height
-    parameters.half_one_plus_e = (1 + scene.restitution) / 2
-    parameters.wall_restitution = scene.wall_restitution
-    parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
-    parameters.tally_scale = now.tally_scale
-    parameters.fast = now.speed_limit.square(dt, common, smallest, settings.precision)
-    for feature in scene._features:
-        feature.begin(scene, arrays, settings.dt, now.origin)
-    if "giants" in arrays:
-        arrays["giants"][0] = np.inf if now.giant is None else now.giant
-    control = arrays["control"]
-    control.count = len(now.radii)
-    control.columns = grid.columns
-    control.rows = grid.rows
-    control.cells = grid.table_size - 1
-    control.substeps = now.substeps
-    control.law = records.LAWS[settings.law].number
-    control.contact = records.CONTACTS[settings.contact]
-    control.passes = settings.passes
-    control.race_free = int(not now.unguarded)
-    control.absorbing[:] = [edge in scene.absorbing for edge in EDGES]
-    prepare_first_step(arrays)
-
-
 FEW = 16
 """Discs that are fewer than one in so many are looked for in memory; otherwise all are put in order."""
 
 
-class BlockSolver(SteppedSolver):
+class BlockSolver(SteppedSolver, CollisionLog):
     """What `naive`, `grid` and `parallel` have in common.
 
     The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
     """
-
-    count: int
-    choice: Choice
-    origin: Origin
-    logging: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
         self._moving = False
         self._log: StepLog = StepLog()
         self._begun = -1  # frames that were done when the last command was given to this block
-        self._block = self._next_block(max(scene.count, 1), self._radii)
+        self._block = self._next_block(max(scene.count, 1), self.radii)
 
     def start(self) -> None:
         self._fill(self._block)
-        scene = self._scene
-        self._write(scene.position, scene.velocity, given_in(scene))
+        self._write(self._scene.position, self._scene.velocity, given_in(self._scene))
         self._configure()
-        self._prepare()
+        self._load_undisturbed()
+        self._start_workers()
 
     def close(self) -> None:
         self._stop_workers()
@@ -236,11 +168,14 @@ class BlockSolver(SteppedSolver):
         """Run the command that the record `control` holds. Returns layout.RUNNING, or why it has ended before."""
 
     def _failure(self, abort: int) -> Exception:
-        """The exception for a command that has ended before its time."""
+        """The exception for a command that has ended before its time, at the not finite disc of the least id."""
         assert abort == records.BAD_STATE
-        frame = self.frame + int(self._block.arrays["team"][0].frame)
-        particle, position, velocity = first_not_finite(self._block)
-        return DivergedError(particle, frame, position, velocity)
+        team = self._arrays["team"]
+        # After an odd number of steps the state lies in the other buffer, so both are looked at.
+        slots = [int(slot) for slot in team["bad_slot"] if slot >= 0]
+        candidates = [disc_at(discs, slot) for discs in buffers_of(self._block) for slot in slots]
+        disc, values = min(each for each in candidates if not np.isfinite(each[1]).all())
+        return DivergedError(disc, self.frame + int(team[0].frame), values[:2], values[2:])
 
     def _start_workers(self) -> None:
         """Start the workers, where there are any."""
@@ -257,38 +192,36 @@ class BlockSolver(SteppedSolver):
 
     # --- frames
 
-    def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
+    def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
         if not self.logging:
-            return self._command(frames, workers, stop)
+            return self._command(frames, workers, stop, count_enabled)
         with interrupts_held_back():  # what a log could not hold is found out before anybody else comes
-            return self._logged_command(frames, workers, stop)
+            return self._logged_command(frames, workers, stop, count_enabled)
 
-    def _logged_command(self, frames: int, workers: int, stop: float) -> Slice:
+    def _logged_command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> BatchResult:
         """The same, with all collisions in the log: if they do not fit, the frames are run again with more room."""
-        log, before = self._log, self.snapshot()
-        frames = min(frames, log.frames_that_fit)
-        begun = Begun(self._scene, self.origin, self.frame, self._settings.dt, self.substeps)
+        before, frame = self.snapshot(), self.frame
+        frames = min(frames, self._log.frames_that_fit)
         while True:
-            log.begin(self._block.arrays)
-            part = self._command(frames, workers, stop)
-            if log.take(self._block.arrays, part.times.shape[1], begun):
-                return part
-            self.restore(before, self.choice)
+            self._arrays[collisions.STATE][:] = 0
+            result = self._command(frames, workers, stop, count_enabled)
+            if self._log.take(self._arrays, result.times.shape[1], self.terms, frame, self.substeps):
+                return result
+            self.restore(before, self.choice, self.terms)
 
-    def _command(self, frames: int, workers: int, stop: float) -> Slice:
-        """Run frames."""
-        self._write_command(frames, workers, stop)
+    def _command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> BatchResult:
+        self._write_command(frames, workers, stop, count_enabled)
         abort = self._run_command(workers)
         if abort != records.RUNNING:
             raise self._failure(abort)
         arrays = self._block.arrays
         frames, team = int(arrays["control"]["frames"]), arrays["team"]
         contacts = int(team["collisions"].sum())
-        self.too_fast: bool = bool(team["fastest"].any())
-        tally = self._totals(arrays["tally"][:, :frames]) if self.tallied else None
-        return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
+        self.too_fast = bool(team["fastest"].any())
+        counters = self._counters(arrays["tally"][:, :frames]) if count_enabled else None
+        return BatchResult(arrays["times"][:, :frames].copy(), contacts, counters)
 
-    def _write_command(self, frames: int, workers: int, stop: float) -> None:
+    def _write_command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> None:
         """Write a command into the block: its record, and zeros where it counts."""
         arrays = self._block.arrays
         control, team = arrays["control"], arrays["team"]
@@ -298,19 +231,19 @@ class BlockSolver(SteppedSolver):
         control["workers"] = control["members"] = workers
         team["collisions"] = 0
         team["fastest"] = 0
-        control["tallied"] = self.tallied
+        control["tallied"] = count_enabled
         arrays["times"][:, :frames] = 0
-        if self.tallied:
+        if count_enabled:
             arrays["tally"][:, :frames] = 0
         self._begun = int(control["done"])
 
-    def log_collisions(self, wanted: bool) -> None:
-        if wanted != self.logging:
-            self.logging = wanted
+    def log_collisions(self, enabled: bool) -> None:
+        if enabled != self.logging:
+            self.logging = enabled
             try:
-                self._move(self._capacity, self.choice, self._radii)
+                self._continue(self.snapshot(), self.choice, self.terms, self._capacity, self.radii)
             except BaseException:
-                self.logging = not wanted
+                self.logging = not enabled
                 raise
 
     def take_collisions(self) -> NDArray[Any]:
@@ -326,141 +259,198 @@ class BlockSolver(SteppedSolver):
 
     @property
     def frame(self) -> int:
-        return self.origin.frame + int(self._block.arrays["control"]["done"])
+        return self._origin.frame + int(self._block.arrays["control"]["done"])
 
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
-        if numbers is not None:
-            found = speeds_of(self.discs(numbers).velocity, self._radii[numbers], self._scene, self.time)
-            return replace(found, disc=int(numbers[found.disc]))
-        return self._speeds(places_and_speeds(self._block, self.count)[1], self.absorbed, new)
-
-    def disc_too_fast(self) -> Speeds | None:
-        arrays = self._block.arrays
-        found, fast = fastest_in(arrays["team"]), float(arrays["parameters"].fast)
-        arrays["team"]["fastest"], self.too_fast = 0, False
-        return disc_too_fast(found, fast, self._radii, has_radii(self._scene), self.frame - 1)
+        if numbers is None:
+            found = self._speeds_of_all(self._places_and_speeds()[1], self.absorbed, new)
+        else:
+            found = speeds_of(self.discs(numbers).velocity, self.radii[numbers], self._scene, self.time)
+            found = replace(found, disc=int(numbers[found.disc]))
+        team, fast = self._arrays["team"], float(self._arrays["parameters"].fast)
+        fastest = fastest_in(team)
+        team["fastest"], self.too_fast = 0, False
+        return found.or_faster(disc_too_fast(fastest, fast, self.radii, has_radii(self._scene), self.frame - 1))
 
     # --- discs
 
-    def state(self) -> State:
-        return state_in(self._block, self._box, self.count)
+    def _as_they_lie(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[np.int32]]:
+        """Views of x, y, vx, vy and the numbers."""
+        discs, count = live_discs(self._block), self.count
+        return discs.x[:count], discs.y[:count], discs.vx[:count], discs.vy[:count], discs.id[:count]
 
-    def state_between(self, first: int, last: int) -> State:
-        if (last - first) * FEW > self.count:
-            return super().state_between(first, last)
-        discs = self.discs(np.arange(first, last))
-        found = {each.name: discs.of(each) for each in columns.in_state() if each.name in self._block.arrays}
-        return state_of(self._box, self._block.arrays, discs.position, discs.velocity, found, discs.absent)
+    def _places_and_speeds(
+        self, numbers: NDArray[np.int64] | None = None
+    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Copies of positions and velocities as they lie in the block, of the discs of these numbers; None: of all."""
+        x, y, vx, vy, ids = self._as_they_lie()
+        if numbers is None:
+            return _pairs_by_id(x, y, ids), _pairs_by_id(vx, vy, ids)
+        slots = self._slots_of(numbers)
+        return np.stack([x[slots], y[slots]], axis=1), np.stack([vx[slots], vy[slots]], axis=1)
 
-    def read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
-        count, arrays, discs = self.count, self._block.arrays, live_discs(self._block)
-        x, y, vx, vy, number = (column[:count] for column in (discs.x, discs.y, discs.vx, discs.vy, discs.id))
-        absent, box = self.absorbed if "exits" in arrays else None, self._box
-        return read(InPlace(x, y, vx, vy, number, absent, box, self.frame, self.time, self._radii))
+    def _slots_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Where the discs of these numbers lie."""
+        *_, ids = self._as_they_lie()
+        slots = np.flatnonzero(np.isin(ids, numbers))
+        order = np.argsort(ids[slots])
+        return slots[order][np.argsort(np.argsort(numbers))]
+
+    def state(self, first: int = 0, last: int | None = None) -> State:
+        last = self.count if last is None else last
+        few = (last - first) * FEW <= self.count
+        numbers, arrays = np.arange(first, last) if few else None, self._arrays
+        rows = slice(self.count) if numbers is None else numbers
+        position, velocity = self._places_and_speeds(numbers)
+        found = {each.name: arrays[each.name][..., rows].T.copy() for each in columns.in_state() if each.name in arrays}
+        state = state_of(self._box, arrays, position, velocity, found, self.absorbed[rows])
+        return state if few else part_of(state, first, last)
+
+    def in_place(self) -> InPlace:
+        absent = self.absorbed if "exits" in self._arrays else None
+        return InPlace(*self._as_they_lie(), absent, self._box, self.frame, self.time, self.radii)
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
-        return absorbed_in(self._block, self.count)
+        exits = self._arrays.get("exits")
+        return np.zeros(self.count, bool) if exits is None else exits[0, : self.count] != 0
+
+    def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
+        rows, arrays = slice(self.count) if numbers is None else numbers, self._arrays
+        position, velocity = self._places_and_speeds(numbers)
+        found = {each.name: arrays[each.name][..., rows].T.copy() for each in columns.COLUMNS if each.name in arrays}
+        return NewDiscs(position, velocity, self.radii[rows], {**found, columns.MASS.name: self.masses[rows]})
+
+    def set_discs(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+        if numbers is None:
+            self._write_discs(discs, 0)
+        else:
+            self._write_discs(discs, self._slots_of(numbers), numbers)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         count = self.count + len(new.position)
-        radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
+        radii, masses = kept_sizes(self.radii, new.radius), kept_sizes(self.masses, new.mass)
         # Discs that make giants of others leave the grid finer than one for as many discs without giants.
-        crowded = self._grid_of(count, self._giant_radius(radii)).table_size > len(self._block.arrays["start"])
+        crowded = self._grid_of(count, self._giant_radius(radii)).table_size > len(self._arrays["start"])
         if choice != self.choice or count > self._capacity or crowded:
-            self._move(max(2 * self._capacity, count) if count > self._capacity else self._capacity, choice, radii)
-        write_discs(self._block, new, self.count)
-        self.count, self._radii, self._masses = count, radii, masses
+            capacity = max(2 * self._capacity, count) if count > self._capacity else self._capacity
+            self._continue(self.snapshot(), choice, self.terms, capacity, radii)
+        self._write_discs(new, self.count)
+        self.count, self.radii, self.masses = count, radii, masses
         self._configure()
 
-    def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
-        if numbers is not None:
-            return discs_of(self._block, numbers, self._radii, self._masses)
-        position, velocity = places_and_speeds(self._block, self.count)
-        arrays, count = self._block.arrays, self.count
-        found = {each.name: arrays[each.name][..., :count].T.copy() for each in columns.COLUMNS if each.name in arrays}
-        return NewDiscs(position, velocity, self._radii, {**found, columns.MASS.name: self._masses})
+    def _write_discs(
+        self, new: NewDiscs, slots: int | NDArray[np.int64], numbers: NDArray[np.int64] | None = None
+    ) -> None:
+        """Write discs of these numbers to these slots; slots: the first of them, if both are in one order."""
+        arrays, discs = self._arrays, live_discs(self._block)
+        rows = slice(slots, slots + len(new.position)) if isinstance(slots, int) else slots
+        discs.x[rows], discs.y[rows] = new.position.T
+        discs.vx[rows], discs.vy[rows] = new.velocity.T
+        discs.id[rows] = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else numbers
+        if discs.radius is not None:
+            discs.radius[rows] = new.radius
+        arrays["control"].in_order = 0
+        for column in columns.COLUMNS:
+            if column.name in arrays:
+                arrays[column.name][..., rows if numbers is None else numbers] = new.of(column).T
 
-    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
-        if numbers is None:
-            write_discs(self._block, discs, 0)
-        else:
-            write_discs_of(self._block, discs, numbers, self.count)
+    def _write(self, position: NDArray[Any], velocity: NDArray[Any], brought: dict[str, NDArray[Any]]) -> None:
+        """Write all discs into a new block. brought: of columns by id, by name, besides masses."""
+        given = {**brought, columns.MASS.name: self.masses}
+        self._write_discs(NewDiscs(position, velocity, self.radii, given), 0)
 
-    def adopt(self, terms: Terms, choice: Choice) -> None:
-        snapshot = self.snapshot()
-        if terms.origin != self.origin:
-            snapshot["progress"] = np.zeros(2, np.int64)
-        with self._assumed(terms):
-            if choice == self.choice and self._fits(self._capacity, self._radii):
-                fill_features(self._block.arrays, self._scene)
-                self._control.done, self._control.steps = self._begin_from(snapshot)
-                self._configure()
-            else:
-                self._replace_block(self._capacity, choice, snapshot, self._radii, choice != self.choice, anew=True)
-
-    @contextmanager
-    def _assumed(self, terms: Terms) -> Iterator[None]:
-        """Terms that are in force from here on, unless the body of the `with` raises before there is another block."""
-        before, block = self.terms, self._block
-        try:
-            self._assume(terms)
-            yield
-        except BaseException:
-            if self._block is block:  # else a worker has died on the new one
-                self._assume(before)
-            raise
-
-    def _fits(self, capacity: int, radii: NDArray[np.float64]) -> bool:
-        """Whether the present block is as one for so many discs, of these radii, would be now."""
-        return capacity == self._capacity and self._next_block(capacity, radii).specs == self._block.specs
-
-    # --- snapshots
+    # --- snapshots, and other terms
 
     def snapshot(self) -> SolverState:
-        return stepped.taken(self._block, self._radii, self._masses)
+        *rows, ids = self._as_they_lie()
+        (x, y, vx, vy), numbers, arrays = np.stack(rows), ids.copy(), self._arrays
+        found: SolverState = {"position": AsTheyLay(x, y, numbers), "velocity": AsTheyLay(vx, vy, numbers)}
+        found |= {"radii": self.radii, "masses": self.masses}
+        for column in columns.COLUMNS:
+            if column.kept and column.name in arrays:
+                found[column.name] = column.take(arrays[column.name], self.count)
+        found["progress"] = np.array([arrays["control"].done, arrays["control"].steps])
+        return found
 
     def restore(
+        self, snapshot: SolverState, choice: Choice, terms: Terms, room: int = 0, new_workers: bool = True
+    ) -> None:
+        capacity = max(self._capacity, count_in(snapshot), room)
+        self._continue(snapshot, choice, terms, capacity, snapshot["radii"], new_workers)
+
+    def change_scene(self, terms: Terms, choice: Choice) -> None:
+        snapshot = self.snapshot()
+        if terms.origin != self._origin:
+            snapshot["progress"] = np.zeros(2, np.int64)
+        self._continue(snapshot, choice, terms, self._capacity, self.radii)
+
+    def _continue(
         self,
         snapshot: SolverState,
         choice: Choice,
-        room: int = 0,
-        terms: Terms | None = None,
-        new_workers: bool = True,
+        terms: Terms,
+        capacity: int,
+        radii: NDArray[np.float64],
+        new_workers: bool = False,
     ) -> None:
-        capacity, radii = max(self._capacity, count_in(snapshot), room), snapshot["radii"]
-        with self._assumed(terms or self.terms):
-            if not new_workers and choice == self.choice and self._fits(capacity, radii):
-                self._moving = True
-                fill_features(self._block.arrays, self._scene)
-                self._enter(snapshot)
-                self._moving = False
+        """Continue from a snapshot: in the present block where another one would be the same, with the same workers.
+
+        Args:
+            snapshot, choice, terms: as of `restore`.
+            capacity: discs for which the block has room.
+            radii: of the discs for which it is to have a grid, shape (M,): of the snapshot, and of any to be added.
+            new_workers: whether others are started, as if `choice` were another.
+        """
+        before = self.terms, self.choice, self._capacity
+        old, new_workers = self._block, new_workers or choice != self.choice
+        try:
+            self._set_terms(terms)
+            self.choice = choice
+            block = self._next_block(capacity, radii)
+            stays = not new_workers and block.specs == old.specs
+            if stays:
+                fill_features(old.arrays, self._scene)
             else:
-                other_workers = new_workers or choice != self.choice
-                self._replace_block(capacity, choice, snapshot, radii, other_workers, anew=terms is not None)
+                with block.closed_on_error():
+                    self._fill(block)
+        except BaseException:
+            self._set_terms(before[0])
+            _, self.choice, self._capacity = before
+            raise
+        self._moving = True
+        if stays:
+            self._enter(snapshot)
+        else:
+            self._block = block
+            try:
+                self._enter(snapshot)
+                if new_workers:
+                    self._stop_workers()
+                self._load_undisturbed()
+                if new_workers:
+                    self._start_workers()
+                else:
+                    self._move_workers()
+            finally:
+                old.close()
+        self._moving = False
 
     # --- the block
 
     @property
-    def array_names(self) -> tuple[str, ...]:
-        return tuple(self._block.specs)
+    def block(self) -> SharedBlock:
+        return self._block
 
-    def resources(self) -> tuple[tuple[int, ...], int]:
-        return tuple(map(resident_bytes, (os.getpid(), *self.pids))), self._block.nbytes
+    @property
+    def _arrays(self) -> dict[str, Any]:
+        return self._block.arrays
 
     @property
     def _most_workers(self) -> int:
         return max(self.choice.workers)
-
-    @property
-    def _control(self) -> Any:
-        return self._block.arrays["control"]
-
-    @property
-    def _parameters(self) -> Any:
-        return self._block.arrays["parameters"]
 
     def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""
@@ -478,83 +468,45 @@ class BlockSolver(SteppedSolver):
         block.arrays["team"]["bad_slot"] = -1
         fill_features(block.arrays, self._scene)
 
-    def _prepare(self) -> None:
-        """Compile or load the kernels, then start the workers: they find the machine code and no frame waits for it."""
-        self._load_undisturbed()
-        self._start_workers()
-
     def _load_undisturbed(self) -> None:
         """`_load_kernels`, while Ctrl-C waits: Numba looks up the types of arguments inside exceptions of its own.
 
-        It comes in this frame, which holds no view of the block.
+        It comes in this frame, which holds no view of the block. Before workers start, which then find the machine
+        code, and no frame waits for it.
         """
         with interrupts_held_back():
             self._load_kernels()
 
-    def _move(self, capacity: int, choice: Choice, radii: NDArray[np.float64]) -> None:
-        """Move everything to a new block, larger or for other workers, and the workers with it."""
-        self._replace_block(capacity, choice, self.snapshot(), radii, new_workers=choice != self.choice)
-
-    def _replace_block(
-        self,
-        capacity: int,
-        choice: Choice,
-        snapshot: SolverState,
-        radii: NDArray[np.float64],
-        new_workers: bool,
-        anew: bool = False,
-    ) -> None:
-        """A new block that holds a snapshot; the workers attach to it, or others are started.
-
-        radii: of the discs for which it is to have a grid, shape (M,): those of the snapshot, and of any to be added.
-        anew: whether the kernels are others.
-        """
-        old, before = self._block, (self.choice, self._capacity)
-        loaded = (ROWS in old.arrays) == self.logging and not anew
-        self.choice = choice
-        try:
-            with (new := self._next_block(capacity, radii)).closed_on_error():
-                self._fill(new)
-        except BaseException:
-            self.choice, self._capacity = before
-            raise
-        self._moving, self._block = True, new
-        try:
-            self._enter(snapshot)
-            if new_workers:
-                self._stop_workers()
-                self._prepare()
-            else:
-                if not loaded:
-                    self._load_undisturbed()
-                self._move_workers()
-        finally:
-            old.close()
-        self._moving = False
-
     def _enter(self, snapshot: SolverState) -> None:
         """Write a snapshot into the present block."""
-        arrays = self._block.arrays
+        arrays = self._arrays
         self._begun = -1
         arrays["team"]["fastest"], self.too_fast = 0, False
         frames, steps = self._begin_from(snapshot)
-        if not stepped.put_as_they_lay(self._block, snapshot):
-            self._write(np.asarray(snapshot["position"]), np.asarray(snapshot["velocity"]), {})
-        self._control.done, self._control.steps = frames, steps
+        position, velocity = snapshot["position"], snapshot["velocity"]
+        if isinstance(position, AsTheyLay) and isinstance(velocity, AsTheyLay):
+            self._put_as_they_lay(position, velocity)
+        else:
+            self._write(np.asarray(position), np.asarray(velocity), {})
+        arrays["control"].done, arrays["control"].steps = frames, steps
         for column in columns.COLUMNS:
             if column.name in snapshot:
                 column.put(arrays[column.name], snapshot[column.name])
         self._configure()
 
-    def _write(self, position: NDArray[Any], velocity: NDArray[Any], brought: dict[str, NDArray[Any]]) -> None:
-        """Write all discs into a new block. brought: of columns by id, by name, besides masses."""
-        given = {**brought, columns.MASS.name: self._masses}
-        write_discs(self._block, NewDiscs(position, velocity, self._radii, given), 0)
+    def _put_as_they_lay(self, position: AsTheyLay, velocity: AsTheyLay) -> None:
+        """Write places and speeds back in the order in which they lay."""
+        count, arrays, discs = len(position), self._arrays, live_discs(self._block)
+        discs.x[:count], discs.y[:count] = position.x, position.y
+        discs.vx[:count], discs.vy[:count] = velocity.x, velocity.y
+        discs.id[:count] = position.numbers
+        if discs.radius is not None:
+            discs.radius[:count] = self.radii[position.numbers]
+        if columns.MASS.name in arrays:
+            columns.MASS.put(arrays[columns.MASS.name], self.masses)
+        arrays["control"].in_order = 0
 
     def _configure(self) -> None:
-        giant = self._giant_radius(self._radii)
+        giant = self._giant_radius(self.radii)
         self._grid = self._grid_of(self.count, giant)
-        unguarded = self.choice.processes.unguarded
-        limit, scale = self._speed_limit, self._tally_scale
-        now = Present(self._radii, self._grid, giant, self.substeps, limit, self.origin, scale, unguarded)
-        configure(self._block.arrays, self._scene, self._settings, now)
+        self._write_parameters(self._grid, giant)

@@ -18,7 +18,10 @@ from mpsim.engine.solvers.base import (
     Origin,
     Shapes,
     SolverState,
+    Terms,
     check_periods,
+    check_shapes,
+    count_in,
     demand,
     shapes_in_each,
 )
@@ -374,6 +377,7 @@ def shapes(scene: Scene, count: int) -> Shapes:
 
 def check(scene: Scene, arrays: SolverState, dt: float) -> None:
     """Raise ValueError unless discs, events and lists of a snapshot go together, frames being dt long [time]."""
+    check_shapes(arrays, shapes(scene, count_in(arrays)))
     disc, count = records.of_numbers(records.DISC, arrays["disc"]), len(arrays["order"])
     demand(checks.equal(np.sort(arrays["order"]), np.arange(count)), "order must be a permutation")
     flight = ("position", "velocity", "last_update")
@@ -477,6 +481,11 @@ class BlockPlan(NamedTuple):
     workers: int
     logging: bool
 
+    def under(self, terms: Terms, workers: int, **changes: Any) -> "BlockPlan":
+        """The plan under other terms, for so many workers, with further changes by name."""
+        scene, settings, origin = terms
+        return self._replace(scene=scene, dt=settings.dt, origin=origin, workers=workers, **changes)
+
     def room(self, count: int) -> SharedBlock:
         """A block for so many discs, which is still to be made."""
         cells, tiling = cells_for(self.scene, count), self._tiling(count)
@@ -543,3 +552,12 @@ class BlockPlan(NamedTuple):
         cells = cells_for(self.scene, count)
         of_scene = given(self.scene, cells, self.dt, self.origin)
         return {"contact_time": self.contact_time, "crushing_speed": self.crushing_speed, **of_scene}
+
+
+def plan_of(scene: Scene, settings: Settings, workers: int) -> BlockPlan:
+    """The plan of a scene at its start."""
+    units, crushing = units_of(scene, settings.dt), crushing_speed_of(scene, scene.velocity)
+    contact_time = settings.contact_time
+    if contact_time is None:
+        contact_time = contact_time_of(scene, settings.dt)
+    return BlockPlan(scene, settings.dt, units, contact_time, crushing, Origin(), workers, logging=False)

@@ -1,11 +1,8 @@
 """The method event: the exact, event-driven solver in float64."""
 
-import contextlib
 import dataclasses
 import math
-import os
 import time
-from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,18 +10,17 @@ from numpy.typing import NDArray
 
 from mpsim.core.columns import MASS, kept_sizes
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.state import State
+from mpsim.core.state import State, part_of
 from mpsim.engine.feature_arrays import columns_of, given_in
 from mpsim.engine.report import frames_until
 from mpsim.engine.solvers import base, event_block
 from mpsim.engine.solvers.base import (
     MOST_COUNTED,
+    BatchResult,
     Capabilities,
     Choice,
+    CollisionLog,
     NewDiscs,
-    Origin,
-    Shapes,
-    Slice,
     Solver,
     SolverState,
     Terms,
@@ -33,16 +29,15 @@ from mpsim.engine.solvers.base import (
 from mpsim.engine.solvers.event_block import (
     BlockPlan,
     System,
-    contact_time_of,
     crushed,
     crushing_speed_of,
+    plan_of,
     refuse_extremes,
     refuse_what_is_not_exact,
     stalled,
-    units_of,
 )
 from mpsim.engine.solvers.event_tiles import Windows
-from mpsim.engine.workers.shared import SharedBlock, resident_bytes
+from mpsim.engine.workers.shared import SharedBlock
 from mpsim.errors import DivergedError, StalledError
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import cells, records, solver
@@ -60,7 +55,7 @@ VIRIALS = {"virial": records.VIRIAL, "virial_xx": records.VIRIAL_XX, "virial_xy"
 """Entries of a tally, by name in COUNTS."""
 
 
-class EventSolver(Solver):
+class EventSolver(Solver, CollisionLog):
     """Runs a scene by `event`: from collision to collision, exact but for the rounding of float64.
 
     Raises:
@@ -68,18 +63,11 @@ class EventSolver(Solver):
     """
 
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=False, is_exact=True)
-    count: int
-    choice: Choice
-    origin: Origin
-    logging: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         refuse_what_is_not_exact(scene, settings)
         super().__init__(scene, settings, choice)
-        chosen = settings.contact_time
-        self._contact_time = contact_time_of(scene, settings.dt) if chosen is None else chosen
-        self._units = units_of(scene, settings.dt)
-        self._crushing_speed = crushing_speed_of(scene, scene.velocity)
+        self._plan = plan_of(scene, settings, max(choice.workers))
         self._events_per_call = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros((), records.PROGRESS)[()]
@@ -90,14 +78,14 @@ class EventSolver(Solver):
         self._block = self._plan.room(scene.count)
 
     def start(self) -> None:
-        scene, known = self._scene, {"radius": self._radii, "mass": self._masses}
+        scene, known = self._scene, {"radius": self.radii, "mass": self.masses}
         columns = event_block.columns_of_discs(scene, self.count, given_in(scene) | known)
         self._system = self._plan.placed(self._block, scene.position, scene.velocity, columns, 0.0)
         self._begin()
 
     def _begin(self) -> None:
         """Compile or load the kernels, so that no frame time contains it, and no wait for Ctrl-C; start workers."""
-        self._windows = self._windows_on(self._block, self._system)
+        self._windows = self._windows_on(self._block, self._system, self.choice)
         if self._windows is None:
             self._load_whole()
 
@@ -108,28 +96,34 @@ class EventSolver(Solver):
 
     # --- frames
 
-    def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
+    def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
         """Run up to `frames` frames, fewer where they are long: after about SECONDS_AT_ONCE it returns.
 
         At the time `stop` [time] it returns too, inside a frame.
 
-        What was done of an unfinished frame counts for the slice in which it ends.
+        What was done of an unfinished frame counts for the call in which it ends.
 
         Raises:
             DivergedError, StalledError: the solver can then only be closed.
         """
-        before, seen = int(self._system.store.counter.pairs), records.numbers(self._seen).copy()
-        times = np.zeros((1 + self._most_workers, frames), np.int64)
-        totals = np.zeros(frames if self.tallied else 0, records.TOTALS)
-        done = self._run_kernel(times, totals, stop - self.origin.time)
-        by_phase = np.zeros((self._most_workers, done, len(stepped.PHASES)), np.int64)
+        (contacts, guarded), seen = self._collisions_so_far(), records.numbers(self._seen).copy()
+        times = np.zeros((1 + self._plan.workers, frames), np.int64)
+        totals = np.zeros(frames if count_enabled else 0, records.TOTALS)
+        done = self._run_kernel(times, totals, stop - self._origin.time)
+        by_phase = np.zeros((self._plan.workers, done, len(stepped.PHASES)), np.int64)
         if self._windows is None:
             by_phase[0, :, stepped.MOVE] = times[0, :done]
         else:
             by_phase[:, :, stepped.MOVE] = times[1:, :done]
             by_phase[:, :, stepped.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
-        contacts = int(self._system.store.counter.pairs) - before
-        return Slice(by_phase, contacts, self._tally(totals[:done], seen) if self.tallied else None)
+        counters = self._counters(totals[:done], seen) if count_enabled else None
+        contacts_after, guarded_after = self._collisions_so_far()
+        return BatchResult(by_phase, contacts_after - contacts, counters, guarded_after - guarded)
+
+    def _collisions_so_far(self) -> tuple[int, int]:
+        """Collisions of two discs, and those in which the guard has acted."""
+        counter = self._system.store.counter
+        return int(counter.pairs), int(counter.guarded)
 
     def _run_kernel(self, times: NDArray[np.int64], totals: NDArray[Any], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""
@@ -144,7 +138,7 @@ class EventSolver(Solver):
         if status == records.NOT_FINITE:
             raise self._not_followed(int(particle))
         if status == records.STALLED:
-            raise stalled(self._scene, self._settings.dt, int(particle), self.frame, self._contact_time)
+            raise stalled(self._scene, self._settings.dt, int(particle), self.frame, self._plan.contact_time)
         return int(finished)
 
     def _not_followed(self, disc: int) -> DivergedError | StalledError:
@@ -185,7 +179,7 @@ class EventSolver(Solver):
             max(min(fitting, 2 * self._events_per_call), self._events_per_call / 2, FEWEST_EVENTS)
         )
 
-    def _tally(self, totals: NDArray[Any], seen: NDArray[np.int64]) -> NDArray[Any]:
+    def _counters(self, totals: NDArray[Any], seen: NDArray[np.int64]) -> NDArray[Any]:
         """The kernel's counts in the form of the stepped solver's: impulses instead of r.dp, and no overlaps.
 
         totals: at the end of each frame; seen: those at the start, as plain numbers.
@@ -199,13 +193,11 @@ class EventSolver(Solver):
         tally["collisions"] = counts["collisions"]
         return tally
 
-    def log_collisions(self, wanted: bool) -> None:
-        if wanted != self.logging:
+    def log_collisions(self, enabled: bool) -> None:
+        if enabled != self.logging:
             stopped = self._stopped
-            self.logging = wanted
-            with _put_back(self, "logging", not wanted):
-                self.restore(self.snapshot(), self.choice)
-            self._stopped = stopped
+            self._go_to(self.snapshot(), self.choice, self.terms, enabled, new_workers=True)
+            self.logging, self._stopped = enabled, stopped
 
     def take_collisions(self) -> NDArray[Any]:
         arrays = self._block.arrays
@@ -215,21 +207,21 @@ class EventSolver(Solver):
         rows["i"] = self._system.store.order[rows["i"]]
         among_discs = rows["kind"] == collisions.DISC
         rows["j"][among_discs] = self._system.store.order[rows["j"][among_discs]]
-        frame, time = self.origin.frame + rows["span"] + 1, self.origin.time + rows["time"]
+        frame, time = self._origin.frame + rows["span"] + 1, self._origin.time + rows["time"]
         return base.table_of(rows, frame, time, self._scene)
 
     # --- state
 
     @property
     def frame(self) -> int:
-        return self.origin.frame + int(self._progress.frame)
+        return self._origin.frame + int(self._progress.frame)
 
     @property
     def time(self) -> float:
         frame, dt, present = self.frame, self._settings.dt, self._present
-        if frames_until(present, dt) <= frame - self.origin.frame:
-            return self.time_of(frame)
-        return min(self.origin.time + present, self.time_of(frame + 1))  # beyond its frame only by rounding
+        if frames_until(present, dt) <= frame - self._origin.frame:
+            return self.terms.time_of(frame)
+        return min(self._origin.time + present, self.terms.time_of(frame + 1))  # beyond its frame only by rounding
 
     @property
     def _present(self) -> float:
@@ -243,13 +235,14 @@ class EventSolver(Solver):
     @property
     def _clock_time(self) -> float:
         """The same since the start [time]."""
-        return self.origin.time + self._present
+        return self._origin.time + self._present
 
     def reached(self, time: float) -> bool:
-        return time - self.origin.time <= self._present
+        return time - self._origin.time <= self._present
 
-    def state(self) -> State:
-        return event_block.state_of(self._scene, self._clock_time, self._found(), self._radii)
+    def state(self, first: int = 0, last: int | None = None) -> State:
+        whole = event_block.state_of(self._scene, self._clock_time, self._found(), self.radii)
+        return part_of(whole, first, self.count if last is None else last)
 
     def _found(self) -> dict[str, NDArray[Any]]:
         """Positions, velocities and all columns but radii and masses, by name."""
@@ -271,80 +264,70 @@ class EventSolver(Solver):
         """
         now = self.discs()
         places, speeds = np.concatenate([now.position, new.position]), np.concatenate([now.velocity, new.velocity])
-        radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
+        radii, masses = kept_sizes(self.radii, new.radius), kept_sizes(self.masses, new.mass)
         kept = {each.name: np.concatenate([now.of(each), new.of(each)]) for each in columns_of(self._scene)}
         everyone = NewDiscs(places, speeds, radii, {**kept, MASS.name: masses})
-        self._place_anew(everyone, choice, self._present, new.velocity)
+        self._place_anew(everyone, choice, self.terms, new.velocity)
 
     def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
         there = self._found()
-        now = event_block.state_of(self._scene, self._clock_time, there, self._radii)
+        now = event_block.state_of(self._scene, self._clock_time, there, self.radii)
         columns = {**there, **vars(now)}
         kept = {each.name: columns[each.name] for each in columns_of(self._scene) if each.name in columns}
-        found = NewDiscs(now.position, now.velocity, self._radii, {**kept, MASS.name: self._masses})
+        found = NewDiscs(now.position, now.velocity, self.radii, {**kept, MASS.name: self.masses})
         return found if numbers is None else found.rows(numbers)
 
-    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+    def set_discs(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
         if numbers is not None:
             discs = self.discs().with_rows(discs, numbers)
-        self._place_anew(discs, self.choice, self._present, discs.velocity)
+        self._place_anew(discs, self.choice, self.terms, discs.velocity)
 
-    def _assume(self, terms: Terms) -> None:
-        refuse_what_is_not_exact(terms.scene, terms.settings)
-        super()._assume(terms)
-
-    def adopt(self, terms: Terms, choice: Choice) -> None:
+    def change_scene(self, terms: Terms, choice: Choice) -> None:
         """Predict all events anew under another scene and settings.
 
         Where only workers are other ones, nothing is: what goes on has the same bits.
         """
-        scene, settings, origin = terms
+        scene, settings, _ = terms
         if scene is self._scene and settings == dataclasses.replace(self._settings, workers=settings.workers):
-            self._settings = settings
-            self.restore(self.snapshot(), choice)
+            self.restore(self.snapshot(), choice, self.terms._replace(settings=settings))
             return
-        discs, block, time = self.discs(), self._block, self._present
-        before = self._scene, self._settings, self.origin, self._progress, self._stopped
-        if origin != self.origin:
-            self._progress, self._stopped, time = np.zeros((), records.PROGRESS)[()], 0.0, 0.0
-        try:
-            self._assume(terms)
-            self._place_anew(discs, choice, time, discs.velocity)
-        except BaseException:
-            if self._block is block:  # else a worker has died on the new one
-                self._scene, self._settings, self.origin, self._progress, self._stopped = before
-            raise
+        refuse_what_is_not_exact(scene, settings)
+        discs = self.discs()
+        self._place_anew(discs, choice, terms, discs.velocity)
 
-    def _place_anew(self, discs: NewDiscs, choice: Choice, time: float, given: NDArray[np.floating]) -> None:
-        """Continue with these discs, from a time since the origin [time]: all that is to come is predicted anew.
+    def _place_anew(self, discs: NewDiscs, choice: Choice, terms: Terms, velocity: NDArray[np.floating]) -> None:
+        """Continue with these discs under these terms: all that is to come is predicted anew.
 
-        given: velocities of those that are new or were changed [length/time].
+        velocity: of the discs that are new or were changed [length/time].
 
         Raises:
             InputError: if they overlap, or are too fast; then nothing has changed.
         """
-        refuse_extremes(self._scene, discs.velocity, self._settings.dt)
+        scene, settings, origin = terms
+        refuse_extremes(scene, discs.velocity, settings.dt)
         count, known = len(discs.position), {"radius": discs.radius, "mass": discs.mass}
-        columns = event_block.columns_of_discs(self._scene, count, {**discs.columns, **known})
-        before, self.choice = self.choice, choice  # who is to play it says what is in a block
-        crushing = self._crushing_speed
-        self._crushing_speed = crushing_speed_of(self._scene, given, crushing)
-        block = self._plan.room(count)
-        put_back = _put_back(self, "choice", before), _put_back(self, "_crushing_speed", crushing)
-        with block.closed_on_error(), put_back[0], put_back[1]:
-            system = self._plan.placed(block, discs.position, discs.velocity, columns, time)
-            system.store.counter.guarded = self.guarded  # the guard acts once for the whole run
+        columns = event_block.columns_of_discs(scene, count, {**discs.columns, **known})
+        crushing = crushing_speed_of(scene, velocity, self._plan.crushing_speed)
+        plan = self._plan.under(terms, max(choice.workers), crushing_speed=crushing)
+        begins = origin != self._origin
+        block = plan.room(count)
+        with block.closed_on_error():
+            time = 0.0 if begins else self._present
+            system = plan.placed(block, discs.position, discs.velocity, columns, time)
+            system.store.counter.guarded = self._system.store.counter.guarded  # which counts for the whole run
             # Of a frame in hand, the new store has counted nothing yet.
             counted: Any = np.zeros((), records.TOTALS)[()]
             solver.write_totals(counted, self._system.store)
             seen = records.of_numbers(records.TOTALS, records.numbers(self._seen) - records.numbers(counted))
-            windows = self._windows_on(block, system)
-        self._take(block, system, windows)
-        self._radii, self._masses, self._seen = discs.radius, discs.mass, seen
+            windows = self._windows_on(block, system, choice)
+        self._take(plan, terms, choice, block, system, windows)
+        self.radii, self.masses, self._seen = discs.radius, discs.mass, seen
+        if begins:
+            self._progress, self._stopped = np.zeros((), records.PROGRESS)[()], 0.0
         if windows is None:
             self._load_whole()
 
-    def _windows_on(self, block: SharedBlock, system: System) -> Windows | None:
+    def _windows_on(self, block: SharedBlock, system: System, choice: Choice) -> Windows | None:
         """Windows on the tiles of another block, if it has any: those of the same workers, where there are as many.
 
         Raises:
@@ -352,12 +335,12 @@ class EventSolver(Solver):
         """
         if "tiles" not in block.specs:
             return None
-        windows = self._windows
+        windows, workers = self._windows, max(choice.workers)
         try:
-            if windows is not None and windows.workers == self._most_workers:
+            if windows is not None and windows.workers == workers:
                 return windows.moved_to(block, system)
-            windows = Windows(block, system, self.choice.processes.start_method)
-            windows.start(self._most_workers)
+            windows = Windows(block, system, choice.processes.start_method)
+            windows.start(workers)
         except BaseException:
             if windows is not None:
                 if windows is self._windows:
@@ -367,34 +350,37 @@ class EventSolver(Solver):
             raise
         return windows
 
-    def _take(self, block: SharedBlock, system: System, windows: Windows | None = None) -> None:
+    def _take(
+        self,
+        plan: BlockPlan,
+        terms: Terms,
+        choice: Choice,
+        block: SharedBlock,
+        system: System,
+        windows: Windows | None,
+    ) -> None:
         """Continue in another block, which is filled, and close the old one; one of them is owned at every moment."""
         old, before = self._block, self._windows
         self._system, self._block, self._windows, self.count = system, block, windows, len(system.store.order)
+        self._plan, self.choice = plan, choice
+        self._set_terms(terms)
         if before is not None:
             before.close()
         old.close()
 
     @property
-    def guarded(self) -> int:
-        return int(self._system.store.counter.guarded)
-
-    @property
     def contact_time(self) -> float:
         scene = self._scene
         lossy = scene.restitution < 1 or scene.wall_restitution < 1
-        return self._contact_time if lossy or scene.gravity is not None else 0.0
+        return self._plan.contact_time if lossy or scene.gravity is not None else 0.0
 
     @property
     def most_momentum(self) -> float:
-        return MOST_COUNTED * self._units[0]
+        return MOST_COUNTED * self._plan.units[0]
 
     @property
-    def array_names(self) -> tuple[str, ...]:
-        return tuple(self._block.specs)
-
-    def resources(self) -> tuple[tuple[int, ...], int]:
-        return tuple(map(resident_bytes, (os.getpid(), *self.pids))), self._block.nbytes
+    def block(self) -> SharedBlock:
+        return self._block
 
     @property
     def pids(self) -> list[int]:
@@ -418,9 +404,9 @@ class EventSolver(Solver):
         if self._windows is not None:
             self._windows.link()
         found = event_block.taken(self._scene, self._block.arrays)
-        found |= {"radii": self._radii, "masses": self._masses, "units": np.array(self._units)}
-        if self._crushing_speed is not None:
-            found[event_block.CRUSHING_SPEED] = np.array([self._crushing_speed])
+        found |= {"radii": self.radii, "masses": self.masses, "units": np.array(self._plan.units)}
+        if self._plan.crushing_speed is not None:
+            found[event_block.CRUSHING_SPEED] = np.array([self._plan.crushing_speed])
         return found | {name: records.numbers(each).copy() for name, each in self._kept.items()}
 
     @property
@@ -429,33 +415,27 @@ class EventSolver(Solver):
         return {"progress": self._progress, "seen": self._seen}
 
     def restore(
-        self,
-        snapshot: SolverState,
-        choice: Choice,
-        room: int = 0,
-        terms: Terms | None = None,
-        new_workers: bool = True,
+        self, snapshot: SolverState, choice: Choice, terms: Terms, room: int = 0, new_workers: bool = True
     ) -> None:
-        before = {name: getattr(self, name) for name in OF_PLAN}
-        try:
-            self._assume(terms or self.terms)
-            impulse, virial = snapshot["units"].tolist()
-            self.choice, self._units = choice, (impulse, virial)
-            self._crushing_speed = event_block.crushing_speed_in(snapshot)
-            block = self._plan.room(count_in(snapshot))
-            with block.closed_on_error():
-                block.create()
-                event_block.put_back(self._scene, block.arrays, snapshot)
-                system = self._plan.system_in(block)
-                solver.relink(*system)
-                radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
-                windows = None if new_workers else self._windows_on(block, system)
-        except BaseException:
-            for name, value in before.items():
-                setattr(self, name, value)
-            raise
-        self._take(block, system, windows)
-        self._radii, self._masses = radii, masses
+        self._go_to(snapshot, choice, terms, self.logging, new_workers)
+
+    def _go_to(self, snapshot: SolverState, choice: Choice, terms: Terms, logging: bool, new_workers: bool) -> None:
+        """`restore`, to a block with or without a log of collisions."""
+        refuse_what_is_not_exact(terms.scene, terms.settings)
+        impulse, virial = snapshot["units"].tolist()
+        crushing = event_block.crushing_speed_in(snapshot)
+        changes = {"units": (impulse, virial), "crushing_speed": crushing, "logging": logging}
+        plan = self._plan.under(terms, max(choice.workers), **changes)
+        block = plan.room(count_in(snapshot))
+        with block.closed_on_error():
+            block.create()
+            event_block.put_back(plan.scene, block.arrays, snapshot)
+            system = plan.system_in(block)
+            solver.relink(*system)
+            radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
+            windows = None if new_workers else self._windows_on(block, system, choice)
+        self._take(plan, terms, choice, block, system, windows)
+        self.radii, self.masses = radii, masses
         for name, each in self._kept.items():
             records.numbers(each)[:] = snapshot[name]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again
@@ -463,37 +443,5 @@ class EventSolver(Solver):
             self._begin()
 
     @staticmethod
-    def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
-        return event_block.shapes(scene, count)
-
-    @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:
         event_block.check(scene, snapshot, settings.dt)
-
-    # --- the block
-
-    @property
-    def _most_workers(self) -> int:
-        return max(self.choice.workers)
-
-    @property
-    def _plan(self) -> BlockPlan:
-        """What says which arrays a block has now."""
-        guards = self._contact_time, self._crushing_speed
-        return BlockPlan(
-            self._scene, self._settings.dt, self._units, *guards, self.origin, self._most_workers, self.logging
-        )
-
-
-OF_PLAN = ("_scene", "_settings", "origin", "choice", "_units", "_crushing_speed")
-"""Attributes that say which arrays a block has and what is in them."""
-
-
-@contextlib.contextmanager
-def _put_back(owner: Any, name: str, value: Any) -> Iterator[None]:
-    """Set an attribute back if the body of the `with` raises."""
-    try:
-        yield
-    except BaseException:
-        setattr(owner, name, value)
-        raise

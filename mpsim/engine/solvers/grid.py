@@ -1,7 +1,6 @@
 """The methods naive, grid and parallel; and one frame of the grid, pass by pass."""
 
 import math
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.state import State
 from mpsim.engine.feature_arrays import giant_radius
-from mpsim.engine.solvers.base import Choice, Columns, NewDiscs, Solver, SolverState
+from mpsim.engine.solvers.base import Choice, NewDiscs, Solver, SolverState
 from mpsim.engine.solvers.block import BlockSolver
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import Grid, SharedBlock
@@ -63,6 +62,34 @@ class NaiveSolver(BlockSolver):
 # --- The methods grid and parallel: a grid whose columns are processed in an even and an odd pass
 
 
+class Columns(NamedTuple):
+    """Who is where in the grid.
+
+    Attributes:
+        of_disc: column of each disc, shape (N,).
+        owner: the worker to whom the next frame gives that column, shape (N,).
+        number: of columns, of equal width.
+    """
+
+    of_disc: NDArray[np.int64]
+    owner: NDArray[np.int64]
+    number: int
+
+
+def columns_of(solver: Solver) -> Columns:
+    """Who is where in the grid of a solver.
+
+    Raises:
+        InputError: for a method without columns.
+    """
+    if not isinstance(solver, GridSolver):
+        raise InputError(
+            "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
+            f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."
+        )
+    return solver.columns()
+
+
 class GridSolver(BlockSolver):
     """Frames by the passes of a grid. This process is worker 0; the others are there where `choice` may use them."""
 
@@ -101,6 +128,7 @@ class GridSolver(BlockSolver):
     # --- who does what
 
     def columns(self) -> Columns:
+        """Who is where in the grid."""
         x = self.state().position[:, 0].astype(np.float64)
         column = np.clip((x * (self._grid.columns / self._scene.width)).astype(np.int64), 0, self._grid.columns - 1)
         return Columns(column, self.owners()[column], self._grid.columns)
@@ -109,11 +137,6 @@ class GridSolver(BlockSolver):
         """The worker to whom the next frame gives each column, shape (columns,)."""
         first = self._shares(self._most_workers)[0][:-1]
         return np.searchsorted(first, np.arange(self._grid.columns), side="right") - 1
-
-    @property
-    def has_giants(self) -> bool:
-        """Whether some discs are too large for the grid."""
-        return self._giant_radius(self._radii) is not None
 
     def _deal(self, workers: int) -> None:
         """Assign columns and a slice of the discs to each worker."""
@@ -160,10 +183,10 @@ class GridSolver(BlockSolver):
             self._pool.stop()
             self._pool = None
 
-    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+    def set_discs(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
         if numbers is None:
             self._sorted_grid = None
-        super().replace(discs, numbers)
+        super().set_discs(discs, numbers)
 
     def _enter(self, snapshot: SolverState) -> None:
         self._sorted_grid = None
@@ -236,9 +259,9 @@ class PassSolver(GridSolver):
         Raises:
             DivergedError: if a disc is not finite after it has moved.
         """
-        self._write_command(1, 1, math.inf)
+        self._write_command(1, 1, math.inf, False)
         self._deal(1)
-        control, found = self._control, list[Pass]()
+        control, found = self._arrays["control"], list[Pass]()
         control.race_free, passes = 0, int(control.passes)  # or both passes of inner columns come with the sort
         for _ in range(int(control.substeps)):
             control.in_order = 0
@@ -260,7 +283,7 @@ class PassSolver(GridSolver):
         return self._block.arrays["team"]
 
     def _run_part(self, part: int) -> None:
-        control = self._control
+        control = self._arrays["control"]
         control.part, control.ahead = part, records.NO_FRAME
         run_part(*kernel_arguments(self._block, 0))
 
@@ -275,50 +298,44 @@ class PassSolver(GridSolver):
         return Pass(name, number, self.state(), contacts, first, owners[first], columns)
 
 
-def frame_in_passes(solver: Solver, scene: Scene, settings: Settings) -> list[Pass]:
-    """The next frame of a solver, pass by pass, on a copy of its discs.
-
-    Args:
-        solver: that runs the simulation; it stays as it is.
-        scene, settings: in force.
+def frame_in_passes(solver: Solver) -> list[Pass]:
+    """The next frame of a solver, pass by pass, on a copy of its discs; it stays as it is.
 
     Raises:
         InputError: for a method or a scene whose frame is not made of an even and an odd pass alone.
     """
-    _refuse(solver, scene, settings)
-    assert isinstance(solver, GridSolver)  # or it is refused
-    copy = PassSolver(scene, settings)
-    copy.origin = solver.origin
-    try:
-        copy.restore(solver.snapshot(), ALONE)
-        copy.divide(solver.substeps)
-        return copy.frame_in_passes(solver.owners())
-    finally:
-        copy.close()
-
-
-def has_passes_by_grid(scene: Scene, settings: Settings, radii: NDArray[np.float64]) -> bool:
-    """Whether frames of the method grid are made of an even and an odd pass alone; radii: of the discs, shape (N,)."""
-    return not any(_reasons(scene, settings, has_giants=giant_radius(radii) is not None))
-
-
-def _refuse(solver: Solver, scene: Scene, settings: Settings) -> None:
-    by_columns = isinstance(solver, GridSolver)
-    first = "" if by_columns else f"method {solver.choice.method!r}, which has no columns"
-    if solver.choice.processes.unguarded:
-        first = "unguarded=True, which has no passes"
-    reason = first or next(_reasons(scene, settings, has_giants=by_columns and solver.has_giants), None)
+    terms = solver.terms
+    if not isinstance(solver, GridSolver):
+        reason = f"method {solver.choice.method!r}, which has no columns"
+    elif solver.choice.processes.unguarded:
+        reason = "unguarded=True, which has no passes"
+    else:
+        reason = _other_parts(terms.scene, solver.radii)
     if reason:
         raise InputError(
             f"one pass at a time needs frames that are made of an even and an odd pass; this simulation has "
             f"{reason}. Use Settings(method='grid' or 'parallel'), --method on the command line, and a scene "
             "without that."
         )
+    assert isinstance(solver, GridSolver)  # or it is refused
+    copy = PassSolver(terms.scene, terms.settings)
+    try:
+        copy.restore(solver.snapshot(), ALONE, terms)
+        copy.set_substeps(solver.substeps)
+        return copy.frame_in_passes(solver.owners())
+    finally:
+        copy.close()
 
 
-def _reasons(scene: Scene, settings: Settings, has_giants: bool) -> Iterator[str]:
-    """Why frames of a grid are not made of an even and an odd pass alone; none if they are."""
+def has_passes_by_grid(scene: Scene, radii: NDArray[np.float64]) -> bool:
+    """Whether frames of the method grid are made of an even and an odd pass alone; radii: of the discs, shape (N,)."""
+    return not _other_parts(scene, radii)
+
+
+def _other_parts(scene: Scene, radii: NDArray[np.float64]) -> str:
+    """The parts of a grid's frames besides an even and an odd pass; "": none."""
     if scene.emitters:
-        yield "emitters, which add discs inside a frame"
-    if has_giants:
-        yield "discs far larger than the others, which have a phase of their own"
+        return "emitters, which add discs inside a frame"
+    if giant_radius(radii) is not None:
+        return "discs far larger than the others, which have a phase of their own"
+    return ""

@@ -8,8 +8,8 @@ from mpsim.engine.access import Notices
 from mpsim.engine.solvers.base import Capabilities, Choice, Processes, Solver
 from mpsim.engine.solvers.events import EventSolver
 from mpsim.engine.solvers.grid import GridSolver, NaiveSolver
-from mpsim.engine.solvers.mpi import MpiSolver
-from mpsim.engine.solvers.mpi_ranks import ranks_of
+from mpsim.engine.solvers.ranks.messages import ranks_of
+from mpsim.engine.solvers.ranks.solver import MpiSolver
 from mpsim.errors import InputError
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import Settings

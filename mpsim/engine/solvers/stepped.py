@@ -1,131 +1,43 @@
-"""Common code of stepped solvers: time, steps of a frame, the grid, discs, snapshots."""
+"""Common code of stepped solvers: time, steps of a frame, parameters of kernels, the grid, checks of snapshots."""
 
 from abc import abstractmethod
-from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
-from mpsim.core.columns import ChunkedArray, kept_sizes
+from mpsim.core.columns import kept_sizes
 from mpsim.core.state import Box, State
-from mpsim.engine.feature_arrays import columns_of, typical_momentum
+from mpsim.engine.feature_arrays import columns_of, typical_momentum, wall_limits
 from mpsim.engine.report import frames_until
-from mpsim.engine.solvers import base
 from mpsim.engine.solvers.base import (
+    MOST_COUNTED,
     Capabilities,
     Choice,
     NewDiscs,
     Shapes,
     Solver,
     SolverState,
+    Steps,
     Terms,
     check_periods,
+    check_shapes,
     demand,
     shapes_in_each,
 )
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, speeds_of
-from mpsim.engine.workers.shared import Grid, SharedBlock, grid_for
-from mpsim.engine.workers.worker import buffers_of
+from mpsim.engine.workers.shared import Grid, grid_for
+from mpsim.features.edges import EDGES
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.features.edges import wrap_places
+from mpsim.kernels.features.hooks import prepare_first_step
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-# --- Writes discs into the block of a stepped solver, and reads them in the order of their numbers
-
-
-def live_discs(block: SharedBlock) -> records.Discs:
-    """The buffer that holds the state."""
-    return buffers_of(block)[int(block.arrays["control"]["live"])]
-
-
-def write_discs(block: SharedBlock, new: NewDiscs, first: int) -> None:
-    """Write discs `first`, `first + 1`, ... behind those that are there."""
-    arrays, discs = block.arrays, live_discs(block)
-    last = first + len(new.position)
-    discs.x[first:last], discs.y[first:last] = new.position.T
-    discs.vx[first:last], discs.vy[first:last] = new.velocity.T
-    discs.id[first:last] = np.arange(first, last)
-    arrays["control"].in_order = 0
-    if discs.radius is not None:
-        discs.radius[first:last] = new.radius
-    for column in columns.COLUMNS:
-        if column.name in arrays:
-            arrays[column.name][..., first:last] = new.of(column).T
-
-
-def _slots_of(discs: records.Discs, numbers: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Where the discs of these numbers lie."""
-    slots = np.flatnonzero(np.isin(discs.id[:count], numbers))
-    order = np.argsort(discs.id[slots])
-    return slots[order][np.argsort(np.argsort(numbers))]
-
-
-def discs_of(
-    block: SharedBlock, numbers: NDArray[np.int64], radii: NDArray[np.float64], masses: NDArray[np.float64]
-) -> NewDiscs:
-    """Copies of some discs, with all that they have.
-
-    Args:
-        block: in which they are.
-        numbers: of the discs, shape (K,), each once.
-        radii, masses: of all discs, shape (N,) [length], [mass].
-    """
-    discs, arrays = live_discs(block), block.arrays
-    slots = _slots_of(discs, numbers, len(radii))
-    position, velocity = np.stack([discs.x[slots], discs.y[slots]], 1), np.stack([discs.vx[slots], discs.vy[slots]], 1)
-    found = {each.name: arrays[each.name][..., numbers].T.copy() for each in columns.COLUMNS if each.name in arrays}
-    return NewDiscs(position, velocity, radii[numbers], {**found, columns.MASS.name: masses[numbers]})
-
-
-def write_discs_of(block: SharedBlock, new: NewDiscs, numbers: NDArray[np.int64], count: int) -> None:
-    """Write discs in place of those of these numbers, of the same radii; count: of all discs."""
-    arrays, discs = block.arrays, live_discs(block)
-    slots = _slots_of(discs, numbers, count)
-    discs.x[slots], discs.y[slots] = new.position.T
-    discs.vx[slots], discs.vy[slots] = new.velocity.T
-    arrays["control"].in_order = 0
-    for column in columns.COLUMNS:
-        if column.name in arrays:
-            arrays[column.name][..., numbers] = new.of(column).T
-
-
-def places_and_speeds(block: SharedBlock, count: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Positions and velocities as they lie in the block, in the order of the scene's discs."""
-    discs = live_discs(block)
-    order = discs.id[:count]
-    return _pairs_by_id(discs.x[:count], discs.y[:count], order), _pairs_by_id(
-        discs.vx[:count], discs.vy[:count], order
-    )
-
-
-def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.int32]) -> NDArray[np.floating]:
-    """Components as rows (x, y), that of disc ids[k] from place k.
-
-    Each row is one write: of many discs, most lie where no cache has them.
-    """
-    row = np.dtype(f"c{2 * x.itemsize}")
-    rows = np.empty((len(x), 2), x.dtype)
-    rows[:, 0], rows[:, 1] = x, y
-    found = np.empty_like(rows)
-    found.view(row).reshape(-1)[ids] = rows.view(row).reshape(-1)
-    return found
-
-
-def absorbed_in(block: SharedBlock, count: int) -> NDArray[np.bool_]:
-    """Which discs have left through an absorbing edge, shape (count,)."""
-    exits = block.arrays.get("exits")
-    return np.zeros(count, bool) if exits is None else exits[0, :count] != 0
-
-
-def state_in(block: SharedBlock, box: Box, count: int) -> State:
-    """Copies in the order of the scene's discs."""
-    (position, velocity), arrays = places_and_speeds(block, count), block.arrays
-    found = {each.name: arrays[each.name][..., :count].T.copy() for each in columns.in_state() if each.name in arrays}
-    return state_of(box, arrays, position, velocity, found, absorbed_in(block, count))
+SLACK = 1e-6
+"""Fraction of the box by which rounding may have put a centre beyond its limit."""
 
 
 def state_of(
@@ -155,122 +67,10 @@ def state_of(
     return State._taken_over(position, velocity, ~absorbed, box, found)
 
 
-def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tuple[float, float]]:
-    """The disc that a worker has found not finite, of the least id, with its position and velocity.
-
-    After an odd number of steps the state lies in the other buffer, so both are looked at.
-    """
-    slots = block.arrays["team"]["bad_slot"]
-    candidates = [disc_at(discs, slot) for discs in buffers_of(block) for slot in slots[slots >= 0]]
-    disc, values = min(each for each in candidates if not np.isfinite(each[1]).all())
-    return disc, values[:2], values[2:]
-
-
 def disc_at(discs: records.Discs, slot: int) -> tuple[int, tuple[float, float, float, float]]:
     """Number of a disc, and its place and velocity (x, y, vx, vy)."""
     values = float(discs.x[slot]), float(discs.y[slot]), float(discs.vx[slot]), float(discs.vy[slot])
     return int(discs.id[slot]), values
-
-
-# --- Snapshots of stepped solvers: how they are taken, and checks of their content
-
-SLACK = 1e-6
-"""Fraction of the box by which rounding may have put a centre beyond its limit."""
-
-
-class AsTheyLay(ChunkedArray):
-    """Pairs of numbers of each disc, copied as they lay in memory, and put in order when somebody reads them.
-
-    Args:
-        x, y: shape (N,).
-        numbers: of the discs, shape (N,).
-    """
-
-    def __init__(self, x: NDArray[np.floating], y: NDArray[np.floating], numbers: NDArray[np.int32]):
-        super().__init__(x.dtype, (len(x), 2), lambda first, last: self._in_order[first:last])
-        self.x: NDArray[np.floating] = x
-        self.y: NDArray[np.floating] = y
-        self.numbers: NDArray[np.int32] = numbers
-        self.nbytes: int = x.nbytes + y.nbytes
-
-    @cached_property
-    def _in_order(self) -> NDArray[np.floating]:
-        return _pairs_by_id(self.x, self.y, self.numbers)
-
-
-def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.float64]) -> SolverState:
-    """A snapshot of the discs of a block.
-
-    Args:
-        block: with as many discs in it.
-        radii, masses: of the discs, shape (N,), read-only [length], [mass].
-    """
-    arrays, count, discs = block.arrays, len(radii), live_discs(block)
-    x, y, vx, vy = rows = np.empty((4, count), discs.x.dtype)
-    for row, column in zip(rows, (discs.x, discs.y, discs.vx, discs.vy), strict=True):
-        row[:] = column[:count]
-    numbers = discs.id[:count].copy()
-    position, velocity = AsTheyLay(x, y, numbers), AsTheyLay(vx, vy, numbers)
-    found: SolverState = {"position": position, "velocity": velocity, "radii": radii, "masses": masses}
-    for column in columns.COLUMNS:
-        if column.kept and column.name in arrays:
-            found[column.name] = column.take(arrays[column.name], count)
-    control = arrays["control"]
-    found["progress"] = np.array([control.done, control.steps])
-    return found
-
-
-def put_as_they_lay(block: SharedBlock, snapshot: SolverState) -> bool:
-    """Write places and speeds back in the order in which they lay; False where a snapshot does not have that."""
-    position, velocity = snapshot["position"], snapshot["velocity"]
-    if not isinstance(position, AsTheyLay) or not isinstance(velocity, AsTheyLay):
-        return False
-    arrays, discs, count = block.arrays, live_discs(block), len(position)
-    discs.x[:count], discs.y[:count] = position.x, position.y
-    discs.vx[:count], discs.vy[:count] = velocity.x, velocity.y
-    discs.id[:count] = position.numbers
-    if discs.radius is not None:
-        discs.radius[:count] = snapshot["radii"][position.numbers]
-    if columns.MASS.name in arrays:
-        columns.MASS.put(arrays[columns.MASS.name], snapshot["masses"])
-    arrays["control"].in_order = 0
-    return True
-
-
-def shapes(scene: Scene, real: np.dtype[Any], count: int) -> Shapes:
-    """dtype and shape of every array of a snapshot in that precision."""
-    found: Shapes = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
-    for column in columns_of(scene):
-        if column.kept:
-            found[column.name] = column.dtype(real), column.rows(count)
-    return found | shapes_in_each(count)
-
-
-def check(scene: Scene, arrays: SolverState) -> None:
-    """Raise ValueError unless the discs of a snapshot can be in the scene."""
-    demand(np.isfinite(arrays["velocity"]).all(), "velocity must be finite")
-    _check_places(scene, arrays["position"])
-    for column in columns.COLUMNS:
-        if column.name in arrays and (column.in_state or column.given):
-            demand(np.isfinite(arrays[column.name]).all(), f"{column.name} must be finite")
-    if "exits" in arrays:
-        gone, *places = arrays["exits"].T
-        demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")
-        _check_places(scene, np.stack(places, axis=1))
-    if "image" in arrays:
-        check_periods(scene, arrays["image"])
-
-
-def _check_places(scene: Scene, position: NDArray[np.floating]) -> None:
-    """Centres between walls are in the box; through a periodic border a contact may have moved them."""
-    for axis, length in enumerate((scene.width, scene.height)):
-        places = position[:, axis]
-        demand(np.isfinite(places).all(), "position must be finite")
-        inside = (places >= -SLACK * length) & (places <= (1 + SLACK) * length)
-        demand(scene.periodic[axis] or inside.all(), "position must be in the box")
-
-
-# --- Common code of stepped solvers: time, division of frames into steps, the grid, snapshots
 
 
 def _tally_scale(scene: Scene, settings: Settings) -> float:
@@ -281,11 +81,10 @@ def _tally_scale(scene: Scene, settings: Settings) -> float:
     return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -most, most))
 
 
-class SteppedSolver(Solver):
+class SteppedSolver(Solver, Steps):
     """Runs frames that are made of equal steps."""
 
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True)
-    count: int
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
@@ -294,54 +93,95 @@ class SteppedSolver(Solver):
         self._tally_scale = _tally_scale(scene, settings)
         self._box_at_rest = None if scene._moving_wall else scene.box
 
-    def _assume(self, terms: Terms) -> None:
+    def _set_terms(self, terms: Terms) -> None:
         if terms != self.terms:
-            super()._assume(terms)
+            super()._set_terms(terms)
             self._tally_scale = _tally_scale(terms.scene, terms.settings)
             self._box_at_rest = None if terms.scene._moving_wall else terms.scene.box
 
+    @property
+    @abstractmethod
+    def _arrays(self) -> dict[str, Any]:
+        """Arrays and records of the block, by name."""
+
     @abstractmethod
     def _configure(self) -> None:
-        """Write the records `parameters` and `control`, which follow from what is simulated now."""
+        """Write the records `parameters` and `control` for the present scene, settings and discs."""
 
-    @property
-    @abstractmethod
-    def _control(self) -> Any:
-        """The record `control`."""
-
-    @property
-    @abstractmethod
-    def _parameters(self) -> Any:
-        """The record `parameters`."""
-
-    @property
-    def most_momentum(self) -> float:
-        return base.MOST_COUNTED / float(self._parameters.tally_scale)
+    def _write_parameters(self, grid: Grid, giant: float | None = None) -> None:
+        """Write both records for a grid. giant: radius above which discs are kept out of it [length]."""
+        arrays, scene, settings = self._arrays, self._scene, self._settings
+        dt = settings.dt / self.substeps
+        smallest = float(self.radii.min(initial=scene.largest_radius))
+        common = None if has_radii(scene) else scene.largest_radius
+        parameters = arrays["parameters"]
+        parameters.dt = dt
+        parameters.diameter = 2 * scene.largest_radius
+        parameters.limit[:] = wall_limits(scene)
+        parameters.cells_per_x = grid.columns / scene.width
+        parameters.cells_per_y = grid.rows / scene.height
+        parameters.half_one_plus_e = (1 + scene.restitution) / 2
+        parameters.wall_restitution = scene.wall_restitution
+        parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
+        parameters.tally_scale = self._tally_scale
+        parameters.fast = self._speed_limit.square(dt, common, smallest, settings.precision)
+        for feature in scene._features:
+            feature.begin(scene, arrays, settings.dt, self._origin)
+        if "giants" in arrays:
+            arrays["giants"][0] = np.inf if giant is None else giant
+        control = arrays["control"]
+        control.count = len(self.radii)
+        control.columns = grid.columns
+        control.rows = grid.rows
+        control.cells = grid.table_size - 1
+        control.substeps = self.substeps
+        control.law = records.LAWS[settings.law].number
+        control.contact = records.CONTACTS[settings.contact]
+        control.passes = settings.passes
+        control.race_free = int(not self.choice.processes.unguarded)
+        control.absorbing[:] = [edge in scene.absorbing for edge in EDGES]
+        prepare_first_step(arrays)
 
     # --- counts
 
-    def _totals(self, tally: NDArray[Any]) -> NDArray[Any]:
-        """What all workers counted, in the scene's units: COUNTS, shape (frames,). tally: as of `slices.totals`."""
-        return base.totals(tally, float(self._parameters.tally_scale), 2 * self._scene.largest_radius)
+    @property
+    def most_momentum(self) -> float:
+        return MOST_COUNTED / float(self._arrays["parameters"].tally_scale)
+
+    def _counters(self, tally: NDArray[Any]) -> NDArray[Any]:
+        """The counts of all workers, in the scene's units: COUNTS, shape (frames,).
+
+        tally: TALLY, shape (workers, frames), in units of the kernels.
+        """
+        scale, diameter = float(self._arrays["parameters"].tally_scale), 2 * self._scene.largest_radius
+        found = np.zeros(tally.shape[1], records.COUNTS)
+        for name in records.COUNTS.names or ():
+            found[name] = tally[name].sum(axis=0)
+        found["deepest"] = tally["deepest"].max(axis=0)
+        for name in records.IMPULSES:
+            found[name] /= scale
+        for name in records.DEPTHS:
+            found[name] *= diameter / records.DEPTH_SCALE
+        return found
 
     # --- time
 
     @property
     def time(self) -> float:
-        return self.time_of(self.frame)
+        return self._origin.time + self._frames * self._settings.dt
 
     @property
     def _frames(self) -> int:
         """Frames done since the origin."""
-        return self.frame - self.origin.frame
+        return self.frame - self._origin.frame
 
     def reached(self, time: float) -> bool:
-        frames, dt, time = self._frames, self._settings.dt, time - self.origin.time
+        frames, dt, time = self._frames, self._settings.dt, time - self._origin.time
         return time < (frames + 1) * dt and frames_until(time, dt) <= frames
 
     def _frames_to(self, stop: float, most: int) -> int:
-        """Frames until one reaches the time `stop`, at least one, and at most so many."""
-        frames, dt, stop = self._frames, self._settings.dt, stop - self.origin.time
+        """Number of frames to reach the time `stop`, clipped to [1, most]."""
+        frames, dt, stop = self._frames, self._settings.dt, stop - self._origin.time
         return min(most, max(frames_until(stop, dt) - frames, 1)) if stop < (frames + most) * dt else most
 
     @property
@@ -349,7 +189,8 @@ class SteppedSolver(Solver):
         """The box after the steps done: inside a frame too, where one is run pass by pass."""
         if self._box_at_rest is not None:
             return self._box_at_rest
-        return self._scene._box_at(self.origin.time + float(self._control.steps) / self.substeps * self._settings.dt)
+        steps = float(self._arrays["control"].steps)
+        return self._scene._box_at(self._origin.time + steps / self.substeps * self._settings.dt)
 
     # --- steps
 
@@ -358,20 +199,16 @@ class SteppedSolver(Solver):
             self._speed_limit = limit
             self._configure()
 
-    def divide(self, substeps: int) -> None:
-        """Divide the frames that follow into so many steps.
-
-        The count of steps becomes what it would be if all frames had had as many: so the time follows from it as
-        before, and a snapshot tells the number of sub-steps.
-        """
+    def set_substeps(self, substeps: int) -> None:
         if substeps != self.substeps:
             self.substeps = substeps
-            self._control.steps = self._frames * substeps
+            # As if all frames had had as many: the time follows from it, and a snapshot tells the sub-steps.
+            self._arrays["control"].steps = self._frames * substeps
             self._configure()
 
-    def _speeds(self, velocity: NDArray[Any], absorbed: NDArray[np.bool_], new: NewDiscs | None) -> Speeds:
+    def _speeds_of_all(self, velocity: NDArray[Any], absorbed: NDArray[np.bool_], new: NewDiscs | None) -> Speeds:
         """How fast discs of such velocities are, those that are about to be added included."""
-        scene, radii, present = self._scene, self._radii, ~absorbed
+        scene, radii, present = self._scene, self.radii, ~absorbed
         if new is not None:
             velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
             present = np.append(present, np.ones(len(new.position), bool))
@@ -392,16 +229,34 @@ class SteppedSolver(Solver):
 
     def _begin_from(self, snapshot: SolverState) -> tuple[int, int]:
         """Take over what a snapshot says of all discs. Returns the frames and the steps that were done."""
-        self._radii, self._masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
-        self.count = len(self._radii)
+        self.radii, self.masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
+        self.count = len(self.radii)
         frames, steps = snapshot["progress"].tolist()
         self.substeps = steps // frames if frames else self._settings.substeps
         return frames, steps
 
     @staticmethod
-    def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
-        return shapes(scene, np.dtype(settings.precision), count)
-
-    @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:
-        check(scene, snapshot)
+        real, count = np.dtype(settings.precision), len(snapshot["radii"])
+        shapes: Shapes = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
+        kept = [column for column in columns_of(scene) if column.kept]
+        shapes |= {column.name: (column.dtype(real), column.rows(count)) for column in kept}
+        check_shapes(snapshot, shapes | shapes_in_each(count))
+        for name in ("velocity", *(column.name for column in kept if column.in_state or column.given)):
+            demand(np.isfinite(snapshot[name]).all(), f"{name} must be finite")
+        _check_places(scene, snapshot["position"])
+        if "exits" in snapshot:
+            gone, *places = snapshot["exits"].T
+            demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")
+            _check_places(scene, np.stack(places, axis=1))
+        if "image" in snapshot:
+            check_periods(scene, snapshot["image"])
+
+
+def _check_places(scene: Scene, position: NDArray[np.floating]) -> None:
+    """Centres between walls are in the box; through a periodic border a contact may have moved them."""
+    for axis, length in enumerate((scene.width, scene.height)):
+        places = position[:, axis]
+        demand(np.isfinite(places).all(), "position must be finite")
+        inside = (places >= -SLACK * length) & (places <= (1 + SLACK) * length)
+        demand(scene.periodic[axis] or inside.all(), "position must be in the box")

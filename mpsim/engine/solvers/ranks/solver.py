@@ -6,14 +6,10 @@ columns that meet there, before the pass that resolves them. Columns are dealt i
 these have wandered.
 """
 
-import contextlib
 import math
-import os
 import time
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from itertools import chain
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,21 +20,19 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
 from mpsim.core.version import __version__
 from mpsim.engine.feature_arrays import columns_of, given_in
-from mpsim.engine.solvers.base import Capabilities, Choice, Group, NewDiscs, Origin, Slice, SolverState, Terms
-from mpsim.engine.solvers.block import Present
-from mpsim.engine.solvers.mpi_part import (
-    Asked,
+from mpsim.engine.solvers.base import BatchResult, Capabilities, Choice, NewDiscs, SolverState, Terms
+from mpsim.engine.solvers.ranks.messages import LOST, NOT_FINITE, MpiRanks
+from mpsim.engine.solvers.ranks.subdomain import (
     Border,
     DiscsByNumber,
+    Question,
     Range,
     Subdomain,
-    answers_to_one,
     borders_of,
     dealt,
     in_turns,
     refuse_giants,
 )
-from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator, raised_together
 from mpsim.engine.solvers.speeds import (
     BoxSides,
     DiscSpeeds,
@@ -50,123 +44,13 @@ from mpsim.engine.solvers.speeds import (
     speeds_together,
 )
 from mpsim.engine.solvers.stepped import SteppedSolver, disc_at
-from mpsim.engine.workers.shared import Grid, resident_bytes
-from mpsim.errors import BusyError, DivergedError, InputError
+from mpsim.engine.workers.shared import Grid, SharedBlock
+from mpsim.errors import DivergedError, InputError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.compiling import source_digest
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-
-# --- Common errors of ranks: an error on one rank is raised on all
-
-Result = TypeVar("Result")
-
-
-class OnRanks(Group, SteppedSolver):
-    """A solver that several processes share, each as one rank; `_ranks` are there between `start` and `close`."""
-
-    _ranks: Communicator | None = None
-    _numbered: DiscsByNumber | None = None
-    _acts_once: bool = False  # this is the first rank, and the others wait for what it asks
-
-    @property
-    def group(self) -> Group:
-        return self
-
-    @abstractmethod
-    def _by_number(self) -> DiscsByNumber:
-        """The discs of all ranks by number; as long as none moves."""
-
-    def _shared(self) -> Communicator:
-        assert self._ranks is not None  # between `start` and `close`
-        return self._ranks
-
-    def _on_all(self, act: Callable[[], None]) -> None:
-        """Act on each rank alone; what one of them raises, all raise."""
-        error: Exception | None = None
-        try:
-            act()
-        except Exception as raised:
-            error = raised
-        self._shared().raise_any(self._shared().all_of(error))
-
-    def together(self) -> contextlib.AbstractContextManager[None]:
-        return raised_together(self.choice.processes.comm)
-
-    def any_of(self, said: bool) -> bool:
-        return self._shared().agree(int(said), 0, 0).trouble > 0
-
-    def demand_alike(self, what: str, given: object) -> None:
-        if self._acts_once:
-            raise BusyError("what `once` calls may only read a simulation; it was to be changed. Do it on all ranks.")
-        self._shared().demand_alike(what, given)
-
-    def once(self, act: Callable[[], Result]) -> Result:
-        if self._acts_once:
-            return act()
-        ranks = self._shared()
-        self._acts_once = ranks.rank == 0
-        try:
-            with interrupts_held_back():  # no rank may leave it before the others
-                return ranks.once(act, self._by_number().own)
-        finally:
-            self._acts_once, self._numbered = False, None
-
-    @property
-    def is_first(self) -> bool:
-        return self._shared().rank == 0
-
-    def _told_of(self, asked: Asked) -> list[Any]:
-        """What each rank has of a range."""
-        ranks, own = self._shared(), self._by_number().own
-        if self._acts_once:
-            return ranks.ask(asked, own)
-        return answers_to_one(ranks.all_of((asked, own(asked))))
-
-
-# --- Speeds of the discs of all ranks
-
-
-class There(NamedTuple):
-    """What all ranks know.
-
-    Attributes:
-        scene: in force.
-        time: as it counts it [time].
-        radii: of all discs, shape (N,) [length].
-        present: which of them are there, shape (N,); None: all.
-    """
-
-    scene: Scene
-    time: float
-    radii: NDArray[np.float64]
-    present: NDArray[np.bool_] | None
-
-
-def speeds_on_ranks(
-    there: There, own: tuple[NDArray[np.int64], State], new: NewDiscs | None, ranks: Communicator
-) -> Speeds:
-    """Speeds of the discs of all ranks, those that are about to be added included: of one rank.
-
-    Args:
-        there: what all know.
-        own: numbers of own discs, rising, and their state.
-        new: discs that are about to be added; None: none are.
-        ranks: which all call this.
-    """
-    scene, time, radii, present = there
-    sides, count, (numbers, state) = sides_at(scene, time), len(radii), own
-    velocity = state.velocity
-    if new is not None:
-        radii = kept_sizes(radii, new.radius)
-        present = None if present is None else np.append(present, np.ones(len(new.position), bool))
-        if ranks.rank == 0:
-            numbers = np.append(numbers, range(count, len(radii)))
-            velocity = np.append(velocity, new.velocity, 0)
-    part = DiscSpeeds.of(numbers, velocity, radii[numbers], BoxSides(sides, scene.periodic, scene.largest_radius))
-    return speeds_together(part, ranks.all_of, radii if present is None else radii[present], sides)
-
 
 Rows = Callable[[int, int], tuple[NDArray[Any], NDArray[Any]]]
 """Places and velocities of a range of discs, shape (last - first, 2), called with (first, last)."""
@@ -175,33 +59,55 @@ NOWHERE = np.zeros((0, 2))
 """Places of no disc."""
 
 BALANCE_EVERY = 64
-"""Frames after which it is looked at how the discs are shared, whether or not a rank has come to have many."""
+"""Frames between two load-balance checks."""
 
 UNEVEN = 1.1
 """Discs of the rank with the most, in parts of the mean or of what whole columns leave it, from which on columns are
 dealt anew."""
 
 
-class MpiSolver(OnRanks):
+class MpiSolver(SteppedSolver):
     """Frames on the ranks of `choice.processes.comm`; this process is one of them."""
 
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, on_ranks=True)
-    count: int
-    choice: Choice
-    substeps: int
-    origin: Origin
-    tallied: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
         refuse_giants(scene, scene.radii)
         self._fastest = Fastest()
         self._workers = 1  # of each rank, itself included
-        self._ranks: Communicator | None = None
+        self._ranks: MpiRanks | None = None
         self._part: Subdomain | None = None
+        self._numbered: DiscsByNumber | None = None
         self._last_frame = 0
         self._half_done = False
         self._tolerated, self._is_uneven = math.inf, False
+
+    @property
+    def ranks(self) -> MpiRanks:
+        assert self._ranks is not None  # between `start` and `close`
+        return self._ranks
+
+    @property
+    def _subdomain(self) -> Subdomain:
+        assert self._part is not None  # likewise
+        return self._part
+
+    @property
+    def block(self) -> SharedBlock:
+        return self._subdomain.block
+
+    @property
+    def _arrays(self) -> dict[str, Any]:
+        return self._subdomain.arrays
+
+    @property
+    def _control(self) -> Any:
+        return self._subdomain.arrays["control"]
+
+    @property
+    def pids(self) -> list[int]:
+        return [] if self._part is None else self._part.pids
 
     def start(self) -> None:
         self._meet()
@@ -217,17 +123,19 @@ class MpiSolver(OnRanks):
         """Stop the workers of this rank, and remove its block."""
         if self._part is not None and self._part.arrays:
             self._last_frame = self.frame
-        part, self._part = self._part, None
+        part, self._part, self._numbered = self._part, None, None
         if part is not None:
             part.close()
 
     def _meet(self) -> None:
         """Duplicate the communicator, and refuse ranks that were given different scenes or settings."""
         if self._ranks is None:
-            self._ranks = Communicator(self.choice.processes.comm)
+            self._ranks = MpiRanks(self.choice.processes.comm)
+            self._ranks.answer = lambda question: self._by_number().own(question)
         self._workers = max(self.choice.workers) // self._ranks.size
-        self._ranks.demand_alike("versions of mpsim and of its compiler", (__version__, source_digest()))
-        self._ranks.demand_alike("scene and settings", (self._scene.digest(), self._settings))
+        versions = __version__, source_digest()
+        self._ranks.assert_same_on_ranks("versions of mpsim and of its compiler", versions)
+        self._ranks.assert_same_on_ranks("scene and settings", (self._scene.digest(), self._settings))
 
     def _enter_all(self, rows: Rows, given: Mapping[str, NDArray[Any]], progress: tuple[int, int]) -> None:
         """Take the discs of own columns, of all discs.
@@ -237,11 +145,11 @@ class MpiSolver(OnRanks):
             given: columns by id of all discs, by name, shape (N, *components).
             progress: frames and steps done.
         """
-        ranks, all_given = self._shared(), {**given, columns.MASS.name: self._masses}
+        ranks, all_given = self.ranks, {**given, columns.MASS.name: self.masses}
         first, last = (self.count * each // ranks.size for each in (ranks.rank, ranks.rank + 1))
         share = {name: values[first:last] for name, values in all_given.items()}
-        entering = NewDiscs(*rows(first, last), self._radii[first:last], share)
-        of_all = NewDiscs(NOWHERE, NOWHERE, self._radii, all_given)
+        entering = NewDiscs(*rows(first, last), self.radii[first:last], share)
+        of_all = NewDiscs(NOWHERE, NOWHERE, self.radii, all_given)
         self._enter(lambda part, grid: part.records_of(entering, first, grid), of_all, 0, progress)
 
     def _enter(
@@ -255,10 +163,10 @@ class MpiSolver(OnRanks):
 
         Args:
             records: of this rank's share of all discs, whichever those are.
-            brought, first: as of `Part.fill`.
+            brought, first: as of `Subdomain.fill`.
             progress: frames and steps done.
         """
-        ranks, scene = self._shared(), self._scene
+        ranks = self.ranks
         self._grid = grid = self._grid_of(self.count)
         if grid.columns < ranks.size:
             raise InputError(
@@ -266,7 +174,7 @@ class MpiSolver(OnRanks):
                 f"{ranks.size}. Start fewer: mpiexec -n {grid.columns}."
             )
         if self._part is None:
-            self._part = Subdomain(scene, self._settings, self.choice.processes.start_method, self._workers)
+            self._part = Subdomain(self._scene, self._settings, self.choice.processes.start_method, self._workers)
         part, self._numbered = self._part, None
         given = records(part, grid)
         column = given["cell"] // (grid.rows + 2)
@@ -274,58 +182,44 @@ class MpiSolver(OnRanks):
         own = self._take(dealt(counts, ranks.size))
         self._tolerate(counts)
         taken = ranks.deal(given, self._rank_of(column), max(ranks.size, 2))
-
-        def begin() -> None:
+        with ranks.collective():
             part.fill(taken, own, grid, self.count, brought, first)
             self._control.done, self._control.steps = progress
             self._configure()
             part.start()
 
-        self._on_all(begin)
-
     def _configure(self) -> None:
-        limit, scale = self._speed_limit, self._tally_scale
-        now = Present(self._radii, self._grid, None, self.substeps, limit, self.origin, scale)
-        self._held().configure(now)
-
-    def _held(self) -> Subdomain:
-        assert self._part is not None  # likewise
-        return self._part
-
-    @property
-    def _control(self) -> Any:
-        return self._held().arrays["control"]
-
-    @property
-    def _parameters(self) -> Any:
-        return self._held().arrays["parameters"]
+        self._write_parameters(self._grid)
+        self._subdomain.configure()
 
     # --- frames
 
-    def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
-        part, ranks, frames = self._held(), self._shared(), self._frames_to(stop, frames)
+    def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
+        part, ranks, frames = self._subdomain, self.ranks, self._frames_to(stop, frames)
         self._half_done, self._numbered = True, None
         with interrupts_held_back():  # it is many calls, which no rank may leave before the others
             if self.frame % BALANCE_EVERY == 0 or self._is_uneven:
                 self._balance(part, ranks)
             frames = min(frames, BALANCE_EVERY - self.frame % BALANCE_EVERY)
-            self._begin_command(part, ranks.agree(0, 0, frames).frames)
-            done = self._run(part, ranks)
+            self._begin_command(part, ranks.agree(0, 0, frames).frames, count_enabled)
+            frames = self._run(part, ranks)
+            result = self._result(part, ranks, frames, count_enabled)
+            self._control.done += frames
         self._half_done = False
-        return done
+        return result
 
-    def _begin_command(self, part: Subdomain, frames: int) -> None:
+    def _begin_command(self, part: Subdomain, frames: int, count_enabled: bool) -> None:
         """Deal own columns to the workers, and write zeros where they count."""
         self._control.frames = frames
         part.deal(any(border.is_left for border in self._borders))
         team = part.arrays["team"]
         team["collisions"] = team["fastest"] = team["frame"] = 0
-        self._control.tallied = self.tallied
+        self._control.tallied = count_enabled
         part.arrays["times"][:, :frames] = 0
-        if self.tallied:
+        if count_enabled:
             part.arrays["tally"][:, :frames] = 0
 
-    def _balance(self, part: Subdomain, ranks: Communicator) -> None:
+    def _balance(self, part: Subdomain, ranks: MpiRanks) -> None:
         """Deal the columns anew where one rank has far more discs than others: all know how many each column has."""
         if ranks.size == 1 or self._control.in_order == 0:
             return
@@ -336,7 +230,8 @@ class MpiSolver(OnRanks):
         if not np.array_equal(firsts, self._firsts):
             own, discs = self._take(firsts), part.discs()
             arrived = ranks.deal(discs, self._rank_of(part.columns_of(discs)), ranks.size)
-            ranks.on_all(lambda: part.move_to(own, arrived))
+            with ranks.collective():
+                part.move_to(own, arrived)
             self._configure()
         self._tolerate(counts)
 
@@ -351,7 +246,7 @@ class MpiSolver(OnRanks):
 
     def _take(self, firsts: NDArray[np.int64]) -> Range:
         """From now on each rank r has the columns from firsts[r] to before firsts[r + 1]. Returns own ones."""
-        ranks = self._shared()
+        ranks = self.ranks
         own = Range(*map(int, firsts[ranks.rank : ranks.rank + 2]))
         self._firsts, self._borders = firsts, borders_of(own, ranks.rank, ranks.size, self._scene.periodic[0])
         self._together = in_turns(self._borders, own)
@@ -361,8 +256,8 @@ class MpiSolver(OnRanks):
         """The rank that has each of some columns."""
         return np.searchsorted(self._firsts, column, side="right") - 1
 
-    def _run(self, part: Subdomain, ranks: Communicator) -> Slice:
-        """Run the command that stands in `control`."""
+    def _run(self, part: Subdomain, ranks: MpiRanks) -> int:
+        """Run the command that stands in `control`; returns the frames that were run."""
         started, frame = time.monotonic(), 0
         part.arrays["team"]["frame"] = 0
         part.run(records.MOVE)
@@ -372,28 +267,22 @@ class MpiSolver(OnRanks):
             for step in range(self.substeps):
                 self._step(part, ranks, frame, step)
             frame += 1
-        done = self._slice(part, ranks, frame)
-        self._control.done += frame
-        return done
+        return frame
 
-    @property
-    def half_done(self) -> bool:
-        return self._half_done
-
-    def _slice(self, part: Subdomain, ranks: Communicator, frames: int) -> Slice:
-        """What all ranks took and counted."""
+    def _result(self, part: Subdomain, ranks: MpiRanks, frames: int, count_enabled: bool) -> BatchResult:
+        """The times and counts of all ranks."""
         arrays, own = part.arrays, slice(self._workers)
-        tally = arrays["tally"][own, :frames] if self.tallied else None
+        tally = arrays["tally"][own, :frames] if count_enabled else None
         counts = fastest_in(part.team), int(part.team["collisions"].sum())
         told = ranks.all_of((part.failure, *counts, arrays["times"][own, :frames], tally))
-        failures, fastest, collisions, times, tallies = zip(*told, strict=True)
+        failures, fastest, contacts, times, tallies = zip(*told, strict=True)
         ranks.raise_any(failures)
         self._fastest = max(fastest)
-        self.too_fast: bool = self._fastest.fraction > 0
-        counted = self._totals(np.concatenate(tallies)) if self.tallied else None
-        return Slice(np.concatenate(times), sum(collisions), counted)
+        self.too_fast = self._fastest.fraction > 0
+        counters = self._counters(np.concatenate(tallies)) if count_enabled else None
+        return BatchResult(np.concatenate(times), sum(contacts), counters)
 
-    def _step(self, part: Subdomain, ranks: Communicator, frame: int, step: int) -> None:
+    def _step(self, part: Subdomain, ranks: MpiRanks, frame: int, step: int) -> None:
         """A step of this rank that has begun, and the beginning of the next one of this command, where there is one."""
         part.take_in(self._migrated(part, ranks, frame))
         ahead = frame if step + 1 < self.substeps else frame + 1
@@ -407,7 +296,7 @@ class MpiSolver(OnRanks):
                 self._resolve_borders(borders, part, ranks, frame)
             part.run(records.ODD, records.NO_FRAME if turn + 1 < self._settings.passes else ahead)
 
-    def _migrated(self, part: Subdomain, ranks: Communicator, frame: int) -> NDArray[Any]:
+    def _migrated(self, part: Subdomain, ranks: MpiRanks, frame: int) -> NDArray[Any]:
         """Give away the discs that have left own columns; returns those that have come."""
         began = time.perf_counter_ns()
         leaving = part.emigrants()
@@ -427,7 +316,7 @@ class MpiSolver(OnRanks):
         part.arrays["times"][0, frame, records.WAIT] += time.perf_counter_ns() - began
         return arrived
 
-    def _resolve_borders(self, borders: list[Border], part: Subdomain, ranks: Communicator, frame: int) -> None:
+    def _resolve_borders(self, borders: list[Border], part: Subdomain, ranks: MpiRanks, frame: int) -> None:
         """The brackets at some borders."""
         began = time.perf_counter_ns()
         given = [(border.other, int(border.is_periodic), part.column_at(border)) for border in borders]
@@ -436,7 +325,7 @@ class MpiSolver(OnRanks):
         for border, (_, _, own), beyond in zip(borders, given, taken, strict=True):
             part.resolve_at(records.ODD if border.is_odd else records.EVEN, border, len(own), beyond)
 
-    def _diverged(self, part: Subdomain, ranks: Communicator) -> DivergedError:
+    def _diverged(self, part: Subdomain, ranks: MpiRanks) -> DivergedError:
         """The exception for a disc that is not finite, the one of the least number."""
         own = [disc_at(part.live, int(slot)) for slot in part.team["bad_slot"] if slot >= 0]
         disc, values = min(each for told in ranks.all_of(own) for each in told)
@@ -445,109 +334,117 @@ class MpiSolver(OnRanks):
     @property
     def frame(self) -> int:
         arrays = {} if self._part is None else self._part.arrays
-        return self.origin.frame + int(arrays["control"].done) if arrays else self._last_frame
+        return self._origin.frame + int(arrays["control"].done) if arrays else self._last_frame
 
     @property
-    def _progress(self) -> tuple[int, int]:
-        """Frames and steps done since the origin."""
-        return self._frames, int(self._control.steps)
+    def half_done(self) -> bool:
+        return self._half_done
 
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
-        present = ~self.absorbed if self._scene._loses_discs else None
-        there = There(self._scene, self.time, self._radii, present)
-        return speeds_on_ranks(there, self.local_state(), new, self._shared())
-
-    def disc_too_fast(self) -> Speeds | None:
-        found, self._fastest, self.too_fast = self._fastest, Fastest(), False
-        fast = float(self._held().arrays["parameters"].fast)
-        return disc_too_fast(found, fast, self._radii, has_radii(self._scene), self.frame - 1)
+        scene, radii, count = self._scene, self.radii, self.count
+        present = ~self.absorbed if scene._loses_discs else None
+        own, state = self.local_state()
+        velocity, sides = state.velocity, sides_at(scene, self.time)
+        if new is not None:
+            radii = kept_sizes(radii, new.radius)
+            present = None if present is None else np.append(present, np.ones(len(new.position), bool))
+            if self.ranks.is_root:
+                own, velocity = np.append(own, range(count, len(radii))), np.append(velocity, new.velocity, 0)
+        part = DiscSpeeds.of(own, velocity, radii[own], BoxSides(sides, scene.periodic, scene.largest_radius))
+        found = speeds_together(part, self.ranks.all_of, radii if present is None else radii[present], sides)
+        fastest, fast = self._fastest, float(self._arrays["parameters"].fast)
+        self._fastest, self.too_fast = Fastest(), False
+        return found.or_faster(disc_too_fast(fastest, fast, self.radii, has_radii(scene), self.frame - 1))
 
     # --- discs
 
-    def state(self) -> State:
-        return self.state_between(0, self.count)
-
-    def state_between(self, first: int, last: int) -> State:
-        return self._by_number().state(first, last)
+    def state(self, first: int = 0, last: int | None = None) -> State:
+        return self._by_number().state(first, self.count if last is None else last)
 
     def local_state(self) -> tuple[NDArray[np.int64], State]:
         return self._by_number().own_state()
-
-    def digest(self) -> str:
-        return self.once(lambda: self._by_number().digest())
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
         return self._by_number().absorbed() if self._scene._loses_discs else np.zeros(self.count, bool)
 
     def _by_number(self) -> DiscsByNumber:
+        """The discs of all ranks by number; as long as none moves."""
         if self._numbered is None:
-            self._numbered = DiscsByNumber(self._held(), self._scene, self._box, self.count, self._told_of)
+            self._numbered = DiscsByNumber(self._subdomain, self._scene, self._box, self.count, self._ask)
         return self._numbered
 
+    def _ask(self, question: Question) -> list[Any]:
+        """The answer of each rank."""
+        if self.ranks.acting:
+            return self.ranks.ask(question)
+        told = self.ranks.all_of((question, self.ranks.answer(question)))
+        if len({asked for asked, _ in told}) > 1:
+            ranges = ", ".join(str(tuple(asked[:2])) for asked, _ in told)
+            raise InputError(
+                f"the range of discs must be the same on all ranks; got {ranges}. Ask for one range, or use "
+                "local_state."
+            )
+        return [answer for _, answer in told]
+
     def add(self, new: NewDiscs, choice: Choice) -> None:
-        radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
+        radii, masses = kept_sizes(self.radii, new.radius), kept_sizes(self.masses, new.mass)
         refuse_giants(self._scene, radii)
-        first, own = self.count, self._held().discs()
+        first, own = self.count, self._subdomain.discs()
         self._half_done = True
-        self.count, self._radii, self._masses = len(radii), radii, masses
+        self.count, self.radii, self.masses = len(radii), radii, masses
 
         def records(part: Subdomain, grid: Grid) -> NDArray[Any]:
             """Own discs, and of one rank the new ones."""
             added = part.records_of(new, first, grid)
-            return np.concatenate([part.in_grid(own, grid), added[: len(added) * (self._shared().rank == 0)]])
+            return np.concatenate([part.in_grid(own, grid), added[: len(added) * self.ranks.is_root]])
 
-        self._enter(records, new, first, self._progress)
+        self._enter(records, new, first, (self._frames, int(self._control.steps)))
         self._half_done = False
 
     def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
-        found = self._by_number().discs(self._radii, self._masses)
+        found = self._by_number().discs(self.radii, self.masses)
         return found if numbers is None else found.rows(numbers)
 
-    def replace(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+    def set_discs(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
         if numbers is not None:
             discs = self.discs().with_rows(discs, numbers)
-        progress, self._half_done = self._progress, True
-        self._enter_all(lambda a, b: (discs.position[a:b], discs.velocity[a:b]), discs.columns, progress)
-        self._half_done = False
+        self._continue_with(discs, (self._frames, int(self._control.steps)))
 
-    def _assume(self, terms: Terms) -> None:
-        refuse_giants(terms.scene, self._radii)
-        super()._assume(terms)
-
-    def adopt(self, terms: Terms, choice: Choice) -> None:
-        discs, progress = self.discs(), self._progress
-        if terms.origin != self.origin:
-            progress, self.substeps = (0, 0), terms.settings.substeps
-        self._assume(terms)
-        self.choice, self._workers = choice, max(choice.workers) // self._shared().size
+    def _continue_with(self, discs: NewDiscs, progress: tuple[int, int]) -> None:
         self._half_done = True
-        self._leave_part()
         self._enter_all(lambda a, b: (discs.position[a:b], discs.velocity[a:b]), discs.columns, progress)
         self._half_done = False
+
+    def _set_terms(self, terms: Terms) -> None:
+        refuse_giants(terms.scene, self.radii)
+        super()._set_terms(terms)
+
+    def change_scene(self, terms: Terms, choice: Choice) -> None:
+        discs, progress = self.discs(), (self._frames, int(self._control.steps))
+        if terms.origin != self._origin:
+            progress, self.substeps = (0, 0), terms.settings.substeps
+        self._set_terms(terms)
+        self.choice, self._workers = choice, max(choice.workers) // self.ranks.size
+        self._leave_part()
+        self._continue_with(discs, progress)
 
     # --- snapshots
 
     def snapshot(self) -> SolverState:
-        part = self._held()
-        found: SolverState = {**self._by_number().snapshot(), "radii": self._radii, "masses": self._masses}
+        found: SolverState = {**self._by_number().snapshot(), "radii": self.radii, "masses": self.masses}
         for column in columns_of(self._scene):
             if column.kept and column.name not in found:
-                found[column.name] = column.take(part.arrays[column.name], self.count)
+                found[column.name] = column.take(self._arrays[column.name], self.count)
         found["progress"] = np.array([self._control.done, self._control.steps])
         return found
 
     def restore(
-        self,
-        snapshot: SolverState,
-        choice: Choice,
-        room: int = 0,
-        terms: Terms | None = None,
-        new_workers: bool = True,
+        self, snapshot: SolverState, choice: Choice, terms: Terms, room: int = 0, new_workers: bool = True
     ) -> None:
-        self._assume(terms or self.terms)
+        self._set_terms(terms)
         self._meet()
         refuse_giants(self._scene, np.asarray(snapshot["radii"]))
         self.choice = choice
@@ -557,18 +454,3 @@ class MpiSolver(OnRanks):
         given = {name: np.asarray(snapshot[name]) for name in names}
         position, velocity = snapshot["position"], snapshot["velocity"]
         self._enter_all(lambda first, last: (position[first:last], velocity[first:last]), given, progress)
-
-    # --- what a report says
-
-    @property
-    def array_names(self) -> tuple[str, ...]:
-        return self._held().names
-
-    @property
-    def pids(self) -> list[int]:
-        return [] if self._part is None else self._part.pids
-
-    def resources(self) -> tuple[tuple[int, ...], int]:
-        own = [resident_bytes(pid) for pid in (os.getpid(), *self.pids)]
-        resident, arrays = zip(*self._shared().all_of((own, self._held().nbytes)), strict=True)
-        return tuple(chain.from_iterable(resident)), sum(arrays)

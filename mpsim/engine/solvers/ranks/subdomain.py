@@ -1,6 +1,7 @@
-"""The part of a scene on one rank, the columns of each, and discs of all ranks by number."""
+"""The subdomain of one rank, the columns of each, and discs of all ranks by number."""
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,10 +10,9 @@ from numpy.typing import NDArray
 from mpsim.core import columns
 from mpsim.core.columns import Array, ChunkedArray, ranges
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.state import Box, State, digest_of, in_chunks
+from mpsim.core.state import Box, State
 from mpsim.engine.feature_arrays import columns_of, feature_specs, fill_features, giant_radius
 from mpsim.engine.solvers.base import NewDiscs, StartMethod
-from mpsim.engine.solvers.block import Present, configure
 from mpsim.engine.solvers.grid import shares_of
 from mpsim.engine.solvers.stepped import state_of
 from mpsim.engine.workers.pool import WorkerPool
@@ -102,7 +102,7 @@ def in_turns(borders: list[Border], own: Range) -> list[list[Border]]:
     return [turn for odd in (False, True) if (turn := [border for border in borders if border.is_odd == odd])]
 
 
-# --- The part of a scene on one rank: the discs of its columns, and the calls that make up a step
+# --- The subdomain of one rank: the discs of its columns, and the calls that make up a step
 
 SPARE, FEWEST = 1.25, 256
 """Discs for which there is room: so many times those of the start, and at least so many more."""
@@ -140,20 +140,10 @@ class Subdomain:
         return {} if self._block is None else self._block.arrays
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the arrays."""
-        return () if self._block is None else tuple(self._block.specs)
-
-    @property
     def changing(self) -> list[str]:
         """Names of the columns by id that steps change: true of own discs alone, and of those absorbed here."""
         of_scene = columns_of(self._scene)
         return [column.name for column in of_scene if column.in_state or (column.kept and not column.given)]
-
-    @property
-    def nbytes(self) -> int:
-        """Size of the block."""
-        return 0 if self._block is None else self._block.nbytes
 
     @property
     def pids(self) -> list[int]:
@@ -260,9 +250,9 @@ class Subdomain:
             return
         remove_stale_blocks()  # which a job that was ended leaves behind: its trackers are ended with it
         with interrupts_held_back():
-            load_kernels(self._held())
+            load_kernels(self.block)
         if self._workers > 1:
-            self._pool = WorkerPool(self._held(), self._start_method)
+            self._pool = WorkerPool(self.block, self._start_method)
             self._pool.start(self._workers)
 
     def close(self) -> None:
@@ -325,15 +315,16 @@ class Subdomain:
         first, last = self._own.first - self._own.before, self._own.last - self._own.before
         return np.diff(self.arrays["start"][np.arange(first, last + 1) * self._stride].astype(np.int64))
 
-    def configure(self, present: Present) -> None:
-        """Write the records `parameters` and `control`."""
-        configure(self.arrays, self._scene, self._settings, present)
+    def configure(self) -> None:
+        """Write into the record `control` which columns of the scene are its own."""
         control = self.arrays["control"]
         control.columns_before = self._own.before
         control.cells = len(self.arrays["start"]) - 1
 
-    def _held(self) -> SharedBlock:
-        assert self._block is not None  # between `fill` and `close`
+    @property
+    def block(self) -> SharedBlock:
+        """The block, between `fill` and `close`."""
+        assert self._block is not None
         return self._block
 
     def _renew(self, count: int, with_discs: bool = True) -> None:
@@ -376,7 +367,7 @@ class Subdomain:
     def arguments(self) -> GridArguments:
         """What kernels are called with: the state in `a`."""
         if not self._arguments:  # kept, as a step asks often
-            given = kernel_arguments(self._held(), 0)
+            given = kernel_arguments(self.block, 0)
             self._arguments = {0: given, 1: given._replace(a=given.b, b=given.a)}
         return self._arguments[int(self.arrays["control"].live)]
 
@@ -507,8 +498,8 @@ def _copy(old: Any, new: Any) -> None:
 # --- Ranges of the discs of all ranks in the order of their numbers, so that no rank has to hold all discs
 
 
-class Asked(NamedTuple):
-    """What is asked of discs: those of a range of numbers, from `first` to before `last`; one of their rows, or all."""
+class Question(NamedTuple):
+    """Which discs are asked for, from `first` to before `last`, and by what name one of their rows; None: all rows."""
 
     first: int
     last: int
@@ -519,54 +510,50 @@ Rows = dict[str, NDArray[Any]]
 """A row for each disc, by name of what it is."""
 
 
-class Sorted(NamedTuple):
-    """Own discs by number.
-
-    Attributes:
-        numbers: in order.
-        places: where each of them is among those of `Part.numbers`.
-    """
-
-    numbers: NDArray[np.int64]
-    places: NDArray[np.int64]
-
-
 class DiscsByNumber:
-    """What a rank tells of its discs, and what all ranks together know of a range.
+    """The discs of one rank by number, and the discs of all ranks in a range. As long as none moves.
 
     Args:
-        part: of this rank.
+        part: the subdomain of this rank.
         scene: of the simulation.
         box: as it is now.
         count: number of all discs.
-        ask: what each rank answers, by `own`.
+        ask: the answer of each rank, by `own`.
     """
 
     def __init__(
-        self, part: Subdomain, scene: Scene, box: Box, count: int, ask: Callable[[Asked], list[tuple[Any, Rows]]]
+        self,
+        part: Subdomain,
+        scene: Scene,
+        box: Box,
+        count: int,
+        ask: Callable[[Question], list[tuple[NDArray[np.int64], Rows]]],
     ):
         self._part = part
         self._scene = scene
         self._box = box
         self._count = count
         self._ask = ask
-        self._sorted: Sorted | None = None
 
-    def own(self, asked: Asked) -> tuple[NDArray[np.int64], Rows]:
+    @cached_property  # as who asks for one range asks for the next
+    def _sorted(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Numbers of own discs in order, and where each of them is among those of `Subdomain.numbers`."""
+        numbers = self._part.numbers()
+        order = np.argsort(numbers)
+        return numbers[order], order
+
+    def own(self, question: Question) -> tuple[NDArray[np.int64], Rows]:
         """The numbers that this rank has of a range, and a row for each, by name."""
-        if (asked.first, asked.last) == (0, self._count):  # of all, none has to be looked for
-            return self._part.rows_of(np.arange(len(self._part.numbers())), asked.name)
-        if self._sorted is None:  # kept, as who asks for one range asks for the next
-            numbers = self._part.numbers()
-            order = np.argsort(numbers)
-            self._sorted = Sorted(numbers[order], order)
-        first, last = np.searchsorted(self._sorted.numbers, asked[:2])
-        return self._part.rows_of(self._sorted.places[first:last], asked.name)
+        if (question.first, question.last) == (0, self._count):  # of all, none has to be looked for
+            return self._part.rows_of(np.arange(len(self._part.numbers())), question.name)
+        numbers, places = self._sorted
+        first, last = np.searchsorted(numbers, question[:2])
+        return self._part.rows_of(places[first:last], question.name)
 
     def rows(self, first: int, last: int, name: str | None = None) -> Rows:
         """What steps have changed of the discs of a range, in their order; of a name, or all."""
         found: Rows = {}
-        for numbers, own in self._ask(Asked(first, last, name)):
+        for numbers, own in self._ask(Question(first, last, name)):
             for each, values in own.items():
                 if each not in found:
                     found[each] = np.empty((last - first, *values.shape[1:]), values.dtype)
@@ -585,17 +572,8 @@ class DiscsByNumber:
 
     def absorbed(self) -> NDArray[np.bool_]:
         """Which of all discs have left through an absorbing edge, shape (N,), read in chunks."""
-        found = np.zeros(self._count, bool)
-        for first, last in ranges(self._count):
-            found[first:last] = absorbed_in(self.rows(first, last), last - first)
-        return found
-
-    def digest(self) -> str:
-        """Digest of the state of all discs, read in chunks."""
-        values = in_chunks(self.state, self._count)
-        if not self._scene._loses_discs:
-            del values["present"]  # which all of them are
-        return digest_of(values)
+        parts = [absorbed_in(self.rows(first, last), last - first) for first, last in ranges(self._count)]
+        return np.concatenate([np.zeros(0, bool), *parts])
 
     def _state_of(self, found: Rows, count: int) -> State:
         """The state of so many discs of which this is found."""
@@ -615,30 +593,17 @@ class DiscsByNumber:
 
     def snapshot(self) -> dict[str, Array]:
         """What steps have changed, as a snapshot holds it, to be read in chunks."""
+
+        def reader(name: str) -> Callable[[int, int], NDArray[Any]]:
+            return lambda first, last: self.rows(first, last, name)[name]
+
         return {
-            name: ChunkedArray(none.dtype, (self._count, *none.shape[1:]), self._reader(name))
+            name: ChunkedArray(none.dtype, (self._count, *none.shape[1:]), reader(name))
             for name, none in self.rows(0, 0).items()
         }
-
-    def _reader(self, name: str) -> Callable[[int, int], NDArray[Any]]:
-        return lambda first, last: self.rows(first, last, name)[name]
 
 
 def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:
     """Which of the discs of a range have left through an absorbing edge, shape (count,)."""
     exits = rows.get(columns.EXITS.name)
     return np.zeros(count, bool) if exits is None else exits[:, 0] != 0
-
-
-def answers_to_one(told: list[tuple[Asked, Any]]) -> list[Any]:
-    """What ranks have told, with what each was asked.
-
-    Raises:
-        InputError: if they were not asked the same.
-    """
-    if len({asked for asked, _ in told}) > 1:
-        ranges = ", ".join(str(tuple(asked[:2])) for asked, _ in told)
-        raise InputError(
-            f"the range of discs must be the same on all ranks; got {ranges}. Ask for one range, or use local_state."
-        )
-    return [answer for _, answer in told]

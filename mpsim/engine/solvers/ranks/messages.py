@@ -6,21 +6,18 @@ import importlib
 import os
 import pickle
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.errors import InputError
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.engine.solvers.base import ALONE, Ranks
+from mpsim.errors import BusyError, InputError
 
 Result = TypeVar("Result")
 
-
 NOT_FINITE, LOST = 1, 2
-
-
-def _nothing(question: Any) -> None:
-    """The answer where nobody asks."""
 
 
 class Agreement(NamedTuple):
@@ -68,36 +65,28 @@ def ranks_of(comm: Any) -> int:
     return (mpi.COMM_WORLD if comm is None else comm).size
 
 
-def communicator_of(comm: Any) -> "Communicator":
-    """The ranks of a communicator of mpi4py.
+def ranks_sharing(comm: Any) -> Ranks:
+    """The ranks of a communicator; None: this process alone.
 
     Raises:
         InputError: as `ranks_of`.
     """
-    ranks_of(comm)
-    return Communicator(comm)
+    return ALONE if comm is None else MpiRanks(comm)
 
 
 @contextlib.contextmanager
-def raised_together(comm: Any) -> Iterator[None]:
+def collective(comm: Any) -> Iterator[None]:
     """A block in which what one rank raises, all raise: before there is a solver that they share.
 
     Raises:
         InputError: as `ranks_of`.
     """
-    ranks, error = communicator_of(comm), None
-    try:
-        try:
-            yield
-        except Exception as raised:
-            error = raised
-        ranks.raise_any(ranks.all_of(error))
-    finally:
-        ranks.close()
+    with contextlib.closing(MpiRanks(comm)) as ranks, ranks.collective():
+        yield
 
 
-class Communicator:
-    """The ranks that share a simulation, by a communicator of their own, so that no message of the caller's is taken.
+class MpiRanks(Ranks):
+    """The ranks of a communicator, by a duplicate of it, so that no message of the caller's is taken.
 
     Args:
         comm: of mpi4py; None: all ranks.
@@ -105,19 +94,27 @@ class Communicator:
     Attributes:
         rank: number of this one.
         size: number of them.
+        answer: the answer of this rank to a question that the first one asks while it acts.
+        acting: whether this is the first rank, and the others wait for what it asks.
+
+    Raises:
+        InputError: as `ranks_of`.
     """
 
     def __init__(self, comm: Any = None):
+        ranks_of(comm)
         self._mpi = library()
         self._comm: Any = (self._mpi.COMM_WORLD if comm is None else comm).Dup()
         self.rank: int = self._comm.rank
         self.size: int = self._comm.size
+        self.is_root = self.rank == 0
+        self.acting = False
+        self.answer: Callable[[Any], Any] = lambda question: None
         self._creator = os.getpid()
         self._told, self._heard = np.zeros(4, np.int64), np.zeros(4, np.int64)
 
     def close(self) -> None:
-        """Give the communicator back; in a fork it is left alone, as MPI may not be called there."""
-        if self._creator != os.getpid():
+        if self._creator != os.getpid():  # in a fork, where MPI may not be called
             return
         if self._comm != self._mpi.COMM_NULL and not self._mpi.Is_finalized():
             self._comm.Free()
@@ -168,6 +165,9 @@ class Communicator:
 
     # --- seldom
 
+    def all_of(self, value: Any) -> list[Any]:
+        return self._comm.allgather(value)
+
     @staticmethod
     def raise_any(errors: Iterable[Exception | None]) -> None:
         """Raise the first error of those that ranks have met, with a note whose it is."""
@@ -176,28 +176,23 @@ class Communicator:
                 error.add_note(f"on rank {rank}")
                 raise error
 
-    def all_of(self, value: Any) -> list[Any]:
-        """What each rank has handed over, in their order."""
-        return self._comm.allgather(value)
-
-    def on_all(self, act: Callable[[], Result]) -> Result:
-        """What an act gives that each rank does alone; what one of them raises, all raise."""
-        result, error = None, None
+    @contextlib.contextmanager
+    def collective(self) -> Iterator[None]:
+        error = None
         try:
-            result = act()
+            yield
         except Exception as raised:
             error = raised
         self.raise_any(self.all_of(error))
-        return cast(Result, result)
 
-    def demand_alike(self, what: str, given: object) -> None:
-        """Refuse what differs on some ranks.
+    def any_rank(self, flag: bool) -> bool:
+        return self.agree(int(flag), 0, 0).trouble > 0
 
-        Raises:
-            InputError: naming what, on all ranks.
-        """
-        told = self.all_of(_digest_of(given))
-        if others := [rank for rank, each in enumerate(told) if each != told[0]]:
+    def assert_same_on_ranks(self, what: str, value: object) -> None:
+        if self.acting:
+            raise BusyError("what `once` calls may only read a simulation; it was to be changed. Do it on all ranks.")
+        digests = self.all_of(_digest_of(value))
+        if others := [rank for rank, each in enumerate(digests) if each != digests[0]]:
             raise InputError(
                 f"{what} must be the same on all ranks; those of rank {others[0]} differ from those of rank 0. Make "
                 "them alike, with the same seed or file, on each."
@@ -209,29 +204,32 @@ class Communicator:
         self._comm.Allreduce(values, total, op=self._mpi.SUM)
         return total
 
-    def once(self, act: Callable[[], Result], answer: Callable[[Any], Any] = _nothing) -> Result:
-        """What an act gives that the first rank alone does; what it raises, all raise.
+    def on_root(self, act: Callable[[], Result]) -> Result:
+        if self.acting:
+            return act()
+        self.acting = self.is_root
+        try:
+            with interrupts_held_back():  # no rank may leave it before the others
+                if self.is_root:
+                    outcome = _outcome_of(act)
+                    self._comm.bcast((True, outcome))
+                    return _result_of(outcome)
+                ended, message = self._comm.bcast(None)
+                while not ended:
+                    self._comm.gather(_outcome_of(lambda question=message: self.answer(question)))
+                    ended, message = self._comm.bcast(None)
+                return _result_of(message)
+        finally:
+            self.acting = False
 
-        answer: what a rank answers while the first one acts, to what that one asks by `ask`.
-        """
-        if self.rank == 0:
-            outcome = _outcome_of(act)
-            self._comm.bcast((True, outcome))
-            return _given_by(outcome)
-        ended, told = self._comm.bcast(None)
-        while not ended:
-            self._comm.gather(_outcome_of(lambda question=told: answer(question)))
-            ended, told = self._comm.bcast(None)
-        return _given_by(told)
-
-    def ask(self, question: Any, answer: Callable[[Any], Any]) -> list[Any]:
-        """What each rank answers, in their order; of the first rank, while it acts `once`."""
+    def ask(self, question: Any) -> list[Any]:
+        """The answer of each rank, in their order; of the first rank, while it acts `on_root`."""
         self._comm.bcast((False, question))
-        return [_given_by(each) for each in self._comm.gather(_outcome_of(lambda: answer(question)))]
+        return [_result_of(each) for each in self._comm.gather(_outcome_of(lambda: self.answer(question)))]
 
 
 def _digest_of(given: object) -> str:
-    """Digest of what is given: of equal arrays, numbers and texts the same, wherever they lie in memory."""
+    """Digest of a value: of equal arrays, numbers and texts the same, wherever they lie in memory."""
     digest = hashlib.blake2b()
 
     def take(value: Any) -> None:
@@ -258,7 +256,7 @@ def _pickled(value: object) -> bytes:
 
 
 def _outcome_of(act: Callable[[], Any]) -> bytes:
-    """What an act gives and what it raises, to be sent to other ranks, which wait for it whatever happens."""
+    """The result of an act or its error, to be sent to other ranks, which wait for it whatever happens."""
     try:
         result, error = act(), None
     except BaseException as raised:
@@ -273,8 +271,8 @@ def _outcome_of(act: Callable[[], Any]) -> bytes:
         return pickle.dumps((None, TypeError(f"what goes to other ranks must be sendable; got {what}")))
 
 
-def _given_by(outcome: bytes) -> Any:
-    """What an act has given; what it has raised is raised."""
+def _result_of(outcome: bytes) -> Any:
+    """The result of an act; its error is raised."""
     result, error = pickle.loads(outcome)
     if error is not None:
         raise error

@@ -1,0 +1,1 @@
+"""The method mpi: a scene shared by the ranks of MPI."""
