@@ -17,6 +17,7 @@ from mpsim.features import feature
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Polyline, Removed, capsules_of
 from mpsim.features.properties import has_masses, has_radii
+from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
 # --- Discs that are added to a simulation: checked against the scene before anything is changed
@@ -166,6 +167,22 @@ class Place(NamedTuple):
     def change(self, what: str, values: Mapping[str, Any]) -> Change:
         """A change of this moment."""
         return Change(self.solver.frame, self.solver.time, what, values)
+
+
+def demand_apart(place: Place, new: NewDiscs) -> None:
+    """Refuse new discs that overlap discs that are there, or each other."""
+    state = place.solver.state()
+    position = np.concatenate([state.position[state.present].astype(np.float64), new.position])
+    radius = np.concatenate([place.solver.radii[state.present], new.radius])
+    for index, own in enumerate(new.position):
+        at = len(position) - len(new.position) + index
+        gap = np.hypot(*to_nearest_image(position - own, lengths_of(place.scene)).T) - radius - new.radius[index]
+        gap[at] = np.inf
+        if gap.min() < 0:
+            raise InputError(
+                f"position[{index}] must be free for overlap='refuse'; got {tuple(own.tolist())}, where a disc is "
+                f"{-gap.min():.3g} too near. Choose another place, or overlap='allow'."
+            )
 
 
 def demand_whole_frame(solver: Solver, what: str) -> None:

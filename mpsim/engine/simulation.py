@@ -85,11 +85,13 @@ from mpsim.errors import (
     WorkerStalledError,
 )
 from mpsim.features.motions import Movement
-from mpsim.features.obstacles import Polyline
+from mpsim.features.obstacles import Obstacle, Polyline
 from mpsim.kernels.compiling import compile_seconds
+from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.measure.registry import Measures, RunAverages, checked
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
+from mpsim.scene.starts import check_region, is_in
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -331,6 +333,39 @@ class Simulation(ReadOnly):
         last = checks.whole("last", last, 0, solver.count, "It is the number behind the last disc.")
         first = checks.whole("first", first, 0, last, "It is the number of the first disc, at most last.")
         return solver.state(first, last)
+
+    def nearest(self, x: float, y: float) -> int:
+        """Id of the disc whose centre is nearest to a point [length], through periodic borders too.
+
+        Raises:
+            InputError: if there is no disc, or the point is none.
+
+        >>> with Simulation(Scene.load("cradle")) as sim:
+        ...     sim.nearest(0, 0)
+        0
+        """
+        state, point = self.state, checks.point("point", (x, y))
+        if not state.present.any():
+            raise InputError("nearest needs a disc; got a simulation without any. Add one.")
+        apart = to_nearest_image(state.position.astype(np.float64) - point, lengths_of(self.scene))
+        return int(np.where(state.present, np.hypot(*apart.T), np.inf).argmin())
+
+    def within(self, shape: ArrayLike | Obstacle) -> NDArray[np.int64]:
+        """Ids of the discs with centres in a shape, shape (K,).
+
+        Args:
+            shape: (x_low, y_low, x_high, y_high) [length], a Circle or a closed Polyline.
+
+        Raises:
+            InputError: for any other shape.
+
+        >>> scene = Scene(width=9, height=4, position=[[2, 2], [7, 2]], velocity=[[1, 0], [0, 0]], radius=0.5)
+        >>> with Simulation(scene) as sim:
+        ...     sim.within((0, 0, 4, 4)).tolist()
+        [0]
+        """
+        state = self.state
+        return np.flatnonzero(is_in(check_region("shape", shape), state.position.astype(np.float64)) & state.present)
 
     @reading
     def local_state(self) -> tuple[NDArray[np.int64], State]:
@@ -736,18 +771,23 @@ class Simulation(ReadOnly):
         *,
         radius: ArrayLike | None = None,
         mass: ArrayLike | None = None,
+        overlap: str = "allow",
         **others: Unpack[GivenColumns],
-    ) -> None:
+    ) -> NDArray[np.int64]:
         """Add one disc, or several.
 
         Args:
             position, velocity: shape (2,) or (K, 2); centres inside the box as it is now, clear of what stands in it
-                [length], [length/time]. A new disc may overlap others: the next frames push them apart.
+                [length], [length/time].
             acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
             radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
                 larger than the largest of the scene [length], [mass].
+            overlap: "refuse" discs that overlap others, or each other; or "allow" it: the next frames push them apart.
             others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
                 one each; left out it is zero.
+
+        Returns:
+            The ids of the new discs, shape (K,), as `set` and `remove` take them.
 
         Raises:
             InputError: naming the argument, its rule and the value received; then nothing was added.
@@ -760,6 +800,8 @@ class Simulation(ReadOnly):
         radii = place.solver.radii[~place.solver.absorbed] if place.scene._loses_discs else place.solver.radii
         now = place.scene, place.precision, place.solver.time, radii
         new = changes.checked(*now, position, velocity, radius, mass, brought)
+        if checks.choice("overlap", overlap, ("refuse", "allow")) == "refuse":
+            changes.demand_apart(place, new)
         changes.check_momentum(place.solver, "velocity", new.velocity, new.mass)
         substeps = self._look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
@@ -767,6 +809,8 @@ class Simulation(ReadOnly):
         with interrupts_held_back():
             self._insert(new, substeps)
             self._note(change)
+        count = self._open_solver().count
+        return np.arange(count - len(new.position), count)
 
     @exclusive
     def set(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features.capsules import with_images
+from mpsim.features.capsules import distance, is_within, with_images
 from mpsim.features.edges import kinds_of
 from mpsim.features.obstacles import Circle, Obstacle, Polyline, capsules_of
 from mpsim.scene import placement
@@ -123,6 +123,16 @@ def check_region(name: str, value: Any) -> Region | Obstacle:
     if x_low > x_high or y_low > y_high:
         raise InputError(f"{name} must be [x_low, y_low, x_high, y_high], low before high; got {checks.brief(value)}.")
     return x_low, y_low, x_high, y_high
+
+
+def is_in(region: Region | Obstacle, position: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points, shape (N, 2), are in a part of a box, shape (N,)."""
+    if isinstance(region, Polyline):
+        return is_within(position, capsules_of((region,)))
+    if isinstance(region, Circle):
+        return distance(position, np.abs(capsules_of((region,))[0])) <= 0
+    low, high = np.reshape(np.asarray(region), (2, 2))
+    return np.asarray(((position >= low) & (position <= high)).all(axis=1), np.bool_)
 
 
 def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:

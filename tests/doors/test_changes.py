@@ -495,3 +495,39 @@ def test_a_session_file_that_is_too_large_is_refused_unread(session):
     os.truncate(path, 2**28 + 1)
     with pytest.raises(InputError, match="it has 268,435,457 bytes, and at most 268,435,456 are read"):
         mpsim.Simulation.replay(path)
+
+
+# --- ids of discs: those that were added, the nearest, those in a shape
+
+
+def test_added_discs_have_ids_and_may_be_refused_where_others_are():
+    scene = mpsim.Scene(width=12, height=8, position=[[2, 2], [9, 6]], velocity=np.zeros((2, 2)), radius=0.5,
+                        boundary=("periodic", "walls"))  # fmt: skip
+    with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
+        assert sim.add((5, 5), (0, 0)).tolist() == [2]
+        assert sim.add([(5, 2), (11.8, 4)], [(0, 0), (0, 0)], overlap="refuse").tolist() == [3, 4]
+        sim.remove(2)
+        assert sim.add((5, 5.2), (0, 0), overlap="refuse").tolist() == [5], "ids are never used twice"
+        for places, first in (([(5.4, 5.8)], 0), ([(7, 2), (0.4, 4.3)], 1), ([(7, 2), (7.5, 2.5)], 0)):
+            with pytest.raises(mpsim.InputError, match=rf"position\[{first}\] must be free for overlap='refuse'"):
+                sim.add(places, np.zeros((len(places), 2)), overlap="refuse")
+        assert sim.count == 6
+        assert sim.add((5, 5.8), (0, 0)).tolist() == [6], "allowed unless it is refused"
+        with pytest.raises(mpsim.InputError, match="overlap must be one of 'refuse', 'allow'"):
+            sim.add((7, 2), (0, 0), overlap="refused")
+
+
+def test_the_nearest_disc_and_those_in_a_shape():
+    places = [[2, 2], [6, 2], [11.5, 4], [6, 6]]
+    scene = mpsim.Scene(width=12, height=8, position=places, velocity=np.zeros((4, 2)), radius=0.5,
+                        boundary=("periodic", "walls"))  # fmt: skip
+    with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
+        assert [sim.nearest(*point) for point in ((5, 2.5), (0.2, 4), (6, 7))] == [1, 2, 3]
+        assert sim.within((1, 1, 6, 3)).tolist() == [0, 1]
+        assert sim.within(mpsim.Circle((6, 4), 2)).tolist() == [1, 3]
+        assert sim.within(mpsim.Polyline([(5, 0), (12, 0), (12, 5), (5, 0)])).tolist() == [2]
+        sim.remove(3)
+        assert sim.nearest(6, 7) == 1
+        assert sim.within(mpsim.Circle((6, 4), 2)).tolist() == [1]
+        with pytest.raises(mpsim.InputError, match="shape must be numbers of shape"):
+            sim.within(mpsim.FixedDisc((1, 1), 1))
