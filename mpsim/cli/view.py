@@ -11,7 +11,7 @@ from mpsim.cli import terminal
 from mpsim.cli.run import RECORD, RunFolder
 from mpsim.errors import InputError
 from mpsim.features.edges import BOUNDARIES
-from mpsim.output.trajectory import READERS
+from mpsim.output.trajectory import WRITERS
 from mpsim.scene import scenefile
 from mpsim.scene.settings import Settings
 
@@ -99,7 +99,7 @@ def _is_folder(path: str) -> bool:
 
 def _is_recording(path: str) -> bool:
     """Whether a path leads to the folder of a run or the file of a trajectory."""
-    return _is_folder(path) or Path(path).suffix.lower() in READERS
+    return _is_folder(path) or Path(path).suffix.lower() in WRITERS
 
 
 def _recording(path: str, given: dict[str, Any], options: dict[str, Any]) -> "Recording":

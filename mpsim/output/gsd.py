@@ -17,7 +17,7 @@ from mpsim.core import files
 from mpsim.core.columns import in_state
 from mpsim.core.optional_packages import imported
 from mpsim.errors import MpsimError, TrajectoryError, reason_of
-from mpsim.output.frames import Frame, Given
+from mpsim.output.frames import Frame
 
 _PER_DISC = {"position": "position", "velocity": "velocity", "radius": "radius", "mass": "mass", "id": "ids"}
 """Arrays under log/particles/mpsim/, and the attributes of a Frame that they are; further columns go by their names."""
@@ -79,9 +79,8 @@ class GsdWriter:
 class GsdReader:
     """Reads frames that mpsim wrote, from a file that stays open."""
 
-    def __init__(self, path: Path, given: Given | None = None):
+    def __init__(self, path: Path):
         self._path = path
-        self._given = given or Given()
         self._file: Any = self._opened()
 
     def _opened(self) -> Any:
@@ -138,7 +137,7 @@ class GsdReader:
         box, origin = ((float(x), float(y)) for x, y in (sides, self._chunk(index, "log/mpsim/origin")))
         x, y = (bool(wrap) for wrap in self._chunk(index, "log/mpsim/periodic"))
         position = known.pop("position")
-        return self._given.frame(where, self.number(index), box, origin, (x, y), position, self._path, known)
+        return Frame(self.number(index), box, origin, (x, y), position, self._path, known)
 
     def _chunk(self, index: int, name: str) -> Any:
         """The data of a frame under a name; None if there are none."""

@@ -19,12 +19,20 @@ from mpsim.core import checks, files
 from mpsim.core.files import FileLock
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.ranks.messages import ranks_sharing
-from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller, reason_of
+from mpsim.errors import (
+    InputError,
+    MpsimError,
+    OutputError,
+    TrajectoryError,
+    TrajectoryWarning,
+    level_of_caller,
+    reason_of,
+)
 from mpsim.features.edges import BoundaryName
 from mpsim.measure.moments import lengths_of, to_nearest_image
-from mpsim.output.frames import Frame, Given, Ownership, differs, frame_of, select
+from mpsim.output.frames import Frame, Ownership, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
-from mpsim.output.xyz import XyzReader, XyzWriter
+from mpsim.output.xyz import Given, XyzReader, XyzWriter
 from mpsim.scene.scene import Scene
 
 # --- Checks that a trajectory file belongs to a simulation before it is continued
@@ -94,124 +102,20 @@ Reader = XyzReader | GsdReader
 Writer = XyzWriter | GsdWriter
 
 WRITERS: dict[str, type[Writer]] = {".xyz": XyzWriter, ".extxyz": XyzWriter, ".gsd": GsdWriter}
-READERS: dict[str, type[Reader]] = {".xyz": XyzReader, ".extxyz": XyzReader, ".gsd": GsdReader}
-"""What writes and reads a file, by its ending."""
+"""What writes a file, by its ending."""
 
 FORMATS = ("xyz", "gsd")  # usual endings of the formats that are written
 
 
-class FrameFile:
-    """A file to which frames are appended, locked against other writers; mode: as in `Trajectory.write`."""
-
-    def __init__(self, path: Path, mode: str):
-        self._path = path
-        self._last = -1  # number of the frame that was written last
-        if mode == "x" and path.exists():
-            raise OutputError(
-                f"the trajectory {str(path)!r} exists already, and is not overwritten. Choose another name, or "
-                "use mode='w' to replace it, mode='a' to continue it."
-            )
-        if path.exists() and not path.is_file():
-            raise OutputError(f"a trajectory must be a file; {str(path)!r} is not. Choose another name.")
-        if mode != "x":
-            FileLock(path).release()  # before the file is emptied, if nobody writes it
-        self._unchecked = mode == "a" and path.exists() and path.stat().st_size > 0
-        kind = WRITERS[path.suffix.lower()]
-        try:
-            # A trajectory grows frame by frame, under its own name: a kill costs the frame in hand, not all of them.
-            if mode == "w":  # never through a link
-                files.check_target(path)
-                path.unlink(missing_ok=True)
-            self._writer: Writer = kind(path, "x" if mode == "w" else mode)
-        except OutputError:
-            raise
-        except OSError as error:
-            raise unwritable(path, error) from error
-        try:
-            self._lock = FileLock(path)
-        except OutputError:  # another writer was faster
-            self._writer.close()
-            raise
-
-    def append(self, sim: Simulation, now: Frame, every: int) -> bool:
-        """Write the present frame of a simulation, unless the file has it. Returns whether it was written."""
-        if self._unchecked:
-            self._continue(sim, now.whole(), every)
-            self._unchecked = False
-        if now.frame <= self._last:
-            return False
-        try:
-            self._writer.write(now)
-        except OSError as error:
-            raise unwritable(self._path, error) from error
-        self._last = now.frame
-        return True
-
-    def close(self) -> None:
-        """Close the file. May be called again."""
-        try:
-            try:
-                self._writer.close()
-            finally:
-                self._lock.release()  # which fails, too, where a network disk is gone
-        except OSError as error:
-            raise unwritable(self._path, error) from error
-
-    def _continue(self, sim: Simulation, now: Frame, every: int) -> None:
-        """Cut the file back to the frame of the simulation, after a check that it belongs to it."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            reader: Reader = READERS[self._path.suffix.lower()](self._path, Given())
-        for each in caught:
-            logger.warning("mpsim: %s It is cut off.", each.message)
-        try:
-            kept = len(reader)
-            while kept and reader.number(kept - 1) > sim.frame:
-                kept -= 1
-            if kept < len(reader):
-                logger.info("mpsim: %d frames of %s are written anew.", len(reader) - kept, self._path)
-            ends = [reader.read(index) for index in (0, max(kept - 1, 0))] if len(reader) else []
-        finally:
-            reader.close()
-        if ends:
-            self._demand_same_run(sim, now, *ends)
-        if kept:
-            last = ends[1]
-            if last.frame < sim.frame - every:
-                warnings.warn(
-                    f"the trajectory {str(self._path)!r} continues at frame {sim.frame}, and its last frame was "
-                    f"{last.frame}: those between are missing.",
-                    TrajectoryWarning,
-                    stacklevel=level_of_caller(),
-                )
-            self._last = last.frame
-        self._writer.truncate(kept)
-        self._lock.renew()
-
-    def _demand_same_run(self, sim: Simulation, now: Frame, first: Frame, last: Frame) -> None:
-        """Refuse to continue a file of another run, or one that lacks what mpsim writes now."""
-        name = f"the trajectory {str(self._path)!r}"
-        missing = [words for each, words in NEEDED.items() if each not in last.known]
-        if missing:
-            raise OutputError(
-                f"{name} must hold {', '.join(missing)} to be continued, so that all its frames hold the same; it was "
-                "written by an earlier version of mpsim or another program. It can be read as it is: move it, or "
-                "choose another file."
-            )
-        wrong = discrepancy(sim, now, first, last)
-        if wrong:
-            raise OutputError(
-                f"{name} can be continued only by the run that wrote it; {wrong}. Nothing was written. Choose another "
-                "file, or replace this one with mode='w'."
-            )
-
-
-def unwritable(path: Path, error: OSError) -> OutputError:
-    """The error raised in place of a system error."""
-    return OutputError(
-        f"the trajectory {str(path)!r} must be in a folder that can be written to, with room on its disk; "
-        f"got {error.strerror or error}. What was written before is complete. Choose another place, or make room."
-    )
+def reader_of(path: Path, given: Given) -> Reader:
+    """What reads a file; given: what its frames may lack, if it is text."""
+    if path.suffix.lower() != ".gsd":
+        return XyzReader(path, given)
+    for name, value in given._asdict().items():
+        if value is not None:
+            rule = "be given only for frames that do not hold it"
+            raise checks.refusal(name, rule, f"a file of GSD, {str(path)!r}, which does", "Leave it out.")
+    return GsdReader(path)
 
 
 # --- Trajectories: frames of a run in one file, written while it runs and read back one by one
@@ -268,7 +172,7 @@ class Trajectory:
             what = "is not a file" if self.path.exists() else "does not exist"
             raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} {what}.")
         with self._unreadable():
-            self._reader: Reader = READERS[self.path.suffix.lower()](self.path, given)
+            self._reader: Reader = reader_of(self.path, given)
         self._range = range(len(self._reader))
         self._whole = True
 
@@ -393,8 +297,10 @@ class TrajectoryWriter:
         self.seconds: float = 0.0
         advice = "Open one for each by mpsim.Trajectory.write(...); for the same run, resumed, with mode='a'."
         self._ownership = Ownership("trajectory", self.path, advice, comm is not None)
+        self._name = f"the trajectory {str(self.path)!r}"
+        self._last = -1  # number of the frame that was written last
+        self._writer: Writer | None = None
         self._ranks = ranks_sharing(comm)
-        self._file: FrameFile | None = None  # of the first rank
         try:
             self._ranks.on_root(lambda: self._open(mode))
         except BaseException:
@@ -402,18 +308,108 @@ class TrajectoryWriter:
             raise
 
     def _open(self, mode: str) -> None:
-        self._file = FrameFile(self.path, mode)
+        """Open the file, locked against other writers. Only the first rank has `_writer` and `_lock`."""
+        path = self.path
+        if mode == "x" and path.exists():
+            raise OutputError(
+                f"{self._name} exists already, and is not overwritten. Choose another name, or use mode='w' to "
+                "replace it, mode='a' to continue it."
+            )
+        if path.exists() and not path.is_file():
+            raise OutputError(f"a trajectory must be a file; {str(path)!r} is not. Choose another name.")
+        if mode != "x":
+            FileLock(path).release()  # before the file is emptied, if nobody writes it
+        self._unchecked = mode == "a" and path.exists() and path.stat().st_size > 0
+        with self._unwritable():
+            # A trajectory grows frame by frame, under its own name: a kill costs the frame in hand, not all of them.
+            if mode == "w":  # never through a link
+                files.check_target(path)
+                path.unlink(missing_ok=True)
+            self._writer = WRITERS[path.suffix.lower()](path, "x" if mode == "w" else mode)
+        try:
+            self._lock = FileLock(path)
+        except OutputError:  # another writer was faster
+            self._writer.close()
+            raise
 
     def observe(self, sim: Simulation, collisions: int) -> None:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
         self._ownership.bind_or_check(sim)
-        self.frames += sim.once(lambda: self._held().append(sim, frame_of(sim), self.every))
+        self.frames += sim.once(lambda: self._append(sim, frame_of(sim)))
         self.seconds += time.perf_counter() - started
 
-    def _held(self) -> FrameFile:
-        assert self._file is not None  # of the first rank, as `_ownership` has looked
-        return self._file
+    def _append(self, sim: Simulation, now: Frame) -> bool:
+        """Write the present frame of a simulation, unless the file has it. Returns whether it was written."""
+        assert self._writer is not None  # of the first rank, as `_ownership` has looked
+        if self._unchecked:
+            self._continue(sim, now.whole(), self._writer)
+            self._unchecked = False
+        if now.frame <= self._last:
+            return False
+        with self._unwritable():
+            self._writer.write(now)
+        self._last = now.frame
+        return True
+
+    def _continue(self, sim: Simulation, now: Frame, writer: Writer) -> None:
+        """Cut the file back to the frame of the simulation, after a check that it belongs to it."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            reader = reader_of(self.path, Given())
+        for each in caught:
+            logger.warning("mpsim: %s It is cut off.", each.message)
+        try:
+            kept = len(reader)
+            while kept and reader.number(kept - 1) > sim.frame:
+                kept -= 1
+            if kept < len(reader):
+                logger.info("mpsim: %d frames of %s are written anew.", len(reader) - kept, self.path)
+            ends = [reader.read(index) for index in (0, max(kept - 1, 0))] if len(reader) else []
+        finally:
+            reader.close()
+        if ends:
+            self._demand_same_run(sim, now, *ends)
+        if kept:
+            self._last = ends[1].frame
+            if self._last < sim.frame - self.every:
+                warnings.warn(
+                    f"{self._name} continues at frame {sim.frame}, and its last frame was {self._last}: those between "
+                    "are missing.",
+                    TrajectoryWarning,
+                    stacklevel=level_of_caller(),
+                )
+        writer.truncate(kept)
+        self._lock.renew()
+
+    def _demand_same_run(self, sim: Simulation, now: Frame, first: Frame, last: Frame) -> None:
+        """Refuse to continue a file of another run, or one that lacks what mpsim writes now."""
+        missing = [words for each, words in NEEDED.items() if each not in last.known]
+        if missing:
+            raise OutputError(
+                f"{self._name} must hold {', '.join(missing)} to be continued, so that all its frames hold the same; "
+                "it was written by an earlier version of mpsim or another program. It can be read as it is: move it, "
+                "or choose another file."
+            )
+        wrong = discrepancy(sim, now, first, last)
+        if wrong:
+            raise OutputError(
+                f"{self._name} can be continued only by the run that wrote it; {wrong}. Nothing was written. Choose "
+                "another file, or replace this one with mode='w'."
+            )
+
+    @contextlib.contextmanager
+    def _unwritable(self) -> Iterator[None]:
+        """Turn an error of the system into an OutputError."""
+        try:
+            yield
+        except MpsimError:
+            raise
+        except OSError as error:
+            raise OutputError(
+                f"{self._name} must be in a folder that can be written to, with room on its disk; got "
+                f"{error.strerror or error}. What was written before is complete. Choose another place, or make room."
+            ) from error
 
     def __enter__(self) -> TrajectoryWriter:
         return self
@@ -424,19 +420,23 @@ class TrajectoryWriter:
     def close(self) -> None:
         """Close the file. May be called again."""
         self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
-        if self._file is not None:
-            self._file.close()
+        if self._writer is not None:
+            with self._unwritable():
+                try:
+                    self._writer.close()
+                finally:
+                    self._lock.release()  # which fails, too, where a network disk is gone
         self._ranks.close()
 
 
 def _path_of(path: str | os.PathLike[str]) -> Path:
-    if isinstance(path, str | os.PathLike) and _ending(path) in READERS:
+    if isinstance(path, str | os.PathLike) and _ending(path) in WRITERS:
         return Path(os.fsdecode(path))
     instead = "Use 'run.xyz'."
     if isinstance(path, str | os.PathLike) and os.path.isdir(path):  # False too for what no path can be
-        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if _ending(each) in READERS)
+        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if _ending(each) in WRITERS)
         instead = f"It is a folder; use {str(inside[0])!r}." if inside else instead
-    raise InputError(f"a trajectory's path must end in {', '.join(READERS)}; got {path!r}. {instead}")
+    raise InputError(f"a trajectory's path must end in {', '.join(WRITERS)}; got {path!r}. {instead}")
 
 
 def _ending(path: str | os.PathLike[str]) -> str:

@@ -11,17 +11,18 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import orjson
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from mpsim.core import files
+from mpsim.core import checks, files
 from mpsim.core.columns import IMAGE, MASS, Column, in_state, ranges
-from mpsim.errors import TrajectoryError, TrajectoryWarning, level_of_caller
+from mpsim.errors import InputError, TrajectoryError, TrajectoryWarning, level_of_caller
+from mpsim.features.edges import check_boundary, wraps_of
 from mpsim.kernels.output import join_rows
-from mpsim.output.frames import ROUNDING, Frame, Given, kind_of
+from mpsim.output.frames import Frame, kind_of
 
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"
 """Columns that mpsim writes: mass and velo by the names that OVITO knows, masses and momenta by those of ASE."""
@@ -205,13 +206,47 @@ def _entries_of(column: NDArray[Any] | str) -> bytes:
 
 # --- Reads
 
+ROUNDING = 1e-9  # largest component of an upright box off its axes, relative to its sides
+
+FLAT = 1e-6
+"""Largest difference of z among discs in a plane, relative to the box; of their velocities, relative to the largest."""
+
+
+class Given(NamedTuple):
+    """What a reader is told about frames that do not say it themselves; None: nothing.
+
+    Attributes:
+        box: its width and height, and its lower left corner [length].
+        boundary: whether x, and whether y, is periodic; both are if nobody says.
+        radius: of all discs [length].
+    """
+
+    box: tuple[tuple[float, float], tuple[float, float]] | None = None
+    boundary: tuple[bool, bool] | None = None
+    radius: float | None = None
+
+    @classmethod
+    def of(cls, box: object, boundary: object, radius: object) -> "Given":
+        """From arguments of the user."""
+        found: Any = None
+        if box is not None:
+            rule = "(width, height) or (x_low, x_high, y_low, y_high)"
+            numbers = checks.finite_array("box", box, (None,), rule).tolist()
+            walls = (0.0, numbers[0], 0.0, numbers[1]) if len(numbers) == 2 else tuple(numbers)
+            if len(walls) != 4 or not (walls[0] < walls[1] and walls[2] < walls[3]):
+                raise checks.refusal("box", f"be {rule}, with sides above 0", checks.brief(box))
+            x_low, x_high, y_low, y_high = walls
+            found = (x_high - x_low, y_high - y_low), (x_low, y_low)
+        wraps = None if boundary is None else wraps_of(check_boundary(boundary))
+        return cls(found, wraps, None if radius is None else checks.positive("radius", radius, "[length]"))
+
 
 class XyzReader:
-    """Reads frames at their positions in a file, which is open only meanwhile; given: what its frames may lack."""
+    """Reads frames at their positions in a file, which is open only meanwhile."""
 
-    def __init__(self, path: Path, given: Given | None = None):
+    def __init__(self, path: Path, given: Given):
         self._path = path
-        self._given = given or Given()
+        self._given = given
         self._offsets, lost = scan(path)
         if lost:
             warnings.warn(
@@ -272,23 +307,53 @@ class XyzReader:
             known |= {name: known[name].astype(np.float32) for name in reals if name in known}
         if "time" in keys:
             known["time"] = _real(keys["time"], "Time")
-        box, origin = _box(keys), (0.0, 0.0)
-        if box is None and self._given.box is None:
+        own = Given(_box(keys), _periodic(keys), known.get("radius"))
+        for name, given in self._given._asdict().items():
+            if given is not None and getattr(own, name) is not None:
+                raise InputError(
+                    f"{name} can be given only for frames that do not hold it; frame {index} of {str(self._path)!r} "
+                    f"holds {checks.brief(getattr(own, name))}. Leave it out."
+                )
+        if self._given.radius is not None:
+            known["radius"] = np.full(len(position), self._given.radius)
+        place = own.box or self._given.box
+        if place is None:
             raise LineError(
                 1,
                 f"must hold the box, the key Lattice of extended XYZ; it is {lines[1].strip()!r:.80}. Have the program "
                 "that wrote it write extended XYZ, or give box=(width, height).",
             )
-        if "origin" in keys:
-            numbers = _numbers(keys["origin"], "Origin")
-            if len(numbers) < 2:
-                raise LineError(
-                    1, f"must have the corner of its box under Origin, 'x y z'; got {keys['origin']!r:.80}."
-                )
-            origin = numbers[0], numbers[1]
-        where = f"frame {index} of {str(self._path)!r}"
-        number, periodic = _number_of(keys, index), _periodic(keys)
-        return self._given.frame(where, number, box, origin, periodic, position, self._path, known)
+        box, origin = place
+        for name in ("radius", "mass"):
+            if name in known and (known[name] < 0).any():
+                raise LineError(2, f"and those below must hold no {name} below 0; got {known[name].min()}.")
+        if "ids" in known:
+            order = np.argsort(known["ids"], kind="stable")
+            twice = np.flatnonzero(np.diff(known["ids"][order]) == 0)
+            if len(twice):
+                number = known["ids"][order[twice[0]]]
+                raise LineError(2, f"and those below must hold each id once; got {number} twice.")
+            position = position[order]
+            known = {name: value if np.ndim(value) == 0 else value[order] for name, value in known.items()}
+        position = _in_plane("position", position, position[:1, 2:], max(box))
+        if "velocity" in known:
+            speed = known["velocity"]
+            known["velocity"] = _in_plane("velocity", speed, 0.0, np.abs(speed).max(initial=0.0))
+        periodic = own.boundary or self._given.boundary or (True, True)
+        return Frame(_number_of(keys, index), box, origin, periodic, position, self._path, known)
+
+
+def _in_plane(name: str, vectors: NDArray[Any], z: ArrayLike, scale: float) -> NDArray[Any]:
+    """Vectors of shape (N, 2), from some of shape (N, 2) or (N, 3) whose last component must be `z`."""
+    off = np.flatnonzero(np.abs(vectors[:, 2:] - z) > FLAT * scale)
+    if len(off):
+        raise LineError(
+            2,
+            "and those below must be two-dimensional, with the same z for all discs, and no velocity along z; got a "
+            f"{name} with z = {vectors[off[0], 2]:g} of disc {off[0]}, not {np.max(z):g}. Write one layer: mpsim has "
+            "no third dimension.",
+        )
+    return np.ascontiguousarray(vectors[:, :2])
 
 
 _QUOTED = r'"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\''
@@ -390,19 +455,22 @@ def _real(text: str, key: str) -> float:
     return value
 
 
-def _box(keys: dict[str, str]) -> tuple[float, float] | None:
-    """Width and height; None if there is no box, or one of zeros, which stands for none."""
+def _box(keys: dict[str, str]) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """As of `Given`; None if there is no box, or one of zeros, which stands for none."""
     numbers = _numbers(keys.get("lattice", ""), "Lattice")
     if not any(numbers):
         return None
-    slanted = max((abs(numbers[index]) for index in (1, 2, 3, 5, 6, 7)), default=0.0) if len(numbers) == 9 else 1.0
+    slanted = max(abs(numbers[index]) for index in (1, 2, 3, 5, 6, 7)) if len(numbers) == 9 else 1.0
     if len(numbers) != 9 or min(numbers[0], numbers[4]) <= 0 or slanted > ROUNDING * min(numbers[0], numbers[4]):
         raise LineError(
             1,
             "must have an upright rectangular box with sides above 0, Lattice='width 0 0 0 height 0 0 0 z'; got "
             f"{keys['lattice']!r:.80}.",
         )
-    return numbers[0], numbers[4]
+    corner = _numbers(keys.get("origin", "0 0"), "Origin")
+    if len(corner) < 2:
+        raise LineError(1, f"must have the corner of its box under Origin, 'x y z'; got {keys['origin']!r:.80}.")
+    return (numbers[0], numbers[4]), (corner[0], corner[1])
 
 
 def _periodic(keys: dict[str, str]) -> tuple[bool, bool] | None:

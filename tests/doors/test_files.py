@@ -218,7 +218,7 @@ def test_what_a_file_does_not_hold_is_given(tmp_path):
     assert charged.position.tolist() == [[1, 1], [3, 2]], "further columns have no names"
     sized = FRAME.replace("pos:R:3", "pos:R:3:radius:R:1").replace("1 1 0", "1 1 0 .5").replace("3 2 0", "3 2 0 .5")
     for given, words in (
-        ({"box": (9, 9)}, r"box can be given only for frames that do not hold it; frame 0 of .* holds \(8.0, 6.0\). L"),
+        ({"box": (9, 9)}, r"box can be given only for frames that do not hold it; frame 0 of .* holds \(\(8.0, 6.0\)"),
         ({"boundary": "walls"}, r"boundary can be given only for frames that do not hold it; .* holds \(True, True\)"),
         ({"radius": 1.0}, "radius can be given only for frames that do not hold it; frame 0 of"),
         ({"box": (9,)}, r"box must be \(width, height\) or \(x_low, x_high, y_low, y_high\), with sides above 0; got"),
