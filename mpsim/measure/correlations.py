@@ -115,34 +115,14 @@ class TimeCorrelation:
         return len(self.measures)
 
     def __getitem__(self, index: int) -> Measure:
-        try:
-            return self.measures[index]
-        except IndexError:
-            raise IndexError(f"the correlation has {len(self)} lags; got index {index}.") from None
+        return self.measures[index]
 
 
 class Motion:
     """Accumulated data on the motion of some discs, from samples of shape (2, D, 2), positions and velocities.
 
-    Args:
-        wave_numbers: as in `Correlations`.
-        points: samples that each level keeps.
-        levels: how many.
-        discs: numbers of the discs, shape (D,).
-        interval: between two samples [time].
-        constant: whether the mean square of the velocities cannot change.
-        memory: that of heat baths at least, 0 without any [time].
-        heated: number of discs in the box, which baths heat.
-
-    Attributes:
-        lags: shape (L,), rising, in samples.
-        samples: taken so far.
-        span: samples of one part of the run.
-        sums: shape (MOST_PARTS, L, 2 + wave numbers), of products whose later sample lies in the part.
-        counts: shape (MOST_PARTS, L), number of these products: one for each time origin.
-        recent: of each level that has samples, its last ones, shape (points, 2, D, 2), in a ring.
-        received: samples that each of these levels has got since the last `restart`.
-        latest: the last sample.
+    discs: their numbers. interval: between two samples [time]. constant: whether the mean square of the velocities
+    cannot change. memory: that of heat baths at least, 0 without any [time]. heated: number of discs in the box.
     """
 
     def __init__(
@@ -156,13 +136,19 @@ class Motion:
         memory: float,
         heated: int,
     ):
-        self._wave_numbers, self._points, self.levels = wave_numbers, points, levels
-        self.discs, self.interval, self.constant, self.memory, self.heated = discs, interval, constant, memory, heated
-        self.lags: NDArray[np.int64] = lags_of(points, levels)
-        self.samples: int = 0
-        self.span: int = 1
+        self._wave_numbers, self._points, self._heated = wave_numbers, points, heated
+        self.levels: int = levels
+        self.discs: NDArray[np.int64] = discs
+        self.interval: float = interval
+        self.constant: bool = constant
+        self.memory: float = memory
+        self.lags: NDArray[np.int64] = lags_of(points, levels)  # rising, in samples
+        self.samples: int = 0  # taken so far
+        self.span: int = 1  # samples of one part of the run
+        # Of each part and lag: products whose later sample lies in the part, and their number, one a time origin
         self.sums: Floats = np.zeros((MOST_PARTS, len(self.lags), WAVES + len(wave_numbers)))
         self.counts: NDArray[np.int64] = np.zeros((MOST_PARTS, len(self.lags)), np.int64)
+        # Of each level that has samples: the last ones in a ring, and how many came since the last `restart`
         self.recent: list[Floats] = []
         self.received: list[int] = []
         self.latest: Floats = np.zeros((2, len(discs), 2))
@@ -308,17 +294,13 @@ class Motion:
         slow = None
         if self.memory and len(series) >= FEWEST_BLOCKS:
             energy = self.sums[parts, 0, VELOCITIES] / self.counts[parts, 0]
-            slow = energy_in_bath(energy, self.memory / self.interval / (len(series) * self.span), self.heated)
+            slow = energy_in_bath(energy, self.memory / self.interval / (len(series) * self.span), self._heated)
         found = average_beside(slow, series, constant=constant)
         return Measure(value, found.error, int(origins.min()), found.settled, found.upper)
 
 
 def lags_of(points: int, levels: int) -> NDArray[np.int64]:
-    """Lags of so many levels, in samples, shape (L,).
-
-    >>> lags_of(4, 3).tolist()
-    [0, 1, 2, 3, 4, 6, 8, 12]
-    """
+    """Lags of these levels, in samples: 0, 1, 2, 3, 4, 6, 8, 12 of three levels of four points."""
     return np.concatenate(
         [np.arange(points), *(2**level * np.arange(points // 2, points) for level in range(1, levels))]
     )
@@ -356,19 +338,16 @@ MOST_LOOKS = 10**12
 class Correlations:
     """An observer for `Simulation.run(observe=...)` that averages correlations in time over discs and time origins.
 
-    Displacements are exact in a periodic box too: the solver counts every crossing of a border (`State.unwrapped`), so
-    a disc may cross the box any number of times between two samples. A motion common to all discs counts as
-    displacement; `Scene.random` starts without one.
+    Displacements are exact in a periodic box too: the solver counts every crossing of a border (`State.unwrapped`). A
+    motion common to all discs counts as displacement; `Scene.random` starts without one.
 
     Lags are 0, 1, ..., points - 1 sampling intervals, and then points/2 lags in each doubling (multiple-tau scheme).
-    Positions are compared exactly at the given lag, using every sample, every second sample, every fourth, and so on.
-    At longer lags, velocities are first averaged over 2, 4, ... samples, so that all samples are used; the value is
-    then an average over lags within `TimeCorrelation.width`, at most 2/points of the lag.
+    Positions are compared exactly at the given lag. At longer lags, velocities are first averaged over 2, 4, ...
+    samples; the value is then an average over lags within `TimeCorrelation.width`, at most 2/points of the lag.
 
-    Errors are standard errors of the average over this run, at its energy, or at that of a heat bath. They are computed
-    by `block_average` from up to 256 parts of the run, which includes correlations in time and between discs. If a run
-    is too short for a lag, or for the memory of a bath, `settled` is False. After a pause between two samples, or a
-    change of discs between two runs, averages continue, but no lag spans the interruption.
+    Errors, by `block_average` from up to 256 parts of the run, are those of the average over this run, at its energy or
+    that of a heat bath. If a run is too short for a lag, or for the memory of a bath, `settled` is False. After a pause
+    between two samples, or a change of discs between two runs, averages continue, but no lag spans the interruption.
 
     Args:
         every: frames between two samples, >= 1. A tenth of the mean free time resolves the decay of velocities.
@@ -550,13 +529,10 @@ class Correlations:
         """Diffusion constant D from lags between start and end [length^2/time].
 
         From displacements, it is (MSD(end) - MSD(start)) / (4 (end - start)). From velocities, it is half the integral
-        of their autocorrelation from 0 to t, averaged over t from start to end. In a stationary state both are the same
-        number, from different samples; the second has an error of the trapezoidal rule of order (sampling interval /
-        mean free time)^2 / 12.
-
-        In two dimensions D(t) grows slowly, like log t, in an infinite fluid (Alder & Wainwright 1970). In a periodic
-        box it approaches a value that depends on the number of discs. So state the lags and the number of discs with
-        the result.
+        of their autocorrelation from 0 to t, averaged over t from start to end, with an error of the trapezoidal rule
+        of order (sampling interval / mean free time)^2 / 12. State the lags and the number of discs with the result: in
+        two dimensions D(t) grows like log t in an infinite fluid (Alder & Wainwright 1970), and in a periodic box
+        approaches a value that depends on its size.
 
         Args:
             start, end: lags [time]; the nearest recorded lags are used. None: end is 1/40 of the sampled time, start is
@@ -628,10 +604,10 @@ class Correlations:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Correlations:
-        """Read what `save` or a run with checkpoints has written, for reading, or to observe the resumed simulation.
+        """Read what `save` or a run with checkpoints has written, to observe the resumed simulation.
 
-        The simulation may resume at an earlier frame: samples that are in the file are not taken again. The averages
-        then have the same bits as those of an uninterrupted run. The file is written with each further checkpoint.
+        That may resume at an earlier frame: samples that are in the file are not taken again, and the averages have the
+        bits of an uninterrupted run. The file is written with each further checkpoint.
 
         Args:
             path: of the file.

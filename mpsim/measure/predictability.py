@@ -44,19 +44,14 @@ def predictability(time: ArrayLike, distance: ArrayLike, *, lowest: float = 0.0,
     """Largest Lyapunov exponent and horizon from the distance between two runs whose starts differ a little.
 
     lambda is the mean growth of log(distance) per time from the first sample at or above `lowest` to the last one
-    before the distance first passes `highest`. log(distance) is a random walk with drift, of which the end points are
-    the best estimate; the error is the block average over the steps, NaN for fewer than 16 of them. Growth over a
-    finite window depends on where the difference starts: average several starts for the exponent itself.
-
-    Use the exact solver for both runs. `contact="push"` moves touching discs to a fixed distance, which erases the
-    difference along the line of centres at each contact. Its runs diverge at a rate of 1.8 at any dt, exact ones at 2.9
-    (256 discs, packing 0.3, kT = 1), so its horizon would be too long.
+    before the distance first passes `highest`; its error is the block average over the steps. Growth over a finite
+    window depends on where the difference starts: average several starts for the exponent itself. Use the exact solver
+    for both runs: `contact="push"` erases the difference along the line of centres at each contact.
 
     Args:
         time: shape (n,), n >= 3, rising in equal steps [time].
         distance: shape (n,), between the two runs at these times, >= 0, such as `trajectory_error(...).rms` [length].
-        lowest: growth below this distance is ignored: roundings, or the transient in which the difference turns into
-            the direction of fastest growth; >= 0 [length].
+        lowest: growth below this distance, of roundings or a transient, is ignored; >= 0 [length].
         highest: distance above which growth is no longer linear, about 1/1000 diameter; > lowest [length].
 
     Raises:

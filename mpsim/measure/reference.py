@@ -1,6 +1,6 @@
-"""Closed forms and published values, each with its source: gases in equilibrium, discs in line, bounces, cooling.
+"""Closed forms and published values, of equilibrium, each with its source.
 
-Discs have mass 1 and, unless stated otherwise, restitution 1. kT is the mean square of one velocity component
+Discs have mass 1 and restitution 1. kT is the mean square of one velocity component
 [length^2/time^2], packing the fraction of the area covered by discs, sigma = 2 radius their diameter. The collision
 rate of a gas is per disc and time (a collision counts for both discs); that of two discs alone is per pair and time.
 All functions raise an InputError that names the argument and its rule.
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
@@ -46,8 +46,6 @@ J. Chem. Phys. 157, 234111, 2022)."""
 COEXISTENCE = 9.185
 """Pressure P sigma^2 / kT where fluid (packing about 0.700) and hexatic (0.716) coexist, large systems [1] (Bernard &
 Krauth, Phys. Rev. Lett. 107, 155704, 2011; Engel et al., Phys. Rev. E 87, 042134, 2013)."""
-
-# --- Gases in equilibrium
 
 
 def compressibility(packing: float) -> float:
@@ -309,119 +307,6 @@ def speed_kurtosis(count: int, *, at_rest: bool = False) -> float:
     count = checks.whole("count", count, 2 if at_rest else 1, 10**9, "Count the discs.")
     free = count - 1 if at_rest else count
     return 2 * free / (free + 1)
-
-
-# --- Motion: discs in line, bounces, cooling gases
-
-
-def line_gas(
-    position: ArrayLike, velocity: ArrayLike, time: float, length: float, radius: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions and velocities, at any later time, of discs that move along one line between two walls.
-
-    Equal discs exchange velocities, so without their diameters they move like free points on a line of length
-    length - N sigma: the k-th disc from the left is always at the k-th of these points, plus sigma (k - 1/2).
-
-    Args:
-        position: shape (N,), N >= 1, at the start, in any order, without overlap [length].
-        velocity: shape (N,) [length/time].
-        time: >= 0 [time].
-        length: between the walls, >= 2 radius N [length].
-        radius: > 0 [length].
-
-    Returns:
-        Positions [length] and velocities [length/time], shape (N,) each, in the order given. Exact to rounding of
-        velocity x time.
-
-    Source: Jepsen, J. Math. Phys. 6, 405 (1965); finite diameter and walls: Tonks, Phys. Rev. 50, 955 (1936).
-
-    >>> places, velocities = line_gas([1.0, 3.0], [1.0, 0.0], time=2.5, length=5.0, radius=0.5)
-    >>> places.tolist(), velocities.tolist()
-    ([2.0, 4.5], [0.0, 1.0])
-    """
-    places = checks.finite_array("position", position, (None,), "(N,)")
-    velocities = checks.finite_array("velocity", velocity, (len(places),), f"({len(places)},), one per position")
-    time = checks.non_negative("time", time, "[time]")
-    length, radius = checks.positive("length", length, "[length]"), checks.positive("radius", radius, "[length]")
-    order = np.argsort(places, kind="stable")
-    shifts = 2 * radius * (np.arange(len(places)) + 0.5)
-    free = length - 2 * radius * len(places)
-    points = places[order] - shifts
-    rounding = 8 * np.finfo(np.float64).eps * length
-    gaps = np.diff(points, prepend=0.0, append=free)
-    least = float(gaps.min()) if len(places) else math.nan
-    if not least >= -rounding:
-        raise InputError(
-            f"position must hold one disc or more, without overlap among them and with the walls at 0 and {length:g}; "
-            f"got {len(places)} discs of radius {radius:g}, least gap {least:g}. Move them apart."
-        )
-    unfolded = points + velocities[order] * time
-    period = 2 * free
-    folded = np.mod(unfolded, period) if free > 0 else np.zeros_like(unfolded)
-    returning = folded > free
-    points = np.where(returning, period - folded, folded)
-    moving = np.where(returning, -velocities[order], velocities[order])
-    rank = np.argsort(points, kind="stable")
-    found, speeds = np.empty_like(places), np.empty_like(places)
-    found[order], speeds[order] = points[rank] + shifts, moving[rank]
-    return found, speeds
-
-
-def end_of_bouncing(height: float, gravity: float, restitution: float) -> float:
-    """Time at which a disc dropped at rest has made all its bounces, sqrt(2 h/g) (1 + e)/(1 - e) [time].
-
-    Args:
-        height: h, of its lowest point above the floor, >= 0 [length].
-        gravity: g, magnitude, > 0 [length/time^2].
-        restitution: e, 0 <= e < 1 [1].
-
-    Source: geometric series of flights 2 e^k sqrt(2 h/g), k = 1, 2, ..., after the first fall [D].
-
-    >>> end_of_bouncing(height=5.0, gravity=10.0, restitution=0.5)
-    3.0
-    """
-    height = checks.non_negative("height", height, "[length]")
-    gravity = checks.positive("gravity", gravity, "[length/time^2]")
-    restitution = checks.fraction("restitution", restitution)
-    if restitution == 1:
-        raise InputError("restitution must be below 1 for the bouncing to end; got 1. Give a smaller one.")
-    return math.sqrt(2 * height / gravity) * (1 + restitution) / (1 - restitution)
-
-
-def haff_by_collisions(collisions: float, restitution: float) -> float:
-    """Temperature of a cooling granular gas over that at the start, exp(-(1 - e^2) tau / 2) [1].
-
-    Args:
-        collisions: tau, collisions per disc so far (a collision counts for both), >= 0 [1].
-        restitution: e, 0 <= e <= 1 [1].
-
-    Source: a collision takes (1 - e^2) (v_12.n)^2 / 4 from the energy N kT, and (v_12.n)^2 averages 4 kT over the
-    collisions of a Maxwell gas; Haff, J. Fluid Mech. 134, 401 (1983). Within 2 % for e >= 0.9 and tau <= 16, while
-    the gas stays uniform and nearly Maxwellian.
-
-    >>> round(haff_by_collisions(16, 0.9), 6)
-    0.218712
-    """
-    collisions = checks.non_negative("collisions", collisions, "(per disc)")
-    return math.exp(-(1 - checks.fraction("restitution", restitution) ** 2) * collisions / 2)
-
-
-def haff_in_time(time: float, restitution: float, rate: float) -> float:
-    """Temperature of a cooling granular gas over that at the start, 1/(1 + t/t_H)^2, 1/t_H = (1 - e^2) rate/4 [1].
-
-    Args:
-        time: t >= 0 [time].
-        restitution: e, 0 <= e <= 1 [1].
-        rate: collisions per disc and time at the start, >= 0, such as `reference.enskog_rate` [1/time].
-
-    Source: `haff_by_collisions` with a rate proportional to the root of the temperature; Haff 1983.
-
-    >>> haff_in_time(time=16.0, restitution=0.5, rate=1.0)
-    0.0625
-    """
-    time = checks.non_negative("time", time, "[time]")
-    rate = checks.non_negative("rate", rate, "[1/time]")
-    return (1 + (1 - checks.fraction("restitution", restitution) ** 2) * rate * time / 4) ** -2
 
 
 def _at_contact(packing: float) -> float:

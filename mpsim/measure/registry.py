@@ -129,16 +129,14 @@ def pressure_virial(counts: Counts, run: Run) -> Measure:
     """Pressure from the virial of the collisions [mass/time^2], mean over both directions.
 
     In a box with hard walls, exact for any number of discs of one size (Clausius 1870):
-    (W - s) F_x + (H - s) F_y = 2 E + sum r.dp / time, with s the diameter, r.dp = s |dp| of each collision, and F the
-    mean force on one wall; here F_x = P H and F_y = P W. Along a periodic axis s is left out and F is the force through
-    a section of the box, so that with two periodic axes P = (E + sum r.dp / (2 time)) / area, for discs of any sizes. E
-    is the kinetic energy. In a periodic box that of the drift is subtracted, since a common motion of all discs exerts
-    no pressure; P is then kT / area below that of a system whose total momentum fluctuates (Ray and Zhang, Phys. Rev. E
-    59, 4781, 1999). Where one axis is periodic, the two directions differ (`pressure_xx`, `pressure_yy`), and
-    `pressure` is one of them: this is their mean, weighted with (W - s) H and (H - s) W. Valid only without gravity.
+    (W - s) F_x + (H - s) F_y = 2 E + sum r.dp / time, with s the diameter, r.dp = s |dp| of each collision, E the
+    kinetic energy, and F_x = P H, F_y = P W the mean forces on one wall. Along a periodic axis s is left out and F is
+    the force through a section of the box: with two periodic axes P = (E + sum r.dp / (2 time)) / area, for discs of
+    any sizes. The energy of the drift is then left out, which exerts no pressure; P is kT / area below that of a system
+    whose total momentum fluctuates (Ray and Zhang, Phys. Rev. E 59, 4781, 1999). Where one axis is periodic, this is
+    the mean of `pressure_xx` and `pressure_yy`, weighted with (W - s) H and (H - s) W. Valid only without gravity.
 
-    E is constant, so the error is that of the collisional part. If there were few collisions, it is the upper bound for
-    few events.
+    E is constant, so the error is that of the collisional part, an upper bound if there were few collisions.
     """
     free_x, free_y = _free(run.scene)
     area = free_x * run.scene.height + free_y * run.scene.width
@@ -156,11 +154,9 @@ def pressure_xx(counts: Counts, run: Run) -> Measure:
 
     The virial of one direction, exact for any number of discs of one size: (W - s) H P_xx = sum m v_x v_x +
     sum x dp_x / time, where x dp_x = s |dp| n_x^2 for each collision. If x is periodic, s and the drift along x are
-    left out; but with a thermostat or thermal walls the drift is thermal and counts, so that N discs which never
-    collide have N kT / area, not (N - 1) kT / area. If x has walls it is the pressure on them. If only y has walls,
-    P_xx is less than P_yy, which is physical: no centre comes closer to a wall than a radius, so that less momentum
-    flows along it. For 100 discs at packing 0.3 between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2;
-    in a larger box they differ less. Valid only without gravity.
+    left out, except with a thermostat or thermal walls, where the drift is thermal. If x has walls it is the pressure
+    on them. If only y has walls, P_xx is less than P_yy, which is physical: no centre comes closer to a wall than a
+    radius, so that less momentum flows along it. Valid only without gravity.
     """
     return _component(counts, counts["virial_xx"], 0, _free(run.scene)[0] * run.scene.height, run)
 
@@ -213,11 +209,8 @@ def _diameter(run: Run) -> float:
 def contact_rate(counts: Counts, run: Run) -> Measure:
     """Contacts in which velocities changed, per disc and time [1/time]; each counts for both discs.
 
-    These are collisions unless discs rest on each other. Such a contact is permanent, and a stepped method resolves it
-    again in each step: in a heap the rate then counts contacts per step, and grows as 1 / dt.
-
-    It has two names. `collision_rate` is always a physical rate, and is refused in scenes where discs come to rest on
-    each other. `contact_rate` is available in all scenes.
+    A stepped method resolves the contacts of discs that rest on each other again in each step: in a heap the rate grows
+    as 1 / dt. `collision_rate`, the other name, is refused in such scenes.
     """
     unit = 2 / (run.dt * max(run.count, 1))
     return average_beside(run.slow, counts["collisions"] * unit, event=unit, constant=True)
@@ -307,11 +300,9 @@ class Observable:
     """What is known about one observable.
 
     Attributes:
-        counted: its function of the counts.
-        sampled: its function of a state.
-        drift: its function of the counts and the values of `conserved` in the first and the last state. A trade-off
-            study alone has observables without any of these.
-        conserved: the function of a state that `drift` compares.
+        counted, sampled: its function of the counts, or of a state.
+        drift: its function of the counts and of two values of `conserved`, in the first and the last state.
+        conserved: a function of a state. A trade-off study alone has observables without any of these.
         constant: whether physics keeps a sampled value constant in a run. If not, a series that has not changed so far
             may still change, and its error is unknown.
         error: how a trade-off study computes its error; None: it does not.

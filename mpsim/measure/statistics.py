@@ -1,9 +1,9 @@
 """Means with their standard errors, the start of the stationary part of a series, and fitted orders of accuracy.
 
-The mean of n samples has the variance S(0) / n, where S is the spectral density, S(0) the sum of all
-autocovariances. These may be positive (a slow quantity) or negative (impulses on a wall: a disc that has just hit
-one returns only after it has crossed the box). S is even in the frequency, so that near 0 it deviates from S(0) only
-quadratically; averages over blocks of length B have an error of order 1/B.
+The mean of n samples has the variance S(0) / n, where S is the spectral density, S(0) the sum of all autocovariances:
+positive of a slow quantity, negative of impulses on a wall, to which a disc returns only after it has crossed the box.
+S is even in the frequency, so that near 0 it deviates from S(0) only quadratically; averages over blocks of length B
+have an error of order 1/B.
 """
 
 from __future__ import annotations
@@ -208,11 +208,8 @@ def energy_in_bath(values: NDArray[np.float64], memory: float, count: int) -> Sl
     In a run shorter than its memory it hardly changes, and its scatter says nothing. So the error is that of a
     canonical variance, mean^2 / N, with an exponential memory: that of the bath, or a longer one that shows. Where the
     error from the series is larger by more than chance, as of a gas that is not in equilibrium, it counts instead.
-
-    Args:
-        values: along the run, at equal intervals, shape (k,), k >= FEWEST_BLOCKS [any].
-        memory: time in which the bath exchanges the energy, as a fraction of the run, > 0 [1].
-        count: number of discs.
+    memory: time in which the bath exchanges the energy, as a fraction of the run, > 0 [1]. values: at least
+    FEWEST_BLOCKS.
     """
     memory = max(memory, at_zero(values).correlation_time)
     remembered = 2 * memory * (1 - memory * -math.expm1(-1 / memory))  # variance of the mean, over that of the variable
@@ -230,12 +227,10 @@ def block_average(
 ) -> Measure:
     """Mean of a correlated series and its standard error, from the spectrum of averages over blocks.
 
-    The series is cut into at most MOST_BLOCKS blocks, and the spectral density S of their averages is extrapolated to
-    frequency 0, where S(0) / number is the variance of the mean. This includes positive correlations, for which block
-    averages give too small errors, and negative ones, for which they give too large errors (impulses on the walls of a
-    dilute gas: by a factor of 4 to 10). The error is known to 7 to 19 %.
-
-    The error is not `settled` for series
+    The spectral density S of averages over at most MOST_BLOCKS blocks is extrapolated to frequency 0, where S(0) /
+    number is the variance of the mean. This includes positive correlations, for which block averages give too small
+    errors, and negative ones, for which they give too large ones. The error is known to 7 to 19 %. It is not `settled`
+    for series
 
     - of fewer than 33 samples, or shorter than MEMORIES correlation times, as seen from the fall of S. The error is the
       largest of `block_errors`, a lower bound. A slow component is seen only if it is large enough: with 0.3 of the
@@ -248,15 +243,13 @@ def block_average(
     - that change fewer than FEWEST_EVENTS times, such as a mean over discs that hardly collided: the error is the
       largest of `block_errors`, a lower bound; NaN if they never change, apart from rounding.
 
-    With `constant`, a series that never changes is settled instead: its error is the range of the rounding errors.
-
     Args:
         series: shape (n,), n >= 1, samples at equal intervals in time, without the initial transient [any].
             Fewer than FEWEST_BLOCKS give an error of NaN.
         event: contribution of one event to a sample, > 0 [of the series]; None: 1 for whole numbers and truth values.
             If the root mean square of the samples that are not zero is larger, it is used.
         alternation: number of samples after which an excess or deficit is known to be compensated, >= 0.
-        constant: whether a series of one value, not zero, is settled: for a quantity that cannot change, such as the
+        constant: whether a series that never changes is settled, with the range of its rounding as error: such as the
             energy of an elastic gas, or if each sample counts events of its own.
 
     Raises:
@@ -441,8 +434,7 @@ def fit_order(h: ArrayLike, bias: ArrayLike, errors: ArrayLike | None = None) ->
 
     Returns:
         The order, its standard error and k. The error follows from the weights, times the root of chi^2 per degree of
-        freedom if that is above 1 (Birge, Phys. Rev. 40, 207, 1932): points off the line, as from steps too long for
-        the leading order, count as noise. Without `errors`, it follows from the scatter alone.
+        freedom if that is above 1 (Birge, Phys. Rev. 40, 207, 1932); without `errors`, from the scatter alone.
 
     Raises:
         InputError: naming the argument and its rule.
@@ -512,19 +504,14 @@ class Equilibration:
 def equilibration(series: ArrayLike, *, batch: int = 5) -> Equilibration:
     """Where to start averaging a series, so that its mean is not biased by the initial transient.
 
-    The series is averaged over batches of five samples, y_1 ... y_k, and the first d batches are left out. The d is
-    chosen that minimizes the sum of (y_i - mean)^2 over the other batches, divided by (k - d)^2. Leaving out more of
-    the transient reduces the scatter; leaving out more of the stationary part reduces only the number of batches. The
-    start is not found if the minimum is in the middle of the series, or if the rest is correlated over so long a time
-    that the error of its mean is not settled: the series may still be drifting.
-
-    The rule sees only the series. It cannot detect transients slower than the series, and it takes a metastable state
-    for a stationary one.
+    The series is averaged over batches of five samples, y_1 ... y_k. The first d batches are left out, so that the sum
+    of (y_i - mean)^2 over the others, divided by (k - d)^2, is least. The start is not found if the minimum is in the
+    middle of the series, or if the error of the mean of the rest is not settled: the series may still be drifting. The
+    rule cannot detect transients slower than the series, and it takes a metastable state for a stationary one.
 
     Args:
         series: shape (n,), n >= 10 batches, samples at equal intervals in time, from the start [any].
-        batch: number of samples in a batch, >= 1; it matters little if a batch is short compared with the correlation
-            time.
+        batch: number of samples in a batch, >= 1.
 
     Raises:
         InputError: if the series is not finite, not one-dimensional or too short, or batch is out of range.

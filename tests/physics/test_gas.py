@@ -108,8 +108,14 @@ def line_gas(seed):
 
 
 def jepsen(scene, time, longer=0.0):
-    """Places at a time as points that pass through each other have them."""
-    return reference.line_gas(scene.position[:, 0], scene.velocity[:, 0], time, 35.0 + longer, 0.5)[0]
+    """Places at a time: without their diameters the discs are free points that pass through each other, between walls
+    (Jepsen, J. Math. Phys. 6, 405, 1965; Tonks, Phys. Rev. 50, 955, 1936)."""
+    x, order, shifts = scene.position[:, 0], np.argsort(scene.position[:, 0]), np.arange(scene.count) + 0.5
+    free = 35.0 + longer - scene.count
+    points = np.mod(x[order] - shifts + scene.velocity[order, 0] * time, 2 * free)
+    places = np.empty_like(x)
+    places[order] = np.sort(np.minimum(points, 2 * free - points)) + shifts
+    return places
 
 
 def test_discs_on_a_line_move_as_points_that_pass_through_each_other(figures):
