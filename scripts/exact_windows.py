@@ -36,8 +36,8 @@ def divided(columns: int, rows: int = 1) -> Iterator[None]:
 
 def windows_of(sim: mpsim.Simulation) -> NDArray[np.int64]:
     """Windows that a simulation has played, those of them again in shorter ones, and by one worker; shape (3,)."""
-    played = _solver_of(sim)._windows
-    return np.zeros(3, np.int64) if played is None else np.array(played.counts)
+    plan = _solver_of(sim).block.arrays.get("plan")
+    return np.zeros(3, np.int64) if plan is None else np.array([plan.windows, plan.again, plan.as_one])
 
 
 def _solver_of(sim: mpsim.Simulation) -> Any:

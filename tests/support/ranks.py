@@ -11,6 +11,7 @@ import tempfile
 import textwrap
 import time
 import warnings
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -216,6 +217,19 @@ def on_ranks(
             command, env=variables, cwd=folder, capture_output=True, text=True, timeout=bound, check=False
         )
         return Outcome(done.returncode, done.stdout, done.stderr, time.perf_counter() - began)
+
+
+def content_of(path: Path) -> tuple[dict[str, Any], list[tuple[str, bytes]]]:
+    """The header of a checkpoint but for what says who has written it, and all else in the order of the file."""
+    with zipfile.ZipFile(path) as file:
+        assert file.testzip() is None
+    found = np.load(path)
+    members = [(name, (array := found[name]).dtype.str.encode() + array.tobytes()) for name in found.files]
+    assert len(members) > 6
+    header = json.loads(found["mpsim_checkpoint"].tobytes())
+    for name in ("method", "workers"):
+        del header["settings"][name]
+    return header, [each for each in members if each[0] not in ("digest", "mpsim_checkpoint")]
 
 
 def told_by_script(number, *words, script):

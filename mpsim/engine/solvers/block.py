@@ -107,12 +107,12 @@ class StepLog:
         state[:, collisions.AGREED] = state[:, collisions.COUNT]
         rows = base.emptied(arrays)
         step, origin = rows["span"] - 1, terms.origin
-        frames, ended = frame + step // substeps, (step % substeps + 1) / substeps
-        time = origin.time + ((frames - origin.frame + ended) * terms.settings.dt - rows["time"])
+        number, ended = frame + step // substeps, (step % substeps + 1) / substeps
+        time = origin.time + ((number - origin.frame + ended) * terms.settings.dt - rows["time"])
         for edge in range(4):
             hit = (rows["kind"] == collisions.WALL) & (rows["j"] == edge)
             rows["place"][hit, edge // 2] = _wall_at(terms.scene, edge, time[hit])
-        self._tables.append(base.table_of(rows, frames + 1, time, terms.scene))
+        self._tables.append(base.table_of(rows, number + 1, time, terms.scene))
         return True
 
     def taken(self) -> NDArray[Any]:
@@ -264,11 +264,16 @@ class BlockSolver(SteppedSolver, CollisionLog):
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
-        if numbers is None:
-            found = self._speeds_of_all(self._places_and_speeds()[1], self.absorbed, new)
-        else:
-            found = speeds_of(self.discs(numbers).velocity, self.radii[numbers], self._scene, self.time)
+        scene, radii, present = self._scene, self.radii, ~self.absorbed
+        if numbers is not None:
+            found = speeds_of(self._places_and_speeds(numbers)[1], radii[numbers], scene, self.time)
             found = replace(found, disc=int(numbers[found.disc]))
+        else:
+            velocity = self._places_and_speeds()[1]
+            if new is not None:
+                velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
+                present = np.append(present, np.ones(len(new.position), bool))
+            found = speeds_of(velocity, radii, scene, self.time, present if scene._loses_discs else None)
         team, fast = self._arrays["team"], float(self._arrays["parameters"].fast)
         fastest = fastest_in(team)
         team["fastest"], self.too_fast = 0, False

@@ -75,23 +75,17 @@ ROUNDING = 1e-12
 
 def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
     """Raise InputError for what the exact solver cannot do exactly, by name."""
-    refusals = {
-        **{law.not_exact: word == settings.law for word, law in stepped.LAWS.items() if law.not_exact},
-        "precision='float32'": settings.precision != "float64",
-        **{kind.not_exact: True for kind in kinds_of(scene.boundary) if kind.not_exact},
-        **{what: True for feature in scene._features if (what := feature.cannot_be_exact(scene))},
-        **{f"a {kind.__name__}": True for kind in {*map(type, scene.obstacles)} - {*OBSTACLES.exact}},
-    }
-    for what, present in refusals.items():
-        if present:
-            raise InputError(f"method='event' cannot do {what}. Leave it out, or use method='grid'.")
+    refused = [
+        stepped.LAWS[settings.law].not_exact,
+        "precision='float32'" if settings.precision != "float64" else "",
+        *(kind.not_exact for kind in kinds_of(scene.boundary)),
+        *(feature.cannot_be_exact(scene) for feature in scene._features),
+        *(f"a {kind.__name__}" for kind in {*map(type, scene.obstacles)} - {*OBSTACLES.exact}),
+    ]
+    for what in filter(None, refused):
+        raise InputError(f"method='event' cannot do {what}. Leave it out, or use method='grid'.")
     refuse_extremes(scene, scene.velocity, settings.dt)
-    _refuse_long_contacts(scene, settings.contact_time)
-
-
-def _refuse_long_contacts(scene: Scene, contact_time: float | None) -> None:
-    """Raise InputError for a contact time above `longest_contact_time` [time]."""
-    longest = longest_contact_time(scene)
+    contact_time, longest = settings.contact_time, longest_contact_time(scene)
     if contact_time is not None and contact_time > longest:
         raise InputError(
             f"contact_time must be at most {longest:.3g} in this scene: with a longer one, discs that should rest "
@@ -163,18 +157,13 @@ def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float
 
 def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> StalledError:
     """The error for a disc that a wall has made so fast [length/time] by a time [time]."""
-    wall = scene._moving_wall
-    if wall is None:
-        return StalledError(
-            f"disc {disc} is crushed in frame {frame}: an obstacle that moves leaves it no room before another one, a "
-            f"wall or other discs, and has driven it to a speed of {speed:.3g}, more than {CRUSHING:g} times any at "
-            "the start. Let the obstacle stop earlier, or make room for the discs before it."
-        )
+    wall, name, what = scene._moving_wall, "obstacle", "an obstacle that moves"
+    if wall is not None:
+        name, what = wall.name, f"the {wall.name}, now at {wall.place(time):.6g} and on its way to {wall.stop:g},"
     return StalledError(
-        f"disc {disc} is crushed in frame {frame}: the {wall.name}, now at {wall.place(time):.6g} and on its way to "
-        f"{wall.stop:g}, leaves it no room before an obstacle, a wall or other discs, and has driven it to a speed of "
-        f"{speed:.3g}, more than {CRUSHING:g} times any at the start. Let the {wall.name} stop earlier, or make room "
-        "for the discs before it."
+        f"disc {disc} is crushed in frame {frame}: {what} leaves it no room before an obstacle, a wall or other discs, "
+        f"and has driven it to a speed of {speed:.3g}, more than {CRUSHING:g} times any at the start. Let the {name} "
+        "stop earlier, or make room for the discs before it."
     )
 
 

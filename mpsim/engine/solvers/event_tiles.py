@@ -88,12 +88,6 @@ class Windows:
         """Process numbers of the workers."""
         return [] if self._pool is None else self._pool.pids
 
-    @property
-    def counts(self) -> tuple[int, int, int]:
-        """Windows played, those of them played again in parts, and by one worker for all."""
-        plan = self._arguments.shared.plan
-        return int(plan.windows), int(plan.again), int(plan.as_one)
-
     def play(
         self,
         frames: int,

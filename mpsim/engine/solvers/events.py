@@ -97,15 +97,6 @@ class EventSolver(Solver, CollisionLog):
     # --- frames
 
     def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
-        """Run up to `frames` frames, fewer where they are long: after about SECONDS_AT_ONCE it returns.
-
-        At the time `stop` [time] it returns too, inside a frame.
-
-        What was done of an unfinished frame counts for the call in which it ends.
-
-        Raises:
-            DivergedError, StalledError: the solver can then only be closed.
-        """
         (contacts, guarded), seen = self._collisions_so_far(), records.numbers(self._seen).copy()
         times = np.zeros((1 + self._plan.workers, frames), np.int64)
         totals = np.zeros(frames if count_enabled else 0, records.TOTALS)
@@ -116,6 +107,7 @@ class EventSolver(Solver, CollisionLog):
         else:
             by_phase[:, :, stepped.MOVE] = times[1:, :done]
             by_phase[:, :, stepped.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
+        # What was done of an unfinished frame counts for the call in which it ends.
         counters = self._counters(totals[:done], seen) if count_enabled else None
         contacts_after, guarded_after = self._collisions_so_far()
         return BatchResult(by_phase, contacts_after - contacts, counters, guarded_after - guarded)
@@ -169,15 +161,9 @@ class EventSolver(Solver, CollisionLog):
         )
         if outcome[1] == records.PAUSED:
             done = int(self._system.store.counter.events) - before
-            self._fit_events_per_call(done, time.perf_counter() - started)
+            fitting, last = done * SECONDS_AT_ONCE / max(time.perf_counter() - started, 1e-9), self._events_per_call
+            self._events_per_call = int(max(min(fitting, 2 * last), last / 2, FEWEST_EVENTS))  # changes no result
         return outcome
-
-    def _fit_events_per_call(self, done: int, seconds: float) -> None:
-        """Choose the number of events per call by the time of the last; it does not affect the result."""
-        fitting = done * SECONDS_AT_ONCE / max(seconds, 1e-9)
-        self._events_per_call = int(
-            max(min(fitting, 2 * self._events_per_call), self._events_per_call / 2, FEWEST_EVENTS)
-        )
 
     def _counters(self, totals: NDArray[Any], seen: NDArray[np.int64]) -> NDArray[Any]:
         """The kernel's counts in the form of the stepped solver's: impulses instead of r.dp, and no overlaps.
@@ -257,11 +243,6 @@ class EventSolver(Solver, CollisionLog):
         return event_block.absorbed_in(self._found(), self.count)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
-        """Append discs at the present time; refused if they overlap.
-
-        Raises:
-            InputError: then nothing was added.
-        """
         now = self.discs()
         places, speeds = np.concatenate([now.position, new.position]), np.concatenate([now.velocity, new.velocity])
         radii, masses = kept_sizes(self.radii, new.radius), kept_sizes(self.masses, new.mass)
@@ -283,12 +264,9 @@ class EventSolver(Solver, CollisionLog):
         self._place_anew(discs, self.choice, self.terms, discs.velocity)
 
     def change_scene(self, terms: Terms, choice: Choice) -> None:
-        """Predict all events anew under another scene and settings.
-
-        Where only workers are other ones, nothing is: what goes on has the same bits.
-        """
         scene, settings, _ = terms
         if scene is self._scene and settings == dataclasses.replace(self._settings, workers=settings.workers):
+            # Of other workers no event is predicted anew: what goes on has the same bits.
             self.restore(self.snapshot(), choice, self.terms._replace(settings=settings))
             return
         refuse_what_is_not_exact(scene, settings)
@@ -312,8 +290,8 @@ class EventSolver(Solver, CollisionLog):
         begins = origin != self._origin
         block = plan.room(count)
         with block.closed_on_error():
-            time = 0.0 if begins else self._present
-            system = plan.placed(block, discs.position, discs.velocity, columns, time)
+            present = 0.0 if begins else self._present
+            system = plan.placed(block, discs.position, discs.velocity, columns, present)
             system.store.counter.guarded = self._system.store.counter.guarded  # which counts for the whole run
             # Of a frame in hand, the new store has counted nothing yet.
             counted: Any = np.zeros((), records.TOTALS)[()]

@@ -24,36 +24,23 @@ from mpsim.scene.settings import Settings
 # --- The naive method: all pairs in index order, in one process
 
 
-class NaiveArguments(NamedTuple):
-    """Arguments of `run_naive`, in its order: views of the block. There is one buffer, which is never sorted."""
-
-    discs: records.Discs
-    features: Any
-    parameters: Any
-    control: Any
-    team: Any
-    tally: Any
-    times: Any
-
-
-def naive_arguments(block: SharedBlock) -> NaiveArguments:
-    """What `run_naive` is called with."""
-    if (known := block.calls.get("naive")) is not None:
-        return known
-    grid = kernel_arguments(block, 0)
-    found = NaiveArguments(grid.a, grid.features, grid.parameters, grid.control, grid.team, grid.tally, grid.times)
-    block.calls["naive"] = found
-    return found
+def naive_arguments(block: SharedBlock) -> tuple[Any, ...]:
+    """Arguments of `run_naive`: views of the block. There is one buffer, which is never sorted."""
+    if (known := block.calls.get("naive")) is None:
+        grid = kernel_arguments(block, 0)
+        known = grid.a, grid.features, grid.parameters, grid.control, grid.team, grid.tally, grid.times
+        block.calls["naive"] = known
+    return known
 
 
 class NaiveSolver(BlockSolver):
     """Frames by testing all pairs i < j in index order."""
 
     def _load_kernels(self) -> None:
-        arguments = naive_arguments(self._block)
-        control = arguments.control.copy()
+        discs, features, parameters, control, *rest = naive_arguments(self._block)
+        control = control.copy()
         control.frames = 0
-        run_naive(*arguments._replace(control=control))
+        run_naive(discs, features, parameters, control, *rest)
 
     def _run_command(self, workers: int) -> int:
         return run_naive(*naive_arguments(self._block))
@@ -214,8 +201,6 @@ def shares_of(first_of_column: NDArray[np.integer], share: NDArray[np.int64]) ->
 # (`kernels/frame/rank.py`) run the same frame, one part at a time, so that the discs can be looked at in between. They
 # are the same compiled loops in the same order, and so the end has the bits of the solver's own frame.
 
-ALONE = Choice("grid", (1,))
-
 
 class Pass(NamedTuple):
     """One pass of a frame.
@@ -241,14 +226,7 @@ class Pass(NamedTuple):
 
 
 class PassSolver(GridSolver):
-    """A grid in one process, whose next frame is run pass by pass.
-
-    Args:
-        scene, settings: in force.
-    """
-
-    def __init__(self, scene: Scene, settings: Settings):
-        super().__init__(scene, settings, ALONE)
+    """A grid in one process, whose next frame is run pass by pass."""
 
     def frame_in_passes(self, owners: NDArray[np.int64]) -> list[Pass]:
         """Run one frame, and return its passes in order.
@@ -261,7 +239,7 @@ class PassSolver(GridSolver):
         """
         self._write_command(1, 1, math.inf, False)
         self._deal(1)
-        control, found = self._arrays["control"], list[Pass]()
+        control, team, found = self._arrays["control"], self._arrays["team"], list[Pass]()
         control.race_free, passes = 0, int(control.passes)  # or both passes of inner columns come with the sort
         for _ in range(int(control.substeps)):
             control.in_order = 0
@@ -269,7 +247,7 @@ class PassSolver(GridSolver):
             if control.signals[records.BAD]:
                 raise self._failure(records.BAD_STATE)
             for number in range(passes):
-                self._team["stop"] = self._grid.columns
+                team["stop"] = self._grid.columns
                 self._run_part(records.EVEN if number else records.SORT)
                 found.append(self._seen("even", len(found), owners))
                 self._run_part(records.ODD)
@@ -278,10 +256,6 @@ class PassSolver(GridSolver):
         control.done += 1
         return found
 
-    @property
-    def _team(self) -> Any:
-        return self._block.arrays["team"]
-
     def _run_part(self, part: int) -> None:
         control = self._arrays["control"]
         control.part, control.ahead = part, records.NO_FRAME
@@ -289,9 +263,9 @@ class PassSolver(GridSolver):
 
     def _seen(self, name: str, number: int, owners: NDArray[np.int64]) -> Pass:
         """The pass that has just been run."""
-        contacts = int(self._team["collisions"].sum())
-        self._team["collisions"] = 0
-        columns = self._grid.columns
+        team, columns = self._arrays["team"], self._grid.columns
+        contacts = int(team["collisions"].sum())
+        team["collisions"] = 0
         first = np.arange(number % 2, columns, 2)
         if not self._scene.periodic[0]:  # what lies beyond the last column is empty
             first = first[first < max(columns - 1, 1)]
@@ -318,9 +292,9 @@ def frame_in_passes(solver: Solver) -> list[Pass]:
             "without that."
         )
     assert isinstance(solver, GridSolver)  # or it is refused
-    copy = PassSolver(terms.scene, terms.settings)
+    copy = PassSolver(terms.scene, terms.settings, Choice("grid", (1,)))
     try:
-        copy.restore(solver.snapshot(), ALONE, terms)
+        copy.restore(solver.snapshot(), copy.choice, terms)
         copy.set_substeps(solver.substeps)
         return copy.frame_in_passes(solver.owners())
     finally:

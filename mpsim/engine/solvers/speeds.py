@@ -75,17 +75,13 @@ def speeds_of(
         time: at which it is looked at: a wall may have moved [time].
         present: which discs have not left, shape (N,); None: all are there.
     """
+    numbers = np.arange(len(velocity))
     if present is not None:
-        index = np.flatnonzero(present)
-        found = speeds_of(velocity[index], radius[index], scene, time)
-        return replace(found, disc=int(index[found.disc])) if found.disc >= 0 else found
-    if not len(velocity):
-        return Speeds()
-    sides, numbers = sides_at(scene, time), np.arange(len(velocity))
-    part = DiscSpeeds.of(numbers, velocity, radius, BoxSides(sides, scene.periodic, float(radius.max())))
-    largest = part.largest_square
-    mean_square = mean_from(part.counted(largest, len(radius)), largest, len(radius))
-    return _with_means(part.fastest, mean_square, radius, sides, [(0, len(radius))])
+        numbers = np.flatnonzero(present)
+        velocity, radius = velocity[numbers], radius[numbers]
+    sides = sides_at(scene, time)
+    part = DiscSpeeds.of(numbers, velocity, radius, BoxSides(sides, scene.periodic, float(radius.max(initial=0.0))))
+    return speeds_together(part, lambda value: [value], radius, sides)
 
 
 def speeds_at_start(scene: Scene) -> Speeds:

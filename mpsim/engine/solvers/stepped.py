@@ -15,7 +15,6 @@ from mpsim.engine.solvers.base import (
     MOST_COUNTED,
     Capabilities,
     Choice,
-    NewDiscs,
     Shapes,
     Solver,
     SolverState,
@@ -26,7 +25,7 @@ from mpsim.engine.solvers.base import (
     demand,
     shapes_in_each,
 )
-from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, speeds_of
+from mpsim.engine.solvers.speeds import SpeedLimit
 from mpsim.engine.workers.shared import Grid, grid_for
 from mpsim.features.edges import EDGES
 from mpsim.features.properties import has_radii
@@ -205,14 +204,6 @@ class SteppedSolver(Solver, Steps):
             # As if all frames had had as many: the time follows from it, and a snapshot tells the sub-steps.
             self._arrays["control"].steps = self._frames * substeps
             self._configure()
-
-    def _speeds_of_all(self, velocity: NDArray[Any], absorbed: NDArray[np.bool_], new: NewDiscs | None) -> Speeds:
-        """How fast discs of such velocities are, those that are about to be added included."""
-        scene, radii, present = self._scene, self.radii, ~absorbed
-        if new is not None:
-            velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
-            present = np.append(present, np.ones(len(new.position), bool))
-        return speeds_of(velocity, radii, scene, self.time, present if scene._loses_discs else None)
 
     # --- the grid
 

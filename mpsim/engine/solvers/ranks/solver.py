@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
-from mpsim.core.columns import kept_sizes
+from mpsim.core.columns import ChunkedArray, kept_sizes, ranges
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
 from mpsim.core.version import __version__
@@ -24,9 +24,9 @@ from mpsim.engine.solvers.base import BatchResult, Capabilities, Choice, NewDisc
 from mpsim.engine.solvers.ranks.messages import LOST, NOT_FINITE, MpiRanks
 from mpsim.engine.solvers.ranks.subdomain import (
     Border,
-    DiscsByNumber,
     Question,
     Range,
+    Rows,
     Subdomain,
     borders_of,
     dealt,
@@ -43,7 +43,7 @@ from mpsim.engine.solvers.speeds import (
     sides_at,
     speeds_together,
 )
-from mpsim.engine.solvers.stepped import SteppedSolver, disc_at
+from mpsim.engine.solvers.stepped import SteppedSolver, disc_at, state_of
 from mpsim.engine.workers.shared import Grid, SharedBlock
 from mpsim.errors import DivergedError, InputError
 from mpsim.features.properties import has_radii
@@ -52,7 +52,7 @@ from mpsim.kernels.compiling import source_digest
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-Rows = Callable[[int, int], tuple[NDArray[Any], NDArray[Any]]]
+Source = Callable[[int, int], tuple[NDArray[Any], NDArray[Any]]]
 """Places and velocities of a range of discs, shape (last - first, 2), called with (first, last)."""
 
 NOWHERE = np.zeros((0, 2))
@@ -78,7 +78,6 @@ class MpiSolver(SteppedSolver):
         self._workers = 1  # of each rank, itself included
         self._ranks: MpiRanks | None = None
         self._part: Subdomain | None = None
-        self._numbered: DiscsByNumber | None = None
         self._last_frame = 0
         self._half_done = False
         self._tolerated, self._is_uneven = math.inf, False
@@ -123,7 +122,7 @@ class MpiSolver(SteppedSolver):
         """Stop the workers of this rank, and remove its block."""
         if self._part is not None and self._part.arrays:
             self._last_frame = self.frame
-        part, self._part, self._numbered = self._part, None, None
+        part, self._part = self._part, None
         if part is not None:
             part.close()
 
@@ -131,13 +130,13 @@ class MpiSolver(SteppedSolver):
         """Duplicate the communicator, and refuse ranks that were given different scenes or settings."""
         if self._ranks is None:
             self._ranks = MpiRanks(self.choice.processes.comm)
-            self._ranks.answer = lambda question: self._by_number().own(question)
+            self._ranks.answer = self._answer
         self._workers = max(self.choice.workers) // self._ranks.size
         versions = __version__, source_digest()
         self._ranks.assert_same_on_ranks("versions of mpsim and of its compiler", versions)
         self._ranks.assert_same_on_ranks("scene and settings", (self._scene.digest(), self._settings))
 
-    def _enter_all(self, rows: Rows, given: Mapping[str, NDArray[Any]], progress: tuple[int, int]) -> None:
+    def _enter_all(self, rows: Source, given: Mapping[str, NDArray[Any]], progress: tuple[int, int]) -> None:
         """Take the discs of own columns, of all discs.
 
         Args:
@@ -175,7 +174,7 @@ class MpiSolver(SteppedSolver):
             )
         if self._part is None:
             self._part = Subdomain(self._scene, self._settings, self.choice.processes.start_method, self._workers)
-        part, self._numbered = self._part, None
+        part = self._part
         given = records(part, grid)
         column = given["cell"] // (grid.rows + 2)
         counts = ranks.sum_of(np.bincount(column, minlength=grid.columns))
@@ -196,7 +195,7 @@ class MpiSolver(SteppedSolver):
 
     def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
         part, ranks, frames = self._subdomain, self.ranks, self._frames_to(stop, frames)
-        self._half_done, self._numbered = True, None
+        self._half_done = True
         with interrupts_held_back():  # it is many calls, which no rank may leave before the others
             if self.frame % BALANCE_EVERY == 0 or self._is_uneven:
                 self._balance(part, ranks)
@@ -358,23 +357,43 @@ class MpiSolver(SteppedSolver):
         self._fastest, self.too_fast = Fastest(), False
         return found.or_faster(disc_too_fast(fastest, fast, self.radii, has_radii(scene), self.frame - 1))
 
-    # --- discs
+    # --- discs, of which no rank has to hold all
 
     def state(self, first: int = 0, last: int | None = None) -> State:
-        return self._by_number().state(first, self.count if last is None else last)
+        last = self.count if last is None else last
+        return self._state_of(self._rows(first, last), last - first)
 
     def local_state(self) -> tuple[NDArray[np.int64], State]:
-        return self._by_number().own_state()
+        numbers, found = self._subdomain.own()
+        return numbers, self._state_of(found, len(numbers))
+
+    def _state_of(self, found: Rows, count: int) -> State:
+        """The state of so many discs of which this is found."""
+        absorbed = absorbed_in(found, count)
+        found.pop(columns.EXITS.name, None)
+        position, velocity = found.pop("position"), found.pop("velocity")
+        return state_of(self._box, self._arrays, position, velocity, found, absorbed)
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
-        return self._by_number().absorbed() if self._scene._loses_discs else np.zeros(self.count, bool)
+        found = np.zeros(self.count, bool)
+        if self._scene._loses_discs:
+            for first, last in ranges(self.count):
+                found[first:last] = absorbed_in(self._rows(first, last), last - first)
+        return found
 
-    def _by_number(self) -> DiscsByNumber:
-        """The discs of all ranks by number; as long as none moves."""
-        if self._numbered is None:
-            self._numbered = DiscsByNumber(self._subdomain, self._scene, self._box, self.count, self._ask)
-        return self._numbered
+    def _rows(self, first: int, last: int, name: str | None = None) -> Rows:
+        """What steps have changed of the discs of a range, in their order; of a name, or all."""
+        found: Rows = {}
+        for numbers, own in self._ask(Question(first, last, name)):
+            for each, values in own.items():
+                if each not in found:
+                    found[each] = np.empty((last - first, *values.shape[1:]), values.dtype)
+                found[each][numbers - first] = values
+        return found
+
+    def _answer(self, question: Question) -> tuple[NDArray[np.int64], Rows]:
+        return self._subdomain.answer(question)
 
     def _ask(self, question: Question) -> list[Any]:
         """The answer of each rank."""
@@ -382,9 +401,9 @@ class MpiSolver(SteppedSolver):
             return self.ranks.ask(question)
         told = self.ranks.all_of((question, self.ranks.answer(question)))
         if len({asked for asked, _ in told}) > 1:
-            ranges = ", ".join(str(tuple(asked[:2])) for asked, _ in told)
+            others = ", ".join(str(tuple(asked[:2])) for asked, _ in told)
             raise InputError(
-                f"the range of discs must be the same on all ranks; got {ranges}. Ask for one range, or use "
+                f"the range of discs must be the same on all ranks; got {others}. Ask for one range, or use "
                 "local_state."
             )
         return [answer for _, answer in told]
@@ -405,7 +424,12 @@ class MpiSolver(SteppedSolver):
         self._half_done = False
 
     def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
-        found = self._by_number().discs(self.radii, self.masses)
+        rows = self._rows(0, self.count)
+        position, velocity = rows.pop("position"), rows.pop("velocity")
+        for column in columns_of(self._scene):
+            if column.name not in rows:  # what stays as it is, which all ranks know
+                rows[column.name] = self._arrays[column.name][..., : self.count].T.copy()
+        found = NewDiscs(position, velocity, self.radii, {**rows, columns.MASS.name: self.masses})
         return found if numbers is None else found.rows(numbers)
 
     def set_discs(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
@@ -434,7 +458,14 @@ class MpiSolver(SteppedSolver):
     # --- snapshots
 
     def snapshot(self) -> SolverState:
-        found: SolverState = {**self._by_number().snapshot(), "radii": self.radii, "masses": self.masses}
+        def reader(name: str) -> Callable[[int, int], NDArray[Any]]:
+            return lambda first, last: self._rows(first, last, name)[name]
+
+        found: SolverState = {
+            name: ChunkedArray(none.dtype, (self.count, *none.shape[1:]), reader(name))
+            for name, none in self._rows(0, 0).items()
+        }
+        found |= {"radii": self.radii, "masses": self.masses}
         for column in columns_of(self._scene):
             if column.kept and column.name not in found:
                 found[column.name] = column.take(self._arrays[column.name], self.count)
@@ -454,3 +485,9 @@ class MpiSolver(SteppedSolver):
         given = {name: np.asarray(snapshot[name]) for name in names}
         position, velocity = snapshot["position"], snapshot["velocity"]
         self._enter_all(lambda first, last: (position[first:last], velocity[first:last]), given, progress)
+
+
+def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:
+    """Which of the discs of a range have left through an absorbing edge, shape (count,)."""
+    exits = rows.get(columns.EXITS.name)
+    return np.zeros(count, bool) if exits is None else exits[:, 0] != 0

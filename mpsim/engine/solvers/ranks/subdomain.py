@@ -1,20 +1,15 @@
 """The subdomain of one rank, the columns of each, and discs of all ranks by number."""
 
-from collections.abc import Callable
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
-from mpsim.core.columns import Array, ChunkedArray, ranges
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.state import Box, State
 from mpsim.engine.feature_arrays import columns_of, feature_specs, fill_features, giant_radius
 from mpsim.engine.solvers.base import NewDiscs, StartMethod
 from mpsim.engine.solvers.grid import shares_of
-from mpsim.engine.solvers.stepped import state_of
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import Grid, SharedBlock, block_arrays, remove_stale_blocks
 from mpsim.engine.workers.worker import GridArguments, kernel_arguments, load_kernels
@@ -104,6 +99,18 @@ def in_turns(borders: list[Border], own: Range) -> list[list[Border]]:
 
 # --- The subdomain of one rank: the discs of its columns, and the calls that make up a step
 
+Rows = dict[str, NDArray[Any]]
+"""A row for each disc, by name of what it is."""
+
+
+class Question(NamedTuple):
+    """Which discs are asked for, from `first` to before `last`, and by what name one of their rows; None: all rows."""
+
+    first: int
+    last: int
+    name: str | None = None
+
+
 SPARE, FEWEST = 1.25, 256
 """Discs for which there is room: so many times those of the start, and at least so many more."""
 
@@ -132,18 +139,13 @@ class Subdomain:
         self._block: SharedBlock | None = None
         self._pool: WorkerPool | None = None
         self._arguments: dict[int, GridArguments] = {}  # by the buffer that holds the state
+        self._sorted: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None  # numbers, and their places
         self.failure: Exception | None = None
 
     @property
     def arrays(self) -> dict[str, Any]:
         """Arrays and records by name; none before `fill` and after `close`."""
         return {} if self._block is None else self._block.arrays
-
-    @property
-    def changing(self) -> list[str]:
-        """Names of the columns by id that steps change: true of own discs alone, and of those absorbed here."""
-        of_scene = columns_of(self._scene)
-        return [column.name for column in of_scene if column.in_state or (column.kept and not column.given)]
 
     @property
     def pids(self) -> list[int]:
@@ -173,14 +175,29 @@ class Subdomain:
         exits = self.arrays.get(columns.EXITS.name)
         return np.zeros(0, np.int64) if exits is None else np.flatnonzero(exits[0])
 
-    def rows_of(
-        self, places: NDArray[np.int64], name: str | None = None
-    ) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
+    def answer(self, question: Question) -> tuple[NDArray[np.int64], Rows]:
+        """The numbers that this rank has of a range, and a row for each, by name."""
+        first, last, name = question
+        if (first, last) == (0, self._count_of_all):  # of all, none has to be looked for
+            return self._rows_of(np.arange(len(self.numbers())), name)
+        if self._sorted is None:  # kept until discs move, as who asks for one range asks for the next
+            numbers = self.numbers()
+            order = np.argsort(numbers)
+            self._sorted = numbers[order], order
+        numbers, places = self._sorted
+        low, high = np.searchsorted(numbers, (first, last))
+        return self._rows_of(places[low:high], name)
+
+    def own(self) -> tuple[NDArray[np.int64], Rows]:
+        """Numbers, rising, of the discs that this rank moves, and a row for each, by name."""
+        return self._rows_of(np.argsort(self.live.id[: self.count]))
+
+    def _rows_of(self, places: NDArray[np.int64], name: str | None = None) -> tuple[NDArray[np.int64], Rows]:
         """Numbers of some discs, and a row for each, by name.
 
         Args:
             places: of the discs, among those of `numbers`.
-            name: of the rows that are wanted; None: all.
+            name: of the rows that are wanted; None: all that steps change.
         """
         live, gone = self.live, self._absorbed()
         slots, absorbed = places[places < self.count], gone[places[places >= self.count] - self.count]
@@ -194,7 +211,9 @@ class Subdomain:
             x, y = (live.x, live.y) if which == "position" else (live.vx, live.vy)
             return np.concatenate([np.stack([x[slots], y[slots]], axis=1), of_absorbed[which].T.astype(x.dtype)])
 
-        return numbers, {each: rows(each) for each in ([*of_absorbed, *self.changing] if name is None else [name])}
+        of_scene = columns_of(self._scene)  # true of own discs alone, and of those absorbed here
+        changing = [each.name for each in of_scene if each.in_state or (each.kept and not each.given)]
+        return numbers, {each: rows(each) for each in ([*of_absorbed, *changing] if name is None else [name])}
 
     def records_of(self, discs: NewDiscs, first: int, grid: Grid) -> NDArray[Any]:
         """Discs that enter as records, numbers from `first` on, cells in their columns of a grid of the scene.
@@ -276,6 +295,7 @@ class Subdomain:
     def _begin(self, count: int) -> None:
         """Begin with so many own discs, which lie in `a` in any order."""
         control, own, team = self.arrays["control"], self._own, self.arrays["team"]
+        self._sorted = None
         control.in_order = 0
         control.workers, control.members = self._workers, self._workers + 1
         team["bad_slot"] = -1
@@ -382,6 +402,7 @@ class Subdomain:
         """
         if self.failure is not None:
             return
+        self._sorted = None
         control, pool = self.arrays["control"], self._pool
         control.part, control.ahead = part, ahead
         if pool is not None:
@@ -493,117 +514,3 @@ def _copy(old: Any, new: Any) -> None:
         return
     part = tuple(slice(min(a, b)) for a, b in zip(old.shape, new.shape, strict=True))
     new[part] = old[part]
-
-
-# --- Ranges of the discs of all ranks in the order of their numbers, so that no rank has to hold all discs
-
-
-class Question(NamedTuple):
-    """Which discs are asked for, from `first` to before `last`, and by what name one of their rows; None: all rows."""
-
-    first: int
-    last: int
-    name: str | None = None
-
-
-Rows = dict[str, NDArray[Any]]
-"""A row for each disc, by name of what it is."""
-
-
-class DiscsByNumber:
-    """The discs of one rank by number, and the discs of all ranks in a range. As long as none moves.
-
-    Args:
-        part: the subdomain of this rank.
-        scene: of the simulation.
-        box: as it is now.
-        count: number of all discs.
-        ask: the answer of each rank, by `own`.
-    """
-
-    def __init__(
-        self,
-        part: Subdomain,
-        scene: Scene,
-        box: Box,
-        count: int,
-        ask: Callable[[Question], list[tuple[NDArray[np.int64], Rows]]],
-    ):
-        self._part = part
-        self._scene = scene
-        self._box = box
-        self._count = count
-        self._ask = ask
-
-    @cached_property  # as who asks for one range asks for the next
-    def _sorted(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Numbers of own discs in order, and where each of them is among those of `Subdomain.numbers`."""
-        numbers = self._part.numbers()
-        order = np.argsort(numbers)
-        return numbers[order], order
-
-    def own(self, question: Question) -> tuple[NDArray[np.int64], Rows]:
-        """The numbers that this rank has of a range, and a row for each, by name."""
-        if (question.first, question.last) == (0, self._count):  # of all, none has to be looked for
-            return self._part.rows_of(np.arange(len(self._part.numbers())), question.name)
-        numbers, places = self._sorted
-        first, last = np.searchsorted(numbers, question[:2])
-        return self._part.rows_of(places[first:last], question.name)
-
-    def rows(self, first: int, last: int, name: str | None = None) -> Rows:
-        """What steps have changed of the discs of a range, in their order; of a name, or all."""
-        found: Rows = {}
-        for numbers, own in self._ask(Question(first, last, name)):
-            for each, values in own.items():
-                if each not in found:
-                    found[each] = np.empty((last - first, *values.shape[1:]), values.dtype)
-                found[each][numbers - first] = values
-        return found
-
-    def state(self, first: int, last: int) -> State:
-        """The discs of a range, in their order."""
-        return self._state_of(self.rows(first, last), last - first)
-
-    def own_state(self) -> tuple[NDArray[np.int64], State]:
-        """Numbers, rising, of the discs that this rank moves, and their state."""
-        live = self._part.numbers()[: self._part.count]
-        numbers, found = self._part.rows_of(np.argsort(live))
-        return numbers, self._state_of(found, len(live))
-
-    def absorbed(self) -> NDArray[np.bool_]:
-        """Which of all discs have left through an absorbing edge, shape (N,), read in chunks."""
-        parts = [absorbed_in(self.rows(first, last), last - first) for first, last in ranges(self._count)]
-        return np.concatenate([np.zeros(0, bool), *parts])
-
-    def _state_of(self, found: Rows, count: int) -> State:
-        """The state of so many discs of which this is found."""
-        absorbed = absorbed_in(found, count)
-        found.pop(columns.EXITS.name, None)
-        position, velocity = found.pop("position"), found.pop("velocity")
-        return state_of(self._box, self._part.arrays, position, velocity, found, absorbed)
-
-    def discs(self, radii: NDArray[np.float64], masses: NDArray[np.float64]) -> NewDiscs:
-        """All discs, of these radii and masses, shape (N,) [length], [mass]."""
-        found = self.rows(0, self._count)
-        position, velocity = found.pop("position"), found.pop("velocity")
-        for column in columns_of(self._scene):
-            if column.name not in found:  # what stays as it is, which all ranks know
-                found[column.name] = self._part.arrays[column.name][..., : self._count].T.copy()
-        return NewDiscs(position, velocity, radii, {**found, columns.MASS.name: masses})
-
-    def snapshot(self) -> dict[str, Array]:
-        """What steps have changed, as a snapshot holds it, to be read in chunks."""
-
-        def reader(name: str) -> Callable[[int, int], NDArray[Any]]:
-            return lambda first, last: self.rows(first, last, name)[name]
-
-        return {
-            name: ChunkedArray(none.dtype, (self._count, *none.shape[1:]), reader(name))
-            for name, none in self.rows(0, 0).items()
-        }
-
-
-def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:
-    """Which of the discs of a range have left through an absorbing edge, shape (count,)."""
-    exits = rows.get(columns.EXITS.name)
-    return np.zeros(count, bool) if exits is None else exits[:, 0] != 0
