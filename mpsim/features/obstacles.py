@@ -252,9 +252,9 @@ def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> N
     return capsules
 
 
-def solid_of(obstacles: tuple[Obstacle, ...]) -> NDArray[np.float64]:
-    """Obstacles at the start as placement takes them: capsules with the number of the filled polygon of each, or 0."""
-    capsules = capsules_of(obstacles, 0.0)
+def solid_of(obstacles: tuple[Obstacle, ...], time: float = 0.0) -> NDArray[np.float64]:
+    """Obstacles at a time as placement takes them: capsules with the number of the filled polygon of each, or 0."""
+    capsules = capsules_of(obstacles, time)
     polygon = np.zeros(len(capsules))
     for number, part in enumerate(filled_parts(obstacles), 1):
         polygon[part] = number

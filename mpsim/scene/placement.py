@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mpsim.core.machine import in_pieces
 from mpsim.core.state import State, moved_into
 from mpsim.errors import InputError
-from mpsim.features.capsules import with_images
+from mpsim.features.capsules import distance, with_images
 from mpsim.kernels import placement
 from mpsim.kernels.placement import EMPTY, sweep
 
@@ -68,6 +68,12 @@ OVERSHOOT = (0.8, 0.5, 0.0)
 
 REMOVAL_ROUNDS = 1000
 """Rounds of overlap removal in one attempt; 250 were enough for 100,000 discs of two sizes at packing 0.8."""
+
+ROOM = 1e-3
+"""Relative enlargement of the radii while discs are pushed aside, so that finitely many rounds are enough."""
+
+PUSHES, PUSH_ROUNDS = 6, 60
+"""Attempts to push discs aside, and rounds of each."""
 
 MOST_CELLS = 100_000_000
 """Largest number of cells of the grid for equal discs, one disc each; a larger box needs coarser cells."""
@@ -269,6 +275,36 @@ def displaced(
     for axis in (0, 1):
         placement.shuffle(discs, moves * (np.arange(2) == axis), 1 + GAP)
     return np.column_stack([discs.x, discs.y])
+
+
+def pushed_aside(
+    position: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    size: tuple[float, float],
+    periodic: tuple[bool, bool],
+    capsules: NDArray[np.float64],
+    scale: float,
+) -> NDArray[np.float64] | None:
+    """Centres of discs after moving those apart that overlap each other or capsules, shape (N, 2); None: no room.
+
+    A disc that is trapped between capsules and walls begins again from a random place beside its own.
+
+    The arguments are those of `displaced`; scale: factor of the radii, a little above 1, for which there must be room.
+    """
+    rng, places = np.random.default_rng(0), position
+    edge = np.where(periodic, 0.0, radius[:, None])
+    for attempt in range(PUSHES):
+        discs = _by_size(*np.array(places.T, np.float64, order="C"), radius, size, periodic, capsules)
+        placement.link(discs)
+        for _ in range(PUSH_ROUNDS):
+            if not placement.crowded(discs, scale):
+                return np.column_stack([discs.x, discs.y])
+            placement.part(discs, scale * (1 + ROOM), 0.0)
+        places = np.column_stack([discs.x, discs.y])
+        trapped = (distance(places[:, None], capsules).min(axis=1, initial=np.inf) < radius)[:, None]
+        jumps = (1 + attempt / 2) * radius[:, None] * rng.uniform(-1, 1, places.shape)
+        places = np.clip(places + trapped * jumps, edge, np.array(size) - edge)
+    return None
 
 
 def _add_all(discs: placement.Crowd, rng: np.random.Generator) -> bool:

@@ -10,10 +10,13 @@ import dataclasses
 import math
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from mpsim.core.state import State
-from mpsim.engine.changes import ADD, PARAMETERS, WALL, Change
+from mpsim.engine.changes import ADD, PARAMETERS, WALL
 from mpsim.engine.observers import Observer
 from mpsim.engine.parameters import OF_SETTINGS
 from mpsim.engine.report import Report
@@ -22,6 +25,7 @@ from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import ClosedError, InputError, MpsimError
+from mpsim.features.obstacles import Polyline, capsules_of
 from mpsim.measure.observables import trajectory_error
 from mpsim.measure.predictability import Predictability
 from mpsim.measure.registry import refusal
@@ -31,6 +35,7 @@ from mpsim.studies.comparison import divergence
 from mpsim.studies.tradeoff import label
 from mpsim.studies.tune import tune
 from mpsim.viewer.gauges import MeanPressure
+from mpsim.viewer.room import make_room
 
 # --- How far two stages have come apart since their common start: distance of corresponding discs, counts, times
 
@@ -68,14 +73,6 @@ def measures_of(scene: Scene, count: int) -> tuple[str, ...]:
     return () if refusal("pressure", scene, count) else ("pressure",)
 
 
-class Distance(NamedTuple):
-    """Distance of corresponding discs: rms and largest [diameters of the smallest disc], and the disc of the latter."""
-
-    mean: float
-    largest: float
-    disc: int
-
-
 class Difference:
     """Compares two stages of a scene since their common start."""
 
@@ -86,26 +83,23 @@ class Difference:
         self._saturated: float | None = None  # time at which the distance was first seen to reach SATURATED
         self._scene = scene
 
-    def _look(self, one: State, other: State, time: float, agree_until: float | None) -> Distance | None:
-        """The distance between two states at the same time; None where it means nothing.
+    def _distance(self, one: State, other: State, time: float, agree_until: float | None) -> float | None:
+        """Root mean square distance of corresponding discs, in diameters of the smallest; None where it means nothing.
 
         The states have parted for good once they are PARTED diameters apart: from then on their distance is chance.
         Discs in a dense packing rarely leave the cages of their neighbours, so their distance may stay below PARTED.
         Therefore states that are at least SATURATED diameters apart also count as parted after `agree_until`.
         """
         try:
-            found = trajectory_error(one, other, self._scene)
+            distance = trajectory_error(one, other, self._scene).rms / (2 * self._scene.smallest_radius)
         except InputError:  # there are no discs, or a disc was added to only one of them
             return None
-        diameter = 2 * self._scene.smallest_radius
-        distance = Distance(found.rms / diameter, found.largest / diameter, found.disc)
-        if self._parted is None and distance.mean >= PARTED:
+        if self._parted is None and distance >= PARTED:
             self._parted = time
-        if self._saturated is None and distance.mean >= SATURATED:
+        if self._saturated is None and distance >= SATURATED:
             self._saturated = time
         if agree_until is not None and agree_until <= time and self._saturated is not None:
-            predicted = max(agree_until, self._saturated)
-            self._parted = predicted if self._parted is None else min(self._parted, predicted)
+            self._parted = min(max(agree_until, self._saturated), math.inf if self._parted is None else self._parted)
         return distance if self._parted is None else None
 
     def read(self, one: State, other: State, time: float, agree_until: float | None) -> dict[str, Any]:
@@ -115,28 +109,23 @@ class Difference:
         stages have parted, these are different collisions, and only the fraction is meaningful.
 
         Args:
-            one, other: the present states of the stages.
-            time: time of both [time].
+            one, other: the states of the stages at a time [time].
             agree_until: time until which two correct solvers agree, from the Lyapunov time [time]; None: not known.
         """
         first, second = self.first, self.second
-        distance = self._look(one, other, time, agree_until)
+        distance = self._distance(one, other, time, agree_until)
         pressures = first.pressure.read(), second.pressure.read()
         missed = second.collisions - first.collisions
         return {
             "time": time,
-            "distance": None if distance is None else distance.mean,
-            "largest": None if distance is None else distance.largest,
-            "disc": None if distance is None else distance.disc,
+            "distance": distance,
             "parted": self._parted,
             "collisions": [first.collisions, second.collisions],
             "missed": missed if self._parted is None else None,
             "missed_fraction": missed / second.collisions if second.collisions else math.nan,
             "pressure": [each.value for each in pressures],
-            "pressure_error": [each.error for each in pressures],
             "pressure_difference": pressures[0].value - pressures[1].value,
             "difference_error": math.hypot(*(each.error for each in pressures)),
-            "cost": [first.cost, second.cost],
             "cost_ratio": second.cost / first.cost if first.cost else math.nan,
         }
 
@@ -199,8 +188,6 @@ class SecondStage:
         self.difference.second.note(own, duration)
         return float(own.frame_seconds.sum())
 
-    # --- changes by hand
-
     def take(self, first: Simulation) -> None:
         """Apply the new changes of the first stage to this one. Both must be at the same simulated time.
 
@@ -212,22 +199,27 @@ class SecondStage:
         """
         for change in list(first.journal)[self._taken :]:
             self._taken += 1
-            self._take(first, change)
+            values = dict(change.values)
+            if change.what == PARAMETERS:
+                if "dt" in values:
+                    self._renew_steps(first, values["dt"])
+                values = {name: value for name, value in values.items() if name not in OF_SETTINGS}
+            if values:
+                self._change(change.what, values)
 
-    def _take(self, first: Simulation, change: Change) -> None:
-        values = dict(change.values)
-        if change.what == PARAMETERS:
-            if "dt" in values:
-                self._renew_steps(first, values["dt"])
-            values = {name: value for name, value in values.items() if name not in OF_SETTINGS}
-            if not values:
-                return
+    def _change(self, what: str, values: Mapping[str, Any]) -> None:
         try:
-            getattr(self.sim, change.what)(**values)
+            if what == WALL:
+                make_room(self.sim, capsules_of((Polyline(values["points"], values["thickness"]),)))
+            elif what == ADD:
+                places = values["position"]
+                radii = np.broadcast_to(values.get("radius", self.sim.scene.largest_radius), len(places))
+                make_room(self.sim, np.column_stack([places, places, radii]))
+            getattr(self.sim, what)(**values)
         except ClosedError:
             raise
         except MpsimError as error:
-            if change.what in (ADD, WALL):
+            if what in (ADD, WALL):
                 raise InputError(
                     "a second stage must have the discs and walls of the first one; there was no room for one that was "
                     f"added: {error} Reset restarts both."
@@ -244,11 +236,9 @@ class SecondStage:
         self._steps = Steps(first.frame, self.sim.frame, each)
 
     def mark(self) -> Mark:
-        """This moment."""
         return Mark(self.sim.snapshot(), self._steps, self._taken, copy.deepcopy(self.difference))
 
     def back(self, mark: Mark) -> None:
-        """Go back to a moment."""
         self.sim.restore(mark.snapshot)
         self._steps, self._taken, self.difference = mark.steps, mark.taken, copy.deepcopy(mark.difference)
 
@@ -302,13 +292,12 @@ def demand_one_process(settings: Settings) -> Settings:
 
 # --- Runs long work in a thread of its own, and can cancel it
 
-
 CLOSING_SECONDS = 5.0  # longest time that `stop` waits for cancelled work to end
-Check = Callable[[], None]  # the work calls this from time to time. It raises an exception once the work was cancelled
+Check = Callable[[], None]  # the work calls this from time to time. It raises _StoppedError once the work was stopped
 
 
-class _GivenUpError(Exception):
-    """The work was cancelled."""
+class _StoppedError(Exception):
+    """The work was stopped."""
 
 
 class Background:
@@ -317,30 +306,29 @@ class Background:
     def __init__(self, name: str):
         self._name = name
         self._thread: threading.Thread | None = None
-        self._stop = threading.Event()
+        self._stopped = threading.Event()
 
     def start(self, work: Callable[[Check], None]) -> None:
-        """Start the work, which is called with a `Check`. Work that is still running is cancelled."""
+        """Start the work, after stopping that which still runs."""
         self.stop()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=_do, args=(work, self._stop), name=self._name, daemon=True)
+        stopped = self._stopped = threading.Event()
+
+        def check() -> None:
+            if stopped.is_set():
+                raise _StoppedError
+
+        def run() -> None:
+            with contextlib.suppress(_StoppedError):
+                work(check)
+
+        self._thread = threading.Thread(target=run, name=self._name, daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Cancel the work; it ends at its next check."""
-        self._stop.set()
+        """Stop the work at its next check."""
+        self._stopped.set()
         if self._thread is not None:
             self._thread.join(CLOSING_SECONDS)
-        self._thread = None
-
-
-def _do(work: Callable[[Check], None], stop: threading.Event) -> None:
-    def check() -> None:
-        if stop.is_set():
-            raise _GivenUpError
-
-    with contextlib.suppress(_GivenUpError):
-        work(check)
 
 
 # --- The comparison on a page: runs a second stage, if there is one
@@ -351,17 +339,6 @@ Beside = Settings | Mapping[str, Any] | None
 """A requested second stage: its settings, or how they differ from those of the first stage, as in `settings_beside`."""
 
 
-class _Look:
-    """An observer that calls a function during a run, with the number of collisions since the run began."""
-
-    def __init__(self, every: int, act: Callable[[int], None]):
-        self.every: int = every
-        self._act = act
-
-    def observe(self, sim: Simulation, collisions: int) -> None:
-        self._act(collisions)
-
-
 class Comparison:
     """The second stage of a view, if there is one; beside: its settings.
 
@@ -369,7 +346,7 @@ class Comparison:
     >>> comparison = Comparison(Settings(method="event"))
     >>> with Simulation(scene, settings) as sim:
     ...     comparison.begin(scene, settings)
-    ...     reports, seconds = comparison.run(sim, frames=10, every=5, look=lambda collisions: None)
+    ...     reports, seconds = comparison.run(sim, frames=10, every=5, look=lambda: None)
     ...     told = comparison.told(sim)
     >>> told["first"], told["second"], round(told["time"], 9), told["distance"] < 0.1
     ('grid impact dt=0.02', 'event', 0.2, True)
@@ -427,7 +404,7 @@ class Comparison:
         sim: Simulation,
         frames: int,
         every: int,
-        look: Callable[[int], None],
+        look: Callable[[], None],
         measures: Collection[str] = (),
         observers: Sequence[Observer] = (),
     ) -> tuple[list[Report], float]:
@@ -439,13 +416,13 @@ class Comparison:
         Args:
             sim, frames, measures, observers: the first stage, and what it runs.
             every: frames between two calls of `look`.
-            look: called with the number of collisions of the first stage since this call began.
 
         Returns:
             The reports of the first stage, and the computing time of both stages [s].
         """
         if self.second is None:
-            report = sim.run(frames=frames, measures=measures, observe=[*observers, _Look(every, look)])
+            watched: Any = SimpleNamespace(every=every, observe=lambda sim, collisions: look())
+            report = sim.run(frames=frames, measures=measures, observe=[*observers, watched])
             return [report], float(report.frame_seconds.sum())
         reports, seconds, end = list[Report](), 0.0, sim.frame + frames
         wanted = dict.fromkeys([*measures, *measures_of(sim.scene, sim.count)])
@@ -455,7 +432,7 @@ class Comparison:
             seconds += float(reports[-1].frame_seconds.sum())
             with self.stage() as second:
                 seconds += second.follow(sim, reports[-1]) if second is not None else 0.0
-            look(sum(report.collisions for report in reports))
+            look()
         return reports, seconds
 
     @contextlib.contextmanager

@@ -7,7 +7,7 @@ records them. If a method refuses a change, the page shows a note and the simula
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, InputError
+from mpsim.features.obstacles import Polyline, capsules_of
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.kernels import records
 from mpsim.measure.moments import lengths_of, to_nearest_image
@@ -28,6 +29,7 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import CONTACTS
 from mpsim.viewer.comparison import Mark
 from mpsim.viewer.protocol import DISC, Action, command, number, one_of
+from mpsim.viewer.room import make_room
 
 # --- The parameters that a page can change, with the values and ranges of their sliders
 
@@ -163,7 +165,7 @@ HOLD_SECONDS = 3.0
 MOST_HELD = 16  # discs that pages may hold at a time. Before frames are run, each is put back in its place
 
 MOST_ADDED, MOST_WALLS = 10_000, 1000
-"""Discs and walls that pages may add to one simulation: all walls are sent again with each new one."""
+"""Discs and walls that pages may add to one simulation, moved walls included: all walls are sent again with each."""
 
 MOST_MOMENTS, MOST_BYTES = 16, 2**28  # largest number and size of the moments of undo; the oldest ones are forgotten
 MOST_PLACES = 100  # largest number of places in the command `stroke`
@@ -360,12 +362,12 @@ class Interactions:
 
     @command(x=number, y=number, same=checks.truth)
     def do_add(self, sim: Simulation, x: float, y: float, same: bool) -> None:
-        """Add a disc."""
+        """Add a disc; others make room for it."""
         with self._gesture(("add", None), same):
             self._demand_more()
             own = _own_of_new(sim)
-            _demand_room(sim, np.array([x, y]), own.get("radius", sim.scene.largest_radius))
-            sim.add((x, y), (0.0, 0.0), **own)
+            with self._room(sim, np.array([[x, y, x, y, own.get("radius", sim.scene.largest_radius)]])):
+                sim.add((x, y), (0.0, 0.0), **own)
             self._added += 1
 
     @command(places=_places, same=checks.truth)
@@ -397,18 +399,56 @@ class Interactions:
 
     @command(ax=number, ay=number, bx=number, by=number)
     def do_wall(self, sim: Simulation, ax: float, ay: float, bx: float, by: float) -> None:
-        """Add a wall between two places."""
+        """Add a wall between two places; discs make room for it."""
         with self._gesture(("wall", None)):
-            if self._walls >= MOST_WALLS:
-                raise InputError(f"pages may draw at most {MOST_WALLS:,} walls; got one more. Reset the view.")
             radius, length = _typical(sim.radii, sim.absorbed), math.hypot(bx - ax, by - ay)
             if length < 2 * radius:
                 raise InputError(
                     f"a wall must be at least as long as a disc is wide, {2 * radius:.4g}; got {length:.4g}. Drag "
                     "further."
                 )
-            sim.add_wall([(ax, ay), (bx, by)], THICKNESS * radius)
-            self._walls += 1
+            self._build(sim, Polyline([(ax, ay), (bx, by)], THICKNESS * radius))
+
+    @command(id=DISC, dx=number, dy=number)
+    def do_move_wall(self, sim: Simulation, id: int, dx: float, dy: float) -> None:
+        """Put a wall elsewhere, from where it is now; discs make room for it. It gets another number, and rests."""
+        with self._gesture(("wall", None)):
+            wall = sim.scene.obstacles[id] if id < len(sim.scene.obstacles) else None
+            if not isinstance(wall, Polyline) or wall.filled:
+                raise InputError(f"id must be the number of a wall, which can be moved; got {id}. Take another.")
+            before = self._moment()
+            sim.remove_wall(id)
+            wall = wall.turned_over_to(None, sim.time)
+            try:
+                self._build(sim, replace(wall, points=np.add(wall.points, (dx, dy))))
+            except REFUSALS:
+                self._back(before)
+                raise
+
+    @command(id=DISC, same=checks.truth)
+    def do_remove_wall(self, sim: Simulation, id: int, same: bool) -> None:
+        """Remove a wall, or another obstacle."""
+        with self._gesture(("remove", None), same):
+            sim.remove_wall(id)
+
+    def _build(self, sim: Simulation, wall: Polyline) -> None:
+        if self._walls >= MOST_WALLS:
+            raise InputError(f"pages may draw or move at most {MOST_WALLS:,} walls; got one more. Reset the view.")
+        with self._room(sim, capsules_of((wall,))):
+            sim.add_wall(wall.points, wall.thickness, surface_velocity=wall.surface_velocity)
+        self._walls += 1
+
+    @contextlib.contextmanager
+    def _room(self, sim: Simulation, capsules: NDArray[np.float64]) -> Iterator[None]:
+        """Push discs aside that are in the way of what this block adds; if it is refused, they are put back."""
+        before = self._moment()
+        pushed = make_room(sim, capsules)
+        try:
+            yield
+        except REFUSALS:
+            if pushed:
+                self._back(before)
+            raise
 
     @command(name=one_of(parameters.NAMES), value=_parameter_value, same=checks.truth)
     def do_change(self, sim: Simulation, name: str, value: Any, same: bool) -> None:
@@ -471,16 +511,3 @@ def _free(sim: Simulation, places: NDArray[np.float64], radius: float) -> NDArra
         if (np.hypot(*to_nearest_image(taken - place, lengths).T) >= radii + radius).all():
             taken, radii = np.vstack([taken, place]), np.append(radii, radius)
     return taken[np.count_nonzero(near) :]
-
-
-def _demand_room(sim: Simulation, place: NDArray[np.float64], radius: float) -> None:
-    """Refuse a place at which a new disc would overlap another one; `Simulation.add` checks walls and obstacles."""
-    state = sim.state
-    apart = to_nearest_image(state.position.astype(np.float64) - place, lengths_of(sim.scene))
-    gap = np.hypot(*apart.T) - sim.radii - radius
-    gap[~state.present] = np.inf
-    if len(gap) and gap.min() < 0:
-        raise InputError(
-            f"a new disc needs a free place; got ({place[0]:.4g}, {place[1]:.4g}), where disc {gap.argmin()} is. "
-            "Choose another."
-        )

@@ -23,8 +23,6 @@ from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.feature import Continuation
 from mpsim.features.motions import Movement
-from mpsim.features.obstacles import OBSTACLES
-from mpsim.features.piston import PISTON
 from mpsim.output.animation import DPI, image_of, write_film
 from mpsim.output.drawing import PAGE, ColourScale, MovingDiscs
 from mpsim.scene import scenefile, settings
@@ -196,16 +194,17 @@ def _continuing(sim: Simulation) -> Scene:
             "a scene file of this moment needs the acceleration of each disc, which is unknown for discs that were "
             "added. Download the session, which has everything."
         )
-    here = state.present
+    here, moment = state.present, Continuation(scene._box_at(sim.time), sim.time)
     values = _arguments(scene) | {
+        each.argument: each.continued(scene, moment) for each in FEATURES if each.is_in(scene)
+    }
+    values |= {
         "position": state.position[here].astype(np.float64),
         "velocity": state.velocity[here].astype(np.float64),
         "radius": sim.radii[here] if np.ndim(scene.radius) else scene.radius,
         "mass": None if scene.mass is None else sim.masses[here],
         "spin": None if state.spin is None else state.spin[here].astype(np.float64),
     }
-    moment = Continuation(scene._box_at(sim.time), sim.time)
-    values |= {each.argument: each.continued(scene, moment) for each in (OBSTACLES, PISTON) if each.is_in(scene)}
     return Scene(**values)
 
 

@@ -152,13 +152,6 @@ class CollisionCount:
     def _logged(self, sim: Simulation, table: NDArray[Any]) -> None:
         self.total += len(table)
 
-    def so_far(self, sim: Simulation, collisions: int) -> float:
-        """The number of collisions so far, during a run; collisions: those between discs since the run began."""
-        if self._log is None:
-            return self.total + collisions
-        self._log.observe(sim, 0)
-        return self.total
-
     def end_run(self, sim: Simulation, reports: Iterable[Report]) -> None:
         """Add the collisions of a run that has ended, from its reports or from the log."""
         if self._log is None:

@@ -222,8 +222,7 @@ class Playback(Source):
         super()._do(action)
         self._resume()
 
-    def _cannot(self, command: str) -> str:
-        return f"a recording cannot {command}: it only shows what was written. View the scene instead."
+    cannot = "a recording cannot {}: it only shows what was written. View the scene instead."
 
     def do_play(self) -> None:
         if self._index == self._last:

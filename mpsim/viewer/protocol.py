@@ -319,8 +319,10 @@ class Broadcast:
         capsules = self.scene.capsules_at(self._time)
         if capsules is not self._capsules:
             self._capsules = capsules
-            filled = [[part.start, part.stop] for part in filled_parts(self.scene.obstacles)]
-            self.tell_if_new("obstacles", {"capsules": capsules, "filled": filled})
+            obstacles = self.scene.obstacles
+            numbers = np.repeat(np.arange(len(obstacles)), [len(each.capsules()) for each in obstacles])
+            filled = [[part.start, part.stop] for part in filled_parts(obstacles)]
+            self.tell_if_new("obstacles", {"capsules": capsules, "numbers": numbers, "filled": filled})
         return capsules
 
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:

@@ -4,7 +4,6 @@ Each picture shows the state between two frames.
 """
 
 import contextlib
-import dataclasses
 import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -16,14 +15,13 @@ from mpsim.core import checks
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation, next_frame_in_passes, read_in_place
 from mpsim.engine.solvers.base import InPlace, in_place
-from mpsim.engine.solvers.grid import Pass, has_passes_by_grid
-from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.engine.solvers.grid import Pass
 from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
 from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS, Settings
 from mpsim.viewer import export, share_url
-from mpsim.viewer.colouring import CHOICES, Colouring, has_columns, scale_of
+from mpsim.viewer.colouring import CHOICES, Colouring, scale_of
 from mpsim.viewer.comparison import Comparison, Tuning, demand_one_process
 from mpsim.viewer.edits import Interactions, Moment
 from mpsim.viewer.gauges import CollisionCount, Counting, Gauges, Meter, bulk_pressure
@@ -33,73 +31,6 @@ from mpsim.viewer.source import LOOK, MOST_STEPS, TURN, Source, TimeBudget, firs
 
 if TYPE_CHECKING:
     from mpsim.viewer.server import Pages
-
-# --- Shows one frame pass by pass, with the worker that resolves each contact
-
-
-class PassView:
-    """Shows the passes of the next frame one after the other. The simulation itself does not change meanwhile."""
-
-    def __init__(self) -> None:
-        self._passes: list[Pass] = []
-        self._shown = -1
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a pass is shown."""
-        return self._shown >= 0
-
-    @property
-    def is_last(self) -> bool:
-        """Whether the last pass of the frame is shown. Its discs are where the frame leaves them."""
-        return self.is_open and self._shown == len(self._passes) - 1
-
-    def next(self, sim: Simulation) -> Pass:
-        """The next pass, or that of the following frame; InputError if the method or the scene has none."""
-        if not self.is_open or self.is_last:
-            self._passes, self._shown = next_frame_in_passes(sim), -1
-        self._shown += 1
-        return self._passes[self._shown]
-
-    def demand_end(self, digest: str) -> None:
-        """Refuse a frame, given its digest, that has not ended as its last pass did, as one of more steps does not."""
-        if self._passes[self._shown].state.digest() != digest:
-            raise InputError(
-                "the passes that were shown must end where the frame does; this frame was divided into other steps "
-                "than the one before. Show the next one."
-            )
-
-    def close(self) -> None:
-        """Stop showing passes."""
-        self._passes, self._shown = [], -1
-
-    def told(self) -> dict[str, Any]:
-        """The message for pages, for `protocol.text_of`. Its `name` is that of the pass; None: no pass is shown."""
-        if not self.is_open:
-            return {"name": None}
-        shown = self._passes[self._shown]
-        return {
-            "name": shown.name,
-            "number": shown.number + 1,
-            "of": len(self._passes),
-            "contacts": shown.contacts,
-            "columns": shown.columns,
-            "brackets": shown.brackets.tolist(),
-            "owners": shown.owners.tolist(),
-        }
-
-
-def _offer_of_passes(sim: Simulation) -> dict[str, Any] | None:
-    """The message for pages if frames have no passes but would have them with the method grid; None otherwise."""
-    if has_columns(sim) or not has_passes_by_grid(sim.scene, sim.radii):
-        return None
-    what = "method naive tests all pairs of discs at once"
-    if not capabilities_of(sim.settings).has_steps:
-        what = "exact solver resolves one collision after another"
-    return {"name": None, "offer": f"The {what}, so a frame has no passes. The method grid has passes."}
-
-
-# --- The session
 
 PICTURE_SECONDS = 0.8 * LOOK
 """Shortest time between two pictures [s]. It is a little less than LOOK; otherwise every other observation of the run
@@ -197,7 +128,8 @@ class Session(Source):
         self._edits = Interactions(self._owned, self._moment, self._back)
         self._comparison = Comparison(beside)
         self._tuning = Tuning(self._tell_tuning_later, self._apply_later)
-        self._passes = PassView()
+        self._passes: list[Pass] = []  # of the next frame, while one of them is shown
+        self._pass = 0
         self._collisions, self._counting, self._meter = CollisionCount(), Counting(), Meter()
         self._marked: Moment | None = None  # which the user has marked
         self._gauges: Gauges | None = None
@@ -246,32 +178,29 @@ class Session(Source):
         self._shown = self._gauged = _NOWHERE
         self._broadcast.forget_radii()
         self._edits.begin(sim)
-        self._passes.close()
+        self._passes = []
         self._marked = None
         if self._owned:
             self._comparison.begin(self.scene, self._settings)
             self._follow_changes()
         self._resume()
         self._tell_comparison()
-        self._broadcast.tell_if_new("pass", self._passes.told())
+        self._tell_pass()
         self._broadcast.tell_if_new("hands", self._edits.told(sim))
         self._tell_link()
 
     def _restart(self) -> None:
-        self._broadcast.tell_if_new("tune", self._tuning.told())
+        self._tell_tuning()
         self._begin()
         self._tell_scene(self._phase)
 
     def _take(self, link: Link) -> None:
         """Take the scene and settings of a link; they apply from the next restart on."""
-        self._given, self._seed, self._name, self._has_link = link.given, link.seed, link.scene, True
+        self._given, self._name, self._has_link = link.given, link.scene, True
         self._settings, self._parameters = link.settings, link.changed
-        self._show_scene(link.given.redrawn(link.seed) if link.seed else link.given)
+        self._redraw(link.seed)
         self._comparison.choose(link.beside)
         self._rate.speed = first_speed(frames_between_pictures(self.scene, link.settings))
-
-    def _show_scene(self, scene: Scene) -> None:
-        self.scene = self._broadcast.scene = scene
 
     def _resume(self) -> None:
         """Start the clocks afresh: the time before now does not count."""
@@ -331,7 +260,7 @@ class Session(Source):
         measures = self._counting.measures(sim)
         observers = [*self._colouring.observers(looks), *self._collisions.observers(looks)]
         try:
-            reports, seconds = self._comparison.run(sim, frames, looks, self._look, measures, observers)
+            reports, seconds = self._comparison.run(sim, frames, looks, self._picture, measures, observers)
         except BaseException:
             self._collisions.lose()
             raise
@@ -342,32 +271,37 @@ class Session(Source):
             self._meter.note(report)
             self._counting.note(report)
 
-    def _look(self, collisions: int = 0) -> None:
-        """Make the picture and the gauges if they are due and the simulation has moved since the last ones."""
+    def _look(self) -> None:
+        """Make gauges, comparison and picture if they are due and the simulation has moved since the last ones."""
         sim, now = self._simulation, time.perf_counter()
         walls_differ = sim.scene.obstacles is not self._broadcast.scene.obstacles
         if walls_differ or sim.settings.dt != self._told_dt:  # a wall was drawn, dt was changed, or this was undone
             self._broadcast.scene = sim.scene
             self._tell_scene(self._phase)
         where = self._last = (self._run, sim.frame, sim.count)
-        with self._wake:
-            charged, self._charged = self._charged, 0.0
-            asked = self._asked
-        self._pictures.charge(charged)
         if where != self._gauged and not self._readings.wait(now, *READING):
             with self._readings.used(now):
                 self._gauged = where
-                now_shown = (sim.state, sim.frame, sim.time) if self._owned else _now(sim)
-                self._tell_gauges(*now_shown, self._collisions.so_far(sim, collisions))
+                self._tell_gauges(sim)
         if self._comparison.second is None:
             self._broadcast.tell_if_new("pair", self._comparison.told(sim))  # it may just have ended, and why
         elif where != self._compared and not self._comparisons.wait(now, *COMPARING):
             with self._comparisons.used(now):
                 self._tell_comparison()
+        self._picture()
+
+    def _picture(self) -> None:
+        """Make a picture if one is asked for and due; also during a run."""
+        sim, now = self._simulation, time.perf_counter()
+        where = self._last = (self._run, sim.frame, sim.count)
+        with self._wake:
+            charged, self._charged = self._charged, 0.0
+            asked = self._asked
+        self._pictures.charge(charged)
         if asked and where != self._shown and not self._pictures.wait(now, *self._picture_share):
             with self._wake:
                 self._asked = False
-            with self._pictures.used(time.perf_counter()):
+            with self._pictures.used(now):
                 self._shown = where
                 read_in_place(sim, self._show)
                 self._broadcast.tell_if_new("colours", self._colouring.told(sim))
@@ -400,10 +334,9 @@ class Session(Source):
             due.append(self._pictures.wait(now, *self._picture_share))
         return min(due, default=None)
 
-    # --- commands: play
+    cannot = "a simulation cannot {}. Send it to the server."
 
-    def _cannot(self, command: str) -> str:
-        return f"a simulation cannot {command}. Send it to the server."
+    # --- commands: play
 
     def do_play(self) -> None:
         self._playing = True
@@ -439,54 +372,57 @@ class Session(Source):
 
     @command()
     def do_pass(self) -> None:
-        """Show the next pass of the next frame. With its last pass, the frame is run."""
+        """Show the next pass of the next frame, on a copy. With its last pass, the frame is run."""
         self._playing, self._steps = False, 0
         sim = self._demand_simulation("pass")
-        try:
-            shown = self._passes.next(sim)
-        except InputError:
-            if not self._owned or (offer := _offer_of_passes(sim)) is None:
-                raise
-            self._tell()
-            self._broadcast.tell("pass", offer)
-            return
-        if self._passes.is_last:
+        if self._pass + 1 < len(self._passes):
+            self._pass += 1
+        else:
+            self._passes, self._pass = next_frame_in_passes(sim), 0
+        shown = self._passes[self._pass]
+        if self._pass + 1 == len(self._passes):
             self._run_frames(1)
-            self._passes.demand_end(sim.digest())
+            if shown.state.digest() != sim.digest():
+                raise InputError(
+                    "the passes that were shown must end where the frame does; this frame was divided into other steps "
+                    "than the one before. Show the next one."
+                )
         else:
             self._shown = self._run, sim.frame, sim.count
             discs = in_place(shown.state, self.scene.box, sim.frame, sim.time, sim.radii)
             self._broadcast.show(discs, second=self._comparison.shown())
         self._tell()
-        self._broadcast.tell_if_new("pass", self._passes.told())
+        self._tell_pass()
 
     def _close_passes(self) -> None:
         """Show the simulation itself again, instead of a pass of its next frame."""
-        if self._passes.is_open:
-            self._passes.close()
-            self._shown = _NOWHERE
-            self._broadcast.tell_if_new("pass", self._passes.told())
+        if self._passes:
+            self._passes, self._shown = [], _NOWHERE
+            self._tell_pass()
+
+    def _tell_pass(self) -> None:
+        """Send the pass that is shown; its `name` is None if none is."""
+        told: dict[str, Any] = {"name": None}
+        if self._passes:
+            shown = self._passes[self._pass]
+            told = {"name": shown.name, "number": shown.number + 1, "of": len(self._passes)}
+            told |= {each: getattr(shown, each) for each in ("contacts", "columns", "brackets", "owners")}
+        self._broadcast.tell_if_new("pass", told)
 
     # --- commands: begin again in another way
-
-    @command()
-    def do_grid(self) -> None:
-        """Restart with the method grid, and show its first pass."""
-        self._demand_scene("grid")
-        self._tuning.stop()
-        self._settings = dataclasses.replace(self._settings, method="grid", workers=None)
-        self._restart()
-        self.do_pass()
 
     @command(value=whole(0, 10**9))
     def do_seed(self, value: int) -> None:
         """Restart with other random positions and velocities."""
         self._demand_scene("seed")
-        scene = self._given.redrawn(value) if value else self._given
+        self._redraw(value)
         self._tuning.stop()  # it searches for another initial state
-        self._seed = value
-        self._show_scene(scene)
         self._restart()
+
+    def _redraw(self, seed: int) -> None:
+        """Take other random positions and velocities of the scene, or those that it has, from the next restart on."""
+        self.scene = self._broadcast.scene = self._given.redrawn(seed) if seed else self._given
+        self._seed = seed
 
     @command(settings=_settings_beside)
     def do_beside(self, settings: dict[str, Any] | None) -> None:
@@ -502,7 +438,7 @@ class Session(Source):
         self._take(link)
         self._tuning.stop()
         self._colouring = Colouring(None)  # the numbers of the program belong to another scene
-        self._broadcast.tell_if_new("tune", self._tuning.told())
+        self._tell_tuning()
         self._open()
         self._tell_scene(self._phase)
 
@@ -511,18 +447,21 @@ class Session(Source):
         """Search for the cheapest settings whose error is inside a budget."""
         self._demand_scene("tune")
         self._tuning.start(self.scene, {measure: budget})
-        self._broadcast.tell_if_new("tune", self._tuning.told())
+        self._tell_tuning()
 
     @command()
     def do_stop_tuning(self) -> None:
         """Stop the search."""
         self._demand_scene("stop_tuning")
         self._tuning.stop()
+        self._tell_tuning()
+
+    def _tell_tuning(self) -> None:
         self._broadcast.tell_if_new("tune", self._tuning.told())
 
     def _tell_tuning_later(self) -> None:
         """Report the progress of the search. Called by its thread."""
-        self.call("searching", lambda: self._broadcast.tell_if_new("tune", self._tuning.told()), replaces=True)
+        self.call("searching", self._tell_tuning, replaces=True)
 
     def _apply_later(self, number: int, settings: Settings) -> None:
         """Restart with settings that the search of this number has found. Called by its thread."""
@@ -537,13 +476,9 @@ class Session(Source):
     # --- commands: changes by hand, and moments to go back to
 
     def _do(self, action: Action) -> None:
-        if self._edits.has(action.name):
-            self._edit(action)
-        else:
+        if not hasattr(self._edits, f"do_{action.name}"):
             super()._do(action)
-
-    def _edit(self, action: Action) -> None:
-        """Change discs as a user asks. A refused change is reported on the page; the simulation continues."""
+            return
         self._edits.do(self._demand_simulation(action.name), action, time.perf_counter())
         self._changed()
 
@@ -559,20 +494,17 @@ class Session(Source):
         self._tell_link()
 
     def _follow_changes(self) -> None:
-        """Make the changes on the second stage, too."""
         with self._comparison.stage() as second:
             if second is not None:
                 second.take(self._simulation)
 
     def _moment(self) -> Moment:
-        """This moment of both stages."""
         mark = None
         with self._comparison.stage() as second:
             mark = None if second is None else second.mark()
         return Moment(self._simulation.snapshot(), self._collisions.total, mark)
 
     def _back(self, moment: Moment) -> None:
-        """Go back to a moment, on both stages."""
         self._simulation.restore(moment.snapshot)
         self._broadcast.forget_radii()
         self._collisions.back(moment.collisions)
@@ -649,28 +581,16 @@ class Session(Source):
         self._compared = (self._run, sim.frame, sim.count)
         self._broadcast.tell_if_new("pair", self._comparison.told(sim))
 
-    def _tell_gauges(self, state: State, frame: int, moment: float, collisions: float) -> None:
+    def _tell_gauges(self, sim: Simulation) -> None:
+        frame, moment, state = sim.frame, sim.time, sim.state  # of a fast run of a program, the state may be later
         if self._gauges is None:  # after a change by hand
-            self._gauges = Gauges(self._simulation.scene, state, self._settings.law)
+            self._gauges = Gauges(sim.scene, state, self._settings.law)
         self._broadcast.scale = scale_of(state)
         numbers = self._gauges.of(state)
         numbers |= self._meter.read(numbers["discs"], time.perf_counter())
-        numbers |= self._counting.numbers() | {"bulk_pressure": bulk_pressure(state, self._simulation.scene)}
-        numbers |= {"collisions": collisions, "with_walls": self._collisions.with_walls}
+        numbers |= self._counting.numbers() | {"bulk_pressure": bulk_pressure(state, sim.scene)}
+        numbers |= {"collisions": self._collisions.total, "with_walls": self._collisions.with_walls}
         self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers})
-
-
-def _now(sim: Simulation) -> tuple[State, int, float]:
-    """State, frame and time of a simulation that another thread of the user's program may be running.
-
-    If it runs fast, the state may be a few frames later than frame and time.
-    """
-    frame, moment, state = sim.frame, sim.time, sim.state
-    for _ in range(3):
-        if sim.frame == frame:
-            break
-        frame, moment, state = sim.frame, sim.time, sim.state
-    return state, frame, moment
 
 
 def _checked(settings: Settings | None, beside: Settings | None, sim: Simulation | None, scene: Scene) -> Settings:

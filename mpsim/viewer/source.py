@@ -5,18 +5,18 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from mpsim.core import checks
 from mpsim.errors import InputError, MpsimError
 from mpsim.kernels.compiling import Announcer, announced_by
 from mpsim.scene.scene import Scene
 from mpsim.viewer import export
-from mpsim.viewer.protocol import COMMANDS, Action, Broadcast, command, whole
+from mpsim.viewer.protocol import COMMANDS, Action, Broadcast, Command, whole
 
 if TYPE_CHECKING:
     from mpsim.viewer.server import Pages
@@ -97,11 +97,16 @@ def first_speed(every: int | None) -> float:
 
 
 class FrameRate:
-    """Decides which frames are due. All times are from one clock [s]."""
+    """Decides which frames are due. All times are from one clock [s].
+
+    Attributes:
+        speed: in units of UNIT frames a second; None: as fast as possible.
+        look: time between two observations of a run, from LOOK to TURN [s].
+    """
 
     def __init__(self) -> None:
-        self.speed: float | None = 1.0  # in units of UNIT frames a second; None: as fast as possible
-        self.look: float = LOOK  # time between two observations of a run, from LOOK to TURN [s]
+        self.speed: float | None = 1.0
+        self.look: float = LOOK
         self._next = 0.0
         self._seconds_per_frame: float | None = None
 
@@ -128,10 +133,7 @@ class FrameRate:
 
     @property
     def frames_between_looks(self) -> int:
-        """Number of frames that fit into `look`, at least one.
-
-        It is a power of two, so that it stays the same although the time of a frame varies a little.
-        """
+        """Number of frames that fit into `look`: a power of two, so that it rarely changes."""
         return 1 << (self._fitting(self.look).bit_length() - 1)
 
     def note(self, frames: int, seconds: float) -> None:
@@ -139,7 +141,6 @@ class FrameRate:
         self._seconds_per_frame = max(seconds / frames, 1e-9)
 
     def _fitting(self, seconds: float) -> int:
-        """Number of frames that take so long; one if the time of a frame is not known yet."""
         if self._seconds_per_frame is None:
             return 1
         return min(max(int(seconds / self._seconds_per_frame), 1), MOST_FRAMES)
@@ -154,7 +155,7 @@ class TimeBudget:
     def __init__(self, at_least: float):
         self._at_least = at_least
         self._last = -math.inf
-        self._cost = 0.0
+        self._cost = 0.0  # of the last use [s]
 
     @contextmanager
     def used(self, now: float) -> Iterator[None]:
@@ -168,12 +169,8 @@ class TimeBudget:
         self._cost += cost
 
     def wait(self, now: float, share: float, at_most: float) -> float:
-        """Time until the next use [s], so that the uses take at most this fraction of a core; 0: now.
-
-        at_most: longest time between two uses [s], whatever they cost.
-        """
-        pause = min(max(self._cost / share, self._at_least), at_most)
-        return max(self._last + pause - now, 0.0)
+        """Time until the next use, so that the uses take at most a share of a core; 0: now; at_most: of a pause [s]."""
+        return max(self._last + min(max(self._cost / share, self._at_least), at_most) - now, 0.0)
 
 
 # --- Base class of all sources of pictures: a thread with an inbox of actions
@@ -206,6 +203,18 @@ def _speed(name: str, value: object) -> float | None:
     return None if value is None else checks.between(name, value, SLOWEST, QUICKEST)
 
 
+EVERY: Mapping[str, Command] = {
+    "play": Command({}, replaces=True),
+    "pause": Command({}, replaces=True),
+    "step": Command({"frames": whole(1, MOST_STEPS)}),  # pause, and advance by some frames
+    "speed": Command({"value": _speed}, replaces=True),  # as in `FrameRate`
+    "reset": Command({}, replaces=True),
+}
+"""Commands that every source has."""
+
+COMMANDS.update(EVERY)
+
+
 class Source(ABC):
     """Something that pages show and control. Its methods `do_NAME` carry out the commands of pages."""
 
@@ -233,11 +242,7 @@ class Source(ABC):
             self._thread.start()
 
     def submit(self, action: Action, sender: object) -> None:
-        """Put the action of a page into the inbox.
-
-        Raises:
-            InputError: if too many actions of this page are waiting.
-        """
+        """Put the action of a page into the inbox, or raise InputError if too many of this page are waiting."""
         waiting = _Waiting(sender, action.name, action.values.get("id"), partial(self._do, action))
         self._put(waiting, COMMANDS[action.name].replaces)
 
@@ -261,11 +266,7 @@ class Source(ABC):
             self._inbox = deque(waiting for waiting in self._inbox if waiting.sender is not sender)
 
     def export(self, what: str) -> "Future[export.Download]":
-        """Request a file of what is shown; what: its name among `export.FILES`.
-
-        Raises:
-            InputError: as `submit`.
-        """
+        """Request a file of what is shown; what: its name among `export.FILES`. It raises errors as `submit`."""
         made: Future[export.Download] = Future()
 
         def make() -> None:
@@ -324,7 +325,7 @@ class Source(ABC):
 
     def _live(self) -> None:
         try:
-            with LISTENERS.notifying(self._tell_compiling):
+            with LISTENERS.notifying(lambda text: self._broadcast.tell("compiling", {"text": text})):
                 self._open()
                 while self._turn():
                     pass
@@ -335,10 +336,6 @@ class Source(ABC):
         finally:
             self._release()
             self._ended.set()
-
-    def _tell_compiling(self, text: str | None) -> None:
-        """Tell what is being compiled; None: nothing any more. Called by other threads."""
-        self._broadcast.tell("compiling", {"text": text})
 
     def _turn(self) -> bool:
         """Do the waiting actions, advance, then wait for more. Returns whether to continue."""
@@ -356,14 +353,10 @@ class Source(ABC):
         return True
 
     def _do(self, action: Action) -> None:
-        """Do the action of a page.
-
-        Raises:
-            InputError: if this source cannot do it.
-        """
+        """Do the action of a page, or raise InputError if this source cannot do it."""
         act = getattr(self, f"do_{action.name}", None)
         if act is None:
-            raise InputError(self._cannot(action.name))
+            raise InputError(self.cannot.format(action.name))
         act(**action.values)
 
     def _rest(self) -> None:
@@ -378,46 +371,17 @@ class Source(ABC):
     def _phase(self) -> str:
         return "over" if self._over else "playing" if self._playing else "paused"
 
-    # --- commands that every source has
+    # --- what each kind of source does in the thread, besides the commands in EVERY
 
-    @command(replaces=True)
-    @abstractmethod
-    def do_play(self) -> None:
-        """Play."""
-
-    @command(replaces=True)
-    @abstractmethod
-    def do_pause(self) -> None:
-        """Pause."""
-
-    @command(frames=whole(1, MOST_STEPS))
-    @abstractmethod
-    def do_step(self, frames: int) -> None:
-        """Pause, and advance by some frames."""
-
-    @command(replaces=True, value=_speed)
-    @abstractmethod
-    def do_speed(self, value: float | None) -> None:
-        """Play at a speed, as in `FrameRate`."""
-
-    @command(replaces=True)
-    @abstractmethod
-    def do_reset(self) -> None:
-        """Go back to the start."""
-
-    # --- what each kind of source does in the thread
+    cannot: ClassVar[str]  # says that this source has no such command
 
     @abstractmethod
     def _open(self) -> None:
         """Begin. An exception ends the thread."""
 
     @abstractmethod
-    def _cannot(self, command: str) -> str:
-        """Say that this source has no such command."""
-
-    @abstractmethod
     def _exported(self, what: str) -> "export.Download":
-        """A file of what is shown, or raise an error of mpsim."""
+        """A file of what is shown, or an error of mpsim."""
 
     @abstractmethod
     def _advance(self) -> None:

@@ -104,16 +104,13 @@ def test_a_disc_is_added_at_rest_with_what_discs_of_the_scene_have(words):
         page.hear_until(lambda v: len(v.picture.colour) == 6)
 
 
-def test_no_disc_is_added_on_another_one_and_a_stroke_adds_them_where_there_is_room():
+def test_no_disc_is_added_in_an_obstacle_and_a_stroke_adds_them_where_there_is_room():
     """Through a periodic edge, on a new one, and in an obstacle there is none."""
     scene = mpsim.Scene(
         width=8, height=8, position=[[0.1, 4]], velocity=[[0, 0]], radius=0.5, boundary=("periodic", "walls"),
         obstacles=[mpsim.FixedDisc((4.0, 6.0), 0.5)],
     )  # fmt: skip
     with paused(scene, PLAIN) as page:
-        for x in (0.1, 0.6, 7.9):
-            told = page.do("add", x=x, y=4.0, same=False)
-            assert f"a new disc needs a free place; got ({x}, 4), where disc 0 is" in told["note"]
         assert "obstacle" in page.do("add", x=4.0, y=6.0, same=False)["note"]
         places = [[0.5, 4.2], [7.7, 3.8], [2.0, 4.0], [2.5, 4.0], [3.2, 4.0], [4.2, 6.4], [6.0, 6.0]]
         assert page.do("stroke", places=places, same=False)["note"] is None
@@ -144,7 +141,8 @@ REFUSED = [
     ("add", {"x": 1e99, "y": 1.0, "same": False}, "one radius from the walls"),
     ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 0.9}, "as long as a disc is wide, 1; got 0.9. Drag further."),
     ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": -9.0}, "must be in the box"),
-    ("wall", {"ax": 0.0, "ay": 0.0, "bx": 8.8, "by": 8.8}, "a wall must be clear of all discs; got disc"),
+    ("move_wall", {"id": 0, "dx": 1.0, "dy": 0.0}, "id must be the number of a wall, which can be moved; got 0"),
+    ("remove_wall", {"id": 0, "same": False}, "wall must be the number of an obstacle that is there"),
     ("change", {"name": "dt", "value": -1.0, "same": False}, "dt must be from 0.001 to 0.1 here; got -1"),
     ("change", {"name": "gravity", "value": 3.0, "same": False}, "gravity must"),
     ("change", {"name": "gravity", "value": [1e99, 0.0], "same": False}, "gravity must be at most "),
@@ -172,6 +170,49 @@ def test_what_is_refused_is_a_note_and_changes_nothing():
         x, y = SCENE.position[4].tolist()
         assert "discs that do not overlap" in page.do("hold", id=3, x=x, y=y)["note"]
         assert page.last["hands"]["held"] == []
+
+
+# --- room among others
+
+
+def test_what_finds_no_room_is_refused_and_nothing_has_moved():
+    """A box full of discs, as they touch."""
+    place = np.stack(np.divmod(np.arange(16), 4), axis=1) + 0.5
+    scene = mpsim.Scene(width=4, height=4, position=place, velocity=np.zeros((16, 2)), radius=0.5)
+    with paused(scene, PLAIN) as page:
+        for name, values in (
+            ("add", {"x": 2.0, "y": 2.0, "same": False}),
+            ("wall", {"ax": 0.0, "ay": 1.8, "bx": 4.0, "by": 1.8}),
+        ):
+            told = page.do(name, **values)
+            assert "there must be room for it" in told["note"]
+            assert told["undo"] == 0
+        assert kept(page.view.address) == (0, digest_alone(scene, PLAIN, 0), [])
+
+
+def test_discs_that_made_room_are_put_back_if_what_they_made_it_for_is_refused():
+    """By an emitter, which needs its own room."""
+    scene = gas(20, 0.3, emitters=(mpsim.Emitter((1.0, 1.0), (0.0, 0.0), every=100),))
+    with paused(scene, PLAIN) as page:
+        before = kept(page.view.address)
+        told = page.do("wall", ax=0.0, ay=1.0, bx=scene.width, by=1.0)
+        assert "emitter" in told["note"]
+        assert kept(page.view.address) == before
+
+
+def test_each_stage_makes_room_for_itself():
+    scene = mpsim.Scene(width=9, height=9, position=[[2, 2], [6, 6]], velocity=[[1, 0], [0, 0]], radius=0.5)
+    with paused(scene, PLAIN, beside=mpsim.Settings(method="event")) as page:
+        page.do("hold", id=0, x=5.5, y=6.0)  # refused on the second stage, where disc 0 stays behind
+        page.do("release", id=0, vx=0.0, vy=0.0)
+        page.step_to(30)
+        page.hear_until(lambda v: v.stages[1].frame == 30)
+        x, y = page.stages[1].position[0].tolist()
+        for name, values in (("add", {"x": x, "y": y, "same": False}), ("wall", {"ax": x, "ay": 0, "bx": x, "by": 9})):
+            assert page.do(name, **values)["note"] is None
+            page.step_to(page.frame + 1)
+            assert page.last["pair"]["second"] == "event"
+            assert len(page.stages[1].colour) == len(page.picture.colour) == 3
 
 
 # --- walls
@@ -207,6 +248,31 @@ def test_an_obstacle_that_moves_is_shown_where_it_is():
         shown = scene.capsules_at(30 * PLAIN.dt)
         page.hear_until(lambda v: np.abs(np.subtract(v.last["obstacles"]["capsules"], shown)).max() < 1e-6)
         assert np.abs(shown - scene.capsules_at(0.0)).max() > 0.1
+
+
+def test_a_wall_is_moved_and_removed_like_a_disc():
+    bar = mpsim.Polyline([(3, 4), (5, 4)], thickness=0.1, motion=mpsim.Translation((0, 1), stop=3))
+    obstacles = [mpsim.FixedDisc((1, 7), 0.5), bar]
+    scene = mpsim.Scene(width=8, height=9, position=[[1, 1]], velocity=[[0, 0]], radius=0.5, obstacles=obstacles)
+    with paused(scene, PLAIN) as page:
+        page.step_to(100)
+        page.hear_until(lambda v: np.allclose(v.last["obstacles"]["capsules"][1], [3, 5, 5, 5, 0.05]))
+        assert page.last["obstacles"]["numbers"] == [0, 1]
+        assert page.do("move_wall", id=1, dx=-2.5, dy=-4.0)["note"] is None, "onto the disc, which makes room"
+        page.hear_until(lambda v: np.allclose(v.last["obstacles"]["capsules"][1], [0.5, 1, 2.5, 1, 0.05]))
+        assert page.last["obstacles"]["numbers"] == [0, 2]
+        with replayed(page.view.address) as sim:
+            assert np.hypot(*(sim.state.position[0] - (1, 1))) == pytest.approx(0.55, abs=1e-2)
+        assert "must be in the box" in page.do("move_wall", id=2, dx=-1.0, dy=0.0)["note"]
+        assert "which can be moved; got 0" in page.do("move_wall", id=0, dx=1.0, dy=0.0)["note"]
+        assert page.do("remove_wall", id=0, same=False)["note"] is None
+        assert page.do("remove_wall", id=2, same=True)["undo"] == 2, "a stroke"
+        page.hear_until(lambda v: v.last["obstacles"]["capsules"] == [])
+        page.do("undo")
+        page.do("undo")
+        page.hear_until(lambda v: v.last["obstacles"]["numbers"] == [0, 1])
+        page.step_to(110)
+        assert kept(page.view.address) == (110, digest_alone(scene, PLAIN, 110), [])
 
 
 # --- parameters

@@ -103,7 +103,7 @@ def test_both_stages_of_a_picture_come_together():
 
 MESSAGES = {
     "scene": "version name width height periodic theme method dt can_reset can_redraw seed",
-    "obstacles": "capsules filled",
+    "obstacles": "capsules numbers filled",
     "status": "phase speed note can_remember snapshot",
     "gauges": "frame time discs temperature energy energy_drift energy_note speeds counting pressure pressure_error "
     "largest_overlap pressure_note bulk_pressure collisions with_walls frames_per_second collisions_per_second "
@@ -111,8 +111,8 @@ MESSAGES = {
     "hands": "held undo note notes dt parameters",
     "link": "text",
     "colours": "by choices",
-    "pair": "first second exact note skipped lyapunov_time agree_until time distance largest disc parted collisions "
-    "missed missed_fraction pressure pressure_error pressure_difference difference_error cost cost_ratio",
+    "pair": "first second exact note skipped lyapunov_time agree_until time distance parted collisions "
+    "missed missed_fraction pressure pressure_difference difference_error cost_ratio",
     "pass": "name number of contacts columns brackets owners",
     "tune": "phase text done of",
 }
@@ -133,7 +133,7 @@ def test_each_message_has_its_fields():
             "periodic": [False, False], "method": "grid", "dt": 0.01, "can_reset": True, "can_redraw": True, "seed": 0,
             "theme": {"ground": "#ffffff", "behind": "#9aa3ad", "solid": "#3a3f45"},
         }  # fmt: skip
-        assert page.last["obstacles"] == {"type": "obstacles", "capsules": [], "filled": []}
+        assert page.last["obstacles"] == {"type": "obstacles", "capsules": [], "numbers": [], "filled": []}
         assert page.last["status"] == {
             "type": "status", "phase": "paused", "speed": 1.0, "note": None, "can_remember": True, "snapshot": None,
         }  # fmt: skip
@@ -154,14 +154,15 @@ def test_numbers_that_are_none_are_null():
 ACTIONS = [
     ("visible", {"value": True}), ("pause", {}), ("play", {}), ("step", {"frames": 1}), ("speed", {"value": 0.01}),
     ("speed", {"value": None}), ("reset", {}), ("count", {"value": True}), ("count", {"value": False}),
-    ("colour", {"by": "column"}), ("colour", {"by": "speed"}), ("pass", {}), ("grid", {}),
+    ("colour", {"by": "column"}), ("colour", {"by": "speed"}), ("pass", {}),
     ("snapshot", {}), ("return", {}), ("seed", {"value": 3}), ("seed", {"value": 0}),
     ("beside", {"settings": {"frames": 2, "passes": 2, "contact": "push", "precision": "float32"}}),
     ("beside", {"settings": {"method": "event"}}), ("beside", {"settings": None}),
     ("open", {"link": "scene=cradle"}), ("stop_tuning", {}),
     ("hold", {"id": 1, "x": 7.0, "y": -1e100}), ("release", {"id": 1, "vx": 0, "vy": 1e3}),
     ("add", {"x": 1.0, "y": 1, "same": False}), ("stroke", {"places": [[1.0, 3.0]] * 100, "same": True}),
-    ("remove", {"id": 2, "same": False}), ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 0.1}),
+    ("remove", {"id": 2, "same": False}), ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 2.0}),
+    ("move_wall", {"id": 0, "dx": 0.5, "dy": 0.0}), ("remove_wall", {"id": 1, "same": False}),
     ("change", {"name": "dt", "value": 0.02, "same": False}), ("change", {"name": "passes", "value": 2, "same": True}),
     ("change", {"name": "gravity", "value": [0.0, -1.0], "same": False}),
     ("change", {"name": "contact", "value": "push", "same": False}), ("undo", {}),
@@ -195,6 +196,7 @@ HOSTILE = [
     '{"do": "release", "id": 1, "vx": [1], "vy": 0}', '{"do": "add", "x": 0, "y": 0, "same": 1}',
     '{"do": "stroke", "places": [], "same": false}', '{"do": "stroke", "places": [[1, 2, 3]], "same": false}',
     json.dumps({"do": "stroke", "places": [[1, 1]] * 101, "same": False}),
+    '{"do": "move_wall", "id": 0.5, "dx": 1, "dy": 1}', '{"do": "remove_wall", "id": -1, "same": false}',
     '{"do": "wall", "ax": 0, "ay": 0, "bx": 1, "by": 1e101}', '{"do": "remove", "id": [0, 1], "same": false}',
     '{"do": "change", "name": "precision", "value": "float32", "same": false}',
     '{"do": "change", "name": "dt", "value": "import os", "same": false}',

@@ -27,8 +27,7 @@ export function take(message) {
     $("about").textContent = `box ${digits(message.width)} × ${digits(message.height)}, ${periodic}; ${message.recording ? `recording ${message.recording}` : `method ${message.method}, dt ${digits(message.dt)}`}`;
     requestDraw();
   } else if (message.type === "obstacles") {
-    state.obstacles = message.capsules;
-    state.filled = message.filled;
+    [state.obstacles, state.owners, state.filled] = [message.capsules, message.numbers, message.filled];
     requestDraw();
   } else if (message.type === "status") {
     state.status = message;

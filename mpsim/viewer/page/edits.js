@@ -1,5 +1,5 @@
-// Tools: drag, throw, add and remove discs, and draw walls, by pointer or by keys. The stage shows why an action was
-// refused.
+// Tools: drag, throw, add and remove discs, draw, move and remove walls, by pointer or by keys. The stage shows why an
+// action was refused.
 
 import { $, ABSORBED, ARROWS, bound, isText, state } from "./common.js";
 import { send, takers } from "./connection.js";
@@ -42,6 +42,8 @@ export const onCanvas = (event) => {
   const box = stage.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
   return [(event.clientX - box.left - stage.clientLeft) * ratio, (event.clientY - box.top - stage.clientTop) * ratio];
 };
+/** The length of NEAR on the screen. */
+const nearby = () => (NEAR * (window.devicePixelRatio || 1)) / camera.scale;
 const radiusOf = (disc) => (state.radii.length > 1 ? state.radii[disc] : state.radii[0] ?? 0);
 export const placeOf = (disc, picture = state.picture) => picture.extent.map((length, axis) => (picture.places[2 * disc + axis] / 65535) * length);
 
@@ -77,6 +79,28 @@ export function discAt(place, reach) {
   return found;
 }
 
+/** The number of the obstacle at a place, or of the nearest one within a distance, as it is drawn; null: none. */
+function wallAt(place, reach) {
+  let found = null, least = reach;
+  state.obstacles.forEach(([ax, ay, bx, by, radius], k) => {
+    const along = [bx - ax, by - ay], square = along[0] ** 2 + along[1] ** 2, from = nearest([place[0] - ax, place[1] - ay]);
+    const part = square ? bound((from[0] * along[0] + from[1] * along[1]) / square, 0, 1) : 0;
+    const away = Math.hypot(...nearest(along.map((each, axis) => from[axis] - part * each))) - radius;
+    if (away <= least) [found, least] = [state.owners[k], away];
+  });
+  return found;
+}
+
+/** The held wall where the pointer would put it, inside the box: its capsules, and its displacement. */
+function movedWall() {
+  const rows = state.obstacles.filter((_, k) => state.owners[k] === gesture.wall);
+  const shift = [0, 1].map((axis) => {
+    const ends = rows.flatMap((row) => [row[axis], row[axis + 2]]);
+    return bound(gesture.to[axis] - gesture.from[axis], -Math.min(...ends), state.picture.extent[axis] - Math.max(...ends));
+  });
+  return { shift, rows: rows.map(([ax, ay, bx, by, radius]) => [ax + shift[0], ay + shift[1], bx + shift[0], by + shift[1], radius]) };
+}
+
 /** A place for the centre of a disc: in the box, a radius from its walls. */
 function inside(place, radius) {
   const [left, right, low, high] = state.picture.walls, room = radius * (1 + 1e-6);
@@ -105,7 +129,7 @@ function walked(step, most) {
 function stroke() {
   const radius = typicalRadius() || 0.01 * Math.min(...(state.picture?.extent ?? [1])); // without discs
   if (gesture?.tool === "brush") paint(walked(2.05 * radius, MOST_PLACES));
-  else if (gesture?.tool === "remove") for (const place of walked(radius, MOST_REMOVED)) removeAt(place);
+  else if (gesture?.tool === "remove") for (const place of walked(radius, MOST_REMOVED)) removeAt(place, 0);
   if (gesture?.path?.length) strokeSoon();
 }
 const strokeSoon = paced(stroke);
@@ -118,15 +142,16 @@ function paint(places) {
   gesture.sent = true;
 }
 
-/** Remove the disc at a place; returns its number, or null if none is there. */
-function removeAt(place) {
-  const disc = discAt(place, 0);
-  if (disc === null || gesture?.gone.has(disc)) return disc;
-  send({ do: "remove", id: disc, same: gesture?.sent ?? false });
-  if (!gesture) return disc;
-  gesture.gone.add(disc);
-  gesture.sent = true;
-  return disc;
+/** Remove the disc or the wall at a place; returns whether one is there. */
+function removeAt(place, reach) {
+  const disc = discAt(place, 0), wall = disc === null ? wallAt(place, reach) : null;
+  const name = disc === null ? `wall ${wall}` : disc;
+  if (disc === null && wall === null) return false;
+  if (gesture?.gone.has(name)) return true;
+  send({ do: disc === null ? "remove_wall" : "remove", id: disc ?? wall, same: gesture?.sent ?? false });
+  gesture?.gone.add(name);
+  if (gesture) gesture.sent = true;
+  return true;
 }
 
 function addAt(place) {
@@ -161,7 +186,14 @@ function build() {
   const wall = drawnWall();
   if (!wall) { say("A wall must be in the box. Draw it there."); return; }
   const [[ax, ay], [bx, by]] = wall;
-  send({ do: "wall", ax, ay, bx, by });
+  sendWall({ do: "wall", ax, ay, bx, by });
+}
+function move() {
+  const [dx, dy] = movedWall().shift;
+  if (Math.hypot(dx, dy) > nearby() / 4) sendWall({ do: "move_wall", id: gesture.wall, dx, dy });
+}
+function sendWall(message) {
+  send(message);
   clearTimeout(building);
   building = setTimeout(() => say("Adding the wall … The first time, code is compiled for up to half a minute.", 60), 1000);
 }
@@ -175,8 +207,9 @@ function built() {
 /** Begin a gesture at a place and a time [ms]; returns whether one has begun. */
 function begin(place, reach, time) {
   if (tool === "hand") {
-    const disc = discAt(place, reach);
-    if (disc === null) return false;
+    const wall = discAt(place, 0) === null ? wallAt(place, nearby()) : null, disc = wall === null ? discAt(place, reach) : null;
+    if (wall !== null) gesture = { tool: "move", wall, from: place, to: place };
+    if (disc === null) return wall !== null;
     const centre = placeOf(disc), off = nearest([centre[0] - place[0], centre[1] - place[1]]);
     gesture = { tool, disc, off, place, trail: [[time, ...place]] };
     hold();
@@ -185,7 +218,7 @@ function begin(place, reach, time) {
     gesture = { tool, reach, from: place, to: place };
   } else {
     gesture = { tool, sent: false, gone: new Set(), last: place, path: tool === "add" ? null : [] };
-    if (tool === "remove") removeAt(place); else if (tool === "brush") paint([place]); else addAt(place);
+    if (tool === "remove") removeAt(place, nearby()); else if (tool === "brush") paint([place]); else addAt(place);
   }
   requestDraw();
   return true;
@@ -200,7 +233,7 @@ function hold() {
 function go(place, time) {
   if (!gesture) return;
   if (gesture.path) { gesture.path.push(place); strokeSoon(); }
-  else if (gesture.tool === "wall") { gesture.to = place; requestDraw(); }
+  else if (gesture.from) { gesture.to = place; requestDraw(); }
   else if (gesture.tool === "hand") {
     gesture.place = place;
     gesture.trail.push([time, ...place]);
@@ -211,7 +244,7 @@ function go(place, time) {
 }
 
 /** End a gesture. A held disc gets the velocity [length/time], or without one that of the pointer at a time [ms]. A wall
- *  is built without a velocity, and dropped with one. */
+ *  is built or moved without a velocity, and dropped with one. */
 function end(velocity, time) {
   if (!gesture) return;
   if (gesture.tool === "hand") {
@@ -221,7 +254,7 @@ function end(velocity, time) {
     send({ do: "hold", id: gesture.disc, x: at[0], y: at[1] });
     const [vx, vy] = velocity ?? pointerVelocity(time);
     send({ do: "release", id: gesture.disc, vx, vy });
-  } else if (gesture.tool === "wall" && !velocity) build();
+  } else if (gesture.from && !velocity) { if (gesture.tool === "wall") build(); else move(); }
   else while (gesture.path?.length) stroke();
   gesture = null;
   requestDraw();
@@ -244,7 +277,7 @@ const down = new Set();
 stage.addEventListener("pointerdown", (event) => {
   down.add(event.pointerId);
   if (event.target.closest("button") || event.button !== 0 || down.size > 1 || !ready()) return;
-  if (!begin(toBox(onCanvas(event)), (NEAR * (window.devicePixelRatio || 1)) / camera.scale, event.timeStamp)) return;
+  if (!begin(toBox(onCanvas(event)), nearby(), event.timeStamp)) return;
   pointer = event.pointerId;
   cross = null;
   stage.setPointerCapture(pointer);
@@ -313,10 +346,11 @@ stage.addEventListener("keydown", (event) => {
 });
 
 function press(time) {
-  if (gesture) { end(gesture.tool === "wall" ? null : [0, 0]); return; }
+  if (gesture) { end(gesture.from ? null : [0, 0]); return; }
   if (tool === "add") addAt(cross);
-  else if (tool === "remove") { if (removeAt(cross) === null) say("No disc is under the cross."); }
+  else if (tool === "remove") { if (!removeAt(cross, nearby())) say("No disc and no wall is under the cross."); }
   else begin(cross, tool === "wall" ? 0 : Infinity, time);
+  if (gesture?.tool === "move") say("The wall is held.");
   if (gesture?.tool === "hand") { // the cross jumps to the disc, and both move together
     cross = gesture.place = placeOf(gesture.disc);
     gesture.off = [0, 0];
@@ -366,13 +400,13 @@ afterDrawing.push(() => {
       c.stroke();
     }
   }
-  const wall = gesture?.tool === "wall" && state.picture ? drawnWall() : null;
-  if (wall) {
+  const drawn = gesture?.tool === "wall" && state.picture ? drawnWall() : null;
+  for (const [ax, ay, bx, by] of drawn ? [drawn.flat()] : gesture?.tool === "move" ? movedWall().rows : []) {
     for (const [width, colour] of [[7, "#fff"], [4, "#d55e00"]]) {
       [c.lineWidth, c.strokeStyle, c.lineCap] = [width * ratio, colour, "round"];
       c.beginPath();
-      c.moveTo(...camera.pixel(...wall[0]));
-      c.lineTo(...camera.pixel(...wall[1]));
+      c.moveTo(...camera.pixel(ax, ay));
+      c.lineTo(...camera.pixel(bx, by));
       c.stroke();
     }
   }

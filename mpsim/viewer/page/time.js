@@ -2,16 +2,13 @@
 
 import { $, onKeys, state } from "./common.js";
 import { send, takers } from "./connection.js";
-import { ask, askNoMore } from "./question.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
 // Okabe and Ito's colours, safe for colour-blind people; more workers reuse them.
 const OWNERS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#f0e442"];
 
-let pressed = false, offered = false; // Pass, on this page; and whether another method is offered here
-
 const actions = {
-  pass: () => { pressed = true; send({ do: "pass" }); },
+  pass: () => send({ do: "pass" }),
   snapshot: () => send({ do: "snapshot" }),
   return: () => send({ do: "return" }),
 };
@@ -41,11 +38,6 @@ $("seed").addEventListener("change", () => {
 let pass = { name: null };
 takers.pass.push((message) => {
   pass = message;
-  if (message.offer && pressed) {
-    ask(`${message.offer} A restart changes all pages of this view.`, () => send({ do: "grid" }), { name: "Restart with method grid" });
-    $("asked-yes").focus();
-  } else if (offered) askNoMore();
-  [offered, pressed] = [Boolean(message.offer), false];
   stage.dataset.pass = message.name ? `${message.name} ${message.number}/${message.of}` : "";
   requestDraw();
 });

@@ -1,0 +1,57 @@
+"""Room for a disc or a wall that a user puts among discs: those in the way are pushed aside, as few as possible."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import checks
+from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError
+from mpsim.features.capsules import distance, with_images
+from mpsim.features.obstacles import solid_of
+from mpsim.measure.correlation import lengths_of, to_nearest_image
+from mpsim.scene.placement import GAP, pushed_aside
+
+Floats = NDArray[np.float64]
+
+NEAR, FAR = 4.0, 64.0
+"""Distance up to which discs are pushed at first, and in the end, in radii of the largest disc; it is doubled."""
+
+BARRIER = 3.0  # thickness of the layer of discs that stay and keep in those that are pushed, in the same unit
+
+
+def make_room(sim: Simulation, capsules: Floats) -> bool:
+    """Push discs aside that overlap capsules, shape (K, 5) [length]; returns whether there were any.
+
+    Raises:
+        InputError: if there is no room for them; then nothing has changed.
+    """
+    scene, state = sim.scene, sim.state
+    numbers, radius = np.flatnonzero(state.present), sim.radii[state.present]
+    low, high = scene.walls_at(sim.time)
+    position, (width, height) = state.position[numbers].astype(np.float64) - low, (high - low).tolist()
+    corner, largest = np.array([*low, *low, 0.0]), float(radius.max(initial=0.0))
+    images = with_images(capsules - corner, (width, height), scene.periodic, width + height).capsule
+    gap = np.min([distance(position, each) for each in images], axis=0) - radius
+    if not (gap < 0).any():
+        return False
+    solid = np.concatenate([solid_of(scene.obstacles, sim.time), np.pad(capsules, [(0, 0), (0, 1)])])
+    solid[:, :5] -= corner
+    rounding = 8 * checks.resolution(state.position) * max(scene.width, scene.height)
+    scale = 1 + GAP + rounding / float(radius.min())
+    reach = NEAR * largest
+    while True:
+        near = gap < reach
+        fixed, around = (~near & (gap < reach + layer * largest) for layer in (BARRIER, 3 * BARRIER))
+        others = np.concatenate(
+            [solid, np.column_stack([position[fixed], position[fixed], radius[fixed], 0 * radius[fixed]])]
+        )
+        found = pushed_aside(position[near], radius[near], (width, height), scene.periodic, others, scale)
+        if found is not None:
+            moved = (found != position[near]).any(axis=1)
+            apart = to_nearest_image(found[moved, None] - position[around], lengths_of(scene))
+            if (np.hypot(*np.moveaxis(apart, -1, 0)) >= radius[near][moved, None] + radius[around]).all():
+                sim.set(numbers[near][moved], position=found[moved] + low)
+                return True
+        if near.all() or reach >= FAR * largest:
+            raise InputError("there must be room for it; got too little between the discs. Remove some of them.")
+        reach *= 2
