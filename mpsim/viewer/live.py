@@ -33,23 +33,6 @@ Viewed = Scene | Simulation | Trajectory | Recording | Link
 """What a view can show. A recording is the file of a trajectory together with its scene; a link names a scene."""
 
 
-def demand_viewed(viewed: object, settings: object, beside: object = None) -> None:
-    """Refuse what a view cannot show, before anything is opened."""
-    if not isinstance(viewed, Viewed):
-        raise InputError(
-            f"a view shows an mpsim.Scene, an mpsim.Simulation or an mpsim.Trajectory; got {type(viewed).__name__}. "
-            "Use mpsim.Scene.load(...) for the file of a scene, mpsim.Trajectory(...) for that of a run."
-        )
-    if settings is not None and not isinstance(settings, Settings):
-        raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
-    if beside is not None and not isinstance(beside, Settings):
-        raise InputError(f"beside must be mpsim.Settings; got {type(beside).__name__}. Use Settings(method='event').")
-    if settings is not None and isinstance(viewed, Trajectory | Recording):
-        raise InputError(
-            "settings can be given only with a scene; got them with a trajectory, which is only shown. Leave them out."
-        )
-
-
 def source_of(
     viewed: Viewed,
     settings: Settings | None,
@@ -61,23 +44,31 @@ def source_of(
     beside: Settings | None = None,
 ) -> Source:
     """The source for the pages of a view; it raises errors as `Session` and `Recording` do."""
-    name = in_utf8(name)
+    name, playing = in_utf8(str(name)), checks.truth("playing", playing)
     if isinstance(viewed, Trajectory):
         viewed = Recording(viewed.path, **viewed.given)
-    if not isinstance(viewed, Recording):
-        own = own_colours(colour, viewed.given.count if isinstance(viewed, Link) else viewed.count)
-        options: dict[str, Any] = {"name": name, "playing": playing, "colour": own, "beside": beside}
-        return Session(viewed, settings, **options, audience=audience)
-    if beside is not None:
+    if isinstance(viewed, Recording):
+        return Playback(viewed, name=name, playing=playing, audience=audience)
+    own = own_colours(colour, viewed.given.count if isinstance(viewed, Link) else viewed.count)
+    return Session(viewed, settings, name=name, playing=playing, colour=own, beside=beside, audience=audience)
+
+
+def demand_viewed(viewed: object, settings: object, colour: object, beside: object) -> None:
+    """Refuse what a view cannot show, before anything is opened."""
+    if not isinstance(viewed, Viewed):
         raise InputError(
-            "beside can be given only with a scene; got it with a trajectory, which is only shown. Leave it out."
+            f"a view shows an mpsim.Scene, an mpsim.Simulation or an mpsim.Trajectory; got {type(viewed).__name__}. "
+            "Use mpsim.Scene.load(...) for the file of a scene, mpsim.Trajectory(...) for that of a run."
         )
-    if colour is not None:
-        raise InputError(
-            "colour can be given only with a scene or a simulation; got it with a trajectory, whose discs are coloured "
-            "by speed. Leave it out."
-        )
-    return Playback(viewed, name=name, playing=playing, audience=audience)
+    if settings is not None and not isinstance(settings, Settings):
+        raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
+    if beside is not None and not isinstance(beside, Settings):
+        raise InputError(f"beside must be mpsim.Settings; got {type(beside).__name__}. Use Settings(method='event').")
+    only_shown = isinstance(viewed, Trajectory | Recording)
+    for argument, value in {"settings": settings, "beside": beside, "colour": colour}.items():
+        if value is not None and (only_shown or (argument != "colour" and isinstance(viewed, Simulation))):
+            what = "a trajectory, which is only shown" if only_shown else "a simulation, which has its own"
+            raise InputError(f"{argument} can be given only with a scene; got it with {what}. Leave it out.")
 
 
 HOST = "127.0.0.1"  # address at which a view listens; other machines cannot reach it
@@ -140,8 +131,7 @@ def view(
     'http://127.0.0.1:.../'
     """
     browser, wait = checks.truth("browser", browser), checks.truth("wait", wait)
-    options: dict[str, Any] = {"host": host, "port": port, "playing": playing, "name": name}
-    shown = View(source, settings, colour=colour, beside=beside, **options)
+    shown = View(source, settings, host=host, port=port, playing=playing, name=name, colour=colour, beside=beside)
     try:
         shown.start(browser)
         if wait:
@@ -158,11 +148,12 @@ class View:
     """A page that shows a simulation. `mpsim.view` makes it; leaving a `with` block closes it.
 
     Args:
-        source, settings, host, port, playing, name, colour, beside: as in `mpsim.view`, with the same bounds. The page
-            shows lengths and times in the units of the scene, [length] and [time].
+        source, settings, host, port, playing, name, colour, beside: as in `mpsim.view`.
 
     Attributes:
         address: address of the page. Anyone who has it can control the view, because it contains the secret token.
+
+    The page shows lengths and times in the units of the scene, [length] and [time].
 
     >>> import mpsim
     >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
@@ -183,7 +174,7 @@ class View:
         colour: ArrayLike | None = None,
         beside: Settings | None = None,
     ):
-        demand_viewed(source, settings, beside)
+        demand_viewed(source, settings, colour, beside)
         if not isinstance(host, str):
             raise InputError(f"host must be a name or an address; got {checks.brief(host)}. Use {HOST!r}.")
         port = checks.whole("port", port, 0, 65535, "0 takes one that is free.")
@@ -192,8 +183,7 @@ class View:
         try:
             admission = Admission(host, found.getsockname()[1])
             self._server = Server(found, admission)
-            playing = checks.truth("playing", playing)
-            options: dict[str, Any] = {"name": str(name), "playing": playing, "colour": colour, "beside": beside}
+            options: dict[str, Any] = {"name": name, "playing": playing, "colour": colour, "beside": beside}
             self._session: Source = source_of(source, settings, **options, audience=self._server)
         except BaseException:
             found.close()

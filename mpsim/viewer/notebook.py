@@ -87,8 +87,7 @@ class Live:
         colour: ArrayLike | None = None,
         beside: Settings | None = None,
     ):
-        demand_viewed(source, settings, beside)
-        playing = checks.truth("playing", playing)
+        demand_viewed(source, settings, colour, beside)
         height = checks.whole("height", height, 200, 4000, f"{HEIGHT} suits most screens.")
         self.widget: Any = _widget_class()(height=height)
         self._name = str(name)
@@ -182,7 +181,7 @@ class NotebookPages(Pages):
         """Ping each page; one that has not answered the last ping is silent."""
         for page in self._named.values():
             if page.asked:
-                page.client.note(silent=True)
+                page.client.silent = True
             else:
                 page.asked = True
                 self._post(page.name, {"ping": True, "sent": page.sent})
@@ -229,7 +228,8 @@ class NotebookPages(Pages):
                 return
         page.asked = False
         if page.client.silent:
-            page.client.note(silent=False)
+            page.client.silent = False
+            page.client.wake()
             self._count()
         if act is not None:
             act()
@@ -274,7 +274,7 @@ class NotebookPages(Pages):
             self._widget.send({"page": name, **content}, list(buffers))
         except Exception:  # whatever the notebook's packages raise, such as for a kernel that is ending
             if name in self._named:
-                self._named[name].client.note(silent=True)
+                self._named[name].client.silent = True
                 self._count()
 
 

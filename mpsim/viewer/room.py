@@ -8,7 +8,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features.capsules import distance, with_images
 from mpsim.features.obstacles import solid_of
-from mpsim.measure.correlation import lengths_of, to_nearest_image
+from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.placement import GAP, pushed_aside
 
 Floats = NDArray[np.float64]

@@ -14,8 +14,8 @@ import socket
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Awaitable, Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -23,7 +23,7 @@ from typing import Any
 from mpsim.core.optional_packages import imported
 from mpsim.errors import InputError, MpsimError, ResourceError
 from mpsim.viewer import export, share_url
-from mpsim.viewer.protocol import MOST_BYTES, Action, SentPicture, Stage, read_action
+from mpsim.viewer.protocol import MOST_BYTES, Action, SentPicture, read_action
 from mpsim.viewer.source import Source
 
 # --- Decides which requests a view answers: those with its token, addressed to this machine, from its own page
@@ -68,24 +68,7 @@ class Admission:
         Raises:
             Refusal: if the request names another host, or lacks the token.
         """
-        self._demand_host(headers.get_all("Host"))
-        parts = path.partition("?")[0].split("/", 2)
-        token = parts[1] if len(parts) == 3 and not parts[0] else ""
-        if not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
-            raise Refusal(404, "Not found. Open the complete address that mpsim view has printed.")
-        return parts[2]
-
-    def demand_own_page(self, headers: Any) -> None:
-        """Refuse a connection that was not requested by a page of this view.
-
-        Raises:
-            Refusal: if the origin is another one, or is missing.
-        """
-        origins = headers.get_all("Origin")
-        if origins != [f"http://{headers.get_all('Host')[0]}"]:
-            raise Refusal(403, "Only the page of this view may connect to it. Open the address that it has printed.")
-
-    def _demand_host(self, hosts: Sequence[str]) -> None:
+        hosts = headers.get_all("Host")
         if len(hosts) != 1 or not self._is_here(hosts[0].lower()):
             raise Refusal(
                 421,
@@ -94,6 +77,17 @@ class Admission:
                 "its host; where a port is forwarded, with that port; from another machine, with the IP address of "
                 "this one.",
             )
+        parts = path.partition("?")[0].split("/", 2)
+        token = parts[1] if len(parts) == 3 and not parts[0] else ""
+        if not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
+            raise Refusal(404, "Not found. Open the complete address that mpsim view has printed.")
+        return parts[2]
+
+    def demand_own_page(self, headers: Any) -> None:
+        """Raise Refusal for a connection that was not requested by a page of this view."""
+        origins = headers.get_all("Origin")
+        if origins != [f"http://{headers.get_all('Host')[0]}"]:
+            raise Refusal(403, "Only the page of this view may connect to it. Open the address that it has printed.")
 
     def _is_here(self, host: str) -> bool:
         """Whether a request to this host, given as `name` or `name:port`, is meant for this view.
@@ -231,17 +225,15 @@ class Client:
     def tell(self, kind: str, text: str) -> None:
         """Send a message soon; it replaces a waiting one of its kind."""
         self._texts[kind] = text
-        self._news.set()
+        self.wake()
 
     def show(self, picture: SentPicture) -> None:
         """Send a picture when the page is ready for it; it replaces a waiting one."""
         self._picture = picture
-        self._news.set()
+        self.wake()
 
-    def note(self, *, visible: bool | None = None, silent: bool | None = None) -> None:
-        """Note whether the page is visible, and whether it is silent; None: as before."""
-        self.visible = self.visible if visible is None else visible
-        self.silent = self.silent if silent is None else silent
+    def wake(self) -> None:
+        """Send what waits, after `visible` or `silent` has changed."""
         self._news.set()
 
     @property
@@ -268,10 +260,10 @@ class Client:
 
     def needs_picture(self) -> bool:
         """Whether the page is ready for a picture and no new one is there."""
-        return self.watches and self._in_flight is None and not self._can_show()
+        return self.watches and self._in_flight is None and self._next_picture() is None
 
-    def _can_show(self) -> bool:
-        return self._picture is not None and self._picture.serial > self._last
+    def _next_picture(self) -> SentPicture | None:
+        return self._picture if self._picture is not None and self._picture.serial > self._last else None
 
     async def send_all(self) -> None:
         """Send pictures and messages as they come, until cancelled."""
@@ -283,17 +275,15 @@ class Client:
             for kind in ORDER:
                 if (text := self._texts.pop(kind, None)) is not None:
                     await self._send(text)
-            picture = self._picture
-            if picture is not None and self.visible and self._in_flight is None and self._can_show():
-                self._in_flight = self._last = picture.serial  # before the first await
-                for number in reversed(range(len(picture.stages))):  # the page acknowledges the first one, for both
-                    await self._show_stage(number, picture.stages[number])
-
-    async def _show_stage(self, number: int, stage: Stage) -> None:
-        if stage.radii is not self._radii[number]:
-            self._radii[number] = stage.radii
-            await self._send(stage.radii)
-        await self._send(stage.packed)
+            picture = self._next_picture()
+            if picture is None or not self.visible or self._in_flight is not None:
+                continue
+            self._in_flight = self._last = picture.serial  # before the first await
+            for number, stage in reversed([*enumerate(picture.stages)]):  # the page acknowledges the first, for both
+                if stage.radii is not self._radii[number]:
+                    self._radii[number] = stage.radii
+                    await self._send(stage.radii)
+                await self._send(stage.packed)
 
 
 # --- Files that pages download. They are made in other threads, a few at a time
@@ -308,7 +298,7 @@ class Downloads:
     def __init__(self) -> None:
         self._film = export.Film()
         self._drawing = ThreadPoolExecutor(MOST, "mpsim view: film")
-        self._making = 0
+        self._making: list[Future[export.Download]] = []
 
     def close(self) -> None:
         """Cancel the films that wait, and end the threads."""
@@ -322,29 +312,20 @@ class Downloads:
         """A file of what the source shows, or raise Refusal if none has this name, or it cannot be made now."""
         if name not in export.FILMS and name not in export.FILES:
             raise Refusal(404, f"There is no {name[:40]!r} to keep.")
-        if self._making >= MOST:
+        self._making = [each for each in self._making if not each.done()]
+        if len(self._making) >= MOST:
             raise Refusal(503, f"At most {MOST} files are made at a time. Try again.")
         try:
             if name in export.FILMS:
                 making = self._drawing.submit(export.film, self._film.pictures(), source.scene, name)
             else:
                 making = source.export(name)
-            self._making += 1
-            loop = asyncio.get_running_loop()
-            making.add_done_callback(lambda _: self._end_in(loop))  # maybe after the request has timed out
+            self._making.append(making)
             return await asyncio.wait_for(asyncio.wrap_future(making), SECONDS)
         except TimeoutError:
             raise Refusal(503, "The simulation is busy. Try again.") from None
         except MpsimError as error:
             raise Refusal(409, str(error)) from None
-
-    def _end_in(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Count a file as made, in the thread of the pages, unless that has ended."""
-        with contextlib.suppress(RuntimeError):
-            loop.call_soon_threadsafe(self._end)
-
-    def _end(self) -> None:
-        self._making -= 1
 
 
 # --- All pages of a view, connected by a server or a notebook
@@ -455,7 +436,8 @@ class Pages(ABC):
             case "ack":
                 client.acknowledge(action.values["serial"])
             case "visible":
-                client.note(visible=action.values["value"])
+                client.visible = action.values["value"]
+                client.wake()
                 self._count()
             case _:
                 self.source.submit(action, client)
@@ -467,8 +449,6 @@ class Pages(ABC):
 
 
 # --- The server of a view: it sends the files of the page by HTTP, and has a WebSocket to each page
-#
-# It runs in a thread of its own. A page that breaks a rule is disconnected; nothing else is affected.
 
 SOCKET = "socket"  # name that a page requests to open its WebSocket
 KEEP = "keep/"  # prefix of the names of files to download
@@ -481,6 +461,8 @@ OPEN_SECONDS, CLOSE_SECONDS, PING_SECONDS = 10, 1, 20
 
 UNACCEPTABLE, POLICY, LATER = 1003, 1008, 1013
 """WebSocket codes (RFC 6455) for closing a connection: it sent bytes, it broke a rule, there are too many pages."""
+
+TEXT = "text/plain; charset=utf-8"
 
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -555,25 +537,28 @@ class Server(Pages):
                 self._admission.demand_own_page(request.headers)
                 return None
             if name == LINK:
-                asked = await asyncio.to_thread(_read_link, request.path)
-                return self._response(200, asked.encode(), "text/plain; charset=utf-8", "")
+                asked = await asyncio.to_thread(share_url.checked, share_url.query_of(request.path))
+                return self._response(asked)
             if name.startswith(KEEP):
                 kept = await self._downloads.made(name.removeprefix(KEEP), self.source)
-                return self._response(200, kept.content, kept.kind, "")
+                return self._response(kept.content, kept.kind)
             if (file := page_files().get(name)) is None:
                 raise Refusal(404, f"There is no {name[:40]!r} here.")
         except Refusal as refusal:
-            return self._response(refusal.status, str(refusal).encode(), "text/plain; charset=utf-8", "")
-        return self._response(200, file.content, file.kind, request.headers["Host"])
+            return self._response(str(refusal), status=refusal.status)
+        except MpsimError as error:  # of a link
+            return self._response(str(error), status=409)
+        return self._response(file.content, file.kind, host=request.headers["Host"])
 
-    def _response(self, status: int, body: bytes, kind: str, host: str) -> Any:
-        policy = (
-            f"default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' ws://{host}; "
-            "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-        )
+    def _response(self, content: str | bytes, kind: str = TEXT, status: int = 200, host: str = "") -> Any:
+        """An answer; host: of the page, which may connect to it."""
+        body = content.encode() if isinstance(content, str) else content
         headers = {"Content-Type": kind, "Content-Length": str(len(body)), "Connection": "close", **HEADERS}
         if host:
-            headers["Content-Security-Policy"] = policy
+            headers["Content-Security-Policy"] = (
+                "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' "
+                f"ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+            )
         every = self._websockets.datastructures.Headers(headers)
         return self._websockets.http11.Response(status, http.HTTPStatus(status).phrase, every, body)
 
@@ -583,12 +568,6 @@ class Server(Pages):
             return
         client = self._join(connection.send)
         try:
-            await self._listen(client, connection)
-        finally:
-            await self._leave(client)
-
-    async def _listen(self, client: Client, connection: Any) -> None:
-        try:
             async for message in connection:
                 client.spend(time.monotonic())
                 if not isinstance(message, str):
@@ -597,22 +576,11 @@ class Server(Pages):
                 self._do(client, read_action(message))
         except InputError as error:
             self.source.forget(client)
-            await connection.close(POLICY, _short(str(error)))
+            await connection.close(POLICY, str(error).encode()[:120].decode(errors="ignore"))  # it allows 123 bytes
         except self._websockets.exceptions.ConnectionClosed:
             pass  # a message was too long, or a ping was not answered
-
-
-def _read_link(path: str) -> str:
-    """The link in an address, checked and in its standard form; "" for one that concerns only the display."""
-    try:
-        return share_url.checked(share_url.query_of(path))
-    except MpsimError as error:
-        raise Refusal(409, str(error)) from None
-
-
-def _short(text: str) -> str:
-    """A reason, cut to the length that WebSocket allows: 123 bytes."""
-    return text.encode()[:120].decode(errors="ignore")
+        finally:
+            await self._leave(client)
 
 
 def _quiet() -> logging.Logger:

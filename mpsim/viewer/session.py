@@ -97,7 +97,7 @@ class Session(Source):
     `mpsim.view`.
 
     Raises:
-        InputError: if settings need several ranks, or are given with a simulation.
+        InputError: if settings need several ranks.
     """
 
     def __init__(
@@ -115,7 +115,9 @@ class Session(Source):
         super().__init__(shown if isinstance(shown, Scene) else shown.scene, audience)
         self._owned = isinstance(shown, Scene)
         self._sim = None if isinstance(shown, Scene) else shown
-        self._settings = _checked(settings, beside, self._sim, self.scene)
+        if beside is not None:
+            demand_one_process(beside)
+        self._settings = demand_one_process(settings_for(self.scene, settings) if self._owned else shown.settings)
         self._given, self._seed, self._name = self.scene, 0, name
         self._parameters: Mapping[str, Any] = {}
         self._has_link = self._owned and export.is_named(self.scene, name)
@@ -591,19 +593,3 @@ class Session(Source):
         numbers |= self._counting.numbers() | {"bulk_pressure": bulk_pressure(state, sim.scene)}
         numbers |= {"collisions": self._collisions.total, "with_walls": self._collisions.with_walls}
         self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers})
-
-
-def _checked(settings: Settings | None, beside: Settings | None, sim: Simulation | None, scene: Scene) -> Settings:
-    """The settings to run with."""
-    if sim is not None and settings is not None:
-        raise InputError(
-            "settings can be given only with a scene; got them with a simulation, which has its own. Leave them out."
-        )
-    if beside is not None:
-        if sim is not None:
-            raise InputError(
-                "beside needs a scene, from which both stages start; got it with a simulation. Open the view with its "
-                "scene."
-            )
-        demand_one_process(beside)
-    return demand_one_process(sim.settings if sim is not None else settings_for(scene, settings))

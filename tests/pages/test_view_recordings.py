@@ -81,8 +81,8 @@ def test_a_recording_refuses_what_only_a_simulation_can(page, path):
     assert (answer.status, answer.body[:27]) == (409, b"a recording has no session,")
     assert fetch(page.view.address, path="keep/film.gif").body[:4] == b"GIF8"
     for given, text in (
-        ({"settings": mpsim.Settings()}, "settings can be given only with a scene; got them with a trajectory"),
-        ({"colour": [1.0] * 20}, "colour can be given only with a scene or a simulation; got it with a trajectory"),
+        ({"settings": mpsim.Settings()}, "settings can be given only with a scene; got it with a trajectory"),
+        ({"colour": [1.0] * 20}, "colour can be given only with a scene; got it with a trajectory"),
         ({"beside": mpsim.Settings()}, "beside can be given only with a scene; got it with a trajectory"),
     ):
         with pytest.raises(mpsim.InputError, match=text):

@@ -361,9 +361,9 @@ def test_what_is_wrong_is_named_before_anything_is_open(arguments, text):
 
 def test_a_simulation_brings_its_own_settings_and_has_no_second_stage():
     with mpsim.Simulation(SCENE, GRID) as sim:
-        with pytest.raises(mpsim.InputError, match="settings can be given only with a scene; got them with a simul"):
+        with pytest.raises(mpsim.InputError, match="settings can be given only with a scene; got it with a simul"):
             mpsim.view(sim, GRID, wait=False)
-        with pytest.raises(mpsim.InputError, match="beside needs a scene, from which both stages start"):
+        with pytest.raises(mpsim.InputError, match="beside can be given only with a scene; got it with a simul"):
             mpsim.view(sim, beside=GRID, wait=False)
 
 
@@ -393,7 +393,7 @@ def test_the_command_names_an_unknown_scene_and_wrong_options():
     for words, said in (
         (["gass"], "gass"),
         (["gas", "--port", "-1"], "port"),
-        (["gas", "--method", "mpi"], "This command runs in one process"),
+        (["gas", "--method", "mpi"], "A command runs in one process"),
     ):
         failed = mpsim_command("view", *words)
         assert (failed.exit_code, said in failed.stderr) == (2, True)

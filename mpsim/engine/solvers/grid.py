@@ -301,11 +301,6 @@ def frame_in_passes(solver: Solver) -> list[Pass]:
         copy.close()
 
 
-def has_passes_by_grid(scene: Scene, radii: NDArray[np.float64]) -> bool:
-    """Whether frames of the method grid are made of an even and an odd pass alone; radii: of the discs, shape (N,)."""
-    return not _other_parts(scene, radii)
-
-
 def _other_parts(scene: Scene, radii: NDArray[np.float64]) -> str:
     """The parts of a grid's frames besides an even and an odd pass; "": none."""
     if scene.emitters:
