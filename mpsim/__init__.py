@@ -9,20 +9,12 @@
 """
 
 import importlib
-import sys
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import mpsim.core.interpreter  # noqa: F401  # pyright: ignore[reportUnusedImport]  # isort: skip
-from mpsim import errors, measure
-from mpsim.core import calls, checks, state
-from mpsim.core.state import State
-from mpsim.core.units import Units
+from mpsim import errors
+from mpsim.core import late
 from mpsim.core.version import __version__ as __version__
-from mpsim.engine.observers import Collisions, Sensor
-from mpsim.engine.report import Report
-from mpsim.engine.simulation import Simulation
-from mpsim.engine.snapshot import Snapshot
 from mpsim.errors import (
     CheckpointError,
     DivergedError,
@@ -33,79 +25,104 @@ from mpsim.errors import (
     TooFastError,
     WorkerDiedError,
 )
-from mpsim.features import (
-    Circle,
-    Emitter,
-    FixedDisc,
-    Oscillation,
-    Path,
-    Piston,
-    Polyline,
-    Rotation,
-    ThermalWalls,
-    Thermostat,
-    Translation,
-)
-from mpsim.measure.correlations import Correlations
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
-from mpsim.studies.findings import Findings, findings
-from mpsim.studies.sweep import Sweep, sweep
-from mpsim.studies.tradeoff import Tradeoff, tradeoff
-from mpsim.studies.tune import Tuned, tune
 
 if TYPE_CHECKING:
+    from mpsim import measure
+    from mpsim.core.state import State
+    from mpsim.core.units import Units
+    from mpsim.engine.observers import Collisions, Sensor
+    from mpsim.engine.report import Report
+    from mpsim.engine.simulation import Simulation
+    from mpsim.engine.snapshot import Snapshot
+    from mpsim.features import (
+        Circle,
+        Emitter,
+        FixedDisc,
+        Oscillation,
+        Path,
+        Piston,
+        Polyline,
+        Rotation,
+        ThermalWalls,
+        Thermostat,
+        Translation,
+    )
+    from mpsim.measure.correlations import Correlations
     from mpsim.output.animation import animate
     from mpsim.output.drawing import draw
     from mpsim.output.trajectory import Trajectory
+    from mpsim.scene.scene import Scene
+    from mpsim.scene.settings import Settings
+    from mpsim.studies.findings import Findings, findings
+    from mpsim.studies.sweep import Sweep, sweep
+    from mpsim.studies.tradeoff import Tradeoff, tradeoff
+    from mpsim.studies.tune import Tuned, tune
     from mpsim.viewer.live import View, view
     from mpsim.viewer.notebook import live
 
-
-_LATE = {
-    "animate": "mpsim.output.animation",
-    "draw": "mpsim.output.drawing",
-    "live": "mpsim.viewer.notebook",
-    "Trajectory": "mpsim.output.trajectory",
-    "View": "mpsim.viewer.live",
-    "view": "mpsim.viewer.live",
+_NAMES_OF = {
+    "mpsim.core.state": "State",
+    "mpsim.core.units": "Units",
+    "mpsim.engine.observers": "Collisions Sensor",
+    "mpsim.engine.report": "Report",
+    "mpsim.engine.simulation": "Simulation",
+    "mpsim.engine.snapshot": "Snapshot",
+    "mpsim.features": "Emitter Piston ThermalWalls Thermostat",
+    "mpsim.features.motions": "Oscillation Path Rotation Translation",
+    "mpsim.features.obstacles": "Circle FixedDisc Polyline",
+    "mpsim.measure.correlations": "Correlations",
+    "mpsim.output.animation": "animate",
+    "mpsim.output.drawing": "draw",
+    "mpsim.output.trajectory": "Trajectory",
+    "mpsim.scene.scene": "Scene",
+    "mpsim.scene.settings": "Settings",
+    "mpsim.studies.findings": "Findings findings",
+    "mpsim.studies.sweep": "Sweep sweep",
+    "mpsim.studies.tradeoff": "Tradeoff tradeoff",
+    "mpsim.studies.tune": "Tuned tune",
+    "mpsim.viewer.live": "View view",
+    "mpsim.viewer.notebook": "live",
 }
-"""Names that are imported on first use, so that `import mpsim` stays quick."""
+"""Public names by their modules, which are imported on first use: NumPy and Numba alone take half a second."""
 
-_VIEWS = {
-    "scene_from_file": ("mpsim.scene.scenefile", "load"),
-    "scene_of_groups": ("mpsim.scene.scenefile", "of_groups"),
-    "scene_to_file": ("mpsim.scene.scenefile", "save"),
-    "compressed": ("mpsim.scene.compression", "compressed"),
-    "scene_png": ("mpsim.output.drawing", "scene_png"),
-    "report_html": ("mpsim.output.tables", "report_html"),
-    "report_times": ("mpsim.output.figures", "times"),
-    "trade_text": ("mpsim.output.tables", "terminal_table"),
-    "trade_html": ("mpsim.output.tables", "html_table"),
-    "tuned_html": ("mpsim.output.tables", "tuned_html"),
-    "measure_names": ("mpsim.measure.registry", "names"),
-}
-"""What upper modules do for objects of lower ones; each is imported when it is asked for."""
+_MODULE_OF = {name: module for module, names in _NAMES_OF.items() for name in names.split()}
 
+_OF_SIMULATION = ("comm", "start_method", "on_worker_death", "unguarded")
+"""Arguments of Simulation that may be looked for among the settings."""
 
-def _imported_when_called(module: str, name: str) -> Callable[..., Any]:
-    def call(*arguments: Any) -> Any:
-        return getattr(importlib.import_module(module), name)(*arguments)
-
-    return call
-
-
-for _view, _where in _VIEWS.items():
-    state.register(_view, _imported_when_called(*_where))
+late.VIEWS.update(
+    scene_from_file="mpsim.scene.scenefile:load",
+    scene_of_groups="mpsim.scene.scenefile:of_groups",
+    scene_to_file="mpsim.scene.scenefile:save",
+    compressed="mpsim.scene.compression:compressed",
+    scene_png="mpsim.output.drawing:scene_png",
+    report_html="mpsim.output.tables:report_html",
+    report_times="mpsim.output.figures:times",
+    trade_text="mpsim.output.tables:terminal_table",
+    trade_html="mpsim.output.tables:html_table",
+    tuned_html="mpsim.output.tables:tuned_html",
+    measure_names="mpsim.measure.registry:names",
+)
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use what writes files and pictures."""
-    if name in _LATE:
-        module = importlib.import_module(_LATE[name])
-        calls.explain_wrong_calls(module, [name])
-        return getattr(module, name)
-    raise AttributeError(f"module 'mpsim' has no attribute {name!r}")
+    """Import a public name on first use, and have wrong calls of it explained."""
+    if name == "measure":
+        return importlib.import_module("mpsim.measure")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'mpsim' has no attribute {name!r}")
+    module = importlib.import_module(_MODULE_OF[name])
+    late.named("mpsim.core.calls:explain_wrong_calls")(module, [name], _instead(name))
+    globals()[name] = getattr(module, name)
+    return globals()[name]
+
+
+def _instead(name: str) -> dict[str, dict[str, str]]:
+    """What to write in place of arguments that belong to another class."""
+    if name == "Simulation":
+        own = late.named("mpsim.core.checks:names_of")(__getattr__("Settings"))
+        return {name: {each: f"Settings({each}=...)" for each in own}}
+    return {"Settings": {each: f"Simulation(scene, settings, {each}=...)" for each in _OF_SIMULATION}}
 
 
 def __dir__() -> list[str]:
@@ -160,17 +177,3 @@ __all__ = [
     "tune",
     "view",
 ]
-
-calls.explain_wrong_calls(
-    sys.modules[__name__],
-    [name for name in __all__ if name not in _LATE],
-    instead={
-        "Settings": {
-            name: f"Simulation(scene, settings, {name}=...)"
-            for name in checks.names_of(Simulation)
-            if name not in ("scene", "settings")
-        },
-        "Simulation": {name: f"Settings({name}=...)" for name in checks.names_of(Settings)},
-    },
-)
-calls.explain_wrong_calls(measure, measure.__all__)

@@ -28,8 +28,8 @@ from run_bench import machine
 import mpsim
 from mpsim.core.machine import usable_cores
 from mpsim.features.edges import EDGES
+from mpsim.features.energy import memory_of_baths
 from mpsim.measure import Measure, reference
-from mpsim.measure.moments import memory_of_baths
 from mpsim.scene.settings import MethodName
 
 COUNT = 64

@@ -23,7 +23,7 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from window_picture import window
 
 import mpsim
-from mpsim.engine.workers.shared import Grid, grid_for
+from mpsim.engine.solvers.stepped import Grid, grid_for
 from mpsim.output.animation import DPI, Picture
 from mpsim.output.drawing import STYLE, draw_discs, new_figure
 from mpsim.output.figures import PHASE_COLOURS, usual_phases

@@ -22,8 +22,9 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.files import FileLock
 from mpsim.core.text import json_text
 from mpsim.engine import checkpoint
-from mpsim.engine.report import Report, frames_skipped, frames_until
+from mpsim.engine.report import Report, frames_skipped
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.base import frames_until
 from mpsim.errors import InputError, MpsimError, OutputError, reason_of
 from mpsim.measure.registry import NAMES
 from mpsim.output.frames import frame_of
@@ -162,7 +163,7 @@ class RunFolder:
         Raises:
             CheckpointError: if there is no complete one.
         """
-        return checkpoint.read(self[CHECKPOINT], checkpoint.check).scene
+        return checkpoint.read(self[CHECKPOINT]).scene
 
     def save(self) -> None:
         """Write run.json: completely, or not at all."""

@@ -18,23 +18,6 @@ from mpsim.core.archive import DAMAGE, ArrayFile
 from mpsim.core.columns import ChunkedArray, chunks_of, ranges
 from mpsim.errors import InputError, OutputError, reason_of
 
-# --- Registry through which upper packages offer functions to objects of lower ones, such as pictures of scenes
-#
-# An object asks for it by name. mpsim/__init__.py registers the functions when mpsim is imported.
-
-_registered: dict[str, Callable[..., Any]] = {}
-
-
-def register(name: str, function: Callable[..., Any]) -> None:
-    """Make `view(name, ...)` call `function`."""
-    _registered[name] = function
-
-
-def view(name: str, *arguments: Any) -> Any:
-    """Call the function registered under a name."""
-    return _registered[name](*arguments)
-
-
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 

@@ -124,23 +124,18 @@ GIVE_WAY = 0.0002
 
 
 class Use:
-    """One call that is in progress.
+    """One call that is in progress, named `what`, of a thread, nested in `outer`.
 
-    Attributes:
-        what: name of the call.
-        thread: identifier of the thread that makes it.
-        outer: use in which it is nested.
-        in_callback: whether it stands in a callback, where the same thread may use the simulation, too. It dies with
-            the use, so that no exception of a callback leaves it behind.
+    Attribute in_callback: whether it stands in a callback, where the same thread may use the simulation, too. It dies
+    with the use, so that no exception of a callback leaves it behind.
     """
 
     __slots__ = ("in_callback", "outer", "thread", "what")
 
     def __init__(self, what: str):
-        self.what: str = what
-        self.thread: int = threading.get_ident()
+        self.what, self.thread = what, threading.get_ident()
         self.outer: Use | None = None
-        self.in_callback: bool = False
+        self.in_callback = False
 
 
 class Access:
@@ -182,11 +177,7 @@ class Access:
         return os.getpid() != self.creator
 
     def demand_own_process(self) -> None:
-        """Refuse the use in another process.
-
-        Raises:
-            ForkedError: before anything of the block is looked at, and any lock, whose holder may not exist here.
-        """
+        """Refuse the use in another process, before looking at the block or at a lock, whose holder may be missing."""
         if os.getpid() != self.creator:
             raise ForkedError(
                 f"this simulation was made by process {self.creator} and cannot be used in process {os.getpid()}, a "
@@ -195,33 +186,19 @@ class Access:
             )
 
     def claim(self, use: Use) -> None:
-        """Make this call the one in progress.
-
-        Raises:
-            ForkedError: in a fork of the process that made the simulation.
-            BusyError: while another is in progress; callbacks of `run` may do anything but run.
-        """
+        """Make this call the one in progress, unless another one is; callbacks of `run` may do anything but run."""
         self.demand_own_process()
         self.stop_if_ending()
         with self._claiming:
             held = self.use
-            free = held is None and self.reader != use.thread
-            if free or (held is not None and self._may_nest(held, use)):
+            if held is None:
+                free = self.reader != use.thread
+            else:
+                free = held.thread == use.thread and held.in_callback and use.what != held.what
+            if free:
                 use.outer, self.use = held, use
                 return
         raise self.busy(use.what, held)
-
-    def _may_nest(self, held: Use, use: Use) -> bool:
-        return held.thread == use.thread and held.in_callback and use.what != held.what
-
-    @contextmanager
-    def callbacks(self) -> Iterator[None]:
-        """Context of callbacks between two slices of a run: they, and signal handlers, may use the simulation."""
-        use = self.use
-        assert use is not None
-        use.in_callback = True
-        yield
-        use.in_callback = False
 
     @contextmanager
     def moving(self) -> Iterator[None]:
@@ -234,11 +211,7 @@ class Access:
                 self.changing -= 1
 
     def let_readers_in(self) -> None:
-        """Let the threads read that wait for it; called between two slices of frames.
-
-        Raises:
-            ForkedError: in a fork, made by a callback of the run, to which the callback has returned.
-        """
+        """Let the threads read that wait for it, between two slices of frames; not in a fork made by a callback."""
         self.demand_own_process()
         if self.readers:
             self.waiting = True  # until the next slice has begun
@@ -279,14 +252,18 @@ class Access:
         """The error for a refused call, which names the call in progress too; `held` None: a read of this thread."""
         here = threading.get_ident()
         held = held or Use("reading")
-        who = "the same thread" if held.thread == here else f"thread {_name_of(here)!r}"
-        advice = (
-            "A simulation cannot be used from within a call that is changing it: set a flag in a signal handler, and "
-            "act on it in a callback of the run, or when that call has returned."
-            if held.thread == here
-            else "One thread at a time may change a simulation: wait for that call to return, or give each thread a "
-            "simulation of its own. Its state may be read from any thread."
-        )
+        if held.thread == here:
+            who = "the same thread"
+            advice = (
+                "A simulation cannot be used from within a call that is changing it: set a flag in a signal handler, "
+                "and act on it in a callback of the run, or when that call has returned."
+            )
+        else:
+            who = f"thread {_name_of(here)!r}"
+            advice = (
+                "One thread at a time may change a simulation: wait for that call to return, or give each thread a "
+                "simulation of its own. Its state may be read from any thread."
+            )
         return BusyError(
             f"{held.what} of thread {_name_of(held.thread)!r} is in progress; {refused} of {who} was refused. {advice}"
         )
@@ -298,7 +275,6 @@ P = ParamSpec("P")
 
 def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
     """A method that changes a simulation: for the process that made it, and one thread at a time."""
-    method.__qualname__ = f"Simulation.{method.__name__}"  # as callers know it, not the class that shares the work
     what = f"{method.__name__.strip('_')}()"
 
     @functools.wraps(method)
@@ -325,7 +301,6 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
 
 def reading(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
     """A method that reads a simulation: for the process that made it, and between two slices of frames."""
-    method.__qualname__ = f"Simulation.{method.__name__}"
 
     @functools.wraps(method)
     def door(self: S, *args: P.args, **kwargs: P.kwargs) -> R:

@@ -36,19 +36,7 @@ def checked(
     mass: ArrayLike | None,
     others: Mapping[str, Any],
 ) -> NewDiscs:
-    """What `Simulation.add` was given, as arrays.
-
-    Args:
-        scene, precision: of the simulation.
-        time: at which they are added, as the scene counts it [time].
-        present: radii of the discs that are there, shape (N,) [length].
-        position, velocity, radius, mass: what was given.
-        others: what was given of other columns, by name; None: nothing.
-
-    Raises:
-        InputError: naming the argument, its rule and the value received.
-        UnknownArgumentError: for the name of no column that can be given.
-    """
+    """What `Simulation.add` was given at a time, as arrays. present: radii of the discs there, shape (N,) [length]."""
     check_names("Simulation.add", others, ("position", "velocity", "acceleration", "radius", "mass"), given())
     places = checks.finite_array("position", checks.rows(position), (None, 2), "(2,) or (K, 2)")
     count = len(places)
@@ -58,7 +46,7 @@ def checked(
     _check_new(scene, time, present, "position", places, radii)
     checks.fitting("velocity", speeds, precision)
     brought = {
-        column.name: _brought(scene, precision, column, others[column.name], count)
+        column.name: _brought(scene, precision, column, others[column.name], count, "given for added discs")
         for column in given()
         if others.get(column.name) is not None
     }
@@ -72,12 +60,12 @@ def arguments_of(scene: Scene, new: NewDiscs) -> dict[str, Any]:
     return found | {name: values for name, values in new.columns.items() if name != MASS.name or has_masses(scene)}
 
 
-def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, count: int) -> Floats:
-    """What was given of a column, as `Column.one_each`."""
+def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, count: int, how: str) -> Floats:
+    """What was given of a column, one row each; how: what the caller does, in words."""
     if column not in columns_of(scene):
         raise InputError(
-            f"{column.name} can be given for added discs only in a scene {column.scenes}, and got "
-            f"{checks.brief(value)}. {column.remedy}"
+            f"{column.name} can be {how} only in a scene {column.scenes}, and got {checks.brief(value)}. "
+            f"{column.remedy}"
         )
     values = column.one_each(value, count)
     checks.fitting(column.name, values, precision)
@@ -93,15 +81,7 @@ def _check_new(scene: Scene, time: float, present: Floats, name: str, position: 
 
 
 def hindrance(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: float) -> str | None:
-    """Why there is no room for a disc at a time, whoever is there: words for a warning, or None.
-
-    Args:
-        scene: in whose box it is to enter.
-        time: at which it is to enter [time].
-        present: radii of the discs that are there, shape (N,) [length].
-        name: of the position, for the words.
-        position, radius: of the disc, shape (2,) and () [length].
-    """
+    """Why there is no room for a disc at a time, as `checked`: words for a warning, or None."""
     try:
         _check_new(scene, time, present, name, position[None], np.array([radius]))
     except InputError as error:
@@ -142,14 +122,7 @@ WALL, MOVE_WALL, REMOVE_WALL = WALLS = "add_wall", "move_wall", "remove_wall"
 
 
 class Change(NamedTuple):
-    """One change.
-
-    Attributes:
-        frame: frames done when it was made.
-        time: then [time].
-        what: SET, KICK, REMOVE, ADD, PARAMETERS, WALL, MOVE_WALL or REMOVE_WALL.
-        values: the arguments of that method by name, those that were given: arrays and plain values.
-    """
+    """One change: the arguments of the method `what` by name, made when `frame` frames were done, at `time` [time]."""
 
     frame: int
     time: float
@@ -186,20 +159,13 @@ def demand_apart(place: Place, new: NewDiscs) -> None:
 
 
 def demand_whole_frame(solver: Solver, what: str) -> None:
-    """Refuse a change inside a frame, in which Ctrl-C may leave the exact solver.
-
-    Raises:
-        InputError: with both times.
-    """
+    """Refuse a change inside a frame, in which Ctrl-C may leave the exact solver."""
     end = solver.terms.time_of(solver.frame)
     if solver.time != end:
         raise InputError(
             f"{what} must be called between two frames; got time {solver.time:g}, and frame {solver.frame} ended at "
             f"{end:g}: an interrupt has left the run inside a frame. Finish it by run(frames=1) before."
         )
-
-
-# --- what was asked for, checked -----------------------------------------------------------------------------------
 
 
 def checked_set(
@@ -210,12 +176,7 @@ def checked_set(
     acceleration: ArrayLike | None,
     others: Mapping[str, Any],
 ) -> Change:
-    """`Simulation.set`, checked.
-
-    Raises:
-        InputError: naming the argument, its rule and the value received.
-        UnknownArgumentError: for the name of no column that can be set.
-    """
+    """`Simulation.set`, checked."""
     settable = [column for column in given() if column is not MASS]
     check_names("Simulation.set", others, ("ids", "position", "velocity", "acceleration"), settable)
     numbers = _present_numbers(place.solver, ids)
@@ -231,15 +192,8 @@ def checked_set(
         check_momentum(place.solver, "velocity", values["velocity"], place.solver.masses[numbers])
     for column in settable:
         value = {"acceleration": acceleration, **others}.get(column.name)
-        if value is None:
-            continue
-        if column not in columns_of(place.scene):
-            raise InputError(
-                f"{column.name} can be set only in a scene {column.scenes}, and got {checks.brief(value)}. "
-                f"{column.remedy}"
-            )
-        values[column.name] = column.one_each(value, count)
-        checks.fitting(column.name, values[column.name], place.precision)
+        if value is not None:
+            values[column.name] = _brought(place.scene, place.precision, column, value, count, "set")
     if len(values) == 1:
         names = ", ".join(["position", "velocity", *(column.name for column in settable)])
         raise InputError(f"set needs something to set, one of {names}; got none of them. Give one.")
@@ -259,16 +213,7 @@ def checked_kick(place: Place, ids: ArrayLike, impulse: ArrayLike) -> Change:
 
 
 def check_momentum(solver: Solver, name: str, velocity: NDArray[np.floating], mass: Floats) -> None:
-    """Refuse velocities of whose impulses the sums would overflow.
-
-    Args:
-        solver: of the simulation.
-        name: of the velocities, in the words of the door.
-        velocity, mass: of the discs that have changed or are new, shape (K, 2) and (K,) [length/time], [mass].
-
-    Raises:
-        InputError: with the largest speed that fits and the one received.
-    """
+    """Refuse velocities, of discs of these masses, whose impulses the sums of the solver cannot hold."""
     speed = np.hypot(*velocity.T)
     most, total = solver.most_momentum, float((mass * speed).sum())
     if total > most:
@@ -297,9 +242,9 @@ def checked_wall(place: Place, start: Scene, wall: Polyline) -> Change:
         )
     change = place.change(WALL, values)
     after = with_walls(place.scene, change)
-    from_start = with_walls(start, change)
-    for each in from_start._features:
-        each.check(from_start)
+    begun = with_walls(start, change)
+    for each in begun._features:
+        each.check(begun)
     discs, here = place.solver.discs(), np.flatnonzero(~place.solver.absorbed)
     position, radius = discs.position[here].astype(np.float64), discs.radius[here]
     alone = place.scene._replace(obstacles=after.obstacles[-1])
@@ -384,19 +329,13 @@ def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> N
     """Refuse places outside the box as it is now, or where a feature of the scene leaves no room."""
     solver, scene = place.solver, place.scene
     radius = solver.radii[numbers]
-    scene._check_inside("position", position, radius, solver.time)
     if scene._loses_discs or has_radii(scene):
         others = ~solver.absorbed
         others[numbers] = False
         beside = solver.radii[others]
     else:
         beside = solver.radii[: solver.count - len(numbers)]
-    new = feature.AddedDiscs("position", position, radius, beside, solver.time)
-    for each in scene._features:
-        each.check_room(scene, new)
-
-
-# --- what it makes of the scene, and of discs ------------------------------------------------------------------------
+    _check_new(scene, solver.time, beside, "position", position, radius)
 
 
 def with_walls(scene: Scene, change: Change) -> Scene:
@@ -414,11 +353,9 @@ def with_walls(scene: Scene, change: Change) -> Scene:
 
 
 def edited(discs: NewDiscs, change: Change) -> NewDiscs:
-    """The discs of a change after it: copies, in the precision of the run.
+    """Copies of the discs `ids` of a change after it, in the precision of the run.
 
     A kick adds impulse / mass to a velocity, computed in float64. A disc that is removed rests where it was.
-
-    discs: those of the numbers `ids` of the change, in this order.
     """
     values, position, velocity, columns = change.values, discs.position.copy(), discs.velocity.copy(), {**discs.columns}
     if change.what == KICK:

@@ -30,9 +30,8 @@ from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, ArrayWriter
 from mpsim.core.columns import Array, chunks_of, of_each_disc
 from mpsim.core.deferred_signals import Noted
 from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed, parameters_after
-from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
-from mpsim.engine.solvers.base import MOST_STEPS, count_in, demand
-from mpsim.engine.solvers.methods import METHODS, choose
+from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN, MOST_STEPS, count_in, demand
+from mpsim.engine.solvers.methods import capabilities_of, choose, solver_of
 from mpsim.engine.step_limits import MOST_SUBSTEPS
 from mpsim.errors import (
     CheckpointError,
@@ -78,15 +77,8 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
 
 
 def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
-    """The scene from its plain values and arrays, as `scene_parts` returns them.
-
-    Raises:
-        ValueError, or what else a scene raises that is given other values than those.
-    """
-    values: dict[str, Any] = {
-        **plain,
-        **{name: value if value.ndim else value.item() for name, value in arrays.items()},
-    }
+    """The scene from its plain values and arrays, as `scene_parts` returns them."""
+    values: dict[str, Any] = plain | {name: each if each.ndim else each.item() for name, each in arrays.items()}
     given = [each for each in FEATURES if not each.is_numeric and each.argument in plain]
     values |= {each.argument: each.from_plain(plain[each.argument]) for each in given}
     if "settings" in values:
@@ -159,19 +151,8 @@ class Checkpoint:
     changed: Changed = UNCHANGED
 
 
-Verified = tuple[Path, str, tuple[int, ...]]
-"""A file whose digest is right: its path, that digest, and its `_identity`."""
-
-Check = Callable[[Checkpoint], None]
-"""Raises ValueError for a checkpoint in which no simulation can have been."""
-
-
 def place_of(path: str | os.PathLike[str]) -> Path:
-    """The file that a path means, absolute, links followed.
-
-    Raises:
-        InputError: if it is no path, or a relative one in a folder that has been removed.
-    """
+    """The file that a path means, absolute, links followed."""
     if not isinstance(path, str | os.PathLike) or not os.fspath(path) or "\0" in os.fsdecode(path):
         raise InputError(f"the path of a checkpoint must be a file name; got {path!r}. Give one such as 'run.mpsim'.")
     try:
@@ -184,11 +165,7 @@ def place_of(path: str | os.PathLike[str]) -> Path:
 
 
 def checked_place(path: str | os.PathLike[str]) -> Path:
-    """`place_of`, if a checkpoint can be written there and nothing else would be lost.
-
-    Raises:
-        InputError, OutputError: with the rule and what is there.
-    """
+    """`place_of`, if a checkpoint can be written there and nothing else would be lost."""
     target = place_of(path)
     with _as_output_error(target):
         _check_place(target)
@@ -238,15 +215,7 @@ def write(
     arrays: Mapping[str, Array],
     changed: Changed = UNCHANGED,
 ) -> Path:
-    """Write a checkpoint; the file that was there is kept beside it as <name>.previous.
-
-    Args:
-        path, scene, settings, run, changed: as read back.
-        arrays: of the solver, which are read in chunks.
-
-    Raises:
-        OutputError: if it cannot be written; what was there before is still there.
-    """
+    """Write a checkpoint, arrays in chunks; the file that was there is kept beside it as <name>.previous."""
     target = place_of(path)
     header, everything = _packed(scene, settings, run, arrays, changed)
     with _as_output_error(target):
@@ -276,7 +245,7 @@ def _title(name: str, array: Array) -> bytes:
     return f"{name} {array.dtype.str} {array.shape}".encode()
 
 
-def read(path: str | os.PathLike[str], check: Check, mapped: bool = False) -> Checkpoint:
+def read(path: str | os.PathLike[str], mapped: bool = False) -> Checkpoint:
     """Read and verify a checkpoint; where it is damaged or missing, the one before, with a warning that names both.
 
     mapped: whether arrays stay in the pages of the file.
@@ -287,11 +256,11 @@ def read(path: str | os.PathLike[str], check: Check, mapped: bool = False) -> Ch
     """
     target = place_of(path)
     try:
-        return _verified(target, check, mapped)
+        return _verified(target, mapped)
     except _DamagedError as damage:
         previous = _previous(target)
         try:
-            found = _verified(previous, check, mapped)
+            found = _verified(previous, mapped)
         except _DamagedError as older:
             raise CheckpointError(
                 f"the checkpoint {str(target)!r} must be a complete file that `save` has written; {damage}. The "
@@ -313,48 +282,6 @@ def method_of(path: str | os.PathLike[str]) -> str | None:
         with _damage_reported(own), files.opened(own) as file, ArrayFile(file) as archive:
             return str(_header_of(archive)[1]["settings"]["method"])
     return None
-
-
-def read_together(
-    path: str | os.PathLike[str], check: Check, once: Callable[[Callable[[], Verified]], Verified]
-) -> Checkpoint:
-    """`read` by processes that share a simulation: the first one verifies the file; none holds its arrays in memory.
-
-    One that has another file there, such as a copy on the disk of its machine, verifies that itself.
-
-    Args:
-        path, check: as of `read`.
-        once: what an act gives that the first of them does.
-
-    Raises:
-        CheckpointError: as `read`, of all; of one that has a damaged file there, another one, or none.
-    """
-
-    def verify() -> Verified:
-        found = read(path, check, mapped=True)
-        return found.path, found.digest, _identity(found.path)
-
-    own, digest, identity = once(verify)
-    try:
-        found = _made_from(own, *_unpacked(own, mapped=True, verified=identity))
-    except _DamagedError as damage:
-        raise _differs(own, str(damage)) from None
-    if found.digest != digest:
-        raise _differs(own, "it is another file")
-    return found
-
-
-def _identity(file: Path | int) -> tuple[int, ...]:
-    """What a file has on all machines that share its disk, and no copy of it; the number of the disk differs."""
-    found = os.stat(file)
-    return found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
-
-
-def _differs(path: Path, how: str) -> CheckpointError:
-    return CheckpointError(
-        f"the checkpoint {str(path)!r} must be the same file on all ranks; on {platform.node()} {how}. Give all of "
-        "them one that they can read."
-    )
 
 
 class _DamagedError(Exception):
@@ -483,30 +410,30 @@ def _damage_reported(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _unpacked(path: Path, mapped: bool = False, verified: tuple[int, ...] = ()) -> tuple[dict[str, Any], Arrays]:
-    """Header and arrays of a file whose digest is right.
-
-    Args:
-        path: of the file.
-        mapped: whether arrays stay in its pages.
-        verified: `_identity` of the file of which the digest is known to be right.
-    """
+def _verified(path: Path, mapped: bool) -> Checkpoint:
+    """The checkpoint of a file whose digest is right, and in which a simulation can have been."""
     with _damage_reported(path), files.opened(path) as file, ArrayFile(file) as archive:
         text, header = _header_of(archive)
         format_version = int(header["format"])
-        if format_version == FORMAT:
-            take = archive.map if mapped else archive.read
-            arrays = {name: take(name) for name in archive.names if name not in (HEADER, DIGEST)}
-            digest = archive.read(DIGEST).tobytes()
-            if _identity(file.fileno()) != verified and digest_of(text, arrays) != digest:
-                raise _DamagedError("its content does not match its digest")
-            return header | {"digest": digest.hex()}, arrays
-    is_newer = format_version > FORMAT
-    raise CheckpointError(
-        f"the checkpoint {str(path)!r} must be of format {FORMAT}, which this version of mpsim reads; it is of format "
-        f"{format_version}, {'of a newer version' if is_newer else 'from a development version'}. "
-        f"{'Use a newer mpsim.' if is_newer else 'Start again from its scene.'}"
-    )
+        if format_version != FORMAT:
+            is_newer = format_version > FORMAT
+            raise CheckpointError(
+                f"the checkpoint {str(path)!r} must be of format {FORMAT}, which this version of mpsim reads; it is of "
+                f"format {format_version}, {'of a newer version' if is_newer else 'from a development version'}. "
+                f"{'Use a newer mpsim.' if is_newer else 'Start again from its scene.'}"
+            )
+        take = archive.map if mapped else archive.read
+        arrays = {name: take(name) for name in archive.names if name not in (HEADER, DIGEST)}
+        digest = archive.read(DIGEST).tobytes()
+        if digest_of(text, arrays) != digest:
+            raise _DamagedError("its content does not match its digest")
+    try:
+        with np.errstate(all="ignore"):
+            checkpoint = _made_from(path, header, arrays, digest.hex())
+            check(checkpoint)
+            return checkpoint
+    except _NO_STATE as error:  # the digest is right, so somebody has made it so; still nothing may break
+        raise _DamagedError(f"its content is not a state of a simulation ({type(error).__name__}: {error})") from None
 
 
 def _header_of(archive: ArrayFile) -> tuple[bytes, dict[str, Any]]:
@@ -522,34 +449,15 @@ def _header_of(archive: ArrayFile) -> tuple[bytes, dict[str, Any]]:
     return text.tobytes(), header
 
 
-def _verified(path: Path, check: Check, mapped: bool) -> Checkpoint:
-    checkpoint = _made_from(path, *_unpacked(path, mapped))
-    with _as_no_state():
-        check(checkpoint)
-    return checkpoint
-
-
-@contextlib.contextmanager
-def _as_no_state() -> Iterator[None]:
-    """Report content that is no state of a simulation as damage."""
-    try:
-        with np.errstate(all="ignore"):
-            yield
-    except _NO_STATE as error:  # the digest is right, so somebody has made it so; still nothing may break
-        raise _DamagedError(f"its content is not a state of a simulation ({type(error).__name__}: {error})") from None
-
-
-def _made_from(path: Path, header: dict[str, Any], found: Arrays) -> Checkpoint:
+def _made_from(path: Path, header: dict[str, Any], found: Arrays, digest: str) -> Checkpoint:
     """A checkpoint from the header and the arrays of its file."""
-    with _as_no_state():
-        parts = _named("scene.", found), _named("solver.", found)
-        if len(parts[0]) + len(parts[1]) + (JOURNAL in found) != len(found) or not parts[0].keys() <= set(ARRAYS):
-            raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
-        scene = scene_from(header["scene"], parts[0])
-        settings = Settings(**header["settings"])
-        arrays = of_each_disc(parts[1], SIZES, header.get("discs"))
-        changed = changed_in(header["run"], found[JOURNAL]) if JOURNAL in found else UNCHANGED
-        return Checkpoint(path, scene, settings, header["run"], arrays, str(header["digest"]), changed)
+    parts = _named("scene.", found), _named("solver.", found)
+    if len(parts[0]) + len(parts[1]) + (JOURNAL in found) != len(found) or not parts[0].keys() <= set(ARRAYS):
+        raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
+    scene, settings = scene_from(header["scene"], parts[0]), Settings(**header["settings"])
+    arrays = of_each_disc(parts[1], SIZES, header.get("discs"))
+    changed = changed_in(header["run"], found[JOURNAL]) if JOURNAL in found else UNCHANGED
+    return Checkpoint(path, scene, settings, header["run"], arrays, digest, changed)
 
 
 def _named(prefix: str, arrays: Arrays) -> Arrays:
@@ -565,15 +473,14 @@ def check(found: Checkpoint) -> None:
     scene, settings = parameters_after(found.scene, found.settings, changed.changes)
     count = count_in(arrays)
     demand(scene.count <= count <= LARGEST_COUNT, f"it has {count} discs; its scene has {scene.count}")
-    solver = METHODS[choose(count, settings).method].solver
-    solver.check_snapshot(scene, settings, arrays)
+    solver_of(choose(count, settings).method).check_snapshot(scene, settings, arrays)
     _check_sizes(scene, arrays)
     frames, second = arrays["progress"].tolist()
     demand(0 <= frames <= MOST_STEPS and second >= 0, f"frames and steps must be >= 0; got {frames}, {second}")
     frame = changed.origin.frame + frames
     demand(found.run["frame"] == frame, f"its frame must be {frame}; got {found.run['frame']!r}")
     _check_emission(scene, found.run["emission"], count)
-    if solver.capabilities.has_steps:
+    if capabilities_of(settings).has_steps:
         _check_steps(settings, frames, second)
 
 
@@ -600,12 +507,12 @@ def _check_emission(scene: Scene, emission: Any, count: int) -> None:
     known = isinstance(emission, dict) and emission.keys() - {"since"} == {"emitted", "due"}
     demand(known, "emission must have emitted and due")
     for name, values in emission.items():
+        demand(isinstance(values, list) and len(values) == len(scene.emitters), f"{name} must be one per emitter")
         if name == "since":
-            times = isinstance(values, list) and all(type(value) is float and math.isfinite(value) for value in values)
-            demand(times and len(values) == len(scene.emitters), "since must be one time per emitter")
-            continue
-        whole = isinstance(values, list) and all(type(value) is int and 0 <= value <= MOST_STEPS for value in values)
-        demand(whole and len(values) == len(scene.emitters), f"{name} must be one whole number per emitter")
+            fit = all(type(value) is float and math.isfinite(value) for value in values)
+        else:
+            fit = all(type(value) is int and 0 <= value <= MOST_STEPS for value in values)
+        demand(fit, f"{name} must be times, or else whole numbers")
     demand(sum(emission["emitted"]) <= count - scene.count, "emitters cannot have added more discs than there are")
 
 
@@ -615,17 +522,12 @@ def _check_emission(scene: Scene, emission: Any, count: int) -> None:
 class Checkpointer:
     """Writes checkpoints while a run continues, and one when the process is asked to end (SIGTERM).
 
-    Whatever handled SIGTERM before does so again afterwards, also a handler in C.
-
     Args:
         save: writes one.
         path: where; None: no checkpoints, and SIGTERM is left alone.
         every: frames between two; None: `seconds` count.
         seconds: between two.
         any_of: whether what is said here is said in any of the processes that share the simulation; all ask alike.
-
-    Raises:
-        InputError: naming the argument of `run` that is out of range.
     """
 
     def __init__(

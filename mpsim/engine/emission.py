@@ -17,7 +17,6 @@ from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.errors import EmitterWarning, InputError
 from mpsim.features.emitters import Emitter
 from mpsim.features.properties import has_masses, has_radii
-from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings
 
@@ -46,18 +45,10 @@ class FlightEnd(NamedTuple):
 
 
 def end_of_flight(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time: float) -> FlightEnd:
-    """Position and velocity of a disc that left an emitter some time ago [length], [length/time].
+    """Where a disc of a radius is at a time that left an emitter `elapsed` >= 0 before [length], [time].
 
-    It has flown freely: position + v s + g s^2/2 and v + g s. A flight that meets a wall or a capsule
-    ends there with the velocity it then has, and the next frame begins with that contact; other discs are left out of
-    account.
-
-    Args:
-        scene: whose gravity pulls.
-        emitter: where the flight began.
-        radius: of the disc [length].
-        elapsed: time since then, s [time], >= 0.
-        time: now, which tells where the walls are [time].
+    It has flown freely: position + v s + g s^2/2 and v + g s. A flight that meets a wall or a capsule ends there with
+    the velocity it then has, and the next frame begins with that contact; other discs are left out of account.
     """
     start, velocity = np.array(emitter.position), np.array(emitter.velocity)
     image = np.zeros(2, np.int64)
@@ -150,9 +141,6 @@ class Emission:
     is cut into slices; and times are products, in which rounding does not add up.
 
     Attribute emits: whether there are emitters.
-
-    Raises:
-        InputError: for an interval so short that more discs would enter in a frame than a scene may have.
     """
 
     def __init__(self, scene: Scene, settings: Settings, notices: Notices):
@@ -176,10 +164,7 @@ class Emission:
 
     @property
     def progress(self) -> Progress:
-        """How many discs each emitter has added, and the count at which it is due again.
-
-        With `since`, the time from which its intervals count, where one has been changed [time].
-        """
+        """Discs that each emitter has added, the count at which it is due again, and since when it counts [time]."""
         found: Progress = {"emitted": list(self._emitted), "due": list(self._due)}
         return found | ({"since": list(self._since)} if any(self._since) else {})
 
@@ -189,13 +174,7 @@ class Emission:
         self._since = list(found.get("since", [0.0] * len(self._due)))
 
     def under(self, scene: Scene, settings: Settings, frame: int, time: float) -> "Emission":
-        """The same emitters from now on, at a frame and time [time], under another scene, which may change their rates.
-
-        What is left of an interval shrinks or grows as the interval does.
-
-        Raises:
-            InputError: as a new one.
-        """
+        """The same emitters from now on under another scene: what is left of an interval changes as the interval."""
         other = Emission(scene, settings, self._notices)
         other._waiting, other.progress = self._waiting, self.progress
         for index, (before, after) in enumerate(zip(self._emitters, scene.emitters, strict=True)):
@@ -232,16 +211,15 @@ class Emission:
             return
         heapq.heapify(due)
         plan, occupied, now = copy.copy(self), _Occupied(self._scene, solver), solver.time
-        there = solver.time
         plan.progress = self.progress
         entering: list[tuple[Emitter, FlightEnd]] = []
         while due:
             time, index = heapq.heappop(due)
             emitter = self._emitters[index]
             radius, _ = self._kind(emitter)
-            end = end_of_flight(self._scene, emitter, radius, max(now - time, 0.0), there)
+            end = end_of_flight(self._scene, emitter, radius, max(now - time, 0.0), now)
             name = f"the position of emitters[{index}]"
-            hindered = hindrance(self._scene, there, occupied.radius, name, end.position, radius)
+            hindered = hindrance(self._scene, now, occupied.radius, name, end.position, radius)
             free = not hindered and occupied.admits(end.position, radius)
             if free:
                 entering.append((emitter, end))
@@ -267,7 +245,7 @@ class Emission:
         """Raise an emitter's count."""
         every = self._emitters[index].every
         if every:
-            self._due[index] = frame  # one that waited in a checkpoint of an older version was due before
+            self._due[index] = frame
         self._due[index] += (every or TRIES) if entered else 1
         self._emitted[index] += entered
 
@@ -338,7 +316,7 @@ class _Occupied:
         length = (scene.width, scene.height)[self._axis]
         self._number = max(int(min(length / (2 * scene.largest_radius * (1 + 1e-6)), MOST_STRIPS)), 1)
         self._per_length = self._number / length
-        self._lengths = lengths_of(scene)
+        self._sides = np.array([scene.width, scene.height])
         self._strips: list[list[int]] = []  # made when there are looks enough
 
     @property
@@ -349,7 +327,8 @@ class _Occupied:
     def admits(self, place: NDArray[np.float64], radius: float) -> bool:
         """Whether a disc overlaps none; if so, it is added to them."""
         near = self._near(place)
-        offset = to_nearest_image(self._position[near] - place, self._lengths)
+        offset = self._position[near] - place
+        offset -= np.where(self._scene.periodic, np.round(offset / self._sides) * self._sides, 0.0)  # nearest images
         free = not ((offset**2).sum(axis=1) < (self._radius[near] + radius) ** 2).any()
         if free:
             self._add(place, radius)

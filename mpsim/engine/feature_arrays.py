@@ -11,8 +11,8 @@ from mpsim.core.columns import IMAGE, Column
 from mpsim.engine.workers.shared import ArraySpec
 from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
+from mpsim.features.energy import acceleration_bound, thermal_speed
 from mpsim.features.properties import has_radii
-from mpsim.measure.moments import acceleration_bound, thermal_speed
 from mpsim.scene.scene import Scene
 
 # --- The columns of a scene, which its features determine

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from mpsim.core import checks, files
 from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALLS, Change, with_walls
 from mpsim.engine.parameters import in_force
-from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
-from mpsim.engine.solvers.base import Origin
-from mpsim.engine.solvers.methods import same_bits
+from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN, Origin
+from mpsim.engine.solvers.methods import settings_to_go_on
 from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.features.feature import plain, restored
 from mpsim.features.motions import MOTIONS
@@ -168,19 +167,14 @@ def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:
     return {
         "scene": Scene.load(source.with_name(name)),
         "settings": Settings(**tables["settings"]),
-        "changes": checked_entries(entries, frame),
+        "changes": _checked_entries(entries, frame),
         "frame": frame,
         "digest": digest,
     }
 
 
 class Changed(NamedTuple):
-    """What has been changed since the start of a simulation.
-
-    Attributes:
-        changes: all of them, in order.
-        origin: when the length of frames in force began to act.
-    """
+    """All changes since the start of a simulation, in order, and when the present length of frames began to act."""
 
     changes: tuple[Change, ...] = ()
     origin: Origin = Origin()
@@ -189,16 +183,10 @@ class Changed(NamedTuple):
 UNCHANGED = Changed()
 
 
-# --- entries in files ----------------------------------------------------------------------------------------------
-
-
-def checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:
+def _checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:
     """Changes from plain values (frame, time, what, values), in order and none after a frame.
 
     Their values are checked when they are applied.
-
-    Raises:
-        ValueError: saying what is wrong.
     """
     found: list[Change] = []
     for number, (at, time, what, values) in enumerate(entries):
@@ -220,29 +208,16 @@ def packed(changes: Iterable[Change]) -> NDArray[np.uint8]:
 
 
 def changed_in(run: dict[str, Any], array: NDArray[Any]) -> Changed:
-    """What a checkpoint says of changes, in its header and its array.
-
-    Raises:
-        ValueError, LookupError, TypeError: if they are no such.
-    """
+    """What a checkpoint says of changes, in its header and its array."""
     frame, time = run["origin"]
     if type(frame) is not int or not 0 <= frame <= run["frame"] or not math.isfinite(time) or time < 0:
         raise ValueError(f"the origin must be a frame that is done, and its time; got {run['origin']!r:.60}")
-    return Changed(unpacked(np.asarray(array), run["frame"]), Origin(frame, float(time)))
-
-
-def unpacked(array: NDArray[Any], frame: Any) -> tuple[Change, ...]:
-    """The changes of such an array, none after a frame.
-
-    Raises:
-        ValueError: if it is none.
-    """
     if array.dtype != np.uint8 or array.ndim != 1:
         raise ValueError("its journal is not a text")
-    found = json.loads(array.tobytes())
-    if not isinstance(found, list):
+    entries = json.loads(array.tobytes())
+    if not isinstance(entries, list):
         raise ValueError("its journal is not a list")
-    return checked_entries(found, frame)
+    return Changed(_checked_entries(entries, run["frame"]), Origin(frame, float(time)))
 
 
 def _plain_values(change: Change) -> dict[str, Any]:
@@ -275,21 +250,12 @@ Sim = TypeVar("Sim", bound="Simulation")
 def replayed(
     make: Callable[..., Sim], source: Journal | str | os.PathLike[str], frame: int | None, **chosen: Any
 ) -> Sim:
-    """What `Simulation.replay` returns.
-
-    Args:
-        make: a simulation, called with scene, settings, comm and start_method.
-        source, frame: as of `Simulation.replay`.
-        chosen: its workers, method, comm and start_method.
-    """
+    """What `Simulation.replay` returns: `make` is that class; chosen: workers, method, comm and start_method."""
     journal = source if isinstance(source, Journal) else Journal.load(source)
     last = journal.frame
     if frame is not None:
         last = checks.whole("frame", frame, 0, min(last, MOST_FRAMES_OF_A_RUN), "It is one of those that were done.")
-    workers, method = chosen.pop("workers"), chosen.pop("method")
-    settings = dataclasses.replace(journal.settings, workers=workers)
-    if method is not None:
-        settings = dataclasses.replace(settings, method=same_bits(journal.settings.method, method))
+    settings = settings_to_go_on(journal.settings, chosen.pop("method"), chosen.pop("workers"))
     sim = make(journal.scene, settings, **chosen)
     try:
         for number, change in enumerate(journal.changes):

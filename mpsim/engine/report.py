@@ -5,43 +5,25 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.files import CSV, written
-from mpsim.core.optional_packages import imported
-from mpsim.core.state import view
-from mpsim.errors import InputError
+from mpsim.core.late import imported, view
+from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN, frames_until
+from mpsim.errors import InputError, NotRecordedError
 from mpsim.kernels.records import PHASES
-from mpsim.measure.registry import Measures
+
+if TYPE_CHECKING:
+    from mpsim.measure.statistics import Measure
 
 # --- Number of frames until a given time, and in a run
-
-MOST_FRAMES_OF_A_RUN = 10**12
-
-
-def frames_until(until: float, dt: float, name: str = "until") -> int:
-    """Frames from the start to the first that reaches a time; one that ends within rounding of it does.
-
-    >>> frames_until(2.1, 0.3), frames_until(2.2, 0.3)  # 2.1 / 0.3 is 7.000000000000001
-    (7, 8)
-
-    Raises:
-        InputError: for more than MOST_FRAMES_OF_A_RUN.
-    """
-    frames = until / dt * (1 - 1e-12)
-    if frames > MOST_FRAMES_OF_A_RUN:
-        raise InputError(
-            f"{name} must be at most {MOST_FRAMES_OF_A_RUN:,} frames of {dt:g}; got {until:g}. Give an earlier time."
-        )
-    return math.ceil(frames)
 
 
 def frames_skipped(
@@ -103,6 +85,18 @@ def frames_wanted(
 # --- `Report`: timings, counts and averages of one run
 
 TABLE = "a table of times"
+
+
+class Measures(dict[str, "Measure"]):
+    """Measures of one run by name. The error for one that was not recorded says how to ask for it."""
+
+    def __missing__(self, name: str) -> Measure:
+        """Raise an error that explains, instead of a KeyError."""
+        checks.choice("the name of a measure", name, view("measure_names"))
+        raise NotRecordedError(
+            f"{name} was not recorded in this run (recorded: {', '.join(self) or 'nothing'}). Measures are gathered "
+            f"only when asked for. Use sim.run(..., measures=[{name!r}])."
+        )
 
 
 @dataclass(frozen=True)

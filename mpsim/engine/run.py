@@ -7,7 +7,7 @@ import signal
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,12 @@ from mpsim.core.deferred_signals import Noted
 from mpsim.engine.access import Notices
 from mpsim.engine.checkpoint import Checkpointer
 from mpsim.engine.solvers import base
-from mpsim.engine.solvers.base import BatchResult, Solver
+from mpsim.engine.solvers.base import BatchResult, Ranks
 from mpsim.errors import WorkerDiedError
 from mpsim.kernels.records import PHASES
-from mpsim.measure.registry import RunAverages
+
+if TYPE_CHECKING:
+    from mpsim.measure.registry import RunAverages
 
 # --- Times and counts that a run has collected so far
 
@@ -42,8 +44,7 @@ class RunRecord:
         averages: averages for its measures; None: it has none.
         whole: whether it began between two frames, not inside one.
         guarded: losses of energy that the solver's guard has suppressed.
-        done: frames.
-        collisions: contacts resolved.
+        done, collisions: frames, and contacts resolved.
         logged: tables of collisions that nobody has taken yet.
     """
 
@@ -133,16 +134,7 @@ def log_death(death: WorkerDiedError, what_now: str, notices: Notices) -> None:
 
 
 def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | None, notices: Notices) -> None:
-    """Act; if a worker dies, act again on new ones.
-
-    Args:
-        act: changes nothing if a worker dies.
-        renew: starts new workers; None: a death is not to be healed.
-        notices: which take a line for each death.
-
-    Raises:
-        WorkerDiedError: if that does not help.
-    """
+    """Act; if a worker dies, which must change nothing, act again on new ones, which `renew` starts; None: raise."""
     died = False
     for chances in range(MOST_DEATHS, -1, -1):
         try:
@@ -157,20 +149,11 @@ def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | 
             died = True
 
 
-class RecoveryPoint(NamedTuple):
-    """A snapshot, where the record of the run stood, and how many changes there had been."""
-
-    snapshot: Any
-    mark: Rewind
-    changes: int
-
-
 class RecoverySnapshots:
-    """Snapshots of a run, and the return to the last one when a worker has died.
+    """Snapshots of a run, and the return to the last one, on new workers, when a worker has died.
 
     Args:
-        take: copies everything that the next frame depends on.
-        restore: goes back to such a copy, on new workers.
+        take, restore: copies everything that the next frame depends on; goes back to such a copy.
         record: of the run, which is rewound too.
         notices: which take a line for each death.
         changes: how often discs or parameters have been changed from outside: a snapshot from before is of no use.
@@ -182,34 +165,30 @@ class RecoverySnapshots:
         restore: Callable[[Any], None],
         record: RunRecord,
         notices: Notices,
-        changes: Callable[[], int] = lambda: 0,
+        changes: Callable[[], int],
     ):
         self._changes = changes
         self._take = take
         self._restore = restore
         self._record = record
         self._notices = notices
-        self._kept: RecoveryPoint | None = None
+        self._kept: tuple[Any, Rewind, int] | None = None  # a snapshot, where the record stood, number of changes
         self._due = 0.0
         self._deaths = 0
 
     def take(self) -> None:
         """Take a snapshot if it is time for one and there is anything new to keep."""
-        started = time.perf_counter()
-        is_new = self._kept is None or self._record.done > self._kept.mark.done
-        is_changed = self._kept is not None and self._kept.changes != self._changes()
-        if is_changed or (is_new and started >= self._due):
-            self._kept = RecoveryPoint(self._take(), self._record.mark(), self._changes())
+        started, changes = time.perf_counter(), self._changes()
+        _, mark, before = self._kept or (None, None, changes)
+        is_new = mark is None or self._record.done > mark.done
+        if changes != before or (is_new and started >= self._due):
+            self._kept = self._take(), self._record.mark(), changes
             now = time.perf_counter()
             self._due = now + max(SNAPSHOT_SECONDS, (now - started) / SNAPSHOT_FRACTION)
             self._deaths = 0
 
     def go_back(self, death: WorkerDiedError) -> None:
-        """Restore the last snapshot.
-
-        Raises:
-            WorkerDiedError: the death itself, if workers die faster than snapshots can be taken.
-        """
+        """Restore the last snapshot; raise the death where workers die faster than snapshots can be taken."""
         while True:
             self._deaths += 1
             if self._kept is None or self._deaths > MOST_DEATHS:
@@ -245,14 +224,10 @@ TRIAL_AFTER = 1.0
 
 
 class BatchSizer:
-    """Chooses the next slice of a run from the frame times of those before.
+    """Chooses the next slice of a run, of `most_frames` at most, from the frame times of those before.
 
-    Attribute best: the number of workers with the shortest recent frame time.
-
-    Args:
-        choices: numbers of workers to choose from, the likely best first. All give the same bits, so the choice may
-            follow the clock.
-        most_frames: frames of a slice at most.
+    `choices` are numbers of workers, the likely best first: all give the same bits, so the choice may follow the clock.
+    Attribute best: the one with the shortest recent frame time.
     """
 
     def __init__(self, choices: tuple[int, ...], most_frames: int):
@@ -307,15 +282,16 @@ class Interruption:
     it comes as it always does.
 
     Args:
-        solver: that runs the frames.
+        ranks: the processes that share the simulation.
+        several: whether they are several.
     """
 
-    def __init__(self, solver: Solver):
-        self._solver = solver
+    def __init__(self, ranks: Ranks, several: bool):
+        self._ranks, self._several = ranks, several
         self._noted = Noted(signal.SIGINT)
 
     def __enter__(self) -> Interruption:
-        if self._is_shared:
+        if self._several:
             self._noted.begin()
         return self
 
@@ -328,12 +304,8 @@ class Interruption:
 
     def look(self) -> None:
         """Raise KeyboardInterrupt in all processes if Ctrl-C has come to one. All of them look."""
-        if self._is_shared and self._solver.ranks.any_rank(self._noted.came):
+        if self._several and self._ranks.any_rank(self._noted.came):
             raise KeyboardInterrupt
-
-    @property
-    def _is_shared(self) -> bool:
-        return self._solver.capabilities.on_ranks
 
 
 class Beside(NamedTuple):

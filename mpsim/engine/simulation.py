@@ -19,7 +19,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,18 +28,18 @@ from mpsim.core import checks
 from mpsim.core.checks import ReadOnly
 from mpsim.core.columns import GivenColumns
 from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.late import named
 from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import Discs, State, StateInChunks
 from mpsim.engine import changes, checkpoint, report
-from mpsim.engine import checkpoint as checkpoint_file
 from mpsim.engine.access import Access, Closing, Once, exclusive, reading, warn
 from mpsim.engine.changes import REMOVE, Change, edited
-from mpsim.engine.checkpoint import Checkpointer
+from mpsim.engine.checkpoint import Checkpointer, checked_place
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.journal import Changed, Journal, parameters_after, replayed
 from mpsim.engine.observers import Observer, Observers
-from mpsim.engine.parameters import Parameters, check_names, demand_steps, in_force, plain
-from mpsim.engine.report import Report
+from mpsim.engine.parameters import Parameters, check_names, in_force, plain
+from mpsim.engine.report import Measures, Report
 from mpsim.engine.run import (
     BatchSizer,
     Beside,
@@ -51,6 +51,7 @@ from mpsim.engine.run import (
 from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import (
+    MOST_FRAMES_OF_A_RUN,
     Choice,
     CollisionLog,
     InPlace,
@@ -69,9 +70,7 @@ from mpsim.engine.solvers.base import (
     resources_of,
     set_substeps,
 )
-from mpsim.engine.solvers.grid import Columns, Pass, columns_of, frame_in_passes
-from mpsim.engine.solvers.methods import capabilities_of, check_processes, on_ranks, same_bits
-from mpsim.engine.solvers.ranks.messages import MpiRanks, collective
+from mpsim.engine.solvers.methods import capabilities_of, check_processes, on_ranks, settings_to_go_on
 from mpsim.engine.step_limits import StepLimits, check_precision
 from mpsim.engine.workers.shared import MOST_FRAMES, refusals_named
 from mpsim.errors import (
@@ -88,10 +87,12 @@ from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Obstacle, Polyline
 from mpsim.kernels.compiling import compile_seconds
 from mpsim.measure.moments import lengths_of, to_nearest_image
-from mpsim.measure.registry import Measures, RunAverages, checked
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import check_region, is_in
+
+if TYPE_CHECKING:
+    from mpsim.engine.solvers.grid import Columns
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -102,7 +103,8 @@ MANY_GUARDED = 1_000_000
 MEMORY_SECONDS = 0.1
 """Time between two readings of the memory of processes, at least: each opens files of the system."""
 
-NO_MEASURES = Measures()
+MEASURES = "mpsim.measure.registry"
+"""The module that a run with measures needs, and no other."""
 
 Result = TypeVar("Result")
 
@@ -185,13 +187,13 @@ class Simulation(ReadOnly):
         self._compiled_before = compile_seconds()
         self._emission: Emission = Emission(scene, settings, self._access.notices)
         choice = methods.choose(scene.count, settings, processes)
-        solver = methods.METHODS[choice.method].solver
-        self._step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
+        self._can = capabilities_of(settings)
+        self._step_limits: StepLimits = StepLimits(scene, settings)
         self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
         self._memory: Memory | None = None
         self._rest, self._guard = Once(), Once()
         self._logged: list[Any] = []  # collisions of a frame in hand: an interrupted run leaves them to the next one
-        self._solver: Solver = solver(scene, settings, choice)
+        self._solver: Solver = methods.solver_of(choice.method)(scene, settings, choice)
         self._closing = Closing(self, self._solver, self._access)  # before there is anything to close
 
     def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
@@ -241,11 +243,7 @@ class Simulation(ReadOnly):
         return self._closing.alive
 
     def _open_solver(self) -> Solver:
-        """The solver.
-
-        Raises:
-            ClosedError, ForkedError: if there is none any more, or none in this process.
-        """
+        """The solver, unless it is closed, or was made in another process."""
         self._access.demand_own_process()
         if not self._alive:
             self._access.stop_if_ending()
@@ -407,7 +405,7 @@ class Simulation(ReadOnly):
         Raises:
             InputError: for `naive` and `event`, which have no columns.
         """
-        return columns_of(self._open_solver())
+        return named("mpsim.engine.solvers.grid:columns_of")(self._open_solver())
 
     @property
     @reading
@@ -448,7 +446,7 @@ class Simulation(ReadOnly):
     def _whole(self, what: str) -> Solver:
         """The solver, with a whole state to read."""
         solver, use = self._open_solver(), self._access.use
-        if solver.capabilities.on_ranks and use is not None and use.thread != threading.get_ident():
+        if self._can.on_ranks and use is not None and use.thread != threading.get_ident():
             raise self._access.busy(f"reading {what} of other ranks", use)  # whose turn comes at other moments
         if solver.half_done:  # in a signal handler, just after a worker has died
             raise self._access.busy(f"reading {what}", use)
@@ -498,14 +496,14 @@ class Simulation(ReadOnly):
         """
         access, solver = self._access, self._open_solver()
         measures = measures if measures is None or isinstance(measures, str) else tuple(measures)
-        if on_ranks := solver.capabilities.on_ranks:
+        if on_ranks := self._can.on_ranks:
             given = frames, until, measures, start, checkpoint, checkpoint_every, checkpoint_seconds
             solver.ranks.assert_same_on_ranks("arguments of run", given)
         if progress is not None:
             progress = checked_progress(progress, "progress(done, of_frames)")
             if progress is True and not solver.ranks.is_root:
                 progress = None  # of several ranks the first one shows it
-        if until is not None or type(frames) is not int or not 0 <= frames <= report.MOST_FRAMES_OF_A_RUN:
+        if until is not None or type(frames) is not int or not 0 <= frames <= MOST_FRAMES_OF_A_RUN:
             now = solver.frame, solver.time, solver.terms.origin
             frames = report.frames_wanted(frames, until, self._settings.dt, *now)
         skipped = 0
@@ -514,13 +512,11 @@ class Simulation(ReadOnly):
                 start, measures, frames, self._settings.dt, solver.frame, solver.terms.origin
             )
         observers = None if observe is None else Observers(observe)
-        names = () if measures is None else checked(measures, self._scene, solver.count)
+        names = () if measures is None else named(f"{MEASURES}:checked")(measures, self._scene, solver.count)
         with access.state_lock:
             record = self._begin_record(names, frames, observers is not None and observers.want_collisions, skipped)
         if progress or on_ranks or checkpoint is not None or checkpoint_every is not None or checkpoint_seconds != 60.0:
-            place = (
-                None if checkpoint is None else solver.ranks.on_root(lambda: checkpoint_file.checked_place(checkpoint))
-            )
+            place = None if checkpoint is None else solver.ranks.on_root(lambda: checked_place(checkpoint))
 
             def save(path: Path) -> None:
                 if observers is not None:
@@ -529,7 +525,7 @@ class Simulation(ReadOnly):
 
             with (
                 Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.ranks.any_rank) as checkpoints,
-                Interruption(solver) as interruption,
+                Interruption(solver.ranks, on_ranks) as interruption,
                 of_frames(progress) as show,
             ):
                 self._run_frames(frames, record, observers, Beside(checkpoints, show, interruption))
@@ -539,12 +535,9 @@ class Simulation(ReadOnly):
             return self._report(record, 0.0 if observers is None else observers.seconds)
 
     def _begin_record(self, names: tuple[str, ...], frames: int, logged: bool, skipped: int) -> RunRecord:
-        """Begin the record of a run of so many frames, with averages for measures of these names.
-
-        logged: whether collisions are logged. skipped: frames at the beginning that the averages leave out.
-        """
+        """Begin the record of a run, with averages for measures of these names but for the first `skipped` frames."""
         solver = self._solver
-        whole = solver.capabilities.has_steps or solver.time == solver.terms.time_of(solver.frame)
+        whole = self._can.has_steps or solver.time == solver.terms.time_of(solver.frame)
         averages = None
         if names:
             me = weakref.ref(self)  # a cycle would keep a simulation that is dropped from being closed at once
@@ -552,7 +545,7 @@ class Simulation(ReadOnly):
             def of_discs(function: Callable[[Discs], Any]) -> Any:
                 return cast("Simulation", me())._of_discs(function)
 
-            averages = RunAverages(names, frames, self._scene, of_discs, whole, skipped)
+            averages = named(f"{MEASURES}:RunAverages")(names, frames, self._scene, of_discs, whole, skipped)
         if logged != _is_logging(solver):
             self._between_frames(lambda: log_collisions(self._solver, logged))
             solver = self._solver
@@ -562,12 +555,9 @@ class Simulation(ReadOnly):
         return self._record
 
     def _of_discs(self, function: Callable[[Discs], Any]) -> Any:
-        """The result of a function of the present state, in all processes that share the simulation.
-
-        On ranks, where no process has it all, it is read in chunks.
-        """
+        """The result of a function of the present state; on ranks, where no process has it all, read in chunks."""
         solver = self._solver
-        if solver.capabilities.on_ranks:
+        if self._can.on_ranks:
             return solver.ranks.on_root(lambda: function(StateInChunks(solver.state, solver.count)))
         return function(solver.state())
 
@@ -618,10 +608,7 @@ class Simulation(ReadOnly):
             use.in_callback = False
 
     def _advance(self, most: int, frame: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
-        """Run one slice of frames: emitters add discs, the solver runs a command; if a worker dies, go back.
-
-        most: frames of the slice at most. frame: frames done before it.
-        """
+        """Run one slice of frames, `most` at most: emitters add discs, the solver runs a command; see to deaths."""
         if _is_too_fast(self._solver) or self._step_limits.is_due(frame, self._solver.count):
             self._adapt()
         try:
@@ -712,19 +699,16 @@ class Simulation(ReadOnly):
                 set_substeps(solver, self._step_limits.check(solver, self._access.notices))
 
     def _look(self, new: NewDiscs | None = None, changed: NDArray[np.int64] | None = None) -> int:
-        """Check the speeds of all discs and new ones; warn or refuse as is set. Returns the sub-steps from now on.
-
-        changed: numbers of the discs that alone can have become faster.
-        """
+        """Check the speeds of new discs, changed ones, or all; returns the sub-steps from now on."""
         solver, notices = self._solver, self._access.notices
         with interrupts_held_back(), self._access.moving():
             return self._step_limits.check(solver, notices, new, changed)
 
     def _report(self, record: RunRecord, observing_seconds: float) -> Report:
         """The report of a run that is over."""
-        solver, averages, measures = self._open_solver(), record.averages, NO_MEASURES
+        solver, averages, measures = self._open_solver(), record.averages, Measures()
         if averages is not None:
-            measures = averages.measures(self._scene, solver.count, self._settings.dt)
+            measures = Measures(averages.measures(self._scene, solver.count, self._settings.dt))
         method, workers = methods.what_ran(solver.choice, self._batch_sizer.best, self._settings)
         if record.guarded:
             self._access.notices.warn(
@@ -752,7 +736,7 @@ class Simulation(ReadOnly):
     def _resources(self, solver: Solver) -> tuple[tuple[int, ...], int]:
         """Memory of the processes and of the block, read anew after a while, and by another solver's processes."""
         now, known = time.monotonic(), self._memory
-        if solver.capabilities.on_ranks or known is None or now >= known.until or known.pids != solver.pids:
+        if self._can.on_ranks or known is None or now >= known.until or known.pids != solver.pids:
             known = Memory(now + MEMORY_SECONDS, solver.pids, resources_of(solver))
             self._memory = known
         return known.resources
@@ -790,12 +774,10 @@ class Simulation(ReadOnly):
             The ids of the new discs, shape (K,), as `set` and `remove` take them.
 
         Raises:
-            InputError: naming the argument, its rule and the value received; then nothing was added.
-            TooFastError: as settings.on_fast says; then nothing was added either.
+            InputError: naming the argument, its rule and the value received; then nothing is added.
+            TooFastError: as settings.on_fast says; then nothing is added either.
         """
-        given = position, velocity, acceleration, radius, mass, others
-        self._open_solver().ranks.assert_same_on_ranks("the discs that are added", given)
-        place = self._place()
+        place = self._place("add", position, velocity, acceleration, radius, mass, others)
         brought = {"acceleration": acceleration, **others}
         radii = place.solver.radii[~place.solver.absorbed] if place.scene._loses_discs else place.solver.radii
         now = place.scene, place.precision, place.solver.time, radii
@@ -845,8 +827,7 @@ class Simulation(ReadOnly):
         ...     sim.state.position.tolist(), sim.state.velocity.tolist()
         ([[1.0, 1.0], [2.5, 1.5]], [[1.0, 0.0], [0.0, 1.0]])
         """
-        self._open_solver().ranks.assert_same_on_ranks("what is set", (ids, position, velocity, acceleration, others))
-        place = self._place("set")
+        place = self._place("set", ids, position, velocity, acceleration, others)
         self._change_discs(changes.checked_set(place, ids, position, velocity, acceleration, others))
 
     @exclusive
@@ -867,8 +848,7 @@ class Simulation(ReadOnly):
         ...     sim.state.velocity.tolist()
         [[1.5, 2.0]]
         """
-        self._open_solver().ranks.assert_same_on_ranks("the kick", (ids, impulse))
-        self._change_discs(changes.checked_kick(self._place("kick"), ids, impulse))
+        self._change_discs(changes.checked_kick(self._place("kick", ids, impulse), ids, impulse))
 
     @exclusive
     def remove(self, ids: ArrayLike) -> None:
@@ -885,7 +865,7 @@ class Simulation(ReadOnly):
             ids: numbers of discs that are there, one or shape (K,), each once.
 
         Raises:
-            InputError: naming the rule and the value received; then nothing is changed.
+            InputError: as `set`.
 
         >>> from mpsim import Scene, Simulation
         >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
@@ -894,8 +874,7 @@ class Simulation(ReadOnly):
         ...     sim.count, sim.state.present.tolist()
         (5, [True, False, True, False, True])
         """
-        self._open_solver().ranks.assert_same_on_ranks("the discs that are removed", ids)
-        self._change_discs(changes.checked_remove(self._place("remove"), ids))
+        self._change_discs(changes.checked_remove(self._place("remove", ids), ids))
 
     @exclusive
     def change(self, **parameters: Unpack[Parameters]) -> None:
@@ -913,9 +892,7 @@ class Simulation(ReadOnly):
                 interval shrinks or grows as the interval does. dt not in a callback of `run`.
 
         Raises:
-            InputError: naming the parameter, its rule and the value received, and what can be changed; then nothing is
-                changed.
-            TooFastError: as settings.on_fast says; then nothing is changed either.
+            InputError, TooFastError: as `set`; the first says what can be changed.
 
         >>> from mpsim import Scene, Simulation
         >>> scene = Scene(width=9, height=9, position=[[4, 5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1))
@@ -925,10 +902,8 @@ class Simulation(ReadOnly):
         (200, [[1.0, 0.0]], 1.0)
         """
         given = dict(parameters)
-        self._open_solver().ranks.assert_same_on_ranks("the parameters that are changed", given)
-        place = self._place("change")
-        check_names(given)
-        demand_steps(given, self._settings)
+        place = self._place("change", given)
+        check_names(given, self._settings)
         use = self._access.use
         if "dt" in given and use is not None and use.outer is not None:
             raise InputError(
@@ -963,8 +938,7 @@ class Simulation(ReadOnly):
             Its number, the index in `scene.obstacles`. A wall keeps its number; none is used twice.
 
         Raises:
-            InputError: naming the argument, its rule and the value received, also where it leaves a disc, an emitter or
-                the piston no room; then nothing is changed.
+            InputError: as `set`, also where it leaves a disc, an emitter or the piston no room.
 
         >>> from mpsim import Scene, Simulation
         >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
@@ -974,9 +948,9 @@ class Simulation(ReadOnly):
         ...     wall, sim.scene.obstacles, sim.state.velocity.tolist()
         (0, (Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
         """
-        self._open_solver().ranks.assert_same_on_ranks("the wall", (points, thickness, motion, surface_velocity))
+        place = self._place("add_wall", points, thickness, motion, surface_velocity)
         wall = Polyline(points, thickness, motion=motion, surface_velocity=surface_velocity)
-        self._change_walls(changes.checked_wall(self._place("add_wall"), self._start[0], wall))
+        self._change_walls(changes.checked_wall(place, self._start[0], wall))
         return len(self._scene.obstacles) - 1
 
     @exclusive
@@ -988,9 +962,7 @@ class Simulation(ReadOnly):
             motion: a Translation, Oscillation, Rotation or Path, whose times count from now; None: it stays there.
 
         Raises:
-            InputError: naming the argument, its rule and the value received, also where the motion would leave the box,
-                or begin elsewhere; then nothing is changed.
-            TooFastError: as settings.on_fast says; then nothing is changed either.
+            InputError, TooFastError: as `set`, also where the motion would leave the box, or begin elsewhere.
 
         >>> from mpsim import Scene, Simulation, Translation
         >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[0, 0]], radius=0.5)
@@ -1001,8 +973,7 @@ class Simulation(ReadOnly):
         ...     sim.state.velocity.round(9).tolist()
         [[-2.0, 0.0]]
         """
-        self._open_solver().ranks.assert_same_on_ranks("the motion of the wall", (wall, motion))
-        self._change_walls(changes.checked_move(self._place("move_wall"), wall, motion))
+        self._change_walls(changes.checked_move(self._place("move_wall", wall, motion), wall, motion))
 
     @exclusive
     def remove_wall(self, wall: int) -> None:
@@ -1012,7 +983,7 @@ class Simulation(ReadOnly):
             wall: its number, the index in `scene.obstacles`.
 
         Raises:
-            InputError: if there is no such obstacle, with those that are there; then nothing is changed.
+            InputError: if there is no such obstacle, with those that are there.
 
         >>> from mpsim import Polyline, Scene, Simulation
         >>> partition = Polyline([(4, 0), (4, 4)])
@@ -1023,18 +994,18 @@ class Simulation(ReadOnly):
         ...     sim.state.position.round(9).tolist()
         [[5.0, 2.0]]
         """
-        self._open_solver().ranks.assert_same_on_ranks("the wall", wall)
-        self._change_walls(changes.checked_removal(self._place("remove_wall"), wall))
+        self._change_walls(changes.checked_removal(self._place("remove_wall", wall), wall))
 
     def _change_walls(self, change: Change) -> None:
         """Make a change of obstacles that has been checked, and note it in the journal."""
         self._take_over(change, changes.with_walls(self._scene, change), self._settings, self._solver.terms.origin)
 
-    def _place(self, what: str = "") -> changes.Place:
-        """Where the simulation stands; what: the call, if that needs a whole frame."""
+    def _place(self, call: str, *given: Any) -> changes.Place:
+        """Where the simulation stands at a call, which is alike on all ranks; all but `add` need a whole frame."""
         solver = self._open_solver()
-        if what:
-            changes.demand_whole_frame(solver, what)
+        solver.ranks.assert_same_on_ranks(f"arguments of {call}", given)
+        if call != "add":
+            changes.demand_whole_frame(solver, call)
         return changes.Place(solver, self._scene, self._settings.precision)
 
     def _change_discs(self, change: Change) -> None:
@@ -1120,8 +1091,6 @@ class Simulation(ReadOnly):
         methods.note_remark(choice, before, self._access.notices)
         if choice != before:
             self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
-
-    # --- changes between two frames
 
     def _between_frames(self, action: Callable[[], None]) -> None:
         """Do what may move the discs to another block; on new workers if one has died. Signals wait for its end."""
@@ -1257,16 +1226,14 @@ class Simulation(ReadOnly):
         (scene, settings), origin = snapshot.start, snapshot.terms.origin
         if on_ranks(method):
             raise InputError(f"method={method!r} cannot start from a snapshot in memory. Use sim.save and resume.")
-        if method is not None:
-            settings = dataclasses.replace(settings, method=same_bits(settings.method, method))
+        settings = settings_to_go_on(settings, method, workers)
         sim = cls.__new__(cls)
-        settings = dataclasses.replace(settings, workers=workers)
         sim._set_up(scene, settings, Processes(None, start_method, on_worker_death))
         sim._continue_from(snapshot.arrays, snapshot.emission, Changed(snapshot.changes, origin))
         return sim
 
     def _demand_one_process(self, what: str) -> None:
-        if capabilities_of(self.settings).on_ranks:
+        if self._can.on_ranks:
             raise InputError(
                 f"{what} is not there with method={self.settings.method!r}, whose ranks hold a part of the discs each. "
                 "Use sim.save and Simulation.resume."
@@ -1300,7 +1267,7 @@ class Simulation(ReadOnly):
             solver = self._open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._emission.progress}, solver.snapshot()
             start, changed = self._start, Changed(tuple(self._changes), solver.terms.origin)
-        return solver.ranks.on_root(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
+        return solver.ranks.on_root(lambda: checkpoint.write(path, *start, run, arrays, changed))
 
     @classmethod
     def resume(
@@ -1325,12 +1292,10 @@ class Simulation(ReadOnly):
             CheckpointError: if there is no undamaged file, or a newer version wrote it.
             InputError: for a method that does not give the same bits as the saved one.
         """
-        saved = checkpoint_file.method_of(path) if method is None else method
+        saved = checkpoint.method_of(path) if method is None else method
         found = _read(path, comm, on_ranks(saved) or comm is not None)
-        settings = dataclasses.replace(found.settings, workers=workers)
         processes = Processes(comm, start_method, on_worker_death)
-        if method is not None:
-            settings = dataclasses.replace(settings, method=same_bits(found.settings.method, method))
+        settings = settings_to_go_on(found.settings, method, workers)
         check_processes(settings, processes)  # whose errors are not those of the file
         try:
             sim = cls.__new__(cls)
@@ -1441,7 +1406,7 @@ class Simulation(ReadOnly):
 
     def _replace_solver(self, choice: Choice, snapshot: SolverState, terms: Terms, room: int = 0) -> None:
         """Replace the solver by one of another method, chosen by `auto`."""
-        old, new = self._solver, methods.METHODS[choice.method].solver(terms.scene, terms.settings, choice)
+        old, new = self._solver, methods.solver_of(choice.method)(terms.scene, terms.settings, choice)
         if isinstance(new, CollisionLog):
             new.logging = _is_logging(old)
         self._closing.solvers.append(new)  # before there is anything to close
@@ -1465,15 +1430,6 @@ def read_in_place(sim: Simulation, read: Callable[[InPlace], Result]) -> Result:
     return sim._read_in_place(read)  # pyright: ignore[reportPrivateUsage]
 
 
-def next_frame_in_passes(sim: Simulation) -> list[Pass]:
-    """The passes of the frame that the next `run` would begin with, on a copy: the simulation stays as it is.
-
-    Raises:
-        InputError: for a method or a scene whose frame is not made of an even and an odd pass alone.
-    """
-    return frame_in_passes(sim._open_solver())  # pyright: ignore[reportPrivateUsage]
-
-
 def _same_start(one: tuple[Scene, Settings], other: tuple[Scene, Settings]) -> bool:
     """Whether two simulations began from the same scene, with settings that differ in the workers at most."""
     settings = [dataclasses.replace(each[1], workers=None) for each in (one, other)]
@@ -1490,15 +1446,18 @@ def _is_too_fast(solver: Solver) -> bool:
 
 def _collective(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:
     """What one rank refuses in the block, all refuse; without ranks it is as ever."""
-    on_ranks = isinstance(settings, Settings) and capabilities_of(settings).on_ranks
-    return collective(comm) if on_ranks else contextlib.nullcontext()
+    if isinstance(settings, Settings) and on_ranks(settings.method):
+        return named(f"{methods.RANKS}:collective")(comm)
+    return contextlib.nullcontext()
 
 
-def _read(path: str | os.PathLike[str], comm: object, together: bool) -> checkpoint_file.Checkpoint:
-    """A checkpoint, verified; together: on ranks, by the first one."""
+def _read(path: str | os.PathLike[str], comm: object, together: bool) -> checkpoint.Checkpoint:
+    """A checkpoint, verified; together: on ranks, by each of them, none of which holds its arrays in memory."""
     if not together:
-        return checkpoint_file.read(path, checkpoint.check)
-    with contextlib.closing(MpiRanks(comm)) as ranks:
-        ranks.assert_same_on_ranks("paths of checkpoints", str(checkpoint_file.place_of(path)))
+        return checkpoint.read(path)
+    with contextlib.closing(named(f"{methods.RANKS}:MpiRanks")(comm)) as ranks:
+        ranks.assert_same_on_ranks("paths of checkpoints", str(checkpoint.place_of(path)))
         with ranks.collective():
-            return checkpoint_file.read_together(path, checkpoint.check, ranks.on_root)
+            found = checkpoint.read(path, mapped=True)
+        ranks.assert_same_on_ranks("checkpoints", found.digest)
+        return found

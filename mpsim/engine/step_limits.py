@@ -3,13 +3,14 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import given
+from mpsim.core.late import named
 from mpsim.core.state import State
 from mpsim.engine.access import Notices, Once
 from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Steps
@@ -17,10 +18,9 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, estimated_collision_rate, sides_at, speeds_at_start
 from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.features import FEATURES, VECTORS
+from mpsim.features.energy import acceleration_bound, is_inelastic, thermal_speed
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels.records import LAWS
-from mpsim.measure.moments import acceleration_bound, is_inelastic, thermal_speed
-from mpsim.measure.observables import Overlap, overlap
 from mpsim.scene.placement import overlaps
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -31,9 +31,8 @@ from mpsim.scene.settings import Settings
 def speeds_after_fall(speeds: Speeds, scene: Scene) -> Speeds:
     """Speed of the fastest disc after a fall through the box; in a scene without discs, of one from an emitter."""
     fall = math.sqrt(2 * acceleration_bound(scene) * max(sides_at(scene, 0.0)))
-    if not fall:
-        return speeds
-    speeds = speeds if scene.count else speeds_of_emitters(scene)
+    if not scene.count:
+        speeds = speeds_of_emitters(scene) if scene.emitters else Speeds()
     return replace(speeds, speed=math.hypot(speeds.speed, fall), when="after a fall through the box")
 
 
@@ -43,13 +42,11 @@ def speeds_in_equilibrium(speeds: Speeds, scene: Scene) -> Speeds:
     With E = <m v^2> the mean square of a disc's speed is E / m, and the fastest of N is sqrt(ln N) times faster:
     speeds in two dimensions exceed s with probability exp(-s^2 m / E).
     """
-    if scene.mass is None or scene.count < 2:
-        return speeds
-    squares = (scene.velocity**2).sum(axis=1)
-    energy = float((scene.mass * squares).mean())
-    speed = np.sqrt(energy / scene.mass * max(math.log(scene.count), 1.0))
+    masses = scene.masses
+    energy = float((masses * (scene.velocity**2).sum(axis=1)).mean())
+    speed = np.sqrt(energy / masses * max(math.log(scene.count), 1.0))
     worst = int((speed / scene.radii).argmax())
-    mean_speed = math.sqrt(energy * float((1 / scene.mass).mean()))
+    mean_speed = math.sqrt(energy * float((1 / masses).mean()))
     return replace(
         speeds,
         disc=worst,
@@ -64,8 +61,6 @@ def speeds_in_equilibrium(speeds: Speeds, scene: Scene) -> Speeds:
 
 def speeds_of_emitters(scene: Scene) -> Speeds:
     """Speed of the disc from an emitter that moves the largest fraction of its radius in a step."""
-    if not scene.emitters:
-        return Speeds()
     common = scene.largest_radius
     limits = [common if emitter.radius is None else emitter.radius for emitter in scene.emitters]
     velocities: Any = [emitter.velocity for emitter in scene.emitters]
@@ -76,15 +71,13 @@ def speeds_of_emitters(scene: Scene) -> Speeds:
 
 def speeds_of_pushed(speeds: Speeds, scene: Scene) -> Speeds:
     """Speed of the smallest disc after a moving surface has hit it at rest: without loss twice that of the surface."""
-    if not scene.count or not scene._surface_speed:
-        return Speeds()
     fastest = max(scene._features, key=lambda feature: feature.surface_speed(scene))
-    speed = (1 + scene.wall_restitution) * scene._surface_speed
+    speed = (1 + scene.wall_restitution) * fastest.surface_speed(scene)
     return Speeds(speed=speed, limit=speeds.smallest, when=f"pushed by the {fastest.argument}")
 
 
 def speeds_in_bath(speeds: Speeds, scene: Scene) -> Speeds:
-    """Speed of the fastest of so many discs of the mean mass in equilibrium with a thermostat: sqrt(2 ln(N) kT / m)."""
+    """Speed of the fastest of N discs of the mean mass in equilibrium with a thermostat: sqrt(2 ln(N) kT / m)."""
     speed = thermal_speed(scene) * math.sqrt(2 * max(math.log(max(scene.count, 1)), 1.0))
     return Speeds(speed=speed, limit=speeds.smallest, when="at the temperature of the heat bath")
 
@@ -101,19 +94,12 @@ TOO_COARSE = 0.125
 TINY = 1e-6
 """Radius, as a fraction of the distance between neighbours, below which squares of both do not fit one float64."""
 
-VANISHING = 1e7
-"""Square of radius times speed, in smallest normal numbers, below which a warning is given."""
-
 STEP_SPACINGS = 16
 """A step of typical length should be so many spacings of coordinates long: rounding then changes it by 3 % at most."""
 
 
 def check_precision(scene: Scene, settings: Settings) -> None:
-    """Refuse a scene whose numbers do not fit the precision of the run.
-
-    Raises:
-        InputError: naming the number, the rule and a remedy.
-    """
+    """Refuse a scene whose numbers do not fit the precision of the run."""
     precision = settings.precision
     checks.fitting("the box", np.array([scene.width, scene.height]), precision)
     # Squares of lengths must not underflow either, nor the time of a step.
@@ -169,41 +155,28 @@ def rms_speed(scene: Scene) -> float:
 
 def coarseness(scene: Scene, settings: Settings) -> str | None:
     """What the precision of the run loses of a scene: text with numbers and remedy; None if it is little."""
-    precision, spacing = settings.precision, spacing_of(scene, settings.precision)
+    precision, spacing, smallest = settings.precision, spacing_of(scene, settings.precision), scene.smallest_radius
     words = []
-    if scene.count and spacing > COARSE * scene.smallest_radius:
+    if scene.count and spacing > COARSE * smallest:
         words.append(
-            f"coordinates are {spacing:.3g} apart at the far end of the box, {spacing / scene.smallest_radius:.2g} of "
-            f"the smallest radius: directions of contacts are wrong by as much. Use {_finer(precision)}"
+            f"coordinates are {spacing:.3g} apart at the far end of the box, {spacing / smallest:.2g} of the smallest "
+            f"radius: directions of contacts are wrong by as much. Use {_finer(precision)}"
         )
     apart = math.sqrt(scene.width * scene.height / max(scene.count, 1))
     has_steps = capabilities_of(settings).has_steps
-    if not has_steps and scene.count > 1 and scene.smallest_radius < TINY * apart:
+    if not has_steps and scene.count > 1 and smallest < TINY * apart:
         words.append(
-            f"discs of radius {scene.smallest_radius:.3g} are some {apart:.3g} apart: the square of the radius is lost "
-            "beside that of the distance, so that the time of a contact is wrong by up to the time in which a disc "
-            "moves its radius. Use larger discs or a smaller box"
+            f"discs of radius {smallest:.3g} are some {apart:.3g} apart: the square of the radius is lost beside that "
+            "of the distance, so that the time of a contact is wrong by up to the time in which a disc moves its "
+            "radius. Use larger discs or a smaller box"
         )
     speed = rms_speed(scene)
-    square = (speed * scene.smallest_radius) ** 2
-    if computes_contact_times(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
-        words.append(
-            f"the square of rms speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
-            f"contacts cannot be computed. Use other units{_or_double(precision)}"
-        )
-    dt = settings.dt / settings.substeps
-    displacement = speed * dt
+    displacement = speed * settings.dt / settings.substeps
     if has_steps and 0 < displacement < STEP_SPACINGS * spacing:
         effect = "most discs do not move at all" if displacement < spacing / 2 else "rounding changes each step"
         words.append(
             f"a disc of rms speed {speed:.3g} moves {displacement:.3g} in a step, {displacement / spacing:.2g} of the "
             f"distance {spacing:.3g} between coordinates: {effect}. Use larger steps, or {_finer(precision)}"
-        )
-    pull = 0.0 if scene.gravity is None else float(np.abs(scene.gravity).max())
-    if has_steps and 0 < pull * dt < float(np.finfo(precision).eps) * speed:
-        words.append(
-            f"gravity changes a velocity by {pull * dt:.3g} in a step, which is lost to rounding beside an rms speed "
-            f"of {speed:.3g}. Use larger steps{_or_double(precision)}"
         )
     return ". ".join(words) + "." if words else None
 
@@ -239,29 +212,10 @@ MEAN_OVERLAP = 0.1
 any speed, or steps are far too long. In those gases it was 0.015 at most, and 0.024 in lossy discs that a wall
 holds at packing 0.785."""
 
-CROWDED = 0.4
-"""Packing of discs and capsules from which on all looks are taken. Discs between flat walls have room up to 0.54: two
-of them in the smallest square. Below, a disc may still be caught between a moving wall and a capsule."""
-
-SELDOM = 8
-"""How many times rarer looks are below that packing."""
-
-NONE = Overlap(0, 0.0, 0.0, None)
-
 
 def may_be_pressed(scene: Scene, count: int) -> bool:
     """Whether discs can have come to lack room: by a moving wall, emitters, or added discs."""
     return scene._surface_speed > 0 or bool(scene.emitters) or count > scene.count
-
-
-def is_crowded(scene: Scene, radii: Floats, time: float) -> bool:
-    """Whether discs and capsules fill so much of the box at a time that most discs can be pressed."""
-    low, high = scene.walls_at(time)
-    ax, ay, bx, by, radius = scene.capsules_at(0.0).T
-    room = float((high - low).prod())
-    solid = math.pi * radius * np.abs(radius) + 2 * radius * np.hypot(bx - ax, by - ay) + room * (radius < 0)
-    area = math.pi * float((radii * radii).sum()) + float(solid.sum())
-    return area > CROWDED * room
 
 
 def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
@@ -275,15 +229,12 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
         / (solver.substeps if isinstance(solver, Steps) else 1)
     )
     mean = float(np.sqrt((displacement[state.present] ** 2).mean()))
-    found = overlap(state, scene, radii) if _overlap_at_all(state, scene, radii) else NONE
-    words = _deepest_pair(found, radii, displacement, mean)
-    words = words or _into_capsules(state, scene, solver.time, radii, displacement, mean)
-    cause = "They were placed that way, or there is no room for them: smaller steps and on_fast='substep' do not help"
-    if words is None:
-        words = _most_of_them(found, radii[state.present])
-        cause += ", or steps are far too long"
+    deep, many = _into_each_other(state, scene, radii, displacement, mean)
+    words = deep or _into_capsules(state, scene, solver.time, radii, displacement, mean) or many
     if words is None:
         return None
+    cause = "They were placed that way, or there is no room for them: smaller steps and on_fast='substep' do not help"
+    cause += ", or steps are far too long" if words is many else ""
     relief = ", ".join(sorted(feature.relief for feature in FEATURES if feature.relief))
     return (
         f"discs are pressed into each other: at time {solver.time:g} {words}, and discs move {mean:.3g} in a step on "
@@ -291,33 +242,27 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     )
 
 
-def _overlap_at_all(state: State, scene: Scene, radii: Floats) -> bool:
-    """Whether overlaps are so deep, or so many, that the slow search is worth while."""
-    here = state.present
-    position, diameter = state.position[here].astype(np.float64), 2 * radii[here]
-    common = float(diameter[0]) if (diameter == diameter[0]).all() else diameter
-    pairs, _, depth = overlaps(position, scene.width, scene.height, common, scene.periodic)
-    smallest = 0.5 * float(diameter.min())
-    return depth > DEEP * smallest or pairs * depth > MEAN_OVERLAP * smallest * len(position)
-
-
-def _deepest_pair(found: Overlap, radii: Floats, displacement: Floats, mean: float) -> str | None:
+def _into_each_other(
+    state: State, scene: Scene, radii: Floats, displacement: Floats, mean: float
+) -> tuple[str | None, str | None]:
+    """In words: the two discs that overlap more than steps explain, and how many overlap by how much on average."""
+    position, own = state.position[state.present].astype(np.float64), radii[state.present]
+    smallest = float(own.min())
+    diameter = 2 * (float(own[0]) if (own == own[0]).all() else own)
+    pairs, _, depth = overlaps(position, scene.width, scene.height, diameter, scene.periodic)
+    if depth <= DEEP * smallest and pairs * depth <= MEAN_OVERLAP * smallest * len(own):
+        return None, None  # so that the slow search is not worth while
+    found = named("mpsim.measure.observables:overlap")(state, scene, radii)
     if found.worst is None:
-        return None
+        return None, None
     i, j = found.worst
-    smaller = float(min(radii[i], radii[j]))
-    if found.largest <= DEEP * smaller + STEPS * max(mean, float(displacement[[i, j]].max())):
-        return None
-    return f"discs {i} and {j} overlap by {found.largest:.3g}, {found.largest / smaller:.2g} of a radius"
-
-
-def _most_of_them(found: Overlap, radii: Floats) -> str | None:
-    if found.worst is None or found.pairs * found.mean <= MEAN_OVERLAP * float(radii.min()) * len(radii):
-        return None
-    i, j = found.worst
-    return (
-        f"{found.pairs} pairs overlap by {found.mean:.3g} on average, discs {i} and {j} deepest, by {found.largest:.3g}"
-    )
+    smaller, deep, many = float(min(radii[i], radii[j])), None, None
+    if found.largest > DEEP * smaller + STEPS * max(mean, float(displacement[[i, j]].max())):
+        deep = f"discs {i} and {j} overlap by {found.largest:.3g}, {found.largest / smaller:.2g} of a radius"
+    if found.pairs * found.mean > MEAN_OVERLAP * smallest * len(own):
+        deepest = f"discs {i} and {j} deepest, by {found.largest:.3g}"
+        many = f"{found.pairs} pairs overlap by {found.mean:.3g} on average, {deepest}"
+    return deep, many
 
 
 def _into_capsules(
@@ -390,53 +335,41 @@ JUST_ABOVE = 1 + 1e-5
 START = Origin()
 
 
-class _Between(NamedTuple):
-    """Frames of two looks, one after the other, and the number of discs for which they are."""
-
-    last: int
-    next: int
-    discs: int
-
-
 class StepLimits:
     """Looks at the fastest disc, and at collisions in a step, and acts as Settings.on_fast says.
 
-    Args:
-        scene, settings: of the simulation.
-        has_steps: of the solver's capabilities; without steps there is nothing to look for.
-        origin: when the length of frames began to act.
+    origin: when the length of frames began to act.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, has_steps: bool, origin: Origin = START):
+    def __init__(self, scene: Scene, settings: Settings, origin: Origin = START):
         self._scene = scene
         self._settings = settings
-        self._has_steps = has_steps
+        self._has_steps = has_steps = capabilities_of(settings).has_steps
         self._origin = origin
         self._fast, self._pressed = Once(given=not has_steps), Once(given=not has_steps)  # so that nobody looks
         self._has_limit = False
         self._acceleration = acceleration_bound(scene)
-        self._surface = OBSTACLES.surface_speed(scene)  # towards which a disc may move
+        self._surface = OBSTACLES.surface_speed(scene) if scene.obstacles else 0.0  # towards which a disc may move
         narrow = any(
             not wraps and length < 3 * scene.largest_radius
             for wraps, length in zip(scene.periodic, sides_at(scene, math.inf), strict=True)
         )
         self._often = settings.on_fast == "substep" or narrow
-        self._squeezing, self._squeezed = self._frames_of_moving_wall()
+        self._squeezing, self._squeezed = self._frames_of_moving_wall() if scene._moving_wall else (0, -1)
         self._may_be_pressed = may_be_pressed(scene, scene.count)
         self._count_at_start = scene.count
-        self._between = _Between(0, 0, 0)
+        self._last_look, self._next_look, self._discs = 0, 0, 0  # around the frames that were asked for
 
     def under(self, scene: Scene, settings: Settings, origin: Origin) -> "StepLimits":
         """Those under another scene and settings; what has been warned of is not warned of again."""
-        other = StepLimits(scene, settings, self._has_steps, origin)
+        other = StepLimits(scene, settings, origin)
         other._fast, other._pressed = self._fast, self._pressed
         return other
 
     def _frames_of_moving_wall(self) -> tuple[int, int]:
         """Frames in which a wall takes SQUEEZE of the room that is left in the end, and the last of such looks."""
         wall, dt = self._scene._moving_wall, self._settings.dt
-        if wall is None:
-            return 0, -1
+        assert wall is not None
         before, after = (sides_at(self._scene, time)[wall.axis] for time in (0.0, math.inf))
         displacement = abs(wall.speed) * dt
         # A wall that needs 1e18 frames for it has no effect that can be told from none.
@@ -446,11 +379,7 @@ class StepLimits:
         return every, every * math.ceil(last / every)
 
     def at_start(self) -> Iterator[tuple[str, type[Warning]]]:
-        """What to warn of before anything is run: overlaps, lost digits, speeds.
-
-        Raises:
-            TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
-        """
+        """What to warn of before anything is run: overlaps, lost digits, speeds, unless these are refused."""
         scene = self._scene
         overlaps = scene.overlaps_at_start() if self._has_steps else ""  # which are refused without steps
         if overlaps:
@@ -459,7 +388,7 @@ class StepLimits:
         yield from self.at_resume()
         if not self._has_steps:
             return
-        lost = self._lost_at_a_bounce()
+        lost = self._lost_at_a_bounce() if self._acceleration else 0.0
         if lost > LOST:
             text = (
                 f"contact='push' takes {lost:.2g} of its energy or more from a disc at each bounce under gravity or "
@@ -488,19 +417,24 @@ class StepLimits:
         A step conserves v^2/2 + g y - g dt v/2; a bounce at v, beyond the wall by v dt/2 on average, takes g dt v/2.
         """
         scene, settings = self._scene, self._settings
-        if settings.contact != "push" or is_inelastic(scene) or not self._acceleration or all(scene.periodic):
+        if settings.contact != "push" or is_inelastic(scene) or all(scene.periodic):
             return 0.0
         fastest = speeds_after_fall(speeds_at_start(scene), scene).speed
         return self._acceleration * settings.dt / settings.substeps / fastest
 
     def forecast(self) -> str | None:
         """The complaint about speeds at the start, or about those that are certain to come; None: they are low."""
-        scene = self._scene
-        speeds = speeds_at_start(scene)
-        ahead = [speeds, speeds_after_fall(speeds, scene), speeds_of_emitters(scene), speeds_of_pushed(speeds, scene)]
-        if scene.count:
+        scene, speeds = self._scene, speeds_at_start(self._scene)
+        ahead = [speeds]
+        if self._acceleration:
+            ahead.append(speeds_after_fall(speeds, scene))
+        if scene.emitters:
+            ahead.append(speeds_of_emitters(scene))
+        if scene.count and scene._surface_speed:
+            ahead.append(speeds_of_pushed(speeds, scene))
+        if scene.count and any(each.heats for each in scene._features):
             ahead.append(speeds_in_bath(speeds, scene))
-        if LAWS[self._settings.law].exchanges_energy:
+        if scene.count > 1 and scene.mass is not None and LAWS[self._settings.law].exchanges_energy:
             ahead.append(speeds_in_equilibrium(speeds, scene))
         return next(filter(None, (self._complaint(each, 0) for each in ahead)), None)
 
@@ -510,33 +444,32 @@ class StepLimits:
         return self._settings.on_fast == "substep" and not self._fast.given
 
     def frames_ahead(self, frame: int, count: int) -> int:
-        """Number of frames until the next check; very large if there is none."""
+        """Number of frames until the next look; very large if there is none."""
         if self._fast.given and not self.may_be_pressed(count):
             return 2**62
-        if (between := self._between).last < frame < between.next and count == between.discs:
-            return between.next - frame
-        intervals = self._intervals(frame, count)
-        ahead = min(every - frame % every for every in intervals)
-        self._between = _Between(max(frame - frame % every for every in intervals), frame + ahead, count)
-        return ahead
+        if not (self._last_look < frame < self._next_look and count == self._discs):
+            past = [(frame % every, every) for every in self._intervals(frame, count)]
+            self._last_look, self._discs = frame - min(each for each, _ in past), count
+            self._next_look = frame + min(every - each for each, every in past)
+        return self._next_look - frame
 
     def is_due(self, frame: int, count: int) -> bool:
-        """Whether to check speeds before this frame, or to lift the limit, as the warning has been given.
+        """Whether to look at speeds before this frame, or to lift the limit, as the warning has been given.
 
-        At the first frame they are: a snapshot in which no frame has been done does not tell the sub-steps.
+        At the first frame it is: a snapshot in which no frame has been done does not tell the sub-steps.
         """
         if self._fast.given:
             return self._has_limit
-        if (between := self._between).last < frame < between.next and count == between.discs:
-            return frame == self._origin.frame
-        return frame == self._origin.frame or self._is_look(frame, count, 1)
+        return frame == self._origin.frame or self._is_look(frame, count)
 
-    def _is_look(self, frame: int, count: int, rarer: int) -> bool:
-        """Whether this frame is one of every so many looks, for any reason to look."""
-        return any(frame % (rarer * every) == 0 for every in self._intervals(frame, count))
+    def _is_look(self, frame: int, count: int) -> bool:
+        """Whether there is a look in this frame, for any reason."""
+        if self._last_look < frame < self._next_look and count == self._discs:
+            return False
+        return any(frame % every == 0 for every in self._intervals(frame, count))
 
     def may_be_pressed(self, count: int) -> bool:
-        """Whether so many discs are to be looked at for what presses them into each other."""
+        """Whether n discs are looked at for what presses them into each other."""
         return (self._may_be_pressed or count > self._count_at_start) and not self._pressed.given
 
     def set_limit(self, solver: Solver) -> None:
@@ -557,16 +490,9 @@ class StepLimits:
         new: NewDiscs | None = None,
         changed: NDArray[np.int64] | None = None,
     ) -> int:
-        """Check the speeds, and warn if that is wanted. Returns the number of sub-steps from now on.
+        """Check the speeds, new discs included; warn, refuse, or return the number of sub-steps from now on.
 
-        Args:
-            solver: whose discs are looked at.
-            notices: which take a warning.
-            new: discs that are about to be added.
-            changed: numbers of the discs that alone can have become faster; sub-steps depend on all.
-
-        Raises:
-            TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
+        changed: numbers of the discs that alone can have become faster; sub-steps depend on all.
         """
         usual = self._settings.substeps if self._has_steps else 1
         if self._fast.given or not isinstance(solver, Steps):
@@ -585,16 +511,8 @@ class StepLimits:
         return usual
 
     def look_for_pressed(self, solver: Solver, notices: Notices) -> None:
-        """Look for discs that are pressed into each other, after frames that are checked, and warn once.
-
-        Raises:
-            TooFastError: if the settings do not allow it.
-        """
-        frame, count = solver.frame, solver.count
-        if not self.may_be_pressed(count) or not self._is_look(frame, count, 1):
-            return
-        anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
-        if not anyway and not is_crowded(self._scene, solver.radii, solver.time):
+        """Look for discs that are pressed into each other, after frames that are checked; warn once, or refuse."""
+        if not self.may_be_pressed(solver.count) or not self._is_look(solver.frame, solver.count):
             return
         text = solver.ranks.on_root(lambda: pressed(solver, self._scene, self._settings))
         if text and self._settings.on_fast == "error":
@@ -603,11 +521,7 @@ class StepLimits:
             notices.warn(text, FastWarning, self._pressed)
 
     def substeps_for(self, speeds: Speeds, frame: int) -> int:
-        """Sub-steps that keep speeds and collisions at AIM of their bounds, and below the bounds until the next look.
-
-        Raises:
-            TooFastError: if they are more than MOST_SUBSTEPS.
-        """
+        """Sub-steps that keep speeds and collisions at AIM of their bounds, and below these until the next look."""
         dt = self._settings.dt
         gain = self._gain(frame, ADAPT_EVERY)
         gained = gain * dt / min(speeds.limit, speeds.smallest)

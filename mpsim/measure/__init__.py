@@ -1,5 +1,8 @@
 """Observables of states, statistics, and in `reference` closed forms and published values."""
 
+import sys
+
+from mpsim.core import calls
 from mpsim.measure import reference
 from mpsim.measure.correlations import Series, TimeCorrelation
 from mpsim.measure.observables import (
@@ -79,3 +82,6 @@ __all__ = [
     "to_freud",
     "trajectory_error",
 ]
+
+
+calls.explain_wrong_calls(sys.modules[__name__], __all__)

@@ -36,7 +36,13 @@ from mpsim.core.binding import Binding
 from mpsim.core.state import State
 from mpsim.errors import InputError, NotRecordedError, OutputError, reason_of
 from mpsim.features.baths import mean_mass
-from mpsim.measure.moments import adds_discs, conserves_energy, is_heated, memory_of_baths, removes_discs
+from mpsim.features.energy import (
+    adds_discs,
+    conserves_energy,
+    is_heated,
+    memory_of_baths,
+    removes_discs,
+)
 from mpsim.measure.statistics import (
     FEWEST_BLOCKS,
     Equilibration,

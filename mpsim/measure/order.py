@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.state import Box, State, states_in
 from mpsim.errors import InputError, NotMeasurableError
-from mpsim.features import FEATURES
 from mpsim.measure.moments import (
     Lengths,
     checked_positions,
@@ -138,8 +137,8 @@ def _one_radius(states: Sequence[State], scene: Scene) -> float:
             f"pair_correlation needs discs of one radius; got radii from {scene.smallest_radius:g} to "
             f"{scene.largest_radius:g}. Give it a scene and states of the discs of one size."
         )
-    for feature in FEATURES:
-        if feature.excludes and feature.is_in(scene):
+    for feature in scene._features:
+        if feature.excludes:
             raise InputError(
                 f"pair_correlation needs a box without {feature.argument}, which keep discs out of part of each shell; "
                 f"got {len(feature.of(scene))}. Leave them out, or measure a scene without them."

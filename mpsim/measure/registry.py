@@ -17,15 +17,11 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.state import Discs, count_of
-from mpsim.errors import InputError, NotRecordedError
+from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.edges import EDGES
-from mpsim.kernels import records
-from mpsim.measure import moments, observables
-from mpsim.measure.moments import (
+from mpsim.features.energy import (
     adds_discs,
-    any_moves,
-    any_present,
     conserves_energy,
     has_body_force,
     has_losses,
@@ -33,6 +29,9 @@ from mpsim.measure.moments import (
     is_inelastic,
     memory_of_baths,
 )
+from mpsim.kernels import records
+from mpsim.measure import moments, observables
+from mpsim.measure.moments import any_moves, any_present
 from mpsim.measure.statistics import (
     FEWEST_BLOCKS,
     FEWEST_EVENTS,
@@ -513,18 +512,6 @@ FLOW_SAMPLES = 1000
 """The same for the flow of momentum, the kinetic part of a pressure, which fluctuates more."""
 
 
-class Measures(dict[str, Measure]):
-    """Measures of one run by name. The error for one that was not recorded says how to ask for it."""
-
-    def __missing__(self, name: str) -> Measure:
-        """Raise an error that explains, instead of a KeyError."""
-        checks.choice("the name of a measure", name, NAMES)
-        raise NotRecordedError(
-            f"{name} was not recorded in this run (recorded: {', '.join(self) or 'nothing'}). Measures are gathered "
-            f"only when asked for. Use sim.run(..., measures=[{name!r}])."
-        )
-
-
 class RunAverages:
     """Collects the data of the requested measures, slice by slice.
 
@@ -606,14 +593,14 @@ class RunAverages:
         """Discard the data collected after a mark."""
         del self._counts[mark[0] :], self._samples[mark[1] :]
 
-    def measures(self, scene: Scene, count: int, dt: float) -> Measures:
+    def measures(self, scene: Scene, count: int, dt: float) -> dict[str, Measure]:
         """The measures at the end of the run, of its scene and number of discs now and the time of a frame."""
         counts = np.concatenate(self._counts) if self._counts else np.zeros(0, records.COUNTS)
         series = {name: np.array([sample[name] for sample in self._samples]) for name in self._sampled}
         slow = self._slow(series.get("bath", np.zeros(0)), count, dt)
         run = Run(scene, count, dt, self._of_discs, series.get("flow", np.zeros(0)), self._every, slow)
         after = self._of_all(self._conserved) if len(counts) else {}
-        results = Measures()
+        results: dict[str, Measure] = {}
         # Without frames, a mean over no discs, or of a scene that cannot have it
         unknown = {name for name, values in series.items() if not len(values) or np.isnan(values).any()} | self._lost
         unknown |= set() if len(counts) else set(COUNTED)

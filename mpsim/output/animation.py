@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mpsim.core import checks, files
-from mpsim.core.optional_packages import imported
+from mpsim.core.late import imported
 from mpsim.core.progress import checked_progress, is_watched, of_frames
 from mpsim.core.state import Box, State
-from mpsim.engine.report import frames_until
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.base import frames_until
 from mpsim.errors import InputError, MpsimError, OutputError
 from mpsim.output.drawing import (
     LIGHT,

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import files
 from mpsim.core.columns import in_state
-from mpsim.core.optional_packages import imported
+from mpsim.core.late import imported
 from mpsim.errors import MpsimError, TrajectoryError, reason_of
 from mpsim.output.frames import Frame
 

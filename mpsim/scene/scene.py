@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks
 from mpsim.core.checks import ReadOnly
 from mpsim.core.columns import equal_sizes
-from mpsim.core.state import Box, State, no_state, view
+from mpsim.core.late import view
+from mpsim.core.state import Box, State, no_state
 from mpsim.errors import InputError
 from mpsim.features import FEATURES, PER_DISC
 from mpsim.features.absorption import check_edges

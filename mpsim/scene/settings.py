@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from mpsim.core import checks
-from mpsim.core.state import view
+from mpsim.core.late import view
 from mpsim.errors import InputError
 from mpsim.kernels import records
 

@@ -11,7 +11,7 @@ from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
-from mpsim.measure.moments import acceleration_bound
+from mpsim.features.energy import acceleration_bound
 from mpsim.measure.observables import TrajectoryDeviation, trajectory_error
 from mpsim.measure.predictability import Predictability, predictability, require_predictable
 from mpsim.scene.scene import Scene

@@ -23,7 +23,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_block import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import FastWarning, InputError, NotMeasurableError, OutputError
-from mpsim.measure.moments import adds_discs
+from mpsim.features.energy import adds_discs
 from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
 from mpsim.scene.scene import Scene, no_scene
 from mpsim.scene.settings import Settings

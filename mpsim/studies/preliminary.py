@@ -19,9 +19,8 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_block import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError
-from mpsim.features import FEATURES
+from mpsim.features import FEATURES, energy
 from mpsim.features.emitters import Emitter
-from mpsim.measure import moments
 from mpsim.scene import placement
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -413,7 +412,7 @@ def _name_of_exact(found: Observation, contact_time: float | None) -> str:
 
 def _may_come_to_rest(scene: Scene) -> bool:
     """Whether discs with losses may settle in a field, where they collide without end."""
-    return moments.has_body_force(scene) and moments.has_losses(scene)
+    return energy.has_body_force(scene) and energy.has_losses(scene)
 
 
 def _longer_contact_time(scene: Scene, until: float | None, seconds: float) -> float:
@@ -449,18 +448,18 @@ def _limit_seconds(seconds: float, contact_time: float | None) -> float:
 
 def _speed_of_fall(scene: Scene) -> float:
     """Speed of a fall through a radius [length/time]: a scale of motion when all discs have come to rest."""
-    return math.sqrt(2 * moments.strongest_field(scene) * scene.smallest_radius)
+    return math.sqrt(2 * energy.strongest_field(scene) * scene.smallest_radius)
 
 
 def _speed_to_come(scene: Scene) -> float:
     """Typical speed, including discs of emitters, a moving wall and a heat bath [length/time]."""
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
-    if moments.adds_discs(scene):
-        speeds.append(math.sqrt(2 * moments.gravity_strength(scene) * 2 * scene.largest_radius))
+    if energy.adds_discs(scene):
+        speeds.append(math.sqrt(2 * energy.gravity_strength(scene) * 2 * scene.largest_radius))
     if (wall := scene._moving_wall) is not None and scene.count:
         speeds.append(abs(wall.speed))
     if scene.count:
-        speeds.append(math.sqrt(2) * moments.thermal_speed(scene))
+        speeds.append(math.sqrt(2) * energy.thermal_speed(scene))
     return max(speeds)
 
 
@@ -496,7 +495,7 @@ def _affordable(limit: float) -> float:
 def _step_seconds(scene: Scene, dt: float, until: float | None, limit_seconds: float) -> float:
     """Approximate time of one step with one pass on one core [s]; with emitters its mean over the run."""
     with quietly(), Simulation(scene, Settings(dt=dt, workers=1)) as sim:
-        if until is None or not moments.adds_discs(scene):
+        if until is None or not energy.adds_discs(scene):
             return float(np.median(sim.run(frames=FRAMES).frame_seconds))
         begun = time.thread_time()
         with suppress(_NotUsable):
@@ -554,7 +553,7 @@ def _observe(
             if until is not None:
                 block = max(int(until * number / STARTS / settings.dt) - sim.frame, 1)
                 # Of a gas left to itself a short run is like a long one.
-                block = min(block, likely) if moments.conserves_energy(scene) else block
+                block = min(block, likely) if energy.conserves_energy(scene) else block
             started = time.thread_time()
             report = sim.run(frames=block, progress=progress)
             seconds += time.thread_time() - started

@@ -31,7 +31,8 @@ from mpsim.errors import (
     WorkerDiedError,
     WorkerStalledError,
 )
-from mpsim.measure import moments, registry
+from mpsim.features import energy
+from mpsim.measure import registry
 from mpsim.measure.registry import ERRORS, LONG, NAMES, OBSERVABLES, SHORT
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -62,7 +63,7 @@ def available(scene: Scene) -> tuple[str, ...]:
 
 def refusal(name: str, scene: Scene) -> str | None:
     """Why one of ERRORS would be wrong in a scene, or None."""
-    if name in SHORT and (moments.adds_discs(scene) or moments.removes_discs(scene)):
+    if name in SHORT and (energy.adds_discs(scene) or energy.removes_discs(scene)):
         return (
             f"{name!r} compares runs from states along a run, and needs all discs in each; emitters and absorbing "
             "edges change them. Ask for 'overlap', or for an average such as 'pressure'."

@@ -41,14 +41,14 @@ import numpy as np
 from mpsim.core import checks, files
 from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.files import CSV, JSON, FileLock, written
+from mpsim.core.late import imported
 from mpsim.core.machine import usable_cores
-from mpsim.core.optional_packages import imported
 from mpsim.core.progress import checked_progress, shown
 from mpsim.core.state import State
 from mpsim.core.text import json_text
 from mpsim.core.version import __version__
-from mpsim.engine.report import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError, OutputError, SweepWarning, level_of_caller, reason_of
 from mpsim.measure import registry

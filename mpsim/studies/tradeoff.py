@@ -15,9 +15,8 @@ from typing import Any
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.files import CSV, JSON, written
-from mpsim.core.optional_packages import imported
+from mpsim.core.late import imported, view
 from mpsim.core.progress import checked_progress, shown
-from mpsim.core.state import view
 from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of

@@ -15,8 +15,8 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
+from mpsim.core.late import view
 from mpsim.core.progress import checked_progress, shown
-from mpsim.core.state import view
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.measure.registry import ERRORS, OBSERVABLES

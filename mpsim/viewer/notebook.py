@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
-from mpsim.core.optional_packages import imported
+from mpsim.core.late import imported
 from mpsim.errors import InputError
 from mpsim.scene.settings import Settings
 from mpsim.viewer.live import Viewed, demand_viewed, source_of

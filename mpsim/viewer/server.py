@@ -20,7 +20,7 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
-from mpsim.core.optional_packages import imported
+from mpsim.core.late import imported
 from mpsim.errors import InputError, MpsimError, ResourceError
 from mpsim.viewer import export, share_url
 from mpsim.viewer.protocol import MOST_BYTES, Action, SentPicture, read_action

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.state import State
-from mpsim.engine.simulation import Simulation, next_frame_in_passes, read_in_place
+from mpsim.engine.simulation import Simulation, read_in_place
 from mpsim.engine.solvers.base import InPlace, in_place
-from mpsim.engine.solvers.grid import Pass
+from mpsim.engine.solvers.grid import Pass, next_frame_in_passes
 from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for

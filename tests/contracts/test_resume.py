@@ -158,8 +158,8 @@ def test_whatever_a_checkpoint_forgets_changes_the_bits(words, forget, tmp_path,
     expected = state_after(scene, 30, **settings)
     read = checkpoint.read
 
-    def read_and_forget(path, check):
-        found = read(path, check)
+    def read_and_forget(path):
+        found = read(path)
         arrays = {name: array.copy() for name, array in found.arrays.items()}
         forget(arrays, found.run)
         return dataclasses.replace(found, arrays=arrays)

@@ -160,7 +160,7 @@ WORDS = {
     "different settings": ("InputError", "those of rank 1 differ from those of rank 0"),
     "too many ranks": ("InputError", "ranks must be at most as many as the grid has columns, 1 "),
     "added": ("none", ""),
-    "added otherwise": ("InputError", "the discs that are added must be the same on all ranks; those of rank 1"),
+    "added otherwise": ("InputError", "arguments of add must be the same on all ranks; those of rank 1"),
     "trajectory": ("InputError", "must be given comm, the communicator of the simulation"),
     "unwritable": ("OutputError", "no/such/folder"),
     "diverging": ("DivergedError", "disc 7 is not finite in frame 3: position (nan,"),

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args
+from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,28 @@ from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels.features import collisions as log
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
+
+# --- Number of frames until a given time
+
+MOST_FRAMES_OF_A_RUN = 10**12
+
+
+def frames_until(until: float, dt: float, name: str = "until") -> int:
+    """Frames from the start to the first that reaches a time; one that ends within rounding of it does.
+
+    >>> frames_until(2.1, 0.3), frames_until(2.2, 0.3)  # 2.1 / 0.3 is 7.000000000000001
+    (7, 8)
+
+    Raises:
+        InputError: for more than MOST_FRAMES_OF_A_RUN.
+    """
+    frames = until / dt * (1 - 1e-12)
+    if frames > MOST_FRAMES_OF_A_RUN:
+        raise InputError(
+            f"{name} must be at most {MOST_FRAMES_OF_A_RUN:,} frames of {dt:g}; got {until:g}. Give an earlier time."
+        )
+    return math.ceil(frames)
+
 
 # --- The result of one command of a solver
 
@@ -234,7 +256,7 @@ def in_place(state: State, box: Box, frame: int, time: float, radii: NDArray[np.
 # --- The protocol of all solvers, which the rest of the engine uses
 #
 # A new method is one file with a class that derives from `Solver`, a line in `methods.METHODS`, and its name in
-# `METHODS` of `scene/settings.py`. Callers ask for `capabilities` (`methods.capabilities_of`), never for a class or a
+# `METHODS` of `scene/settings.py`. Callers ask for its capabilities (`methods.capabilities_of`), never for a class or a
 # name.
 
 Result = TypeVar("Result")
@@ -351,22 +373,6 @@ class NewDiscs(NamedTuple):
                 columns[column.name] = self.of(column).copy()
                 columns[column.name][numbers] = discs.of(column)
         return NewDiscs(position, velocity, self.radius, columns)
-
-
-@dataclass(frozen=True)
-class Capabilities:
-    """What can be known of a method before there is a solver.
-
-    Attributes:
-        has_steps: frames are made of steps, so that a disc can be too fast for one: its solver has `Steps`. Without
-            steps `dt` only says when frames end, and `contact`, `passes` and `substeps` change nothing.
-        is_exact: its only error is rounding, so that other methods are compared with it.
-        on_ranks: several processes make the same calls, each with a simulation of its own.
-    """
-
-    has_steps: bool
-    is_exact: bool = False
-    on_ranks: bool = False
 
 
 class Ranks:
@@ -494,14 +500,11 @@ class Solver(ABC):
         InputError: for a scene or settings that the method cannot do, naming them.
 
     Attributes:
-        capabilities: of the method.
         count: number of discs, N.
         radii, masses: of each disc, shape (N,), read-only [length], [mass].
         choice: what runs.
         terms: scene and settings in force.
     """
-
-    capabilities: ClassVar[Capabilities]
 
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
@@ -700,7 +703,7 @@ class Solver(ABC):
 
 def digest_of_state(solver: Solver) -> str:
     """`State.digest` of the present state, which on ranks the first one reads in chunks."""
-    if not solver.capabilities.on_ranks:
+    if solver.ranks is ALONE:
         return solver.state().digest()
 
     def read() -> str:

@@ -18,8 +18,8 @@ from mpsim.engine.feature_arrays import feature_specs, fill_features, given_in
 from mpsim.engine.solvers import base
 from mpsim.engine.solvers.base import BatchResult, Choice, CollisionLog, InPlace, NewDiscs, SolverState, Terms, count_in
 from mpsim.engine.solvers.speeds import Speeds, disc_too_fast, fastest_in, speeds_of
-from mpsim.engine.solvers.stepped import SteppedSolver, disc_at, state_of
-from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock, block_arrays
+from mpsim.engine.solvers.stepped import SteppedSolver, block_arrays, disc_at, state_of
+from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock
 from mpsim.engine.workers.worker import buffers_of
 from mpsim.errors import DivergedError
 from mpsim.features.properties import has_radii

@@ -31,6 +31,7 @@ from mpsim.errors import InputError, StalledError
 from mpsim.features.baths import probability_of
 from mpsim.features.capsules import lists_of_cells
 from mpsim.features.edges import kinds_of
+from mpsim.features.energy import gravity_strength, is_inelastic, thermal_speed
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records as stepped
@@ -44,7 +45,6 @@ from mpsim.kernels.events.features.hooks import features_of
 from mpsim.kernels.events.solver import worst_overlap
 from mpsim.kernels.features import collisions
 from mpsim.kernels.features.bodies import Bodies
-from mpsim.measure.moments import gravity_strength, is_inelastic, thermal_speed
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

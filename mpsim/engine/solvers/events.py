@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import time
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,10 @@ from mpsim.core.columns import MASS, kept_sizes
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State, part_of
 from mpsim.engine.feature_arrays import columns_of, given_in
-from mpsim.engine.report import frames_until
 from mpsim.engine.solvers import base, event_block
 from mpsim.engine.solvers.base import (
     MOST_COUNTED,
     BatchResult,
-    Capabilities,
     Choice,
     CollisionLog,
     NewDiscs,
@@ -25,6 +23,7 @@ from mpsim.engine.solvers.base import (
     SolverState,
     Terms,
     count_in,
+    frames_until,
 )
 from mpsim.engine.solvers.event_block import (
     BlockPlan,
@@ -61,8 +60,6 @@ class EventSolver(Solver, CollisionLog):
     Raises:
         InputError: for a scene or setting that has no exact solution here, naming it.
     """
-
-    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=False, is_exact=True)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         refuse_what_is_not_exact(scene, settings)

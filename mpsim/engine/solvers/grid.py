@@ -1,7 +1,9 @@
 """The methods naive, grid and parallel; and one frame of the grid, pass by pass."""
 
+from __future__ import annotations
+
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +12,9 @@ from mpsim.core.state import State
 from mpsim.engine.feature_arrays import giant_radius
 from mpsim.engine.solvers.base import Choice, NewDiscs, Solver, SolverState
 from mpsim.engine.solvers.block import BlockSolver
+from mpsim.engine.solvers.stepped import Grid
 from mpsim.engine.workers.pool import WorkerPool
-from mpsim.engine.workers.shared import Grid, SharedBlock
+from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.worker import kernel_arguments, load_kernels
 from mpsim.errors import InputError
 from mpsim.features.properties import has_radii
@@ -20,6 +23,9 @@ from mpsim.kernels.frame.rank import run_part
 from mpsim.kernels.frame.stepping import run_grid, run_naive
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 # --- The naive method: all pairs in index order, in one process
 
@@ -272,12 +278,13 @@ class PassSolver(GridSolver):
         return Pass(name, number, self.state(), contacts, first, owners[first], columns)
 
 
-def frame_in_passes(solver: Solver) -> list[Pass]:
-    """The next frame of a solver, pass by pass, on a copy of its discs; it stays as it is.
+def next_frame_in_passes(sim: Simulation) -> list[Pass]:
+    """The passes of the frame that the next `run` would begin with, on a copy: the simulation stays as it is.
 
     Raises:
         InputError: for a method or a scene whose frame is not made of an even and an odd pass alone.
     """
+    solver = sim._open_solver()  # pyright: ignore[reportPrivateUsage]
     terms = solver.terms
     if not isinstance(solver, GridSolver):
         reason = f"method {solver.choice.method!r}, which has no columns"

@@ -1,45 +1,76 @@
 """The registry of methods, and the method that `auto` chooses."""
 
 import logging
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, cast
 
+from mpsim.core.late import named
 from mpsim.core.machine import may_start_processes, usable_cores
 from mpsim.engine.access import Notices
-from mpsim.engine.solvers.base import Capabilities, Choice, Processes, Solver
-from mpsim.engine.solvers.events import EventSolver
-from mpsim.engine.solvers.grid import GridSolver, NaiveSolver
-from mpsim.engine.solvers.ranks.messages import ranks_of
-from mpsim.engine.solvers.ranks.solver import MpiSolver
+from mpsim.engine.solvers.base import Choice, Processes, Solver
 from mpsim.errors import InputError
 from mpsim.kernels.compiling import JIT_DISABLED
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import MethodName, Settings
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What can be known of a method before there is a solver.
+
+    Attributes:
+        has_steps: frames are made of steps, so that a disc can be too fast for one: its solver has `Steps`. Without
+            steps `dt` only says when frames end, and `contact`, `passes` and `substeps` change nothing.
+        is_exact: its only error is rounding, so that other methods are compared with it.
+        on_ranks: several processes make the same calls, each with a simulation of its own.
+    """
+
+    has_steps: bool
+    is_exact: bool = False
+    on_ranks: bool = False
 
 
 class Method(NamedTuple):
     """One line of the registry.
 
     Attributes:
-        solver: class that runs the method.
+        solver: class that runs the method, by name: a simulation loads no other solver than its own.
+        capabilities: what it can do.
         workers: whether it runs on as many processes as Settings.workers says; otherwise on one.
         phases: what it does in a phase, where that is not what the phase is called after.
         by_columns: whether it resolves the columns of the grid in an even and an odd pass: all that do have the same
             bits.
     """
 
-    solver: type[Solver]
+    solver: str
+    capabilities: Capabilities
     workers: bool = False
     phases: dict[str, str] = {}  # noqa: RUF012 - never changed
     by_columns: bool = False
 
 
+STEPS = Capabilities(has_steps=True)
+
 METHODS: dict[str, Method] = {
-    "naive": Method(NaiveSolver, phases={"even columns": "pairs"}),
-    "grid": Method(GridSolver, by_columns=True),
-    "parallel": Method(GridSolver, workers=True, by_columns=True),
-    "event": Method(EventSolver, workers=True, phases={"move": "events"}),
-    "mpi": Method(MpiSolver, workers=True, by_columns=True),
+    "naive": Method("mpsim.engine.solvers.grid:NaiveSolver", STEPS, phases={"even columns": "pairs"}),
+    "grid": Method("mpsim.engine.solvers.grid:GridSolver", STEPS, by_columns=True),
+    "parallel": Method("mpsim.engine.solvers.grid:GridSolver", STEPS, workers=True, by_columns=True),
+    "event": Method(
+        "mpsim.engine.solvers.events:EventSolver",
+        Capabilities(has_steps=False, is_exact=True),
+        workers=True,
+        phases={"move": "events"},
+    ),
+    "mpi": Method(
+        "mpsim.engine.solvers.ranks.solver:MpiSolver",
+        Capabilities(has_steps=True, on_ranks=True),
+        workers=True,
+        by_columns=True,
+    ),
 }
 """Every method by its name in Settings; `auto` is one of AUTO."""
+
+RANKS = "mpsim.engine.solvers.ranks.messages"
+"""The module that imports mpi4py, where ranks are asked for."""
 
 AUTO = ("naive", "grid", "parallel")
 """Methods among which `auto` chooses."""
@@ -57,27 +88,35 @@ EVENT_FROM = 50_000
 """Discs from which the exact solver has a worker for each core unless something else is said."""
 
 
+def solver_of(method: str) -> type[Solver]:
+    """The class that runs a method."""
+    return named(METHODS[method].solver)
+
+
 def capabilities_of(settings: Settings) -> Capabilities:
-    """What the method of these settings can do: of `auto`, what all of AUTO can."""
-    names = AUTO if settings.method == "auto" else (settings.method,)
-    each = [METHODS[name].solver.capabilities for name in names]
-    return Capabilities(
-        has_steps=all([one.has_steps for one in each]),
-        is_exact=all([one.is_exact for one in each]),
-        on_ranks=all([one.on_ranks for one in each]),
-    )
+    """What the method of these settings can do; those of AUTO can do the same."""
+    return METHODS[AUTO[0] if settings.method == "auto" else settings.method].capabilities
 
 
 def on_ranks(method: str | None) -> bool:
     """Whether a method of this name runs on ranks."""
-    return isinstance(method, str) and method in METHODS and METHODS[method].solver.capabilities.on_ranks
+    return isinstance(method, str) and method in METHODS and METHODS[method].capabilities.on_ranks
+
+
+def number_of_ranks(comm: Any) -> int:
+    """Of a communicator of mpi4py; None: of all that were started.
+
+    Raises:
+        InputError: if it is no communicator, or there is no MPI.
+    """
+    return named(f"{RANKS}:ranks_of")(comm)
 
 
 def check_processes(settings: Settings, processes: Processes) -> None:
     """Refuse a communicator that is none, and arguments that the method has no use for."""
     method, can = settings.method, capabilities_of(settings)
     if can.on_ranks:
-        ranks_of(processes.comm)
+        number_of_ranks(processes.comm)
         if processes.on_worker_death != "raise":
             raise InputError(
                 f"on_worker_death must be 'raise' with method={method!r}; got {processes.on_worker_death!r}. Leave it "
@@ -105,7 +144,7 @@ def choose(count: int, settings: Settings, processes: Processes = Processes()) -
     if remark:
         workers = 1
     if on_ranks(method):
-        return Choice(method, (workers * ranks_of(processes.comm),), remark, processes)
+        return Choice(method, (workers * number_of_ranks(processes.comm),), remark, processes)
     if settings.method != "auto":
         return Choice(method, (workers,), remark, processes)
     if workers > 1:
@@ -113,25 +152,23 @@ def choose(count: int, settings: Settings, processes: Processes = Processes()) -
     return Choice("grid", (1,), remark, processes)
 
 
-def same_bits(saved: str, method: str) -> str:
-    """The method to go on with, where a checkpoint was saved by one.
-
-    Raises:
-        InputError: if they differ in their bits.
-    """
-    alike = tuple(name for name, each in METHODS.items() if each.by_columns)
+def settings_to_go_on(settings: Settings, method: str | None, workers: int | None) -> Settings:
+    """Those of a checkpoint, a snapshot or a journal on other workers, and by a method that has the same bits."""
+    saved, alike = settings.method, tuple(name for name, each in METHODS.items() if each.by_columns)
+    if method is None:
+        return replace(settings, workers=workers)
     if method != saved and (method not in alike or saved not in alike):
         auto = "'auto' may choose 'naive', which has other bits. " if "auto" in (saved, method) else ""
         raise InputError(
             f"method must be that of the checkpoint, {saved!r}, or both must be among {', '.join(map(repr, alike))}, "
             f"which have the same bits; got {method!r}. {auto}Leave it out."
         )
-    return method
+    return replace(settings, method=cast(MethodName, method), workers=workers)
 
 
 def same_solver(one: Choice, other: Choice) -> bool:
     """Whether one class of solvers runs both."""
-    return METHODS[one.method].solver is METHODS[other.method].solver
+    return METHODS[one.method].solver == METHODS[other.method].solver
 
 
 def note_remark(choice: Choice, before: Choice | None, notices: Notices) -> None:

@@ -1,7 +1,9 @@
 """Common code of stepped solvers: time, steps of a frame, parameters of kernels, the grid, checks of snapshots."""
 
+import math
 from abc import abstractmethod
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +12,8 @@ from mpsim.core import columns
 from mpsim.core.columns import kept_sizes
 from mpsim.core.state import Box, State
 from mpsim.engine.feature_arrays import columns_of, typical_momentum, wall_limits
-from mpsim.engine.report import frames_until
 from mpsim.engine.solvers.base import (
     MOST_COUNTED,
-    Capabilities,
     Choice,
     Shapes,
     Solver,
@@ -23,17 +23,100 @@ from mpsim.engine.solvers.base import (
     check_periods,
     check_shapes,
     demand,
+    frames_until,
     shapes_in_each,
 )
 from mpsim.engine.solvers.speeds import SpeedLimit
-from mpsim.engine.workers.shared import Grid, grid_for
-from mpsim.features.edges import EDGES
+from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec
+from mpsim.features.edges import EDGES, WALLED, wraps_of
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.features.edges import wrap_places
 from mpsim.kernels.features.hooks import prepare_first_step
+from mpsim.kernels.frame.sorting import BUCKET, FEW
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+# --- The grid, and the arrays of the shared block of a stepped solver
+
+WORDS = records.LINE_PAIR // 8
+"""int64 words that one worker's row of an array is a multiple of."""
+
+CELLS_PER_DISC = 2
+"""In a dilute scene cells grow beyond one diameter, so that there are about this many per disc."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of the broad phase. A function of box, diameter, precision and number of discs only: never of history."""
+
+    columns: int
+    rows: int
+    outside: bool = False
+
+    @property
+    def table_size(self) -> int:
+        """Length of the table of cell starts, with a ghost cell below and above each column and a ghost column.
+
+        outside: and a column for discs that are not in the grid, giants and those that have left.
+        """
+        return (self.columns + 1 + self.outside) * (self.rows + 2) + 1
+
+
+def grid_for(
+    count: int,
+    width: float,
+    height: float,
+    diameter: float,
+    precision: str,
+    boundary: tuple[str, str] = WALLED,
+    outside: bool = False,
+) -> Grid:
+    """The grid of a scene: cells of one diameter, larger where there are fewer discs than cells / CELLS_PER_DISC.
+
+    A cell is wider than a diameter by the rounding of a coordinate times the number of cells, so that discs two cells
+    apart can never overlap. Along an axis that wraps there are two or more, and along x an even number: the last column
+    is odd, and meets the first in the odd pass, in which no other column touches either.
+    """
+    rounding = 8 * float(np.finfo(precision).eps) * max(width, height)
+    side = max(diameter + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
+    wraps_x, wraps_y = wraps_of(boundary)
+    fewest_columns, fewest_rows = 1 + wraps_x, 1 + wraps_y
+    columns, rows = max(int(width / side), fewest_columns), max(int(height / side), fewest_rows)
+    # In a box so thin that it has one row (or column), as many cells along it as elsewhere: their number must not grow
+    # with the aspect of the box.
+    most = CELLS_PER_DISC * max(count, 1)
+    columns, rows = min(columns, max(most // rows, fewest_columns)), min(rows, max(most // columns, fewest_rows))
+    return Grid(columns - columns % 2 if wraps_x else columns, rows, outside)
+
+
+def block_arrays(
+    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, ArraySpec]
+) -> dict[str, ArraySpec]:
+    """Every array and record of the shared block, by name. `features` holds what only some scenes need."""
+    real, length = np.dtype(precision), capacity + records.PADDING
+    arrays: dict[str, ArraySpec] = {}
+    for buffer in ("a", "b"):
+        for column in records.Discs._fields:
+            if column not in records.OPTIONAL:  # those are features
+                dtype = np.dtype(np.int32) if column in records.WHOLE else real
+                arrays[f"{buffer}.{column}"] = ArraySpec(dtype, (length,))
+    arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
+    for name in records.Changes._fields:
+        arrays[name] = ArraySpec(np.dtype(np.int32), (capacity // FEW + 1,))
+    arrays["first_arrival"] = ArraySpec(np.dtype(np.int32), (grid.table_size // BUCKET + workers + 1,))
+    arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
+    arrays["parameters"] = ArraySpec(records.parameters_in(precision), ())
+    arrays["control"] = ArraySpec(records.CONTROL, ())
+    arrays["team"] = ArraySpec(records.MEMBER, (workers,))
+    word = np.dtype(np.int64)
+    arrays["sent"] = ArraySpec(word, (workers, -(-workers // WORDS) * WORDS))
+    arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(records.PHASES)))
+    arrays["tally"] = ArraySpec(records.TALLY, (workers, MOST_FRAMES))
+    return arrays | features
+
+
+# --- Checks of snapshots
 
 SLACK = 1e-6
 """Fraction of the box by which rounding may have put a centre beyond its limit."""
@@ -82,8 +165,6 @@ def _tally_scale(scene: Scene, settings: Settings) -> float:
 
 class SteppedSolver(Solver, Steps):
     """Runs frames that are made of equal steps."""
-
-    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)

@@ -25,20 +25,9 @@ from numpy.typing import NDArray
 
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.errors import ResourceError, SharedMemoryError, is_of_the_system
-from mpsim.features.edges import WALLED, wraps_of
-from mpsim.kernels import records
-from mpsim.kernels.frame.sorting import BUCKET, FEW
-
-# --- The arrays of the shared block: their names, dtypes and shapes; and the grid, which sets the shape of one
 
 MOST_FRAMES = 4096
 """Frames of one command at most: the length of the array of times in the shared block."""
-
-WORDS = records.LINE_PAIR // 8
-"""int64 words that one worker's row of an array is a multiple of."""
-
-CELLS_PER_DISC = 2
-"""In a dilute scene cells grow beyond one diameter, so that there are about this many per disc."""
 
 
 @dataclass(frozen=True)
@@ -54,86 +43,12 @@ class ArraySpec:
         return self.dtype.itemsize * math.prod(self.shape)
 
 
-@dataclass(frozen=True)
-class Grid:
-    """Cells of the broad phase. A function of box, diameter, precision and number of discs only: never of history."""
-
-    columns: int
-    rows: int
-    outside: bool = False
-
-    @property
-    def table_size(self) -> int:
-        """Length of the table of cell starts, with a ghost cell below and above each column and a ghost column.
-
-        outside: and a column for discs that are not in the grid, giants and those that have left.
-        """
-        return (self.columns + 1 + self.outside) * (self.rows + 2) + 1
-
-
-def grid_for(
-    count: int,
-    width: float,
-    height: float,
-    diameter: float,
-    precision: str,
-    boundary: tuple[str, str] = WALLED,
-    outside: bool = False,
-) -> Grid:
-    """The grid of a scene: cells of one diameter, larger where there are fewer discs than cells / CELLS_PER_DISC.
-
-    A cell is wider than a diameter by the rounding of a coordinate times the number of cells, so that discs two cells
-    apart can never overlap. Along an axis that wraps there are two or more, and along x an even number: the last column
-    is odd, and meets the first in the odd pass, in which no other column touches either.
-    """
-    rounding = 8 * float(np.finfo(precision).eps) * max(width, height)
-    side = max(diameter + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
-    wraps_x, wraps_y = wraps_of(boundary)
-    fewest_columns, fewest_rows = 1 + wraps_x, 1 + wraps_y
-    columns, rows = max(int(width / side), fewest_columns), max(int(height / side), fewest_rows)
-    # In a box so thin that it has one row (or column), as many cells along it as elsewhere: their number must not grow
-    # with the aspect of the box.
-    most = CELLS_PER_DISC * max(count, 1)
-    columns, rows = min(columns, max(most // rows, fewest_columns)), min(rows, max(most // columns, fewest_rows))
-    return Grid(columns - columns % 2 if wraps_x else columns, rows, outside)
-
-
-def block_arrays(
-    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, ArraySpec]
-) -> dict[str, ArraySpec]:
-    """Every array and record of the shared block, by name. `features` holds what only some scenes need."""
-    real, length = np.dtype(precision), capacity + records.PADDING
-    arrays: dict[str, ArraySpec] = {}
-    for buffer in ("a", "b"):
-        for column in records.Discs._fields:
-            if column not in records.OPTIONAL:  # those are features
-                dtype = np.dtype(np.int32) if column in records.WHOLE else real
-                arrays[f"{buffer}.{column}"] = ArraySpec(dtype, (length,))
-    arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
-    for name in records.Changes._fields:
-        arrays[name] = ArraySpec(np.dtype(np.int32), (capacity // FEW + 1,))
-    arrays["first_arrival"] = ArraySpec(np.dtype(np.int32), (grid.table_size // BUCKET + workers + 1,))
-    arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
-    arrays["parameters"] = ArraySpec(records.parameters_in(precision), ())
-    arrays["control"] = ArraySpec(records.CONTROL, ())
-    arrays["team"] = ArraySpec(records.MEMBER, (workers,))
-    word = np.dtype(np.int64)
-    arrays["sent"] = ArraySpec(word, (workers, -(-workers // WORDS) * WORDS))
-    arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(records.PHASES)))
-    arrays["tally"] = ArraySpec(records.TALLY, (workers, MOST_FRAMES))
-    return arrays | features
-
-
 # --- What the system allows this process, for errors that say in numbers what it has refused
 
 
 @contextmanager
 def refusals_named() -> Iterator[None]:
-    """Turn a refusal of the system during the start of a simulation into a ResourceError.
-
-    Raises:
-        ResourceError: in place of an OSError that is none of mpsim's.
-    """
+    """Turn a refusal of the system during the start of a simulation into a ResourceError."""
     try:
         yield
     except ResourceError:
@@ -150,32 +65,21 @@ def refusals_named() -> Iterator[None]:
 
 
 def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
-    """The error for a shared block that cannot be had.
-
-    Args:
-        size: of the block [bytes].
-        error: of the system.
-    """
+    """The error for a shared block of a size [bytes] that cannot be had."""
     need = f"the shared block needs {size:,} bytes"
+    fewer = "Use fewer discs or precision='float32', or"
     if error.errno in (errno.EMFILE, errno.ENFILE):
         return SharedMemoryError(f"{need} and a file descriptor, {_descriptors(error)}")
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if error.errno == errno.ENOMEM and limit != resource.RLIM_INFINITY:
         return SharedMemoryError(
             f"{need} of address space; this process may have {limit:,} bytes, and uses "
-            f"{psutil.Process().memory_info().vms:,}. Use fewer discs or precision='float32', or raise the limit "
-            "(ulimit -v)."
+            f"{psutil.Process().memory_info().vms:,}. {fewer} raise the limit (ulimit -v)."
         )
-    if error.errno == errno.EFBIG:
+    if error.errno in (errno.ENOSPC, errno.ENOMEM, errno.EFBIG):
         return SharedMemoryError(
-            f"{need} in one file; this process may make files of {resource.getrlimit(resource.RLIMIT_FSIZE)[0]:,}. Use "
-            "fewer discs or precision='float32', or raise the limit (ulimit -f)."
-        )
-    if error.errno in (errno.ENOSPC, errno.ENOMEM):
-        return SharedMemoryError(
-            f"{need}, and {_free()}. Shared memory must hold the whole block. Use fewer discs or precision='float32', "
-            f"or enlarge it (docker run --shm-size={-(-size // 2**20) + 1}m; "
-            "on Linux: mount -o remount,size=... /dev/shm)."
+            f"{need}, and {_free()} ({error.strerror}). Shared memory must hold the whole block. {fewer} enlarge it "
+            f"(docker run --shm-size={-(-size // 2**20) + 1}m; mount -o remount,size=... /dev/shm; ulimit -f)."
         )
     return SharedMemoryError(
         f"{need}, and cannot be made in /dev/shm ({error.strerror or error}; {_free()}). Shared memory must be there "
@@ -187,31 +91,19 @@ NO_WORKERS = "Use fewer workers, or method='grid', which starts no workers."
 
 
 def refusal_of_process(what: str, error: OSError | RuntimeError | EOFError, remedy: str = NO_WORKERS) -> ResourceError:
-    """The error for a process or thread that cannot be started: a worker, say.
-
-    Args:
-        what: begins the sentence, without a verb.
-        error: of the system, or of Python for a thread; EOFError: the fork server has ended.
-        remedy: a sentence.
-    """
+    """The error for a process or thread that cannot be started; EOFError: the fork server has ended."""
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return ResourceError(f"{what} needs file descriptors, {_descriptors(error)}")
     why = str(error)
     if isinstance(error, EOFError | ConnectionError):
         why = "Python's fork server, which starts workers, ended. It may have been killed, or allowed no process"
-    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
-        rule = "There must be memory for one (free, ulimit -v)."
-    elif isinstance(error, OSError) and error.errno != errno.EAGAIN and not isinstance(error, ConnectionError):
+    number = error.errno if isinstance(error, OSError) and not isinstance(error, ConnectionError) else errno.EAGAIN
+    if number in (errno.EAGAIN, errno.ENOMEM):
+        rule = "There must be memory for one (free, ulimit -v), and starting one allowed (ulimit -u, or a container's)."
+    else:
         rule = (
             "The current folder, a folder for temporary files (TMPDIR, of fewer than 80 characters) and "
             f"{sys.executable!r} must be there, and may be used."
-        )
-    else:
-        processes = resource.getrlimit(resource.RLIMIT_NPROC)[0]
-        most = "any number" if processes == resource.RLIM_INFINITY else f"{processes:,}"
-        rule = (
-            f"Starting one must be allowed; this user may have {most} of processes and threads (ulimit -u), and a "
-            "container may have fewer."
         )
     return ResourceError(f"{what} could not be started: {why}. {rule} {remedy}")
 
@@ -225,11 +117,7 @@ def resident_bytes(pid: int) -> int:
 
 
 def demand_descriptors(number: int) -> None:
-    """Check that so many descriptors are available: multiprocessing leaks some when it runs out.
-
-    Raises:
-        OSError: if not.
-    """
+    """Raise an OSError unless n descriptors are available: multiprocessing leaks some when it runs out."""
     opened: list[int] = []
     try:
         for _ in range(number):
@@ -323,10 +211,6 @@ class SharedBlock:
         """Create and reserve the block, filled with zeros. Ctrl-C waits so long.
 
         A block of one process takes private memory where there is enough of it, but not of shared memory.
-
-        Raises:
-            ResourceError: if the resource tracker, which removes the block after a kill, cannot be started.
-            SharedMemoryError: if the machine does not give that much shared memory, with the sizes; nothing is left.
         """
         with interrupts_held_back():
             _start_tracker()
@@ -375,12 +259,7 @@ class SharedBlock:
 
     @classmethod
     def attach(cls, name: str, specs: dict[str, ArraySpec]) -> "SharedBlock":
-        """Map an existing block in a worker, leaving its clean-up to the coordinator.
-
-        Raises:
-            FileNotFoundError: if there is none any more.
-            SharedMemoryError: if this process may not map it.
-        """
+        """Map an existing block in a worker, leaving its clean-up to the coordinator."""
         block = cls(specs, name)
         try:
             if sys.version_info >= (3, 13):
@@ -432,13 +311,7 @@ class SharedBlock:
 
 @dataclass(frozen=True)
 class StaleBlock:
-    """A block whose owner is dead.
-
-    Attributes:
-        name: of the block.
-        pid: process number of the owner.
-        nbytes: its size.
-    """
+    """A block whose owner is dead: its name, the process number of the owner, and its size."""
 
     name: str
     pid: int

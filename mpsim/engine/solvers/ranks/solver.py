@@ -9,7 +9,7 @@ these have wandered.
 import math
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
 from mpsim.core.version import __version__
 from mpsim.engine.feature_arrays import columns_of, given_in
-from mpsim.engine.solvers.base import BatchResult, Capabilities, Choice, NewDiscs, SolverState, Terms
+from mpsim.engine.solvers.base import BatchResult, Choice, NewDiscs, SolverState, Terms
 from mpsim.engine.solvers.ranks.messages import LOST, NOT_FINITE, MpiRanks
 from mpsim.engine.solvers.ranks.subdomain import (
     Border,
@@ -43,8 +43,8 @@ from mpsim.engine.solvers.speeds import (
     sides_at,
     speeds_together,
 )
-from mpsim.engine.solvers.stepped import SteppedSolver, disc_at, state_of
-from mpsim.engine.workers.shared import Grid, SharedBlock
+from mpsim.engine.solvers.stepped import Grid, SteppedSolver, disc_at, state_of
+from mpsim.engine.workers.shared import SharedBlock
 from mpsim.errors import DivergedError, InputError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
@@ -68,8 +68,6 @@ dealt anew."""
 
 class MpiSolver(SteppedSolver):
     """Frames on the ranks of `choice.processes.comm`; this process is one of them."""
-
-    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, on_ranks=True)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)

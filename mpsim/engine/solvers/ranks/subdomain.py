@@ -10,8 +10,9 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.engine.feature_arrays import columns_of, feature_specs, fill_features, giant_radius
 from mpsim.engine.solvers.base import NewDiscs, StartMethod
 from mpsim.engine.solvers.grid import shares_of
+from mpsim.engine.solvers.stepped import Grid, block_arrays
 from mpsim.engine.workers.pool import WorkerPool
-from mpsim.engine.workers.shared import Grid, SharedBlock, block_arrays, remove_stale_blocks
+from mpsim.engine.workers.shared import SharedBlock, remove_stale_blocks
 from mpsim.engine.workers.worker import GridArguments, kernel_arguments, load_kernels
 from mpsim.errors import InputError
 from mpsim.features.properties import has_radii
