@@ -16,7 +16,6 @@ from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.workers import shared
 from mpsim.errors import InputError
-from mpsim.features import FEATURES, NUMBERS
 from mpsim.kernels.compiling import compiled_kernels
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import SceneFile
@@ -85,33 +84,23 @@ def clean(dry_run: bool, as_json: bool) -> None:
 # --- `mpsim scenes` and `mpsim show`: lists and describes scenes
 
 
-@click.command(epilog="\b\nExamples:\n  mpsim scenes\n  mpsim scenes --json")
-@terminal.json_option
-def scenes(as_json: bool) -> None:
+@click.command(epilog="\b\nExamples:\n  mpsim scenes")
+def scenes() -> None:
     """List the scenes that come with mpsim."""
     titles = scenefile.titles()
-    if as_json:
-        click.echo(json_text(titles))
-        return
     width = max(map(len, titles), default=0)
     for name, title in titles.items():
         click.echo(f"{name:{width}}  {title}")
 
 
-@click.command(
-    short_help="Describe a scene.", epilog="\b\nExamples:\n  mpsim show hopper\n  mpsim show my_scene.toml --json"
-)
+@click.command(short_help="Describe a scene.", epilog="\b\nExamples:\n  mpsim show hopper\n  mpsim show my_scene.toml")
 @click.argument("scene", shell_complete=complete_scene)
-@terminal.json_option
-def show(scene: str, as_json: bool) -> None:
+def show(scene: str) -> None:
     """Describe SCENE: box, discs, features, recommended settings, what to look for.
 
     The whole file is checked; all its problems are reported at once.
     """
     file = scenefile.load(scene)
-    if as_json:
-        click.echo(json_text(record(file)))
-        return
     click.echo(f"{file.name}: {file.title}" if file.title else file.name)
     for text in (file.text, file.look_for and f"Look for: {file.look_for}"):
         if text:
@@ -153,31 +142,6 @@ def settings_text(settings: Settings | None) -> str:
     chosen, defaults = vars(settings), vars(Settings())
     changed = [f"{name}={value!r}" for name, value in chosen.items() if name == "dt" or value != defaults[name]]
     return f"Settings({', '.join(changed)})"
-
-
-def record(file: SceneFile) -> dict[str, Any]:
-    """The same as plain values."""
-    scene = file.scene
-    return {
-        "name": file.name,
-        "title": file.title,
-        "text": file.text,
-        "look_for": file.look_for,
-        "width": scene.width,
-        "height": scene.height,
-        "boundary": scene.boundary,
-        "count": scene.count,
-        "packing": scene.packing,
-        "compressed": file.compressed,
-        **{feature.argument: feature.record(scene) for feature in FEATURES},
-        **{name: getattr(scene, name) for name in NUMBERS},
-        "duration": scene.duration,
-        "picture_interval": scene.picture_interval,
-        "measures": scene.measures,
-        "settings": None if file.settings is None else dataclasses.asdict(file.settings),
-        "read": [str(path) for path in file.read],
-        "digest": scene.digest(),
-    }
 
 
 def _range(values: Any) -> str:
@@ -236,7 +200,6 @@ Examples:
   mpsim animate galton galton.gif --until 20 --fps 12
   mpsim animate cooling cooling.gif --frames 200 --until 400 --scale log --theme dark
   mpsim animate hopper hopper.mp4 --frames 300 --every 4      (needs ffmpeg or mpsim[film])
-  mpsim animate dense passes.gif --colour parity --method parallel --workers 2
 """
 
 
@@ -259,10 +222,10 @@ Examples:
 @click.option(
     "--colour",
     "--color",
-    type=click.Choice(["speed", "worker", "parity", "none"]),
+    type=click.Choice(["speed", "none"]),
     default="speed",
     show_default=True,
-    help="worker: by the worker that owns the disc's column; parity: by even and odd columns.",
+    help="What discs are coloured by.",
 )
 @click.option(
     "--scale",

@@ -62,7 +62,7 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
         wanted in (None, got) for wanted, got in zip(shape, array.shape, strict=True)
     )
     if not fits:
-        raise InputError(f"{name} must have shape {meaning}; got shape {array.shape}. Reshape the array.")
+        raise refusal(name, f"have shape {meaning}", f"shape {array.shape}", "Reshape the array.")
     array.flags.writeable = False
     return array
 
@@ -93,28 +93,32 @@ def resolution(array: NDArray[np.floating]) -> float:
     return float(np.finfo(np.float32 if single else np.float64).eps)
 
 
+def number(name: str, value: Any, rule: str, fits: Callable[[float], bool] = lambda found: True) -> float:
+    """A number, which may be infinite or none if `fits` says so; `rule` says in words what it must be."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise refusal(name, f"be {rule}", brief(value))
+    try:
+        found = float(value)
+    except OverflowError:
+        raise refusal(name, f"be {rule}, finite in float64", brief(value)) from None
+    if not fits(found):
+        raise refusal(name, f"be {rule}", brief(value))
+    return found
+
+
 def positive(name: str, value: Any, unit: str) -> float:
     """A finite number above 0."""
-    found = number(name, value, f"a number > 0 {unit}")
-    if not (math.isfinite(found) and found > 0):
-        raise InputError(f"{name} must be a finite number > 0 {unit}; got {brief(value)}.")
-    return found
+    return number(name, value, f"a finite number > 0 {unit}", lambda found: 0 < found < math.inf)
 
 
 def time_to_come(name: str, value: Any) -> float:
     """A number >= 0, or infinity, which stands for the end of all motion."""
-    found = number(name, value, "a number >= 0 [time]")
-    if not found >= 0:
-        raise InputError(f"{name} must be a number >= 0 [time], or infinity; got {value!r}.")
-    return found
+    return number(name, value, "a number >= 0 [time], or infinity", lambda found: found >= 0)
 
 
 def non_negative(name: str, value: Any, unit: str) -> float:
     """A finite number >= 0."""
-    found = number(name, value, f"a number >= 0 {unit}")
-    if not (math.isfinite(found) and found >= 0):
-        raise InputError(f"{name} must be a finite number >= 0 {unit}; got {brief(value)}.")
-    return found
+    return number(name, value, f"a finite number >= 0 {unit}", lambda found: 0 <= found < math.inf)
 
 
 def fraction(name: str, value: Any) -> float:
@@ -124,11 +128,7 @@ def fraction(name: str, value: Any) -> float:
 
 def between(name: str, value: Any, low: float, high: float) -> float:
     """A number from `low` to `high`."""
-    rule = f"a number from {low:g} to {high:g}"
-    found = number(name, value, rule)
-    if not low <= found <= high:
-        raise InputError(f"{name} must be {rule}; got {brief(value)}.")
-    return found
+    return number(name, value, f"a number from {low:g} to {high:g}", lambda found: low <= found <= high)
 
 
 def one_or_each(name: str, value: Any, count: int, unit: str) -> float | NDArray[np.float64]:
@@ -156,14 +156,14 @@ def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
         if isinstance(value, float) and low <= value <= high:
             between = value % 1 and value < high
             remedy = f"Give {int(value)} or {int(value) + 1}." if between else f"Give {int(value)}."
-        raise InputError(f"{name} must be a whole number from {low} to {high}; got {brief(value)}. {remedy}")
+        raise refusal(name, f"be a whole number from {low} to {high}", brief(value), remedy)
     return int(value)
 
 
 def truth(name: str, value: Any) -> bool:
     """True or False, not a value that is merely truthy."""
     if not isinstance(value, bool | np.bool_):
-        raise InputError(f"{name} must be True or False; got {brief(value)}.")
+        raise refusal(name, "be True or False", brief(value))
     return bool(value)
 
 
@@ -191,10 +191,8 @@ def equal(one: NDArray[Any], other: NDArray[Any]) -> bool:
 def not_vanishing(name: str, value: float, least: float, precision: str) -> None:
     """Refuse a positive value that vanishes in the precision of the run."""
     if value < least:
-        raise InputError(
-            f"{name} must be at least {least:.3g} in {precision}, below which it counts as 0; got {brief(value)}. "
-            f"{_wider(precision)}"
-        )
+        rule = f"be at least {least:.3g} in {precision}, below which it counts as 0"
+        raise refusal(name, rule, brief(value), _wider(precision))
 
 
 def _wider(precision: str) -> str:
@@ -233,16 +231,6 @@ def names_of(function: Callable[..., Any]) -> tuple[str, ...]:
     by_keyword = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     parameters = inspect.signature(function).parameters.values()
     return tuple(each.name for each in parameters if each.kind in by_keyword and each.name not in ("self", "cls"))
-
-
-def number(name: str, value: Any, rule: str) -> float:
-    """A number, which may be infinite or none; `rule` says what it must be."""
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
-        raise InputError(f"{name} must be {rule}; got {brief(value)}.")
-    try:
-        return float(value)
-    except OverflowError:
-        raise InputError(f"{name} must be {rule}, finite in float64; got {brief(value)}.") from None
 
 
 MOST_BITS = 200

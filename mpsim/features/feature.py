@@ -230,15 +230,6 @@ class Feature:
         """Description in words for a scene that has it; "" if the description of the discs includes it."""
         return str(self.of(scene))
 
-    def record(self, scene: Scene) -> Any:
-        """Its value for JSON."""
-        value = self.of(scene)
-        if not self.kinds:
-            return value
-        if self.several:
-            return [dataclasses.asdict(each) for each in value]
-        return None if value is None else dataclasses.asdict(value)
-
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
         """Values of the argument to time, by name, in a square box of a side with discs on a lattice of a pitch.
 
@@ -262,11 +253,6 @@ class Feature:
 def lattice_sites(side: float, pitch: float) -> int:
     """Number of discs on a square lattice of a pitch in a square box of a side [length]."""
     return round(side / pitch) ** 2
-
-
-def extent(values: Floats) -> list[float]:
-    """The least and the largest number; [] if there are none."""
-    return [float(values.min()), float(values.max())] if len(values) else []
 
 
 def given(name: str, value: Any, kind: type[Any]) -> dict[str, Any]:

@@ -411,9 +411,6 @@ class Obstacles(Feature):
     def description(self, scene: Scene) -> str:
         return f"{len(self.of(scene))}"
 
-    def record(self, scene: Scene) -> int:
-        return len(self.of(scene))
-
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
         every = np.arange(1, 100, 10) * pitch
         line = Polyline([(0, side / 2), (side / 3, side / 2)])

@@ -10,7 +10,7 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.columns import ACCELERATION, MASS, Column
 from mpsim.errors import InputError
-from mpsim.features.feature import Feature, Floats, PerDisc, Shapes, extent, lattice_sites
+from mpsim.features.feature import Feature, Floats, PerDisc, Shapes, lattice_sites
 from mpsim.kernels import records
 
 if TYPE_CHECKING:
@@ -67,9 +67,6 @@ class Radii(Feature):
     def description(self, scene: Scene) -> str:
         return ""
 
-    def record(self, scene: Scene) -> list[float]:
-        return extent(scene.radii)
-
 
 # --- Fields: gravity, one acceleration for all discs, and an acceleration of each disc
 
@@ -113,9 +110,6 @@ class Gravity(Feature):
         x, y = self.of(scene)
         return f"({x:g}, {y:g})"
 
-    def record(self, scene: Scene) -> list[float] | None:
-        return None if scene.gravity is None else scene.gravity.tolist()
-
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
         return {"gravity": (0.0, -0.1)}
 
@@ -134,9 +128,6 @@ class Acceleration(Feature):
 
     def description(self, scene: Scene) -> str:
         return "one per disc"
-
-    def record(self, scene: Scene) -> bool:
-        return self.is_in(scene)
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
         return {"acceleration per disc": np.random.default_rng(2).normal(size=(lattice_sites(side, pitch), 2)) * 0.1}
@@ -169,6 +160,3 @@ class Masses(Feature):
 
     def description(self, scene: Scene) -> str:
         return ""
-
-    def record(self, scene: Scene) -> list[float]:
-        return extent(scene.masses)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import dataclasses
 import itertools
 import math
 import os
@@ -14,13 +13,12 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PosixPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -28,7 +26,7 @@ from PIL import Image
 from mpsim.core import checks, files
 from mpsim.core.late import imported
 from mpsim.core.progress import checked_progress, is_watched, of_frames
-from mpsim.core.state import Box, State
+from mpsim.core.state import Box
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import frames_until
 from mpsim.errors import InputError, MpsimError, OutputError
@@ -76,13 +74,13 @@ class Shot(NamedTuple):
         return np.isfinite(self.position[:, 0])
 
 
-def moment_of(sim: Simulation, colour: str | None) -> Shot:
-    """The present moment; colour: one of KINDS, or None."""
+def moment_of(sim: Simulation, coloured: bool) -> Shot:
+    """The present moment; coloured: whether by speed."""
     state = sim.state
     assert state.box is not None  # the walls of a simulation are known
     position = state.position.astype(np.float32)
     position[~state.present] = np.nan
-    values = np.zeros(0) if colour is None else KINDS[colour].values(sim, state)
+    values = speeds_of(state.velocity) if coloured else np.zeros(0)
     return Shot(sim.time, state.box, position, sim.radii.astype(np.float32), values.astype(np.float32))
 
 
@@ -112,22 +110,19 @@ class Picture:
         scale: ColourScale | None = None,
         theme: Theme = LIGHT,
     ):
-        if colour is not None:
-            checks.choice("colour", colour, KINDS)
         scene = self._scene = sim.scene
-        self._sim, self._colour = sim, colour
+        self._sim, self._coloured = sim, colour is not None
+        if colour is not None and scale is None:
+            scale = percentile_scale(speeds_of(sim.state.velocity)[~sim.absorbed])
         inches = pixels / DPI / max(scene.width, scene.height)
         size = scene.width * inches, scene.height * inches
         with matplotlib.rc_context(theme.style, fname=STYLE):
             self.figure: Figure = figure_around(scene, size, beside=(1.2, 0.5), below=(0.4, 1.4), theme=theme)
             self.axes: Axes = self.figure.add_subplot()
-            kind = KINDS[colour](sim, self.axes, scale) if colour is not None else None
-            shades = (None, None) if kind is None else (kind.scale, kind.colours)
-            self._moving = MovingDiscs(self.axes, scene, scene.position, scene.radii, *shades, theme=theme)
-            if kind is not None:
-                bar = colour_bar(self.axes, self._moving.discs, scene, kind.label, kind.scale.outside)
-                if kind.ticks is not None:
-                    bar.set_ticks(list(kind.ticks), labels=list(kind.ticks.values()))
+            scale = scale if self._coloured else None
+            self._moving = MovingDiscs(self.axes, scene, scene.position, scene.radii, scale, theme=theme)
+            if scale is not None:
+                colour_bar(self.axes, self._moving.discs, scene, SPEED, scale.outside)
             self._title = self.axes.set_title("time 0.00")
         self.figure.draw_without_rendering()
         # The layout is found once; solving it again for each picture would take most of the time.
@@ -135,7 +130,7 @@ class Picture:
 
     def update(self) -> None:
         """Show the simulation as it is now."""
-        self.show(moment_of(self._sim, self._colour))
+        self.show(moment_of(self._sim, self._coloured))
 
     def show(self, moment: Shot) -> None:
         """Show a moment of the simulation."""
@@ -143,53 +138,6 @@ class Picture:
         self._moving.show(moment.position, moment.radius, moment.values, moment.walls, capsules)
         number = int(np.count_nonzero(moment.present))
         self._title.set_text(f"time {moment.time:.2f}, {number} disc{'s' * (number != 1)}")
-
-
-class _Speed:
-    label, ticks, colours = SPEED, None, None
-
-    def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
-        self.scale = percentile_scale(self.values(sim, sim.state)[~sim.absorbed]) if scale is None else scale
-
-    @staticmethod
-    def values(sim: Simulation, state: State) -> NDArray[np.floating]:
-        return speeds_of(state.velocity)
-
-
-class _Worker:
-    label = "worker"
-
-    def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
-        sim.columns()  # which refuses methods without columns
-        workers = 1 + len(sim.pids)
-        self.scale = ColourScale(-0.5, workers - 0.5)
-        self.ticks = {number: str(number) for number in range(workers)} if workers <= len(CATEGORIES) else None
-        self.colours = ListedColormap([CATEGORIES[number % len(CATEGORIES)] for number in range(workers)])
-
-    @staticmethod
-    def values(sim: Simulation, state: State) -> NDArray[np.floating]:
-        return sim.columns().owner.astype(float)
-
-
-class _Parity:
-    label, scale, ticks = "column of the disc", ColourScale(-0.5, 1.5), {0: "even", 1: "odd"}
-    colours = ListedColormap(["#56B4E9", "#D55E00"])
-
-    def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
-        number = sim.columns().number
-        for column in range(number):
-            edges = sim.scene.width / number * np.array([column, column + 1])
-            axes.axvspan(*edges, color=self.colours(column % 2), alpha=0.15, linewidth=0, zorder=0)
-
-    @staticmethod
-    def values(sim: Simulation, state: State) -> NDArray[np.floating]:
-        return (sim.columns().of_disc % 2).astype(float)
-
-
-KINDS: dict[str, Any] = {"speed": _Speed, "worker": _Worker, "parity": _Parity}  # what discs can be coloured by
-
-CATEGORIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#000000")
-"""Colours of Okabe & Ito, neighbours far apart."""
 
 
 # --- Writes films: GIFs with one palette for all frames, without bands or flicker; MP4 by ffmpeg
@@ -319,9 +267,7 @@ def animate(
             with `until` so many that the pictures are spread evenly over that time.
         pictures_per_second: of the animation, 1 to 50 [1/s].
         pixels: length of the longer side of the box in a picture, 100 to 4000.
-        colour: "speed"; "worker", by the worker that owns the column of a disc, or "parity", by whether that column is
-            even or odd, which shows the passes (both need a method with columns, `grid` or `parallel`;
-            `auto` then stands for the latter); None: one colour for all.
+        colour: "speed"; None: one colour for all.
         progress: True: shown on standard error, if that is a terminal or a notebook; or a function, called as
             progress(done, of).
         until: time of the last picture [time], > 0. With `frames` there may be fewer of them, if the frames of the
@@ -334,8 +280,8 @@ def animate(
 
     Raises:
         OutputError: without ffmpeg for .mp4, or if the path cannot be written; before any work.
-        InputError: for another ending, for numbers that are out of range or contradict each other, for an unknown word,
-            and for a colour that needs columns with a method without them.
+        InputError: for another ending, for numbers that are out of range or contradict each other, and for an unknown
+            word.
 
     >>> import tempfile
     >>> scene = Scene.random(count=20, packing=0.3, radius=0.5, seed=2)
@@ -351,8 +297,6 @@ def animate(
     look = THEMES[checks.choice("theme", theme, THEMES)]
     _check_colours(colour, scale)
     target = checked_target(path)
-    if colour in ("worker", "parity") and settings.method == "auto":  # which may choose one without columns
-        settings = dataclasses.replace(settings, method="parallel")
     checked_progress(progress, "progress(done, of)")
     seen = of_frames(progress if callable(progress) or is_watched() else None, "pictures")
     simulated = Simulation(scene, settings)
@@ -395,9 +339,9 @@ def _writing(target: Path) -> Iterator[None]:
 
 def _check_colours(colour: object, scale: object) -> None:
     if colour is not None:
-        checks.choice("colour", colour, KINDS)
-    if checks.choice("scale", scale, SCALES) == "log" and colour != "speed":
-        raise InputError(f"scale='log' must come with colour='speed'; got colour={colour!r}. Leave one out.")
+        checks.choice("colour", colour, ["speed"])
+    if checks.choice("scale", scale, SCALES) == "log" and colour is None:
+        raise checks.refusal("scale='log'", "come with colour='speed'", f"colour={colour!r}", "Leave one out.")
 
 
 @contextlib.contextmanager
@@ -411,12 +355,12 @@ def _moments(
         for number in range(frames):
             if number:
                 sim.run(frames=every)
-            moment = moment_of(sim, colour)
-            if colour == "speed":
+            moment = moment_of(sim, colour is not None)
+            if colour is not None:
                 sample.append(sampled(moment.values[moment.present]))
             yield moment
 
-    if colour != "speed":
+    if colour is None:
         yield taken(), None
         return
     with kept(taken()) as moments:

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.collections import EllipseCollection, PatchCollection
 from matplotlib.colorbar import Colorbar
-from matplotlib.colors import Colormap, LogNorm, Normalize, is_color_like
+from matplotlib.colors import LogNorm, Normalize, is_color_like
 from matplotlib.figure import Figure
 from matplotlib.patches import Annulus, Circle, Polygon, Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -326,8 +326,7 @@ def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> Rectang
 class MovingDiscs:
     """Discs in their box, with obstacles and walls, which move from one picture of a film to the next.
 
-    They begin at these positions. scale: of the numbers that colour the discs; None: one colour. colours: for that
-    scale; None: viridis.
+    They begin at these positions. scale: of the numbers that colour the discs; None: one colour.
     """
 
     def __init__(
@@ -337,10 +336,9 @@ class MovingDiscs:
         position: NDArray[np.floating],
         radii: NDArray[np.floating],
         scale: ColourScale | None = None,
-        colours: Colormap | None = None,
         theme: Theme = LIGHT,
     ):
-        self._axes, self._scene, self._scale, self._colours, self._theme = axes, scene, scale, colours, theme
+        self._axes, self._scene, self._scale, self._theme = axes, scene, scale, theme
         self._capsules = scene.capsules_at(0.0)
         _draw_box(axes, scene, (0.0, 0.0))
         self._obstacles = draw_obstacles(axes, scene, self._capsules, theme)
@@ -355,8 +353,6 @@ class MovingDiscs:
         discs = ellipses(self._axes, with_images(position, self._scene), radii, DISC_COLOUR, self._theme)
         if self._scale is not None:
             colour_discs(discs, np.zeros(len(radii)), self._scale)
-            if self._colours is not None:
-                discs.set_cmap(self._colours)
         return discs
 
     def show(

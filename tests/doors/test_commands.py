@@ -51,7 +51,6 @@ REFUSED = [
         "animate gas a.gif --until 1e9 --every 2",
         "until must be at most 1999.98 with every=2, 100,000 pictures; got 1e+09.",
     ),
-    ("animate gas a.gif --colour worker --method naive", "this run is by 'naive'. Use Settings(method='parallel'"),
     ("animate gas a.pdf", "Use a.gif. One picture is made by mpsim.draw or `mpsim plot`."),
     ("shwo", "No such command 'shwo'"),
     ("tune", "Missing argument 'SCENE'."),
@@ -165,15 +164,11 @@ def test_verbose_tells_what_is_read_and_a_warning_is_a_line_without_source(monke
 
 
 def test_scenes_are_listed_one_line_each_and_shown():
-    result, titles = mpsim_command("scenes"), json.loads(mpsim_command("scenes", "--json").stdout)
-    assert [line.split(maxsplit=1) for line in result.stdout.splitlines()] == [list(each) for each in titles.items()]
+    titles = dict(line.split(maxsplit=1) for line in mpsim_command("scenes").stdout.splitlines())
     result = mpsim_command("show", "galton")
     assert (result.exit_code, result.stdout.splitlines()[0]) == (0, f"galton: {titles['galton']}")
     assert "\nLook for: " in result.stdout
     assert "Settings(dt=" in result.stdout
-    scene, shown = mpsim.Scene.load("gas"), json.loads(mpsim_command("show", "gas", "--json").stdout)
-    assert (shown["digest"], shown["count"]) == (scene.digest(), scene.count)
-    assert shown["settings"]["dt"] == scene.settings.dt
 
 
 def test_show_names_every_feature_or_every_problem(tmp_path):

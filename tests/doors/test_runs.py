@@ -321,7 +321,7 @@ def test_plot_draws_what_a_run_recorded(whole, tmp_path):
 
 def test_animate_writes_an_animation_once(tmp_path, monkeypatch):
     path, few = tmp_path / "a.gif", ("--pixels", 100, "--method", "grid")
-    words = ("--frames", 3, "--until", 0.3, "--fps", 5, "--theme", "dark", "--colour", "parity")
+    words = ("--frames", 3, "--until", 0.3, "--fps", 5, "--theme", "dark")
     result = mpsim_command("animate", "gas", path, *words, *few, "--quiet")
     assert result.stdout == f"written: {path}, 3 pictures, 0.6 s, {path.stat().st_size / 1000:.0f} kB\n"
     with Image.open(path) as film:

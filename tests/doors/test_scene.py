@@ -32,7 +32,7 @@ SCENES = {
     "a large disc by the wall": ({"radius": [2.5, 0.5]}, ["position[0] must lie in [2.5, 5.5] x [2.5, 3.5]"]),
     "too large for a periodic axis": ({"radius": [0.5, 1.6], "boundary": ("walls", "periodic")},
                                       ["at most a quarter of a periodic axis, 1.5 here", "1.6", "larger box"]),
-    "height missing": ({"height": None}, ["height must be a number > 0", "got None"]),
+    "height missing": ({"height": None}, ["height must be a finite number > 0", "got None"]),
     "an unknown boundary": ({"boundary": "perodic"}, ["boundary must be one of", "Did you mean 'periodic'?"]),
     "beyond a periodic edge": ({"boundary": "periodic", "position": [[2, 2], [8.5, 3]]},
                                ["position[1] must lie in [0, 8] x [0, 6]", "(8.5, 3.0)"]),

@@ -1,6 +1,5 @@
 """Scene files: they say the same as Python, keep every bit, name all that is wrong in them, and can do no harm."""
 
-import json
 import logging
 import os
 import pickle
@@ -202,8 +201,6 @@ def test_a_compressed_start_has_the_bits_of_python_and_keeps_them(load, tmp_path
     assert scene.digest() == same.digest() != before.digest()
     assert scene.redrawn(5).digest() == same.redrawn(5).digest() != same.digest()
     assert "compressed to packing 0.7 at rate 1\n" in mpsim_command("show", tmp_path / "scene.toml").stdout
-    record = json.loads(mpsim_command("show", tmp_path / "scene.toml", "--json").stdout)
-    assert record["compressed"] == {"packing": 0.7, "rate": 1.0}
     scene.save(tmp_path / "saved.toml")
     assert "compressed" not in (tmp_path / "saved.toml").read_text()
     assert Scene.load(tmp_path / "saved.toml").digest() == scene.digest()
@@ -358,7 +355,7 @@ WRONG = [
     ("schema = 1\nwidth = 3", "the box must be given either by packing or by width and height; got packing=None, wi"),
     ("schema = 1\npacking = 0.3\n" + SQUARE + "spacing = 1.0", "discs[0].count must be given where packing makes th"),
     ("schema = 2\nnonsense = 3", "schema must be 1, the version of scene files that this mpsim reads; got 2."),
-    (HEAD.replace("10.0", "1" + "0" * 400), "width must be a number > 0 [length], finite in float64; got a whole nu"),
+    (HEAD.replace("10.0", "1" + "0" * 400), "width must be a finite number > 0 [length], finite in float64; got a wh"),
     (HEAD + f"gravity = [1, 1{'0' * 400}]", "gravity[1] must be finite in float64; got a whole number of 401 digits."),
     (HEAD + "[discs]\nradius = 3", "discs must be a list of tables, [[discs]] for each; got {'radius': 3}."),
     (HEAD + "settings = { method = ['grid'] }", "settings.method must be one of 'naive', 'grid', 'parallel', 'event'"),

@@ -29,7 +29,7 @@ NAN, INF = math.nan, math.inf
 # --- settings
 
 SETTINGS = {
-    "dt too large for a number": ({"dt": 10**400}, ["dt must be a number > 0", "finite", "of 401 digits"]),
+    "dt too large for a number": ({"dt": 10**400}, ["dt must be a finite number > 0", "finite", "of 401 digits"]),
     "method None": ({"method": None}, ["method must be one of", "got None"]),
     "law": ({"law": "elastisch"}, ["law must be one of 'reflect', 'elastic'", "Did you mean 'elastic'?"]),
     "workers absurd": ({"workers": 10**6}, ["workers must be a whole number from 1 to 1024", "got 1000000"]),
