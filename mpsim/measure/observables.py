@@ -19,6 +19,7 @@ from mpsim.core.state import Discs, State, count_of
 from mpsim.errors import InputError
 from mpsim.measure import moments
 from mpsim.measure.moments import (
+    SAME_BOX,
     Chunk,
     checked_positions,
     close_pairs,
@@ -312,7 +313,7 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
 
     Raises:
         InputError: if the states have no disc in common or different numbers of them, or are not finite; if only one
-            has image flags.
+            has image flags; if one has crossed a border of a box that has changed.
 
     Source: Einstein (1905): 4 D t at long times in two dimensions, with the diffusion coefficient D.
 
@@ -338,6 +339,7 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
     else:
         if scene is not None:
             before, after = placed(before, scene), placed(after, scene)
+        _demand_one_box(before, after, common)
         moved = checked_positions(after.unwrapped)[common] - checked_positions(before.unwrapped)[common]
     return float((moved**2).sum(axis=1).mean())
 
@@ -408,6 +410,20 @@ def _difference(state: State, reference: State, discs: NDArray[np.int64], scene:
         state, reference = placed(state, scene), placed(reference, scene)
     a, b = checked_positions(state.position)[discs], checked_positions(reference.position)[discs]
     return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene, reference.box))
+
+
+def _demand_one_box(before: State, after: State, discs: NDArray[np.int64]) -> None:
+    """Refuse displacements of discs that have crossed borders of a box that has become another one."""
+    if before.image is None or after.image is None or before.box is None or after.box is None:
+        return
+    crossed = ((before.image[discs] != 0) | (after.image[discs] != 0)).any(axis=0)
+    sides = [np.subtract(box[1::2], box[::2]) for box in (before.box, after.box)]
+    if (crossed & (np.abs(sides[1] / sides[0] - 1) > SAME_BOX)).any():
+        boxes = " and ".join("{:g} x {:g}".format(*each) for each in sides)
+        raise InputError(
+            f"mean_squared_displacement across borders needs states of one box; got boxes of {boxes}. In a box that "
+            "changes, displacements are not defined; take states before or after the change."
+        )
 
 
 def _demand_discs(name: str, count: int, fewest: int) -> None:

@@ -1,11 +1,11 @@
-"""One frame of a trajectory, and whose a file is."""
+"""One frame of a trajectory, the common parts of all formats, and whose a file is."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.binding import Binding
@@ -15,6 +15,7 @@ from mpsim.core.state import Box, State, in_chunks, in_frame, present_in
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, OutputError, TrajectoryError
+from mpsim.features.edges import check_boundary, wraps_of
 
 # --- Observers that write files belong to one simulation, because mixed frames would be meaningless
 
@@ -147,7 +148,7 @@ class Frame:
             found = ", ".join(["position", *sorted(self.known)])
             raise TrajectoryError(
                 f"{name} must be in a trajectory to be read from it; {str(self.source)!r} holds only {found}. "
-                f"Have the program that wrote it write {WRITTEN_AS.get(name, f'the column {name}')}, too"
+                f"Have the program that wrote it write {_written_as(name)}, too"
                 f"{', or give Trajectory(path, radius=...)' * (name == 'radius')}."
             )
         return self.known[name]
@@ -157,14 +158,125 @@ class Frame:
         return f"<Frame {self.frame}: {len(self.position)} discs in {self.box[0]:g} x {self.box[1]:g}{time}>"
 
 
+@dataclass(frozen=True)
+class Given:
+    """What the reader of a trajectory is told about frames that do not say it themselves.
+
+    Attributes:
+        box: (x_low, x_high, y_low, y_high) [length].
+        periodic: whether x, and whether y, is periodic; None: both.
+        radius: of all discs [length].
+    """
+
+    box: Box | None = None
+    periodic: tuple[bool, bool] | None = None
+    radius: float | None = None
+
+    @classmethod
+    def of(cls, box: object, boundary: object, radius: object) -> "Given":
+        """From arguments of the user."""
+        walls: Any = None
+        if box is not None:
+            rule = "(width, height) or (x_low, x_high, y_low, y_high)"
+            numbers = checks.finite_array("box", box, (None,), rule).tolist()
+            walls = (0.0, numbers[0], 0.0, numbers[1]) if len(numbers) == 2 else tuple(numbers)
+            if len(walls) != 4 or not (walls[0] < walls[1] and walls[2] < walls[3]):
+                raise InputError(f"box must be {rule}, with sides above 0; got {checks.brief(box)}.")
+        wraps = None if boundary is None else wraps_of(check_boundary(boundary))
+        return cls(walls, wraps, None if radius is None else checks.positive("radius", radius, "[length]"))
+
+    def frame(
+        self,
+        where: str,
+        number: int,
+        box: tuple[float, float] | None,
+        origin: tuple[float, float],
+        periodic: tuple[bool, bool] | None,
+        position: NDArray[np.floating],
+        source: Path,
+        known: dict[str, Any],
+    ) -> Frame:
+        """A frame of a file, in the order of its ids; what it lacks, None among these arguments, is taken from here.
+
+        Args:
+            where: its name for error texts.
+            position: shape (N, 2) or (N, 3), of which the last must be the same of all discs; likewise the velocity
+                in `known`, where it must be 0.
+            number, box, origin, periodic, source, known: as of a Frame.
+
+        Raises:
+            InputError: if something is given that the frame has.
+            TrajectoryError: if the frame is three-dimensional, has no box, or an id twice.
+        """
+        own = {"box": box, "boundary": periodic, "radius": known.get("radius")}
+        for name, given in (("box", self.box), ("boundary", self.periodic), ("radius", self.radius)):
+            if given is not None and own[name] is not None:
+                raise InputError(
+                    f"{name} can be given only for frames that do not hold it; {where} holds "
+                    f"{checks.brief(own[name])}. Leave it out."
+                )
+        if self.radius is not None:
+            known["radius"] = np.full(len(position), self.radius)
+        if box is None and self.box is not None:
+            x_low, x_high, y_low, y_high = self.box
+            box, origin = (x_high - x_low, y_high - y_low), (x_low, y_low)
+        if box is None:
+            raise TrajectoryError(
+                f"{where} must hold the box, as the key Lattice of extended XYZ; it does not. Have the program that "
+                "wrote it write that, or give box=(width, height)."
+            )
+        for name in ("radius", "mass"):
+            if name in known and (known[name] < 0).any():
+                raise TrajectoryError(f"{where} must hold no {name} below 0; got {known[name].min()}.")
+        if "ids" in known:
+            order = np.argsort(known["ids"], kind="stable")
+            twice = np.flatnonzero(np.diff(known["ids"][order]) == 0)
+            if len(twice):
+                raise TrajectoryError(f"{where} must hold each id once; got {known['ids'][order[twice[0]]]} twice.")
+            if (order[1:] < order[:-1]).any():
+                position = position[order]
+                known = {name: value if np.ndim(value) == 0 else value[order] for name, value in known.items()}
+        position = _in_plane("position", position, position[:1, 2:], max(box), where)
+        if "velocity" in known:
+            speed = known["velocity"]
+            known["velocity"] = _in_plane("velocity", speed, 0.0, np.abs(speed).max(initial=0.0), where)
+        return Frame(number, box, origin, periodic or self.periodic or (True, True), position, source, known)
+
+
+ROUNDING = 1e-9  # largest component of an upright box off its axes, relative to its sides
+
+FLAT = 1e-6
+"""Largest difference of z among discs in a plane, relative to the box; of their velocities, relative to the largest."""
+
+
+def _in_plane(name: str, vectors: NDArray[Any], z: ArrayLike, scale: float, where: str) -> NDArray[Any]:
+    """Vectors of shape (N, 2), from some of shape (N, 2) or (N, 3) whose last component must be `z`."""
+    off = np.flatnonzero(np.abs(vectors[:, 2:] - z) > FLAT * scale)
+    if len(off):
+        raise TrajectoryError(
+            f"{where} must be two-dimensional, with the same z for all discs, and no velocity along z; got a {name} "
+            f"with z = {vectors[off[0], 2]:g} of disc {off[0]}, not {np.max(z):g}. Write one layer: mpsim has no third "
+            "dimension."
+        )
+    return np.ascontiguousarray(vectors[:, :2])
+
+
 WRITTEN_AS = {
-    "time": "the key Time",
-    "velocity": "the column velo:R:3",
-    "radius": "the column radius:R:1",
-    "mass": "the column masses:R:1",
-    "image": "the column map_shift:I:3",
+    "time": "the key Time (extended XYZ), log/mpsim/time (GSD) or ITEM: TIME (LAMMPS)",
+    "velocity": "the column velo:R:3 (extended XYZ), particles/velocity (GSD) or vx vy (LAMMPS)",
+    "radius": "the column radius:R:1 (extended XYZ), particles/diameter (GSD) or radius (LAMMPS)",
+    "mass": "the column masses:R:1 (extended XYZ), particles/mass (GSD) or mass (LAMMPS)",
+    "image": "the column map_shift:I:3 (extended XYZ), particles/image (GSD) or ix iy (LAMMPS)",
 }
-"""What has a name of its own in extended XYZ."""
+"""Where formats have what has a name of its own in them."""
+
+
+def _written_as(name: str) -> str:
+    further = {
+        each.name: f"the column {each.name}:{kind_of(each)} (extended XYZ) or log/particles/mpsim/{each.name} (GSD)"
+        for each in in_state()
+    }
+    return (further | WRITTEN_AS)[name]
 
 
 def kind_of(column: Column) -> str:

@@ -6,18 +6,18 @@ Arrays of per-disc data are written even for frames without discs, because reade
 first frame of the file.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim.core import files
+from mpsim.core import checks, files
 from mpsim.core.columns import in_state
 from mpsim.core.late import imported
 from mpsim.errors import MpsimError, TrajectoryError, reason_of
-from mpsim.output.frames import Frame
+from mpsim.output.frames import Frame, Given
 
 _PER_DISC = {"position": "position", "velocity": "velocity", "radius": "radius", "mass": "mass", "id": "ids"}
 """Arrays under log/particles/mpsim/, and the attributes of a Frame that they are; further columns go by their names."""
@@ -77,11 +77,13 @@ class GsdWriter:
 
 
 class GsdReader:
-    """Reads frames that mpsim wrote, from a file that stays open."""
+    """Reads frames of a file that stays open."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, given: Given | None = None):
         self._path = path
+        self._given = given or Given()
         self._file: Any = self._opened()
+        self._later: dict[str, bool] = {}
 
     def _opened(self) -> Any:
         hoomd = _library("gsd.hoomd")
@@ -89,55 +91,111 @@ class GsdReader:
             files.opened(self._path).close()  # the library would wait for the other end of a pipe
             return hoomd.open(str(self._path), "r")
         except (RuntimeError, OSError) as error:
-            raise self._damaged("the file", reason_of(error)) from None
+            raise TrajectoryError(
+                f"a trajectory that ends in .gsd must be a whole GSD file; {str(self._path)!r} cannot be read: "
+                f"{reason_of(error)}. If it was copied while it was written, copy it again."
+            ) from None
 
     def refresh(self) -> None:
         """Look for frames written since the library opened the file; it knows only the earlier ones."""
         before, self._file = self._file, self._opened()
         before.close()
+        self._later = {}
 
     def __len__(self) -> int:
         return len(self._file)
 
     def number(self, index: int) -> int:
         """The frame of the simulation that is at an index."""
-        step = self._undamaged(index, lambda: self._chunk(index, "configuration/step"))
-        return 0 if step is None else int(step[0])
-
-    def read(self, index: int) -> Frame:
-        """One frame, or raise a TrajectoryError that says what is wrong with it."""
-        return self._undamaged(index, lambda: self._read(index))
-
-    def _undamaged(self, index: int, read: Callable[[], Any]) -> Any:
         try:
-            return read()
-        except (MpsimError, TimeoutError):  # the latter of the user
+            step = self._chunk(index, "configuration/step")
+            return 0 if step is None else int(step[0])
+        except TimeoutError:  # of the user
             raise
         except Exception as error:  # what the library makes of a damaged file has no end
-            raise self._damaged(f"frame {index}", f"{type(error).__name__}: {error!s:.200}") from None
+            raise self._damaged(f"the number of frame {index} of", error) from None
 
-    def _damaged(self, what: str, reason: str) -> TrajectoryError:
+    def read(self, index: int) -> Frame:
+        """One frame: what mpsim wrote, or the standard fields of a file from another program."""
+        try:
+            return self._read(index)
+        except (MpsimError, TimeoutError):
+            raise
+        except Exception as error:  # likewise
+            raise self._damaged(f"frame {index} of", error) from None
+
+    def _damaged(self, what: str, error: Exception) -> TrajectoryError:
         return TrajectoryError(
-            f"a trajectory that ends in .gsd must be a whole GSD file; {what} of {str(self._path)!r} cannot be read "
-            f"({reason}). If it was copied while it was written, copy it again."
+            f"a trajectory that ends in .gsd must be a whole GSD file; {what} {str(self._path)!r} cannot be read "
+            f"({type(error).__name__}: {error!s:.200}). If it was copied while it was written, copy it again."
         )
 
     def _read(self, index: int) -> Frame:
-        where = f"frame {index} of {str(self._path)!r}"
-        sides = self._chunk(index, "log/mpsim/box")
-        if sides is None:
-            raise TrajectoryError(
-                f"{where} must hold the box under log/mpsim/box, as mpsim writes it; it does not. Read GSD of other "
-                "programs by the package gsd, and make a Scene of it."
-            )
+        box = self._chunk(index, "log/mpsim/box")
+        if box is not None:
+            return self._of_mpsim(index, *map(float, box))
+        found = self._file[index]
+        box, discs, where = found.configuration.box, found.particles, f"frame {index} of {str(self._path)!r}"
+        if box is None or not (0 < box[:2].min() <= box[:2].max() < np.inf) or np.any(box[3:]):
+            raise TrajectoryError(f"{where} must have an upright rectangular box; got {box!r}.")
+        if discs.N > 1 and not self._has(index, "position", discs.N):
+            raise TrajectoryError(f"{where} must hold the places of its {discs.N} discs; it does not.")
+        known: dict[str, Any] = {}
+        if self._has(index, "velocity"):
+            known["velocity"] = discs.velocity
+        if self._has(index, "image"):
+            known["image"] = discs.image[:, :2].astype(np.int64)
+        if self._has(index, "mass", discs.N):
+            known["mass"] = discs.mass.astype(np.float64)
+        radius = _radius_of_shapes(discs, where)
+        if radius is None and self._has(index, "diameter", discs.N):
+            radius = discs.diameter.astype(np.float64) / 2
+        if radius is not None:
+            known["radius"] = radius
+        place = np.column_stack([discs.position[:, :2] + box[:2] / 2, discs.position[:, 2]])
+        for name, values in {"position": place, **known}.items():
+            bad = np.unique(np.nonzero(~np.isfinite(values))[0])
+            if len(bad):
+                raise TrajectoryError(
+                    f"{where} must hold finite numbers; got {name} {values[bad[0]]} of disc {bad[0]}."
+                )
+        both = float(box[0]), float(box[1])
+        step = int(found.configuration.step)
+        return self._given.frame(where, step, both, (0.0, 0.0), None, place, self._path, known)
+
+    def _has(self, index: int, name: str, count: int | None = None) -> bool:
+        """Whether the file holds a quantity of the discs of a frame: its own, or that of the first frame.
+
+        HOOMD writes what changes as discs move into the first frame only, unless it is told otherwise: then later
+        frames lack it. It leaves out zeros, so frames lack nothing if any later one has it.
+
+        count: number of the discs, if the quantity stays the same as they move.
+        """
+        file, chunk = self._file.file, f"particles/{name}"
+        if file.chunk_exists(frame=index, name=chunk):
+            return True
+        if count is not None:
+            number = self._chunk(0, "particles/N")
+            return file.chunk_exists(frame=0, name=chunk) and number is not None and int(number[0]) == count
+        if chunk not in self._later:
+            self._later[chunk] = any(file.chunk_exists(frame=each, name=chunk) for each in range(1, len(self)))
+        return self._later[chunk]
+
+    def _of_mpsim(self, index: int, width: float, height: float) -> Frame:
+        """A frame that mpsim wrote. An earlier version wrote no masses, and no arrays for frames without discs."""
+        real = np.float32 if self._chunk(index, "log/mpsim/single")[0] else np.float64
+        none: dict[str, Any] = {"position": np.zeros((0, 2), real), "velocity": np.zeros((0, 2), real)}
+        none |= {"radius": np.zeros(0), "ids": np.zeros(0, np.int64)}
         names = {**_PER_DISC, **{column.name: column.name for column in in_state()}}
         found = {ours: self._chunk(index, f"log/particles/mpsim/{name}") for name, ours in names.items()}
-        known: dict[str, Any] = {name: array for name, array in found.items() if array is not None}
+        known: dict[str, Any] = {name: array for name, array in found.items() if array is not None} or none
         known["time"] = float(self._chunk(index, "log/mpsim/time")[0])
-        box, origin = ((float(x), float(y)) for x, y in (sides, self._chunk(index, "log/mpsim/origin")))
+        corner = self._chunk(index, "log/mpsim/origin")
+        left, low = (0.0, 0.0) if corner is None else map(float, corner)
         x, y = (bool(wrap) for wrap in self._chunk(index, "log/mpsim/periodic"))
-        position = known.pop("position")
-        return Frame(self.number(index), box, origin, (x, y), position, self._path, known)
+        place = known.pop("position")
+        where, box = f"frame {index} of {str(self._path)!r}", (width, height)
+        return self._given.frame(where, self.number(index), box, (left, low), (x, y), place, self._path, known)
 
     def _chunk(self, index: int, name: str) -> Any:
         """The data of a frame under a name; None if there are none."""
@@ -147,6 +205,22 @@ class GsdReader:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _radius_of_shapes(discs: Any, where: str) -> NDArray[np.float64] | None:
+    """Radii by the shapes of their types, as hard-particle Monte Carlo has them; None if the types have no shapes."""
+    given = dict(enumerate(discs.type_shapes))
+    shapes = {int(each): given.get(int(each), {}) for each in np.unique(discs.typeid)}
+    if not any(shapes.values()):
+        return None
+    for each, shape in shapes.items():
+        diameter = shape.get("diameter")
+        if shape.get("type") != "Sphere" or not (isinstance(diameter, int | float) and 0 < diameter < np.inf):
+            raise TrajectoryError(
+                f"{where} must hold discs, of shape Sphere with a diameter above 0; got {checks.brief(shape)} of type "
+                f"{each}."
+            )
+    return np.array([shapes[int(each)]["diameter"] / 2 for each in discs.typeid], np.float64)
 
 
 def _chunks_of(frame: Frame) -> Iterator[tuple[str, NDArray[Any]]]:

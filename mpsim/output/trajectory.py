@@ -8,12 +8,12 @@ import math
 import os
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks, files
 from mpsim.core.files import FileLock
@@ -30,9 +30,9 @@ from mpsim.errors import (
 )
 from mpsim.features.edges import BoundaryName
 from mpsim.measure.moments import lengths_of, to_nearest_image
-from mpsim.output.frames import Frame, Ownership, differs, frame_of, select
+from mpsim.output.frames import Frame, Given, Ownership, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
-from mpsim.output.xyz import Given, XyzReader, XyzWriter
+from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter
 from mpsim.scene.scene import Scene
 
 # --- Checks that a trajectory file belongs to a simulation before it is continued
@@ -47,33 +47,57 @@ ROUNDING = 16
 def discrepancy(sim: Simulation, now: Frame, first: Frame, last: Frame) -> str | None:
     """Why frames of a file cannot be those of a simulation, in words that follow the file's name; None if they can.
 
+    Box, boundaries, precision and dt must agree, and so must radii and masses of the discs that both have. The discs
+    must be possible ones: added discs have new numbers, and absorbed ones do not return. If both hold the same moment,
+    the present or the start, positions and velocities must agree too.
+
     now: the present frame of the simulation. first, last: frames of the file, the last one up to now.
     """
-    since, began = sim.origin
-    time = began + (last.frame - since) * sim.settings.dt
-    corners, walls = np.array([*last.origin, *np.add(last.origin, last.box)]), np.concatenate(sim.scene.walls_at(time))
-    changed = last.frame < since or last.time < sim.scene._piston_began  # dt or the piston's speed, after that frame
-    timed = changed or math.isclose(last.time, time, rel_tol=1e-9)
-    boxed = changed or np.abs(corners - walls).max() <= _rounding(last) * max(sim.scene.width, sim.scene.height)
-    known = last.ids[last.ids < sim.count]
-    theirs = select(last, known)
-    for name, found, expected in (
-        ("periodic axes (x, y)", last.periodic, now.periodic),
-        ("precision", last.position.dtype.name, now.position.dtype.name),
-        (f"time for dt = {sim.settings.dt:g}", last.time, last.time if timed else time),
-        ("lowest and highest corner", corners.tolist(), corners.tolist() if boxed else walls.tolist()),
-        ("number of discs", len(last.ids), len(last.ids) if last.frame > now.frame else len(known)),
-        ("radii", theirs.radius, sim.radii[known]),
-        ("masses", theirs.mass, sim.masses[known]),
-    ):
-        if not np.array_equal(found, expected):
-            return f"at frame {last.frame} it has {name} {checks.brief(found)} and not {checks.brief(expected)}"
-    if last.frame == now.frame:
+    wrong = _setting(sim, now, last) or _discs(sim, now, last)
+    if wrong is None and last.frame == now.frame:
         # The frame may have been written before discs were added at it; they are in the next one.
         wrong = differs(last, select(now, last.ids))
-        return wrong and f"at frame {last.frame} {wrong}"
+    if wrong is not None:
+        return f"at frame {last.frame} {wrong}"
     if first.frame == 0 and not _begins_as(sim.scene, first):
         return "its frame 0 shows another start of such a scene"
+    return None
+
+
+def _setting(sim: Simulation, now: Frame, last: Frame) -> str | None:
+    if last.periodic != now.periodic:
+        return f"its periodic axes (x, y) are {last.periodic} and not {now.periodic}"
+    if last.position.dtype != now.position.dtype:
+        return f"its precision is {last.position.dtype} and not {now.position.dtype}"
+    since, began = sim.origin
+    if last.frame < since or last.time < sim.scene._piston_began:  # dt or the piston's speed has been changed after it
+        return None
+    time = began + (last.frame - since) * sim.settings.dt
+    if not math.isclose(last.time, time, rel_tol=1e-9):
+        return f"its time is {last.time:g} and not {time:g}, as dt = {sim.settings.dt:g} makes it"
+    corners = np.array([*last.origin, *np.add(last.origin, last.box)])
+    expected = np.concatenate(sim.scene.walls_at(time))
+    if np.abs(corners - expected).max() > _slack(sim.scene, last):
+        return f"its box is {_walls(corners)} and not {_walls(expected)}"
+    return None
+
+
+def _discs(sim: Simulation, now: Frame, last: Frame) -> str | None:
+    behind = last.frame <= now.frame
+    highest = int(last.ids.max(initial=-1))
+    if behind and highest >= sim.count:
+        return f"it has a disc {highest}, and the simulation has only {sim.count}"
+    known = last.ids < sim.count
+    ids = last.ids[known]
+    for name, theirs, ours in (("radius", last.radius, sim.radii), ("mass", last.mass, sim.masses)):
+        other = np.flatnonzero(theirs[known] != ours[ids])
+        if len(other):
+            disc = int(ids[other[0]])
+            return f"its {name} of disc {disc} is {theirs[known][other[0]]:g} and not {ours[disc]:g}"
+    if behind:
+        back = now.ids[~np.isin(now.ids, last.ids) & (now.ids < max(highest + 1, sim.scene.count))]
+        if len(back):
+            return f"it has no disc {back[0]}, and the simulation has had it from before"
     return None
 
 
@@ -83,14 +107,21 @@ def _begins_as(scene: Scene, first: Frame) -> bool:
     start = select(first, ids)
     if not checks.equal(start.ids, ids):
         return False
-    slack = _rounding(first) * max(scene.width, scene.height)
     offset = np.abs(to_nearest_image(start.position - scene.position, lengths_of(scene)))
     change, fastest = np.abs(start.velocity - scene.velocity), float(np.abs(scene.velocity).max(initial=0.0))
-    return bool((offset <= slack).all() and (change <= _rounding(first) * fastest).all())
+    rounding = ROUNDING * float(np.finfo(first.position.dtype).eps)
+    return bool((offset <= _slack(scene, first)).all() and (change <= rounding * fastest).all())
 
 
-def _rounding(frame: Frame) -> float:
-    return ROUNDING * float(np.finfo(frame.position.dtype).eps)
+def _slack(scene: Scene, frame: Frame) -> float:
+    """Rounding of a place in the box [length]."""
+    return ROUNDING * float(np.finfo(frame.position.dtype).eps) * max(scene.width, scene.height)
+
+
+def _walls(corners: NDArray[np.float64]) -> str:
+    """Corners (x, y) of a box, lower left and upper right, in words."""
+    x_low, y_low, x_high, y_high = corners
+    return f"[{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}]"
 
 
 # --- The file of a trajectory while it is written, frame by frame, by one process
@@ -98,37 +129,45 @@ def _rounding(frame: Frame) -> float:
 logger: logging.Logger = logging.getLogger("mpsim")
 
 
-Reader = XyzReader | GsdReader
+Reader = XyzReader | DumpReader | GsdReader
 Writer = XyzWriter | GsdWriter
 
 WRITERS: dict[str, type[Writer]] = {".xyz": XyzWriter, ".extxyz": XyzWriter, ".gsd": GsdWriter}
 """What writes a file, by its ending."""
 
+READERS: dict[str, type[Reader]] = {
+    ".xyz": XyzReader,
+    ".extxyz": XyzReader,
+    ".gsd": GsdReader,
+    ".lammpstrj": DumpReader,
+    ".dump": DumpReader,
+}
+"""What reads a file, by its ending; texts may be compressed."""
+
+READERS |= {f"{ending}.gz": reader for ending, reader in [*READERS.items()] if reader is not GsdReader}
+
 FORMATS = ("xyz", "gsd")  # usual endings of the formats that are written
 
 
-def reader_of(path: Path, given: Given) -> Reader:
-    """What reads a file; given: what its frames may lack, if it is text."""
-    if path.suffix.lower() != ".gsd":
-        return XyzReader(path, given)
-    for name, value in given._asdict().items():
-        if value is not None:
-            rule = "be given only for frames that do not hold it"
-            raise checks.refusal(name, rule, f"a file of GSD, {str(path)!r}, which does", "Leave it out.")
-    return GsdReader(path)
+def ending_of(path: str | os.PathLike[str]) -> str:
+    """The ending of a file, such as .xyz.gz, in lower case."""
+    suffixes = [suffix.lower() for suffix in Path(os.fsdecode(path)).suffixes]
+    return "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
 
 
 # --- Trajectories: frames of a run in one file, written while it runs and read back one by one
 #
 # `.xyz` and `.extxyz` are extended XYZ, which needs no other package; `.gsd` is GSD, which needs the package gsd.
-# OVITO opens both. If the process is killed, at most the frame that was being written is lost.
+# OVITO opens both. If the process is killed, at most the frame that was being written is lost. Text dumps of LAMMPS
+# are read.
 
 
 class Trajectory:
     """A trajectory to read: a sequence of frames, each read from the file when it is needed.
 
     Args:
-        path: ends in .xyz, .extxyz or .gsd; written by mpsim or by another program.
+        path: ends in .xyz, .extxyz, .gsd, .lammpstrj or .dump (text dumps of LAMMPS), or, but for GSD, one of these
+            and .gz; written by mpsim or by another program.
         box: for frames that hold no box, as those of plain XYZ: (width, height), or (x_low, x_high, y_low, y_high)
             [length].
         boundary: for frames that do not say which axes are periodic: as of a Scene; None: both are.
@@ -143,7 +182,8 @@ class Trajectory:
         TrajectoryError: if the file cannot be read; the message says what is missing.
 
     Warns:
-        TrajectoryWarning: if the file ends in the middle of a frame, which is left out.
+        TrajectoryWarning: if the file ends in the middle of a frame, which is left out; or in the middle of a line, in
+            a file of another program: that frame is read.
 
     >>> import tempfile, mpsim
     >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
@@ -165,14 +205,14 @@ class Trajectory:
         boundary: BoundaryName | Sequence[BoundaryName] | None = None,
         radius: float | None = None,
     ):
-        self.path: Path = _path_of(path)
+        self.path: Path = _path_of(path, READERS)
         self.given: dict[str, Any] = {"box": box, "boundary": boundary, "radius": radius}
         given = Given.of(**self.given)
         if not self.path.is_file():
             what = "is not a file" if self.path.exists() else "does not exist"
             raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} {what}.")
         with self._unreadable():
-            self._reader: Reader = reader_of(self.path, given)
+            self._reader: Reader = READERS[ending_of(self.path)](self.path, given)
         self._range = range(len(self._reader))
         self._whole = True
 
@@ -247,7 +287,7 @@ class Trajectory:
             ) from None
 
     def close(self) -> None:
-        """Close the file. Not needed for text, which is open only while a frame is read."""
+        """Close the file. Not needed for text that is not compressed, whose file is open only while a frame is read."""
         self._reader.close()
 
     def __repr__(self) -> str:
@@ -290,7 +330,7 @@ class TrajectoryWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x", comm: object = None):
-        self.path: Path = _path_of(path)
+        self.path: Path = _path_of(path, WRITERS)
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes every frame.")
         checks.choice("mode", mode, ("x", "w", "a"))
         self.frames: int = 0
@@ -356,7 +396,7 @@ class TrajectoryWriter:
         """Cut the file back to the frame of the simulation, after a check that it belongs to it."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            reader = reader_of(self.path, Given())
+            reader = READERS[ending_of(self.path)](self.path, Given())
         for each in caught:
             logger.warning("mpsim: %s It is cut off.", each.message)
         try:
@@ -429,15 +469,11 @@ class TrajectoryWriter:
         self._ranks.close()
 
 
-def _path_of(path: str | os.PathLike[str]) -> Path:
-    if isinstance(path, str | os.PathLike) and _ending(path) in WRITERS:
+def _path_of(path: str | os.PathLike[str], endings: Iterable[str]) -> Path:
+    if isinstance(path, str | os.PathLike) and ending_of(path) in endings:
         return Path(os.fsdecode(path))
     instead = "Use 'run.xyz'."
     if isinstance(path, str | os.PathLike) and os.path.isdir(path):  # False too for what no path can be
-        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if _ending(each) in WRITERS)
+        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if ending_of(each) in endings)
         instead = f"It is a folder; use {str(inside[0])!r}." if inside else instead
-    raise InputError(f"a trajectory's path must end in {', '.join(WRITERS)}; got {path!r}. {instead}")
-
-
-def _ending(path: str | os.PathLike[str]) -> str:
-    return Path(os.fsdecode(path)).suffix.lower()
+    raise InputError(f"a trajectory's path must end in {', '.join(endings)}; got {path!r}. {instead}")

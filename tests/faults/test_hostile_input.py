@@ -316,9 +316,9 @@ XYZ = 'Lattice="9 0 0 0 9 0 0 0 1" Properties=pos:R:3:id:I:1'
 TRAJECTORIES = {
     "a count of 5,000 digits": ("9" * 5000 + "\n", "must give the number of discs"),
     "a count of 20 digits": ("9" * 20 + "\n", "must give the number of discs"),
-    "a line without end": (f"2\n{'x' * (2**20 + 5)}", "line 2 of it, must have less than 1,048,576 bytes"),
-    "an id of 30 digits": (f"1\n{XYZ}\n1 1 0 {'9' * 30}\n", "must have 4 columns, as its Properties say"),
-    "an id of 5,000 digits": (f"1\n{XYZ}\n1 1 0 {'9' * 5000}\n", "must have 4 columns, as its Properties say"),
+    "a line without end": (f"2\n{'x' * (2**20 + 5)}", "line 2, must have less than 1,048,576 bytes"),
+    "an id of 30 digits": (f"1\n{XYZ}\n1 1 0 {'9' * 30}\n", "must hold numbers in its column id"),
+    "an id of 5,000 digits": (f"1\n{XYZ}\n1 1 0 {'9' * 5000}\n", "must hold numbers in its column id"),
     "a width of 5,000 digits": (f"1\n{XYZ.replace('I:1', 'I:' + '9' * 5000)}\n1 1 0 1\n", "must name its columns"),
     "a box of 5,000 letters": (
         f"1\n{XYZ.replace('9 0', 'x' * 5000)}\n1 1 0 1\n",
