@@ -1,9 +1,7 @@
 """Figures of a trade-off study, cost against error with the Pareto front, and its table for a page of the docs."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -12,10 +10,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.text import Annotation, Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
-from matplotlib.transforms import Bbox, Transform
-from numpy.typing import NDArray
 
 from mpsim import Settings, Tradeoff
 from mpsim.engine.solvers.methods import capabilities_of
@@ -118,7 +113,7 @@ def frontier(table: Tradeoff, measure: str) -> Figure:
         axes.set(xlabel=axis_label(measure), ylabel=COST)
         axes.set_title(_title(table), fontsize=10)
         figure.legend(handles=_legend(table.rows), loc="outside lower center", ncols=5, fontsize=9)
-        _label_front(axes, table, measure, front)
+        _label_front(axes, front, measure)
     return figure
 
 
@@ -288,122 +283,23 @@ def _legend(rows: Sequence[Row]) -> list[Line2D]:
         colour, marker = FAMILIES.get(name, OTHER)
         handles.append(Line2D([], [], color=colour, marker=marker, linestyle="", label=name))
     handles.append(Line2D([], [], color=GREY, marker="o", linestyle="", label="another is cheaper and more accurate"))
-    handles.append(
-        Line2D(
-            [],
-            [],
-            color="#555555",
-            marker="$\\leftarrow$",
-            markersize=9,
-            linestyle="",
-            label="upper bound: not resolved",
-        )
-    )
+    arrow = {"color": "#555555", "marker": "$\\leftarrow$", "markersize": 9, "linestyle": ""}
+    handles.append(Line2D([], [], label="upper bound: not resolved", **arrow))
     handles.append(Line2D([], [], color="#555555", linewidth=1.2, label="least cost"))
     return handles
 
 
-def _label_front(axes: Axes, table: Tradeoff, measure: str, front: Sequence[Row]) -> None:
-    """Names beside the points of the front, where they hide no point, no bar and no other name."""
-    figure = axes.figure.figure  # the whole one, where the axes are in one of its subfigures
-    figure.draw_without_rendering()
-    pixels = figure.dpi / 72
-    rows = _drawable(table, measure)
-    points = np.array([_pixel(axes, row, measure) for row in rows]).reshape(-1, 2)
-    taken = [Bbox.from_extents(x - 6 * pixels, y - 6 * pixels, x + 6 * pixels, y + 6 * pixels) for x, y in points]
-    for row in rows:
-        x, y = _pixel(axes, row, measure)
-        error = row.errors[measure]
-        if error.resolved:
-            ends = [axes.transData.transform((end, 1.0))[0] for end in _bar(error, _scale(measure))]
-            taken.append(Bbox.from_extents(ends[0], y - 2 * pixels, ends[1], y + 2 * pixels))
-        elif error.magnitude > 0:
-            taken.append(Bbox.from_extents(x - 17 * pixels, y - 4 * pixels, x, y + 4 * pixels))
-    line = _along(np.array([_pixel(axes, row, measure) for row in front]).reshape(-1, 2))
+def _label_front(axes: Axes, front: Sequence[Row], measure: str) -> None:
+    """Names beside the points of the front, to the right above the step line."""
     for row in front:
-        colour = FAMILIES.get(family(row.settings), OTHER)[0]
         error, cost = _place(row, measure)
-        point = (
-            PicturePoint(error, cost, axes.transData) if error else PicturePoint(ZERO, cost, axes.get_yaxis_transform())
+        axes.annotate(
+            short_label(row.settings),
+            (error or ZERO, cost),
+            xycoords=axes.transData if error else axes.get_yaxis_transform(),
+            xytext=(8, 6),
+            textcoords="offset points",
+            fontsize=9,
+            color=FAMILIES.get(family(row.settings), OTHER)[0],
+            zorder=4,
         )
-        taken.append(_label(axes, short_label(row.settings), point, colour, taken, line))
-
-
-def _pixel(axes: Axes, row: Row, measure: str) -> tuple[float, float]:
-    """Where a row's point lies on the screen."""
-    error, cost = _place(row, measure)
-    x, y = axes.transData.transform((error if error > 0 else axes.get_xlim()[0], cost))
-    if error == 0:
-        x = axes.transAxes.transform((ZERO, 0))[0]
-    return float(x), float(y)
-
-
-def _along(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points on the step line between the points of a front [pixel]."""
-    found = [np.empty((0, 2))]
-    for (x, y), (x_next, y_next) in pairwise(corners):
-        found.append(np.column_stack([np.full(40, x), np.linspace(y, y_next, 40)]))
-        found.append(np.column_stack([np.linspace(x, x_next, 80), np.full(80, y_next)]))
-    return np.concatenate(found)
-
-
-class PicturePoint(NamedTuple):
-    """A place in a picture, in the coordinates of a transform."""
-
-    x: float
-    y: float
-    transform: Transform
-
-
-def _label(
-    axes: Axes, text: str, point: PicturePoint, colour: str, taken: Sequence[Bbox], line: NDArray[np.float64]
-) -> Bbox:
-    """Write one name where it overlaps least, around its point; returns the box that it fills."""
-    name = axes.annotate(
-        text,
-        point[:2],
-        xycoords=point.transform,
-        xytext=(0, 0),
-        textcoords="offset points",
-        fontsize=9,
-        color=colour,
-        arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5, "shrinkA": 1, "shrinkB": 4},
-        zorder=4,
-        in_layout=False,
-    )
-    best = min(_OFFSETS, key=lambda offset: _penalty(axes, name, offset, taken, line))
-    _put(name, best)
-    return _box(axes, name)
-
-
-_OFFSETS = [
-    (distance * np.cos(angle), distance * np.sin(angle))
-    for distance in (9, 16, 26, 38, 52)
-    for angle in np.radians([25, 0, -25, 60, -60, 155, 205, 180, 120, 240, 90, 270])
-]
-
-
-def _put(name: Annotation, offset: tuple[float, float]) -> None:
-    name.set_position(offset)
-    name.set_horizontalalignment("left" if offset[0] > 2 else "right" if offset[0] < -2 else "center")
-    name.set_verticalalignment("center" if abs(offset[1]) < 6 else "bottom" if offset[1] > 0 else "top")
-
-
-def _box(axes: Axes, name: Annotation) -> Bbox:
-    figure = axes.figure.figure  # the whole one, where the axes are in one of its subfigures
-    assert isinstance(figure.canvas, FigureCanvasAgg)
-    renderer = figure.canvas.get_renderer()
-    name.update_positions(renderer)
-    return Text.get_window_extent(name, renderer)  # that of an Annotation would count the line to its point
-
-
-def _penalty(
-    axes: Axes, name: Annotation, offset: tuple[float, float], taken: Sequence[Bbox], line: NDArray[np.float64]
-) -> float:
-    """Penalty for a place of a name: what it would hide, and its distance from its point."""
-    _put(name, offset)
-    box = _box(axes, name)
-    hidden = sum(box.overlaps(other) for other in taken)
-    crossed = ((line > (box.x0, box.y0)) & (line < (box.x1, box.y1))).all(axis=1).any()
-    inside = axes.bbox.contains(box.x0, box.y0) and axes.bbox.contains(box.x1, box.y1)
-    return 100 * hidden + 30 * bool(crossed) + 1000 * (not inside) + float(np.hypot(*offset))

@@ -63,10 +63,11 @@ def steady_from(series: Runs, least: int = 0) -> int | None:
 
 def _contrasts(series: Runs) -> list[float]:
     """Slope, first piece minus the others, and first half minus second half of a series, in standard errors."""
-    pieces = series.shape[1]
-    slope = np.arange(pieces) - (pieces - 1) / 2
-    first = np.where(np.arange(pieces) == 0, 1.0, -1 / (pieces - 1))
-    half = np.where(np.arange(pieces) < pieces // 2, 1 / (pieces // 2), -1 / (pieces - pieces // 2))
+    pieces = np.arange(series.shape[1])
+    number, middle = len(pieces), len(pieces) // 2
+    slope = pieces - (number - 1) / 2
+    first = np.where(pieces == 0, 1.0, -1 / (number - 1))
+    half = np.where(pieces < middle, 1 / middle, -1 / (number - middle))
     found: list[float] = []
     for weights in (slope, first, half):
         each = series @ weights
@@ -128,12 +129,6 @@ def spans_of(series: Runs, least: int = 0, there: Runs | None = None) -> Spans:
 def is_seen(means: Runs) -> NDArray[np.bool_]:
     """Whether the mean over runs, shape (runs, ...), is far enough from zero to be a unit."""
     return np.abs(means.mean(axis=0)) > SEEN * means.std(axis=0, ddof=1) / math.sqrt(len(means))
-
-
-def alike(series: Runs) -> bool:
-    """Whether all runs are equal, to rounding."""
-    means = series.mean(axis=1)
-    return bool(np.ptp(means) <= SAME * float(np.abs(means).max(initial=0.0)))
 
 
 def t_from_z(z: float, freedom: float) -> float:
@@ -301,10 +296,13 @@ def _if_meaningful(name: str, found: Deviation) -> Deviation:
     if not found.measurable or found.error > SAME * abs(found.value):
         return found
     return Deviation.unknown(
-        f"the error of {name} is {found.value:.6g} in all runs, so that their spread gives no standard error. Ask "
-        "for other "
-        "starts (starts=...), longer runs (until=...), or another measure."
+        f"the error of {name} is {found.value:.6g} in all runs, so that their spread gives no standard error. {_REMEDY}"
     )
+
+
+_REMEDY = (
+    "Ask for longer runs (until=...), other starts (starts=...), more of them (replicas=...), or for another measure."
+)
 
 
 def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
@@ -314,26 +312,19 @@ def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
         name: of the measure.
         reference: the measure in each piece of each run of the reference, shape (runs, pieces).
     """
-    if not reference.any():
-        return (
-            f"{name} is 0 in all {len(reference)} runs of the reference, so that it has no relative error. Ask for "
-            "longer runs (until=...), in which something happens, or for another measure."
-        )
-    if alike(reference):
-        return (
-            f"{name} is the same in all {len(reference)} runs of the reference, so that their spread gives no "
-            "standard error. Ask "
-            "for other starts (starts=...), for longer runs (until=...), or for 'trajectory', which compares two runs."
-        )
     means = reference.mean(axis=1)
-    if not is_seen(means):
-        found = Measure(float(means.mean()), float(means.std(ddof=1)) / math.sqrt(len(means)), len(means))
-        return (
-            f"{name} depends on few events in few of the {len(means)} runs of the reference, {found!r}, so that its "
-            "error cannot be estimated. Ask for longer runs (until=...), more of them (replicas=...), or for "
-            "another measure."
+    found = Measure(float(means.mean()), float(means.std(ddof=1)) / math.sqrt(len(means)), len(means))
+    what = ""
+    if not reference.any():
+        what = f"is 0 in all {len(means)} runs of the reference, so that it has no relative error"
+    elif np.ptp(means) <= SAME * np.abs(means).max():
+        what = f"is the same in all {len(means)} runs of the reference, so that their spread gives no standard error"
+    elif not is_seen(means):
+        what = (
+            f"depends on few events in few of the {len(means)} runs of the reference, {found!r}, so that its error "
+            "cannot be estimated"
         )
-    return ""
+    return what and f"{name} {what}. {_REMEDY}"
 
 
 def _shift(found: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]]) -> NDArray[np.float64] | None:
@@ -470,19 +461,14 @@ def short_deviations(found: Sequence[dict[str, Any]], measures: Sequence[str]) -
 
 
 def _mean(values: NDArray[np.float64]) -> Deviation:
-    """The mean over replicas and pieces."""
-    return Deviation(float(values.mean()), float(_error(values)), len(values) - 1)
-
-
-def _error(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Standard error of the mean over replicas (axis 0) and pieces (axis 1), from the means of the replicas.
+    """The mean over replicas (axis 0) and pieces (axis 1), with the standard error of the means of the replicas.
 
     Replicas are independent; pieces of one run are not. Taken as independent they gave 0.6 of the right error for the
     collision rate of a dense gas, whose structure changes slowly, and 2.9 times the right one for the pressure of a
     dilute gas, where hits on a wall are anticorrelated.
     """
     means = values.mean(axis=1)
-    return means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    return Deviation(float(values.mean()), float(means.std(ddof=1) / np.sqrt(len(means))), len(means) - 1)
 
 
 def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> Deviation:
@@ -498,23 +484,14 @@ def _spread(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> tuple[flo
     """Standard error of a difference of the means of runs, and its degrees of freedom.
 
     With n runs x and m >= n runs y it is the mean of x - (n/m) y over the n pairs, less (m - n)/m times the mean of the
-    remaining y: two independent terms. What both runs of a pair owe to their common start cancels.
+    remaining y: two independent terms, whose freedoms add as in Welch, Biometrika 34, 28 (1947). What both runs of a
+    pair owe to their common start cancels.
     """
     count, more = len(ours), len(theirs)
-    if count > more:
-        raise ValueError("the reference needs as many runs")
     pairs = ours - theirs[:count] * (count / more)
-    parts = np.array([float(pairs.std(ddof=1)) / math.sqrt(count)])
-    sizes = [count]
-    if more > count:
-        parts = np.append(parts, float(theirs.std(ddof=1)) * math.sqrt(more - count) / more)
-        sizes.append(more)
-    return float(np.hypot.reduce(parts)), _freedom(parts, sizes)
-
-
-def _freedom(parts: NDArray[np.float64], sizes: Sequence[int]) -> float:
-    """Degrees of freedom of a sum of independent terms with these standard errors (Welch, Biometrika 34, 28, 1947)."""
+    parts = np.array([pairs.std(ddof=1) / math.sqrt(count), theirs.std(ddof=1) * math.sqrt(more - count) / more])
     if not parts.any():
-        return math.inf
+        return 0.0, math.inf
     shares = (parts / parts.max()) ** 2
-    return float(shares.sum() ** 2 / sum(share**2 / (size - 1) for share, size in zip(shares, sizes, strict=True)))
+    freedom = shares.sum() ** 2 / (shares**2 / (count - 1, more - 1)).sum()
+    return float(np.hypot.reduce(parts)), float(freedom)

@@ -1,17 +1,14 @@
 """Runs of many candidates on one scene, through any executor, with saved results."""
 
-import dataclasses
 import json
 import math
-import os
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -23,101 +20,17 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_block import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import FastWarning, InputError, NotMeasurableError, OutputError
-from mpsim.features.energy import adds_discs
 from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
-from mpsim.scene.scene import Scene, no_scene
+from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.studies import replicas
 from mpsim.studies.deviations import Deviation, deviations, short_deviations, spans_of, unmeasurable
 from mpsim.studies.preliminary import VARIATION, PreliminaryRun, Starts, StartsGiven, preliminary_run
-from mpsim.studies.replicas import PIECES, Cost, Plan, Stopped, key_of, long_run, physics_of, quietly, short_runs
-
-# --- Runs independent tasks on any executor, yields results as they come, and cancels those that have not started
-
-POLL_SECONDS = 0.2
-"""Seconds between two checks for signals while threads run: one delivered to another thread wakes no waiting one."""
-
-MOST_SUBMITTED = 4096
-"""Tasks that an executor holds at most: many for each worker of a large cluster, without memory for millions."""
-
-Key = TypeVar("Key")
-
-
-def checked_executor(executor: Any) -> Executor | None:
-    """An executor, or None, checked.
-
-    Raises:
-        InputError: if it is not an executor.
-    """
-    if executor is not None and not isinstance(executor, Executor):
-        raise InputError(
-            f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}. Use "
-            "ProcessPoolExecutor(), Dask's client.get_executor(), mpi4py's MPIPoolExecutor(), or leave it out."
-        )
-    return executor
-
-
-class Submissions(Generic[Key]):
-    """Tasks that are handed to an executor, at most MOST_SUBMITTED of them at a time.
-
-    Args:
-        executor: any of concurrent.futures.
-        tasks: (key, (function, argument, ...)) each; read as far as tasks are handed over.
-    """
-
-    def __init__(self, executor: Executor, tasks: Iterable[tuple[Key, tuple[Any, ...]]]):
-        self._executor = executor
-        self._tasks = iter(tasks)
-        self._pending: dict[Future[Any], Key] = {}
-        self._finished: SimpleQueue[Future[Any]] = SimpleQueue()
-
-    def finished(self) -> Iterator[tuple[Key, Future[Any]]]:
-        """Each key with its future, when that is done. After an executor has broken, futures hold its error."""
-        while self._submit():
-            try:
-                future = self._finished.get(timeout=POLL_SECONDS)
-            except Empty:
-                continue
-            yield self._pending.pop(future), future
-
-    def _submit(self) -> bool:
-        """Hand over what there is room for; returns whether anything is pending."""
-        while len(self._pending) < MOST_SUBMITTED and (task := next(self._tasks, None)) is not None:
-            key, call = task
-            future = self._future(call)
-            self._pending[future] = key
-            future.add_done_callback(self._finished.put)
-        return bool(self._pending)
-
-    def _future(self, call: tuple[Any, ...]) -> Future[Any]:
-        """The future of a task; it holds the error of an executor that has broken, or could not send the task."""
-        try:
-            return self._executor.submit(*call)
-        except Exception as error:
-            if isinstance(error, RuntimeError) and not isinstance(error, BrokenExecutor):
-                raise InputError(
-                    f"executor must accept tasks; got {type(self._executor).__name__}, which does not ({error}). Make "
-                    "one that is not shut down, and call inside its `with` block."
-                ) from error
-            future = Future[Any]()
-            future.set_exception(error)
-            return future
-
-    def cancel(self) -> None:
-        """Cancel the tasks that have not started."""
-        for future in tuple(self._pending):
-            future.cancel()
-
-    def left(self) -> Iterator[tuple[Key, Future[Any]]]:
-        """Tasks that have succeeded, and that `finished` has not yielded."""
-        for future, key in self._pending.items():
-            if future.done() and not future.cancelled() and future.exception() is None:
-                yield key, future
-
+from mpsim.studies.replicas import PIECES, Cost, Plan, key_of, long_run, measure, physics_of, quietly, short_run
+from mpsim.studies.runner import Runner, Stopped, checked_path
 
 # --- Saved results of a trade-off study: by key, in memory and in a file
 
-FORMAT = 3
+FORMAT = 4
 """Of the file: results of runs that were divided or counted differently must not be mixed."""
 
 SAVE_EVERY = 1.0
@@ -128,34 +41,51 @@ MOST_BYTES = 2**23
 
 
 class SavedResults:
-    """Results by key, in memory and, if there is a path, in a JSON file that is always complete."""
+    """Results by key, in memory and, if there is a path, in a JSON file that is always complete.
+
+    Attributes:
+        results: a dictionary for each key.
+        reference: of the results in words; None before it is known.
+    """
 
     def __init__(self, path: str | Path | None, scene: str):
+        self.results: dict[str, Any] = {}
+        self.reference: str | None = None
         self._path = None if path is None else checked_path(path)
-        self._results: dict[str, Any] = {}
         self._title = {"format": FORMAT, "scene": scene}
         self._plan: str | None = None
-        self.reference: str | None = None
         self._open = False
         self._saved = time.monotonic()
         if self._path is not None and self._path.exists():
-            self._plan, self.reference, self._results = _loaded(self._path, self._title)
+            self._load(self._path)
+
+    def _load(self, path: Path) -> None:
+        try:
+            kept = files.json_value(path, MOST_BYTES)
+            title, self._plan, self.reference = kept["title"], kept["plan"], kept["reference"]
+            self.results = dict(kept["results"])
+        except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+            raise InputError(
+                f"path must be a file of an earlier trade-off study, or none yet; {path} cannot be read as one "
+                f"({error!s:.200}). Remove it, or give another path."
+            ) from None
+        self._demand_same(title == self._title)
+
+    def _demand_same(self, same: bool) -> None:
+        if not same:
+            raise InputError(
+                f"path must be a file of the same scene and the same lengths of runs; {self._path} is of others. "
+                "Remove it, or give another path."
+            )
 
     def open(self, plan: str, reference: str) -> None:
         """Start to save results of a plan and a reference, which must be those of an existing file."""
-        if self._plan not in (None, plan):
-            raise _other(self._path)
+        self._demand_same(self._plan in (None, plan))
         self._plan, self.reference, self._open = plan, reference, True
-
-    def __contains__(self, key: str) -> bool:
-        return key in self._results
-
-    def __getitem__(self, key: str) -> Any:
-        return self._results[key]
 
     def put(self, key: str, value: Any) -> None:
         """Add a result; it is written to the file within SAVE_EVERY seconds, or at the end."""
-        self._results[key] = value
+        self.results[key] = value
         if time.monotonic() - self._saved > SAVE_EVERY:
             self.save()
 
@@ -163,7 +93,7 @@ class SavedResults:
         """Write the file; if the process is killed, the old or the new one remains."""
         self._saved = time.monotonic()
         if self._path is not None and self._open:
-            results = {key: value for key, value in self._results.items() if "machine" not in value}
+            results = {key: value for key, value in self.results.items() if "machine" not in value}
             kept = {"title": self._title, "plan": self._plan, "reference": self.reference, "results": results}
             try:
                 files.write_text(self._path, json.dumps(kept))
@@ -172,43 +102,6 @@ class SavedResults:
                     f"path must be a file in a folder that can be written to, with room on its disk; got "
                     f"{str(self._path)!r} ({error.strerror or error}). Make room, or give another path."
                 ) from error
-
-
-def checked_path(path: str | os.PathLike[str]) -> Path:
-    """A path that can be written, checked before the long work.
-
-    Raises:
-        InputError: if it cannot.
-    """
-    try:
-        files.check_target(Path(path))
-    except (OSError, TypeError, ValueError) as error:  # the last two: no path at all
-        raise InputError(
-            f"path must be a file in a folder that can be written to; got {path!r} "
-            f"({getattr(error, 'strerror', None) or error}). Make the folder, or give another path."
-        ) from None
-    return Path(path)
-
-
-def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:
-    try:
-        kept = files.json_value(path, MOST_BYTES)
-        found, plan, reference, results = kept["title"], kept["plan"], kept["reference"], dict(kept["results"])
-    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-        raise InputError(
-            f"path must be a file of an earlier trade-off study, or none yet; {path} cannot be read as one "
-            f"({error!s:.200}). Remove it, or give another path."
-        ) from None
-    if found != title:
-        raise _other(path)
-    return plan, reference, results
-
-
-def _other(path: Path | None) -> InputError:
-    return InputError(
-        f"path must be a file of the same scene and the same lengths of runs; {path} is of others. "
-        "Remove it, or give another path."
-    )
 
 
 PAIRS = 300_000
@@ -271,40 +164,25 @@ class Ensemble:
         path: str | Path | None = None,
         progress: Callable[[int, int, str], None] | None = None,
     ):
-        if not isinstance(scene, Scene):
-            raise no_scene(scene)
-        if until is not None:
-            until = checks.positive("until", until, "[time]")
-        if contact_time is not None:
-            contact_time = _checked_contact_time(scene, contact_time)
-        checked_executor(executor)
-        _demand_times(scene)
-        self.starts: Starts = Starts(scene, starts)
-        model = "" if contact_time is None else f" contact_time={contact_time!r}"
-        self._saved = SavedResults(path, f"{scene.digest()} {self.starts.key}{model}")
-        until = scene.duration if until is None else until
-        self._progress = progress or (lambda done, of, what: None)
-        self._progress(0, 1, "preliminary run")
-        self.preliminary: PreliminaryRun = preliminary_run(scene, until, self._saved.reference, seconds, contact_time)
-        self.chosen: bool = until is None
-        until = _length(self.preliminary, scene, replicas) if until is None else until
-        memory = _usable_decorrelation_time(self.preliminary, until) if self.starts.same else 0.0
-        speed = self.preliminary.thermal_velocity * np.sqrt(2)
-        self.plan: Plan = Plan(
-            until=until,
-            speed=speed,
-            short=self.preliminary.short,
-            rate=self.preliminary.growth,
-            memory=memory,
-        )
-        self.measures: tuple[str, ...] = tuple(measures)
+        until = scene.duration if until is None else checks.positive("until", until, "[time]")
         self.replicas = replicas
+        self.measures: tuple[str, ...] = tuple(measures)
+        self._long = [name for name in measures if name in LONG]
+        self._short = [name for name in measures if name in SHORT]
         self._scene = scene
-        self._executor = executor
-        self._threads: ThreadPoolExecutor | None = None
-        self._stop = threading.Event()
+        self._runner = Runner[str](executor)
         self._further: dict[int, tuple[State, ...]] = {}
         self._slowness = 1.0  # time of parallel runs over their forecast from a single one
+        self._progress = progress or (lambda done, of, what: None)
+        contact_time = None if contact_time is None else _checked_contact_time(scene, contact_time)
+        model = "" if contact_time is None else f" contact_time={contact_time!r}"
+        _demand_times(scene)
+        self.starts: Starts = Starts(scene, starts)
+        self._saved = SavedResults(path, f"{scene.digest()} {self.starts.key}{model}")
+        self.announce("preliminary run")
+        self.preliminary: PreliminaryRun = preliminary_run(scene, until, self._saved.reference, seconds, contact_time)
+        self.chosen: bool = until is None
+        self.plan: Plan = self._planned(until)
         self._saved.open(f"{self.plan}", self.preliminary.reference_name)
 
     def __enter__(self) -> "Ensemble":
@@ -312,12 +190,22 @@ class Ensemble:
 
     def __exit__(self, *exception: object) -> None:
         try:
-            if self._threads is not None:
-                self._stop.set()
-                self._threads.shutdown(cancel_futures=True)
-                self._threads = None
+            self._runner.__exit__(*exception)
         finally:
             self._saved.save()
+
+    def _planned(self, until: float | None) -> Plan:
+        """The runs that every candidate has to do; until: None for PAIRS collisions and decorrelated replicas."""
+        first = self.preliminary
+        memory = math.log(1 / VARIATION) / first.growth  # in which replicas of one start decorrelate
+        if until is None:
+            crossing = 2 * self._scene.smallest_radius / first.thermal_velocity
+            least = min(max(2 * crossing, DECORRELATION_TIMES * memory * first.exact), 1e3 * crossing)
+            usual = PAIRS / (first.collisions * self.replicas) if first.collisions else 100 * crossing
+            until = float(np.clip(usual, least, 1e5 * crossing)) if first.collisions else usual
+        speed = first.thermal_velocity * np.sqrt(2)
+        known = self.starts.same and memory < until / 2
+        return Plan(until=until, speed=speed, short=first.short, rate=first.growth, memory=memory if known else 0.0)
 
     def announce(self, text: str) -> None:
         """Announce through `progress` what comes next."""
@@ -333,7 +221,7 @@ class Ensemble:
                 if texts:
                     raise Stopped
 
-            with suppress(Stopped), Simulation(self._scene, dataclasses.replace(settings, workers=1)) as sim:
+            with suppress(Stopped), Simulation(self._scene, replace(settings, workers=1)) as sim:
                 sim.run(until=self.plan.until, progress=stop_at_the_first)
         return texts[0] if texts else ""
 
@@ -341,7 +229,7 @@ class Ensemble:
         """The exact solver with the frames of the reference, if a thermostat acts once a frame."""
         if self._scene.thermostat is None or capabilities_of(settings).has_steps or not self.preliminary.exact:
             return settings
-        return dataclasses.replace(settings, dt=self.preliminary.reference.dt)
+        return replace(settings, dt=self.preliminary.reference.dt)
 
     def assess(self, candidates: Iterable[Settings], replicas: int | None = None, first: int = 0) -> None:
         """Do those accuracy runs of the candidates and the reference that are missing.
@@ -352,25 +240,28 @@ class Ensemble:
             first: runs of other numbers are independent.
         """
         replicas = replicas or self.replicas
-        numbers = range(first, first + replicas)
-        reference = range(first, first + self._references(replicas))
-        wanted = [(self.preliminary.reference, number) for number in reference]
-        if not self.preliminary.exact and not first:
-            wanted += [(self._physics(self._coarser_reference), number) for number in range(self.replicas)]
         unique = {key_of(each): each for each in map(self._physics, candidates)}
-        wanted += [(each, number) for each in unique.values() for number in numbers]
+        wanted = [(self.preliminary.reference, number) for number in self._reference_numbers(replicas, first)]
+        if not self.preliminary.exact and not first:
+            wanted += [(self._coarser_reference, number) for number in range(self.replicas)]
+        wanted += [(each, number) for each in unique.values() for number in range(first, first + replicas)]
         tasks: dict[str, tuple[Any, ...]] = {}
         forecast, begun = 0.0, time.monotonic()
-        for settings, number in wanted if self._asks_for(LONG) else ():
+        for settings, number in wanted if self._long else ():
             key = f"long {key_of(settings)} {number}"
-            if key not in self._saved:
+            if key not in self._saved.results:
                 tasks[key] = long_run, self.starts[number], settings, self.plan, self._limit_of(settings)
                 forecast += self._seconds_of(settings)
-        for key, settings in unique.items() if self._asks_for(SHORT) else ():
+        for key, settings in unique.items() if self._short else ():
             for number, start in self._starts(first):
-                arguments = short_runs, self._scene, settings, self.plan, start, self.preliminary.reference
-                tasks[f"short {key} {number}"] = arguments
-        self._run({key: task for key, task in tasks.items() if key not in self._saved})
+                if f"short {key} {number}" not in self._saved.results:
+                    arguments = self._scene, settings, self.plan, start, self.preliminary.reference
+                    tasks[f"short {key} {number}"] = short_run, *arguments
+        self._runner.run(
+            tasks.items(),
+            lambda key, future: self._saved.put(key, future.result()),
+            lambda done: self._progress(done, len(tasks), "accuracy"),
+        )
         if (forecast := forecast / usable_cores()) > RELIABLE_SECONDS:
             self._slowness = (time.monotonic() - begun) / forecast
 
@@ -380,21 +271,20 @@ class Ensemble:
             return math.inf
         return max(TIME_LIMIT_FACTOR * self.preliminary.seconds * self.plan.until, LEAST_TIME_LIMIT)
 
-    def _references(self, replicas: int) -> int:
-        """Number of runs of the reference for so many of a candidate."""
-        return replicas * (REFERENCE if self.preliminary.exact else 1)
+    def _reference_numbers(self, replicas: int, first: int) -> range:
+        """Numbers of the runs of the reference beside those of a candidate."""
+        return range(first, first + replicas * (REFERENCE if self.preliminary.exact else 1))
 
     @property
     def _coarser_reference(self) -> Settings:
         """Settings to compare a reference that is not exact with, to estimate its error."""
         reference, model = self.preliminary.reference, self.preliminary.contact_time
-        if model is not None:
-            return dataclasses.replace(reference, contact_time=COARSER * model)
-        return dataclasses.replace(reference, dt=COARSER * reference.dt)
+        changed = {"dt": COARSER * reference.dt} if model is None else {"contact_time": COARSER * model}
+        return self._physics(replace(reference, **changed))
 
     def seconds_for(self, settings: Settings, replicas: int, verify: bool = False) -> float:
         """Forecast of the time of a candidate's accuracy runs [s]; verify: including those of the reference."""
-        references = self._references(replicas) if verify else 0
+        references = len(self._reference_numbers(replicas, 0)) if verify else 0
         runs = replicas * self._seconds_of(settings) + references * self._seconds_of(self.preliminary.reference)
         return self._slowness * runs / usable_cores()
 
@@ -411,10 +301,21 @@ class Ensemble:
             if len(candidates) > 1:
                 self._progress(done, len(candidates), "timing")
             key = f"cost {key_of(settings)}"
-            if key not in self._saved:
-                whole = adds_discs(self._scene)
-                self._saved.put(key, replicas.measure(self._scene, settings, self.plan.until, whole))
+            if key not in self._saved.results:
+                self._saved.put(key, measure(self._scene, settings, self.plan.until))
         self._progress(len(candidates), len(candidates), "timing")
+
+    def _found(self, keys: Iterable[str], whose: str = "") -> list[dict[str, Any]]:
+        """Results of runs.
+
+        Raises:
+            CandidateFailed: if one did not reach its end; the text begins with `whose`.
+        """
+        found = [self._saved.results[key] for key in keys]
+        for each in found:
+            if "failure" in each:
+                raise CandidateFailed(whose + each["failure"])
+        return found
 
     def cost(self, settings: Settings) -> Cost:
         """The cost that `time` has measured.
@@ -422,8 +323,7 @@ class Ensemble:
         Raises:
             CandidateFailed: if the candidate could not be run.
         """
-        found = self._saved[f"cost {key_of(settings)}"]
-        _demand_success([found])
+        (found,) = self._found([f"cost {key_of(settings)}"])
         return Cost(**found)
 
     def errors(self, settings: Settings, replicas: int | None = None, first: int = 0) -> dict[str, Deviation]:
@@ -432,43 +332,35 @@ class Ensemble:
         Raises:
             CandidateFailed: if a run did not reach its end.
         """
-        replicas = replicas or self.replicas
+        physics = self._physics(settings)
         errors: dict[str, Deviation] = {}
-        if self._asks_for(LONG):
-            names = [name for name in self.measures if name in LONG]
-            errors = self._long_errors(settings, replicas, first, names)
+        if self._long:
+            errors = self._long_errors(physics, replicas or self.replicas, first)
             if not self.preliminary.exact:
-                own = self._long_errors(self._coarser_reference, self.replicas, 0, names)
+                own = self._long_errors(self._coarser_reference, self.replicas, 0)
                 errors = {name: _with_systematic(each, own[name]) for name, each in errors.items()}
-        if self._asks_for(SHORT):
-            key = key_of(self._physics(settings))
-            short = [self._saved[f"short {key} {number}"] for number, _ in self._starts(first)]
-            _demand_success(short)
-            errors |= short_deviations(short, self.measures)
-        if self._is_reference(settings):  # its difference from itself is 0, not noise; what it keeps at 0 may not be
+        if self._short:
+            keys = [f"short {key_of(physics)} {number}" for number, _ in self._starts(first)]
+            errors |= short_deviations(self._found(keys), self._short)
+        if (
+            physics == self.preliminary.reference
+        ):  # its difference from itself is 0, not noise; what it keeps may not be
             errors = {name: each if _is_wrong(name, each) else Deviation(0.0, 0.0) for name, each in errors.items()}
         return {name: errors[name] for name in self.measures}
 
-    def _long_errors(self, settings: Settings, replicas: int, first: int, names: list[str]) -> dict[str, Deviation]:
-        key = key_of(self._physics(settings))
-        found = [self._saved[f"long {key} {number}"] for number in range(first, first + replicas)]
-        _demand_success(found)
-        return deviations(found, self._reference_runs(replicas, first), names, self._least)
+    def _long_errors(self, physics: Settings, replicas: int, first: int) -> dict[str, Deviation]:
+        found = self._found(f"long {key_of(physics)} {number}" for number in range(first, first + replicas))
+        return deviations(found, self._reference_runs(replicas, first), self._long, self._least)
 
-    def _reference_runs(self, replicas: int, first: int) -> list[dict[str, Any]]:
+    def _reference_runs(self, replicas: int, first: int = 0) -> list[dict[str, Any]]:
         key = key_of(self.preliminary.reference)
-        numbers = range(first, first + self._references(replicas))
-        runs = [self._saved[f"long {key} {number}"] for number in numbers]
-        _demand_success(runs, "the reference failed, ")
-        return runs
+        numbers = self._reference_numbers(replicas, first)
+        return self._found((f"long {key} {number}" for number in numbers), "the reference failed, ")
 
     @property
     def _least(self) -> int:
         """First piece of a run that may be stationary: there runs of one start have become independent."""
         return math.ceil(PIECES * self.plan.memory / self.plan.until)
-
-    def _is_reference(self, settings: Settings) -> bool:
-        return key_of(self._physics(settings)) == key_of(self.preliminary.reference)
 
     def demand_measurable(self, budgets: Mapping[str, float]) -> None:
         """Refuse measures whose errors would be meaningless, judged by the reference alone.
@@ -477,113 +369,57 @@ class Ensemble:
             NotMeasurableError: naming the measure, why, and what to ask for.
             CandidateFailed: if a run of the reference did not reach its end.
         """
-        if self._asks_for(LONG):
-            self._reference_runs(self.replicas, 0)
-        for name, budget in budgets.items():
-            reason = self._why_not(name) or self._too_rough(name, budget)
+        runs = self._reference_runs(self.replicas) if self._long else []
+        for name in self._long:
+            reason = self._why_not(name, runs) or self._too_rough(name, budgets[name])
             if reason:
                 raise NotMeasurableError(f"{name} is not measurable here: {reason}")
 
-    def _too_rough(self, name: str, budget: float) -> str:
-        """Why a reference that is not exact cannot resolve an error as small as a budget, or ""."""
-        if self.preliminary.exact or name not in LONG:
-            return ""
-        own = self._long_errors(self._coarser_reference, self.replicas, 0, [name])[name]
-        if not own.measurable or abs(own.value) - own.noise < budget:
-            return ""
-        if (model := self.preliminary.contact_time) is not None:
+    def _why_not(self, name: str, runs: list[dict[str, Any]]) -> str:
+        """Why runs of the reference do not determine a measure, or ""."""
+        if OBSERVABLES[name].error != "relative":  # but 0, unless a collision goes wrong
+            met = any(np.any(run["met"]) or np.any(run.get("pressure", 0.0)) for run in runs)
+            if self._scene.obstacles or met:
+                return ""
             return (
-                f"the reference with contact_time={model:g} is itself uncertain by {abs(own.value):.2g}: {name} "
-                "changes by this much when contact_time is doubled. Allow a larger error, give a shorter contact_time, "
-                "or ask for another measure."
+                f"no collisions occurred in any of {len(runs)} runs of the reference, to {self.plan.until:.3g}, so "
+                f"that no step is too long for {name}. Ask for longer runs (until=...)."
             )
-        return (
-            "the exact solver cannot do this scene, and the finest affordable run "
-            f"(dt={self.preliminary.reference.dt:.3g}) is itself uncertain by {abs(own.value):.2g}: {name} "
-            "changes by this much when its step is doubled. Allow a larger error or more time (seconds=...), or ask "
-            "for "
-            "another measure."
-        )
-
-    def _why_not(self, name: str) -> str:
-        """Why the reference does not determine a measure, or ""."""
-        if name not in LONG:
-            return ""
-        if OBSERVABLES[name].error != "relative":
-            return self._why_idle(name)
-        reference = np.array([run[name] for run in self._reference_runs(self.replicas, 0)], dtype=float)
+        reference = np.array([run[name] for run in runs], dtype=float)
         reason = unmeasurable(name, reference)
         if not reason and self.chosen and spans_of(reference, self._least).steady is None:
-            reason = (
+            return (
                 f"the scene still changes with time in runs of {self.plan.until:.3g}, and has no duration. Give "
                 "the length of a run: until=..., or Scene(duration=...)."
             )
         return reason
 
-    def _why_idle(self, name: str) -> str:
-        """Why a measure whose errors come from collisions alone has none, as there are no collisions; or ""."""
-        runs = self._reference_runs(self.replicas, 0)
-        if self._scene.obstacles or any(np.any(run["met"]) or np.any(run.get("pressure", 0.0)) for run in runs):
+    def _too_rough(self, name: str, budget: float) -> str:
+        """Why a reference that is not exact cannot resolve an error as small as a budget, or ""."""
+        if self.preliminary.exact:
             return ""
+        own = self._long_errors(self._coarser_reference, self.replicas, 0)[name]
+        if not own.measurable or abs(own.value) - own.noise < budget:
+            return ""
+        model, dt = self.preliminary.contact_time, self.preliminary.reference.dt
+        what, finer = f"dt={dt:.3g}, the finest affordable", "more time (seconds=...)"
+        if model is not None:
+            what, finer = f"contact_time={model:g}", "a shorter contact_time"
         return (
-            f"no collisions occurred in any of {len(runs)} runs of the reference, to {self.plan.until:.3g}, so that no "
-            f"step is too long for {name}. Ask for longer runs (until=...)."
+            f"the reference with {what}, is itself uncertain by {abs(own.value):.2g}: {name} changes by this much when "
+            f"that is doubled. Allow a larger error, give {finer}, or ask for another measure."
         )
-
-    def _asks_for(self, kind: Sequence[str]) -> bool:
-        return any(name in kind for name in self.measures)
 
     def _starts(self, first: int) -> list[tuple[int, State]]:
         """Numbered starts of short runs, different for each `first`."""
-        starts = self.preliminary.starts
-        if not first:
-            return list(enumerate(starts))
-        if first not in self._further:
+        if first and first not in self._further:
             self._further[first] = self.preliminary.further_starts(self._scene, first)
-        return list(enumerate(self._further[first], start=first))
+        return list(enumerate(self._further[first] if first else self.preliminary.starts, start=first))
 
     def _physics(self, settings: Settings) -> Settings:
         """The settings of a candidate's accuracy runs."""
         physics = physics_of(settings, self._scene)
         return self.preliminary.reference if self.preliminary.is_reference(physics) else physics
-
-    def _run(self, tasks: dict[str, tuple[Any, ...]]) -> None:
-        """Run tasks through the executor, and save each result as it comes."""
-        if self._executor is None and self._threads is None:
-            # Kernels release the GIL, so threads use every core, and no process has to be started.
-            self._threads = ThreadPoolExecutor(usable_cores(), "mpsim-accuracy")
-        executor = self._executor or self._threads
-        assert executor is not None
-        ours = () if self._executor else (self._stop,)  # an event cannot be sent to another process
-        submitted = Submissions(executor, ((key, (*task, *ours)) for key, task in tasks.items()))
-        try:
-            for done, (key, future) in enumerate(submitted.finished()):
-                self._saved.put(key, future.result())
-                self._progress(done + 1, len(tasks), "accuracy")
-        finally:
-            submitted.cancel()
-            for key, future in submitted.left():
-                self._saved.put(key, future.result())
-
-
-def _length(first: PreliminaryRun, scene: Scene, replicas: int) -> float:
-    """Length of a long run, for PAIRS collisions in all replicas together and decorrelated replicas [time]."""
-    crossing = 2 * scene.smallest_radius / first.thermal_velocity
-    if first.collisions == 0:
-        return 100 * crossing
-    least = max(2 * crossing, DECORRELATION_TIMES * _decorrelation_time(first)) if first.exact else 2 * crossing
-    return float(np.clip(PAIRS / (first.collisions * replicas), min(least, 1e3 * crossing), 1e5 * crossing))
-
-
-def _decorrelation_time(first: PreliminaryRun) -> float:
-    """Time in which replicas decorrelate [time]."""
-    return math.log(1 / VARIATION) / first.growth
-
-
-def _usable_decorrelation_time(first: PreliminaryRun, until: float) -> float:
-    """Time in which runs of one start decorrelate [time]; 0 if that is more than half of a run."""
-    memory = _decorrelation_time(first)
-    return memory if memory < until / 2 else 0.0
 
 
 def _is_wrong(name: str, own: Deviation) -> bool:
@@ -593,7 +429,7 @@ def _is_wrong(name: str, own: Deviation) -> bool:
 
 def _with_systematic(found: Deviation, own: Deviation) -> Deviation:
     """The error with the uncertainty of a reference that is not exact: its change when step or time is doubled."""
-    return dataclasses.replace(found, systematic=abs(own.value)) if own.measurable and found.measurable else found
+    return replace(found, systematic=abs(own.value)) if own.measurable and found.measurable else found
 
 
 def _checked_contact_time(scene: Scene, contact_time: float) -> float:
@@ -617,9 +453,3 @@ def _demand_times(scene: Scene) -> None:
                 f"a trade-off study needs emitters that count time; emitters[{index}] counts frames "
                 f"(every={emitter.every}), so that each dt is another scene. Use Emitter(interval=...)."
             )
-
-
-def _demand_success(found: Sequence[dict[str, Any]], whose: str = "") -> None:
-    failures = [each["failure"] for each in found if "failure" in each]
-    if failures:
-        raise CandidateFailed(whose + failures[0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,11 +13,10 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.engine.observers import Collisions
 from mpsim.engine.simulation import Simulation
+from mpsim.features.energy import gravity_strength
 from mpsim.measure.reference import compressibility, enskog_rate
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
 from mpsim.scene.settings import Settings
-
-# --- What named scenes should show in their recommended runs: expected and found numbers
 
 
 @dataclass(frozen=True)
@@ -48,13 +46,8 @@ class Finding:
         return bool(abs(self.found - self.expected) <= self.within)
 
 
-class Promise(ABC):
-    """What one scene shows. An observer of a run that begins at frame 0 and lasts as long as the scene recommends.
-
-    Args:
-        scene: the scene.
-        settings: of the run.
-    """
+class Promise:
+    """What one scene shows. An observer of a run that begins at frame 0 and lasts as long as the scene recommends."""
 
     def __init__(self, scene: Scene, settings: Settings):
         self.scene: Scene = scene
@@ -77,9 +70,9 @@ class Promise(ABC):
         """The value to record at each sample."""
         return sim.time
 
-    @abstractmethod
     def findings(self, sim: Simulation) -> list[Finding]:
         """The findings at the end of the run."""
+        raise NotImplementedError
 
 
 class Pi(Promise):
@@ -137,9 +130,9 @@ class Growth(Promise):
 
     def findings(self, sim: Simulation) -> list[Finding]:
         let_in = sum(emitter.limit or 0 for emitter in self.scene.emitters)
-        energy = float((self.scene.velocity**2).sum()) / 2
-        energy += sum((each.limit or 0) * float(np.sum(np.square(each.velocity))) / 2 for each in self.scene.emitters)
-        found = float((sim.state.velocity**2).sum()) / 2
+        squares = float((self.scene.velocity**2).sum())
+        squares += sum((each.limit or 0) * float(np.sum(np.square(each.velocity))) for each in self.scene.emitters)
+        energy, found = squares / 2, float((sim.state.velocity**2).sum()) / 2
         name = "kinetic energy at the end [mass length^2/time^2]"
         return [
             Finding("discs [1]", let_in + self.scene.count, sim.count, 0, "the first one and the emitters' limits"),
@@ -159,12 +152,10 @@ class Hopper(Promise):
 
     def findings(self, sim: Simulation) -> list[Finding]:
         times, passed = self.series
-        times, passed = times[times >= self.STEADY], passed[-np.count_nonzero(times >= self.STEADY) :]
+        times, passed = times[times >= self.STEADY], passed[times >= self.STEADY]
         middle = len(times) // 2
-        early, late = (
-            float((passed[last] - passed[first]) / (times[last] - times[first]))
-            for first, last in ((0, middle), (middle, -1))
-        )
+        early = float((passed[middle] - passed[0]) / (times[middle] - times[0]))
+        late = float((passed[-1] - passed[middle]) / (times[-1] - times[middle]))
         flow, law = (early + late) / 2, self.beverloo()
         steady = Finding("flow, second half of the run [1/time]", early, late, 0.15 * early, "the first half")
         what = "grains per time [1/time]"
@@ -184,15 +175,10 @@ class Hopper(Promise):
         packed = 0.8 / (math.pi * diameter**2 / 4)
         return right - left - 2 * float(capsules[0, 4]), float(np.ptp(heights)), diameter, packed
 
-    @property
-    def _gravity(self) -> float:
-        assert self.scene.gravity is not None
-        return -float(self.scene.gravity[1])
-
     def beverloo(self) -> float:
         """1.03 n sqrt(g) (D - 1.4 d)^(3/2) for a gap D and grains d wide, n to the area (Nedderman 1992) [1/time]."""
         gap, _, diameter, packed = self._funnel
-        return 1.03 * packed * math.sqrt(self._gravity) * (gap - 1.4 * diameter) ** 1.5
+        return 1.03 * packed * math.sqrt(gravity_strength(self.scene)) * (gap - 1.4 * diameter) ** 1.5
 
     def torricelli(self) -> float:
         """n (D - d) sqrt(2 g h): all centres that fit fall through from the top of the heap, without loss [1/time].
@@ -202,7 +188,7 @@ class Hopper(Promise):
         gap, depth, diameter, packed = self._funnel
         above = self.scene.count / packed - depth * (gap + self.scene.width) / 2
         height = depth + above / self.scene.width
-        return packed * (gap - diameter) * math.sqrt(2 * self._gravity * height)
+        return packed * (gap - diameter) * math.sqrt(2 * gravity_strength(self.scene) * height)
 
 
 class Brownian(Promise):
@@ -236,13 +222,17 @@ class Brownian(Promise):
         return [Finding(what, constant, found, 3 * error, "Enskog's theory; three standard errors")]
 
 
-class Cooling(Promise):
-    """The temperature of the scene `cooling`."""
-
-    EARLY = 5.0
+class Heat(Promise):
+    """The temperature of a scene whose masses are 1."""
 
     def value(self, sim: Simulation) -> float:
         return float((sim.state.velocity**2).mean())
+
+
+class Cooling(Heat):
+    """The temperature of the scene `cooling`."""
+
+    EARLY = 5.0
 
     def findings(self, sim: Simulation) -> list[Finding]:
         """t0 of Haff's law, T = T0 / (1 + t/t0)^2, fitted to times up to EARLY, before neighbours move alike.
@@ -267,19 +257,14 @@ class Cooling(Promise):
         return 4 / ((1 - e**2) * rate * (1 + 3 / 16 * kurtosis))
 
 
-class Compression(Promise):
+class Compression(Heat):
     """The temperature of the scene `piston`."""
-
-    def value(self, sim: Simulation) -> float:
-        return float((sim.state.velocity**2).mean())
 
     def adiabat(self, time: float) -> float:
         """Temperature of a slow compression up to a time, d ln T = -Z d ln A [mass length^2/time^2]."""
         radius, count = self.scene.largest_radius, self.scene.count
-        areas: list[float] = []
-        for each in (0.0, time):
-            low, high = self.scene.walls_at(each)
-            areas.append(float(np.prod(high - low - 2 * radius)))
+        low, high = np.transpose([self.scene.walls_at(each) for each in (0.0, time)], (1, 0, 2))
+        areas = np.prod(high - low - 2 * radius, axis=1)
         area = np.geomspace(areas[1], areas[0], 101)
         factors = [compressibility(count * math.pi * radius**2 / each) for each in area]
         heated = math.exp(float(np.mean(factors)) * math.log(areas[0] / areas[1]))
@@ -302,9 +287,6 @@ PROMISES: dict[str, type[Promise]] = {
     "rough-hopper": Hopper,
 }
 """By the name of the scene."""
-
-
-# --- The result of a named scene: expected and found numbers
 
 
 @dataclass(frozen=True)

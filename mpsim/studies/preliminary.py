@@ -1,8 +1,10 @@
 """The preliminary run of a trade-off study, and its independent starts."""
 
+# pyright: reportPrivateUsage=false, reportUnnecessaryIsInstance=false
+# Names of Scene that begin with an underscore are for all of mpsim. Arguments are checked when the program runs as
+# well, for callers without a type checker.
+
 import dataclasses
-import functools
-import inspect
 import math
 import re
 import time
@@ -16,7 +18,7 @@ import numpy as np
 from mpsim.core.machine import usable_cores
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.event_block import contact_time_at_rest, longest_contact_time
+from mpsim.engine.solvers.event_block import contact_time_at_rest
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError
 from mpsim.features import FEATURES, energy
@@ -24,14 +26,10 @@ from mpsim.features.emitters import Emitter
 from mpsim.scene import placement
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.studies.comparison import divergence, typical_speed
-from mpsim.studies.replicas import quietly
+from mpsim.studies.divergence import divergence, typical_speed
+from mpsim.studies.replicas import RunTooLong, quietly, time_limit
 
 # --- Independent starts of a scene, over which a trade-off study averages
-
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
-
 
 VARIATION = 1e-3
 """Displacement of a disc, in diameters of the smallest, and relative change of its velocity, between two variations of
@@ -65,29 +63,28 @@ class Starts:
     """
 
     def __init__(self, scene: Scene, given: StartsGiven = None):
-        kind = ("kind" if scene._can_redraw else "same") if given is None else given
-        if isinstance(kind, str) and kind not in KINDS:
-            raise InputError(f"starts must be 'kind', 'same', a function or a list of Scenes; got {given!r}.")
-        self.same: bool = isinstance(kind, str) and kind == "same"
+        if given is None:
+            given = "kind" if scene._can_redraw else "same"
+        self.same: bool = given == "same"
         self.number: int | None = None
-        self._made: dict[int, Scene] = {}
-        if callable(kind):
-            self._make: Callable[[int], Scene] = _of_one_number(kind)
-            self.name: str = "starts that were given by a function"
-        elif isinstance(kind, str) and kind == "kind":
-            self._made = {0: scene, 1: scene.redrawn(1)}  # which raises if there is no other
-            self._make = scene.redrawn
-            self.name = "other starts of the same kind"
-        elif isinstance(kind, str):
-            self._made, self._make = {0: scene}, functools.partial(varied, scene)
+        self._made: dict[int, Scene] = {0: scene} if isinstance(given, str) else {}
+        self._make: Callable[[int], Any] = scene.redrawn
+        if given == "kind":
+            self.name: str = "other starts of the same kind"
+            self._made[1] = scene.redrawn(1)  # which raises if there is no other
+        elif given == "same":
             self.name = f"this start, each disc displaced by up to {VARIATION:g} of a diameter"
+            self._make = lambda number: varied(scene, number)
+        elif callable(given):
+            self.name, self._make = "starts that were given by a function", given
+        elif isinstance(given, Sequence) and len(given) > 1 and all(isinstance(each, Scene) for each in given):
+            self.name, self.number = f"the {len(given)} starts that were given", len(given)
+            self._make = given.__getitem__
         else:
-            chosen = _listed(kind)
-            self._made = dict(enumerate(chosen))
-            self._make = lambda number: _too_few(len(chosen), number)
-            self.number = len(chosen)
-            self.name = f"the {len(chosen)} starts that were given"
-        known = [] if isinstance(kind, str) else [self[number] for number in range(self.number or 2)]
+            raise InputError(
+                f"starts must be 'kind', 'same', a function or a list of two Scenes or more; got {given!r}."
+            )
+        known = [] if isinstance(given, str) else [self[number] for number in range(self.number or 2)]
         self.key: str = " ".join([self.name, *(each.digest() for each in known)])
 
     def __getitem__(self, number: int) -> Scene:
@@ -96,8 +93,13 @@ class Starts:
         Raises:
             InputError: if what was given for it is not a Scene, or there are too few starts.
         """
+        if self.number is not None and number >= self.number:
+            raise InputError(
+                f"starts must hold a Scene for every run; {self.number} were given, and number {number} is needed. "
+                "Give a function that makes them, or fewer replicas."
+            )
         if number not in self._made:
-            made: Any = self._make(number)
+            made = self._make(number)
             if not isinstance(made, Scene):
                 raise InputError(f"starts must give Scenes; for {number} it gave {type(made).__name__}.")
             self._made[number] = made
@@ -107,37 +109,22 @@ class Starts:
 def varied(scene: Scene, seed: int) -> Scene:
     """The scene with positions and velocities varied by VARIATION, at the same kinetic energy.
 
-    Displacements that would lead to an overlap, or out of the box, are rejected. Emitters are varied likewise.
+    Displacements that would lead to an overlap, or beyond a wall, are rejected. Emitters are varied likewise.
     """
     rng = np.random.default_rng(seed)
     moves = rng.uniform(-1, 1, (scene.count, 2)) * (VARIATION * 2 * scene.smallest_radius)
-    solid = np.vstack([scene.capsules_at(0.0), *_wall_as_capsule(scene)])
+    low, high = scene.limits(scene.radii)  # a moving wall may start inside of the box
+    moves *= (scene.position + moves >= low) & (scene.position + moves <= high) | scene.periodic
     position = placement.displaced(
-        scene.position, scene.radii, (scene.width, scene.height), scene.periodic, solid, moves
+        scene.position, scene.radii, (scene.width, scene.height), scene.periodic, scene.capsules_at(0.0), moves
     )
     velocity = scene.velocity * (1 + VARIATION * rng.normal(size=scene.velocity.shape))
     masses = 1.0 if scene.mass is None else scene.mass[:, None]
-    energy = float((masses * velocity**2).sum())
-    if energy > 0:
-        velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / energy)
-    common = scene.largest_radius
-    emitters = tuple(_varied_emitter(scene, emitter, common, rng) for emitter in scene.emitters)
+    squares = float((masses * velocity**2).sum())
+    if squares > 0:
+        velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / squares)
+    emitters = tuple(_varied_emitter(scene, emitter, scene.largest_radius, rng) for emitter in scene.emitters)
     return scene.starting_from(State(position, velocity))._replace(emitters=emitters)
-
-
-def _wall_as_capsule(scene: Scene) -> list[list[float]]:
-    """A capsule along the start of a moving wall, which discs must not overlap."""
-    wall = scene._moving_wall
-    if wall is None:
-        return []
-    (left, bottom), (right, top) = scene.walls_at(0.0)
-    ends = (
-        (left, bottom, left, top),
-        (right, bottom, right, top),
-        (left, bottom, right, bottom),
-        (left, top, right, top),
-    )
-    return [[*ends[wall.edge], 0.0]]
 
 
 def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.random.Generator) -> Emitter:
@@ -150,35 +137,6 @@ def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.rando
     return dataclasses.replace(emitter, position=place, velocity=speed * (1 + VARIATION * rng.normal(size=2)))
 
 
-def _listed(given: Any) -> list[Scene]:
-    try:
-        chosen = list(given)
-    except TypeError:
-        chosen = []
-    if len(chosen) < 2 or not all(isinstance(each, Scene) for each in chosen):
-        raise InputError(f"starts must be 'kind', 'same', a function or a list of two Scenes or more; got {given!r}.")
-    return chosen
-
-
-def _of_one_number(given: Callable[[int], Scene]) -> Callable[[int], Scene]:
-    try:
-        inspect.signature(given).bind(0)
-    except TypeError as error:
-        raise InputError(
-            f"starts must be a function of one number, from 0 on, that returns a Scene; got {given!r} ({error})."
-        ) from None
-    except ValueError:  # one without a signature, as some of C have
-        pass
-    return given
-
-
-def _too_few(there: int, number: int) -> Scene:
-    raise InputError(
-        f"starts must hold a Scene for every run; {there} were given, and number {number} is needed. Give a function "
-        "that makes them, or fewer replicas."
-    )
-
-
 # --- The preliminary run of a trade-off study: the reference, the speed of the discs, and their collision rate
 
 STARTS = 8
@@ -189,9 +147,6 @@ COLLISIONS = 20_000
 
 EXACT_SECONDS = 10.0
 """Seconds of a preliminary run after which the exact solver is too slow for a scene."""
-
-BOUNCES = 500_000
-"""Bounces of discs at rest that the exact solver follows in a second at least, collisions among them included."""
 
 STEPPED_SECONDS = 20.0
 """Seconds after which a stepped preliminary run is too slow, too."""
@@ -220,39 +175,42 @@ LYAPUNOV_TIMES = 2.0
 GOLDEN = (math.sqrt(5) - 1) / 2
 """The fractional parts of its multiples are far from each other and from 0 (Weyl sequence)."""
 
+EXACT, MODEL = "the exact solver", "the contact-time model"
+"""First words of PreliminaryRun.reference_name if that is the reference."""
+
 
 @dataclass(frozen=True)
 class PreliminaryRun:
     """Results of the preliminary run.
 
     Attributes:
+        settings: of the run.
         reference: settings of the reference, `event` if it can run the scene.
         reference_name: the same in words, with the reason if it cannot.
         guard: contact time of the reference [time]; 0 if it has none, because nothing needs one or it is stepped.
         thermal_velocity: root mean square of one velocity component [length/time].
         collisions: of pairs, per time [1/time].
-        growth: Lyapunov exponent, at least 1/100 of a crossing time's inverse [1/time].
-        short: length of a short run [time].
         starts: states along the run.
         gap: time between the last two of them [time].
-        settings: of the run.
         seconds: wall time that the reference takes for a unit of time on one core [s/time].
+        growth: Lyapunov exponent, at least 1/100 of a crossing time's inverse [1/time].
+        short: length of a short run [time].
         step_seconds: wall time of one step with one pass on one core [s].
         by_frames: whether a thermostat acts once a frame, so that results depend on dt of the exact solver too.
     """
 
+    settings: Settings
     reference: Settings
     reference_name: str
+    guard: float
     thermal_velocity: float
     collisions: float
-    growth: float
-    short: float
     starts: tuple[State, ...]
     gap: float
-    settings: Settings
-    seconds: float = 0.0
+    seconds: float
+    growth: float = 0.0
+    short: float = 0.0
     step_seconds: float = 0.0
-    guard: float = 0.0
     by_frames: bool = False
 
     @property
@@ -286,30 +244,6 @@ class PreliminaryRun:
         return tuple(states)
 
 
-EXACT, MODEL = "the exact solver", "the contact-time model"
-"""First words of PreliminaryRun.reference_name if that is the reference."""
-
-
-@dataclass(frozen=True)
-class Observation:
-    """Results of one run, as in `PreliminaryRun`.
-
-    Attributes:
-        pairs: collisions of pairs.
-        guarded: losses of energy that the guard suppressed.
-        guard: its contact time [time].
-    """
-
-    thermal_velocity: float
-    collisions: float
-    starts: tuple[State, ...]
-    gap: float
-    pairs: int
-    guarded: int
-    guard: float
-    seconds: float
-
-
 def preliminary_run(
     scene: Scene,
     until: float | None = None,
@@ -333,122 +267,95 @@ def preliminary_run(
     speed = _speed_to_come(scene)
     if speed == 0:
         *others, last = (feature.drives for feature in FEATURES if feature.drives)
-        drives = f"{', '.join(others)} or {last}"
         raise InputError(
             f"a trade-off study needs a scene in which something moves; got {scene!r}, all at rest. "
-            f"Give it discs with velocities, {drives}."
+            f"Give it discs with velocities, {', '.join(others)} or {last}."
         )
     crossing = 2 * scene.smallest_radius / speed
-    if until is not None:
-        _demand_reachable(until, crossing)
-    exact = earlier is None or earlier.startswith((EXACT, MODEL))
-    limit_seconds = _limit_seconds(seconds, contact_time) if earlier is None else math.inf
+    if until is not None and until > MOST_CROSSINGS * crossing:
+        raise InputError(
+            f"until must be at most {MOST_CROSSINGS * crossing:.3g}, in which a disc flies {MOST_CROSSINGS:g} "
+            f"diameters; got {until:g}. Take shorter runs."
+        )
+    if earlier is not None and not earlier.startswith((EXACT, MODEL)):
+        return _stepped_reference(scene, until, crossing, seconds, "", earlier)
+    try:
+        return _exact_reference(scene, until, crossing, seconds, contact_time, earlier)
+    except (MpsimError, RunTooLong) as error:
+        if contact_time is not None:
+            raise InputError(
+                f"contact_time must be one with which {EXACT} reaches the end of a run; with {contact_time:g} it does "
+                f"not ({error}). Give a longer one, more time (seconds=...), a shorter run (until=...), or none, for a "
+                "stepped reference."
+            ) from error
+        reason = str(error)
+        if isinstance(error, RunTooLong) and energy.has_body_force(scene) and energy.has_losses(scene):
+            reason += (
+                ", as discs with losses come to rest, and collide without end. Give "
+                f"contact_time={contact_time_at_rest(scene):.1g} for a reference that is a model of the scene, but ends"
+            )
+    return _stepped_reference(scene, until, crossing, seconds, reason)
+
+
+def _exact_reference(
+    scene: Scene,
+    until: float | None,
+    crossing: float,
+    seconds: float,
+    contact_time: float | None,
+    earlier: str | None,
+) -> PreliminaryRun:
+    """The preliminary run of the exact solver; earlier: the reference of an earlier one.
+
+    Raises:
+        RunTooLong: if it is too slow.
+    """
+    limit = _affordable(seconds) if contact_time is not None else min(EXACT_SECONDS, _affordable(seconds))
+    limit = math.inf if earlier is not None else limit
     by_frames = scene.thermostat is not None  # so the reference needs frames short enough for a bath in time
     dt = float(f"{PRELIMINARY_STEP * crossing:.2g}") if by_frames else crossing / 4
-    settings, reason = Settings(method="event", dt=dt, contact_time=contact_time), ""
-    try:
-        if not exact:
-            raise _NotUsable
-        found = _observe(scene, settings, crossing, until, limit_seconds)
-    except (MpsimError, _NotUsable) as error:
-        if contact_time is not None:
-            raise InputError(_refusal(contact_time, error, _longer_contact_time(scene, until, seconds))) from error
-        exact, reason = False, str(error)
-        if isinstance(error, _NotUsable) and reason and _may_come_to_rest(scene):
-            reason += _remedy(_longer_contact_time(scene, until, seconds))
-        settings = Settings(dt=PRELIMINARY_STEP * crossing, passes=2, on_fast="substep", workers=1)
-        found = _observe_stepped(scene, settings, crossing, until)
-    speed = max(found.thermal_velocity, _speed_of_fall(scene)) or speed  # at which there is motion to resolve
-    own = 2 * scene.smallest_radius / speed
-    reference, cost, growth = settings, found.seconds, 1 / own
-    if exact:
-        growth = _growth(scene, crossing, limit_seconds, contact_time)
-        step_seconds = _step_seconds(scene, PRELIMINARY_STEP * crossing, until, limit_seconds)
-    else:
-        step_seconds = found.seconds * settings.dt / settings.passes
-        dt = _finest(settings, found.seconds, own, until or 0.0, seconds) if earlier is None else _dt_of(earlier)
-        reference, cost = replace(settings, dt=dt), found.seconds * settings.dt / dt
-    stepped = f"two passes at dt={reference.dt:.3g}, the finest affordable run, because {EXACT} is not usable: {reason}"
-    exactly = _name_of_exact(found, contact_time)
-    exactly += f", dt={reference.dt:.3g} (a thermostat acts once a frame)" if by_frames else ""
-    name = earlier or (exactly if exact else stepped)
-    short = min(LYAPUNOV_TIMES / growth, 5 * own)
-    return PreliminaryRun(
-        reference=reference,
-        reference_name=name,
+    found = _observed(scene, Settings(method="event", dt=dt, contact_time=contact_time), crossing, until, limit)
+    speed = _speed_seen(scene, found, crossing)
+    growth = _growth(scene, crossing, limit, contact_time)
+    return replace(
+        found,
+        reference_name=earlier or found.reference_name,
         thermal_velocity=speed,
-        collisions=found.collisions,
         growth=growth,
-        short=short,
-        starts=found.starts,
-        gap=found.gap,
-        settings=settings,
-        seconds=cost,
-        step_seconds=step_seconds,
-        guard=found.guard,
-        by_frames=by_frames,
+        short=min(LYAPUNOV_TIMES / growth, 10 * scene.smallest_radius / speed),
+        step_seconds=_step_seconds(scene, PRELIMINARY_STEP * crossing, until, limit),
     )
 
 
-def _demand_reachable(until: float, crossing: float) -> None:
-    longest = MOST_CROSSINGS * crossing
-    if until > longest:
+def _stepped_reference(
+    scene: Scene, until: float | None, crossing: float, seconds: float, reason: str, earlier: str = ""
+) -> PreliminaryRun:
+    """The preliminary run in steps; reason: why the exact solver cannot be used."""
+    settings = Settings(dt=PRELIMINARY_STEP * crossing, passes=2, on_fast="substep", workers=1)
+    try:
+        found = _observed(scene, settings, crossing, until, STEPPED_SECONDS)
+    except RunTooLong:
         raise InputError(
-            f"until must be at most {longest:.3g}, in which a disc flies {MOST_CROSSINGS:g} diameters; got {until:g}. "
-            "Take shorter runs."
-        )
-
-
-def _name_of_exact(found: Observation, contact_time: float | None) -> str:
-    """The exact solver in words, and what its guard did."""
-    acted = f"the guard acted {found.guarded:,} times in a run with {found.pairs:,} collisions"
-    if contact_time is not None and found.guard:
-        return (
-            f"{MODEL} with contact_time={contact_time:g}, which is not exact: {EXACT}, but for impacts of a disc so "
-            f"soon after its last one, which lose no energy ({acted})"
-        )
-    return f"{EXACT} ({acted}, for impacts within {found.guard:.2g})" if found.guarded else EXACT
-
-
-def _may_come_to_rest(scene: Scene) -> bool:
-    """Whether discs with losses may settle in a field, where they collide without end."""
-    return energy.has_body_force(scene) and energy.has_losses(scene)
-
-
-def _longer_contact_time(scene: Scene, until: float | None, seconds: float) -> float:
-    """A contact time with which a run is likely to be affordable, though its discs come to rest, for people [time]."""
-    number = scene.count + sum(each.limit or 0 for each in scene.emitters)
-    bounces = number * (until or 0.0) / (BOUNCES * _affordable(seconds))
-    return float(f"{min(max(contact_time_at_rest(scene), bounces), longest_contact_time(scene) / 4):.1g}")
-
-
-def _remedy(longer: float) -> str:
-    """What a contact time would make of the exact solver."""
-    return (
-        f", as discs with losses come to rest, and collide without end. Give contact_time={longer:g} for a reference "
-        "that is a model of the scene, but ends"
+            f"a trade-off study needs a scene whose preliminary run takes less than {STEPPED_SECONDS:g} s; that of "
+            f"{scene!r} takes longer. Take a smaller scene of the same kind: errors hardly depend on the number of "
+            "discs."
+        ) from None
+    speed = _speed_seen(scene, found, crossing)
+    own = 2 * scene.smallest_radius / speed
+    of_one = found.seconds * settings.dt  # seconds of a step
+    known = re.search(r"dt=([^,]+),", earlier)
+    dt = float(known[1]) if known else _finest(of_one, own, until or 0.0, seconds)
+    name = f"two passes at dt={dt:.3g}, the finest affordable run, because {EXACT} is not usable: {reason}"
+    return replace(
+        found,
+        reference=replace(settings, dt=dt),
+        reference_name=earlier or name,
+        thermal_velocity=speed,
+        growth=1 / own,
+        short=LYAPUNOV_TIMES * own,
+        seconds=of_one / dt,
+        step_seconds=of_one / settings.passes,
     )
-
-
-def _refusal(given: float, error: Exception, longer: float) -> str:
-    """Why there is no reference with the contact time given, and what would help."""
-    if not isinstance(error, _NotUsable):
-        return f"contact_time is of {EXACT}, which is not usable: {error} Or leave contact_time out."
-    return (
-        f"contact_time must be so long that {EXACT} reaches the end of a run; with {given:g} {error}. Give a longer "
-        f"one, such as {max(longer, float(f'{4 * given:.1g}')):g}, more time (seconds=...), a shorter run "
-        "(until=...), or none, for a stepped reference."
-    )
-
-
-def _limit_seconds(seconds: float, contact_time: float | None) -> float:
-    """Seconds that the preliminary run of the exact solver may take; with a contact time, all that can be afforded."""
-    return _affordable(seconds) if contact_time is not None else min(EXACT_SECONDS, _affordable(seconds))
-
-
-def _speed_of_fall(scene: Scene) -> float:
-    """Speed of a fall through a radius [length/time]: a scale of motion when all discs have come to rest."""
-    return math.sqrt(2 * energy.strongest_field(scene) * scene.smallest_radius)
 
 
 def _speed_to_come(scene: Scene) -> float:
@@ -456,22 +363,27 @@ def _speed_to_come(scene: Scene) -> float:
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
     if energy.adds_discs(scene):
         speeds.append(math.sqrt(2 * energy.gravity_strength(scene) * 2 * scene.largest_radius))
-    if (wall := scene._moving_wall) is not None and scene.count:
-        speeds.append(abs(wall.speed))
     if scene.count:
         speeds.append(math.sqrt(2) * energy.thermal_speed(scene))
+        speeds += [] if scene._moving_wall is None else [abs(scene._moving_wall.speed)]
     return max(speeds)
 
 
-def _finest(settings: Settings, seconds: float, crossing: float, until: float, limit: float) -> float:
-    """Step of the stepped reference: FINEST, or as fine as time allows.
+def _speed_seen(scene: Scene, found: PreliminaryRun, crossing: float) -> float:
+    """The thermal velocity of a run, or that of a fall through a radius if all discs have come to rest."""
+    fall = math.sqrt(2 * energy.strongest_field(scene) * scene.smallest_radius)
+    return max(found.thermal_velocity, fall) or 2 * scene.smallest_radius / crossing
+
+
+def _finest(seconds: float, crossing: float, until: float, limit: float) -> float:
+    """Step of the stepped reference, of which each takes `seconds`: FINEST, or as fine as time allows.
 
     Raises:
         InputError: if there is no time even for COARSEST.
     """
-    dt = max(FINEST * crossing, seconds * settings.dt * until / _affordable(limit))
+    dt = max(FINEST * crossing, seconds * until / _affordable(limit))
     if dt > COARSEST * crossing:
-        needed = seconds * settings.dt / (COARSEST * crossing) * until * RUNS / usable_cores()
+        needed = seconds / (COARSEST * crossing) * until * RUNS / usable_cores()
         raise InputError(
             f"a trade-off study of this scene needs about {needed:.0f} s, because one run of its reference to "
             f"{until:g} takes so long; it may take {limit:g} s. Give it more time (seconds=...), a shorter run "
@@ -480,74 +392,46 @@ def _finest(settings: Settings, seconds: float, crossing: float, until: float, l
     return float(f"{dt:.3g}")
 
 
-def _dt_of(name: str) -> float:
-    """The step in the name of a stepped reference."""
-    found = re.search(r"dt=([^,]+),", name)
-    assert found is not None  # such names are made here
-    return float(found[1])
-
-
 def _affordable(limit: float) -> float:
     """Seconds that one run of the reference may take."""
     return limit * usable_cores() / RUNS
 
 
-def _step_seconds(scene: Scene, dt: float, until: float | None, limit_seconds: float) -> float:
+def _step_seconds(scene: Scene, dt: float, until: float | None, limit: float) -> float:
     """Approximate time of one step with one pass on one core [s]; with emitters its mean over the run."""
     with quietly(), Simulation(scene, Settings(dt=dt, workers=1)) as sim:
         if until is None or not energy.adds_discs(scene):
             return float(np.median(sim.run(frames=FRAMES).frame_seconds))
         begun = time.thread_time()
-        with suppress(_NotUsable):
-            sim.run(until=until, progress=_time_limit(limit_seconds))
+        with suppress(RunTooLong):
+            sim.run(until=until, progress=_limit(limit))
         return (time.thread_time() - begun) / sim.frame
 
 
-def _growth(scene: Scene, crossing: float, limit_seconds: float, contact_time: float | None) -> float:
+def _growth(scene: Scene, crossing: float, limit: float, contact_time: float | None) -> float:
     """Lyapunov exponent; a small one if the runs do not diverge."""
     least = 0.01 / crossing
     try:
         with quietly():
-            found = divergence(scene, contact_time=contact_time, progress=_time_limit(limit_seconds))
-            return max(found.rate.value, least)
-    except (MpsimError, _NotUsable):
+            return max(divergence(scene, contact_time=contact_time, progress=_limit(limit)).rate.value, least)
+    except (MpsimError, RunTooLong):
         return least
 
 
-def _time_limit(limit_seconds: float) -> Callable[[int, int], None]:
-    """A progress function that ends a run after so many seconds of this thread's time."""
-    end = time.thread_time() + limit_seconds
-
-    def progress(done: int, frames: int) -> None:
-        if time.thread_time() > end:
-            raise _NotUsable(f"its preliminary run takes more than {limit_seconds:g} s")
-
-    return progress
+def _limit(seconds: float) -> Callable[[int, int], None]:
+    return time_limit(seconds, f"its preliminary run takes more than {seconds:g} s")
 
 
-class _NotUsable(Exception):  # noqa: N818 - not an error
-    """Why a solver cannot be used for this run, in words."""
+def _observed(scene: Scene, settings: Settings, crossing: float, until: float | None, limit: float) -> PreliminaryRun:
+    """A run of STARTS blocks: to `until`; without it, and at most where energy is conserved, of COLLISIONS each.
 
-
-def _observe_stepped(scene: Scene, settings: Settings, crossing: float, until: float | None) -> Observation:
-    try:
-        return _observe(scene, settings, crossing, until, STEPPED_SECONDS)
-    except _NotUsable:
-        raise InputError(
-            f"a trade-off study needs a scene whose preliminary run takes less than {STEPPED_SECONDS:g} s; that of "
-            f"{scene!r} takes longer. Take a smaller scene of the same kind: errors hardly depend on the number of "
-            "discs."
-        ) from None
-
-
-def _observe(
-    scene: Scene, settings: Settings, crossing: float, until: float | None, limit_seconds: float
-) -> Observation:
-    """A run of STARTS blocks: to `until`; without it, and at most where energy is conserved, of COLLISIONS each."""
+    Raises:
+        RunTooLong: if it takes more than `limit` seconds.
+    """
     collisions, guarded, guard, seconds = 0, 0, 0.0, 0.0
     with quietly(), Simulation(scene, settings) as sim:
         states = [sim.state]
-        progress = _time_limit(limit_seconds)  # from here on, as the constructor may have compiled
+        progress = _limit(limit)  # from here on, as the constructor may have compiled
         block = done = likely = 1
         for number in range(1, STARTS + 1):
             if until is not None:
@@ -563,14 +447,28 @@ def _observe(
             block = likely if until is None else block
             states.append(sim.state)
         moving = [(state.velocity[state.present] ** 2).mean() for state in states if state.present.any()]
-        speed = float(np.sqrt(np.mean(moving))) if moving else 0.0
-        return Observation(
-            thermal_velocity=speed,
+        by_frames = scene.thermostat is not None
+        return PreliminaryRun(
+            settings=settings,
+            reference=settings,
+            reference_name=_name_of_exact(settings, guard, guarded, collisions, by_frames),
+            guard=guard,
+            thermal_velocity=float(np.sqrt(np.mean(moving))) if moving else 0.0,
             collisions=collisions / sim.time,
             starts=tuple(states[:-1]),
             gap=done * settings.dt,
-            pairs=collisions,
-            guarded=guarded,
-            guard=guard,
             seconds=seconds / sim.time,
+            by_frames=by_frames,
         )
+
+
+def _name_of_exact(settings: Settings, guard: float, guarded: int, pairs: int, by_frames: bool) -> str:
+    """The exact solver in words, and what its guard did."""
+    acted = f"the guard acted {guarded:,} times in a run with {pairs:,} collisions"
+    name = f"{EXACT} ({acted}, for impacts within {guard:.2g})" if guarded else EXACT
+    if settings.contact_time is not None and guard:
+        name = (
+            f"{MODEL} with contact_time={settings.contact_time:g}, which is not exact: {EXACT}, but for impacts of a "
+            f"disc so soon after its last one, which lose no energy ({acted})"
+        )
+    return name + (f", dt={settings.dt:.3g} (a thermostat acts once a frame)" if by_frames else "")

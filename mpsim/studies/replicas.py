@@ -1,9 +1,9 @@
 """One accuracy run of one candidate, and what a candidate costs."""
 
 import dataclasses
+import functools
 import json
 import math
-import resource
 import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -33,14 +33,16 @@ from mpsim.errors import (
 )
 from mpsim.features import energy
 from mpsim.measure import registry
+from mpsim.measure.observables import trajectory_error
+from mpsim.measure.predictability import require_predictable
 from mpsim.measure.registry import ERRORS, LONG, NAMES, OBSERVABLES, SHORT
-from mpsim.scene.scene import Scene
+from mpsim.scene.scene import Scene, no_scene
 from mpsim.scene.settings import Settings
-from mpsim.studies.comparison import short_run
+from mpsim.studies.runner import Stopped
 
 # --- One accuracy run of one candidate, a pure function that any executor can run
 #
-# The physics of a scene is an average over starts (`independent_starts.Starts`). If they are variations of one start,
+# The physics of a scene is an average over starts (`preliminary.Starts`). If they are variations of one start,
 # collisions soon decorrelate them. Before that, all runs amount to a single sample, and their scatter does not show
 # its noise. So that time does not count as stationary (`Plan.memory`).
 
@@ -55,13 +57,25 @@ ALONG = "states along one run of the scene"
 
 
 def available(scene: Scene) -> tuple[str, ...]:
-    """Those of ERRORS that are defined in a scene; there is no pressure without walls and virial, for example."""
-    if not isinstance(scene, Scene):  # which the ensemble checks
-        return ERRORS
-    return tuple(name for name in ERRORS if refusal(name, scene) is None)
+    """Those of ERRORS that are defined in a scene; there is no pressure without walls and virial, for example.
+
+    Raises:
+        InputError: if it is no Scene.
+    """
+    if not isinstance(scene, Scene):
+        raise no_scene(scene)
+    return tuple(name for name in ERRORS if _refusal(name, scene) is None)
 
 
-def refusal(name: str, scene: Scene) -> str | None:
+def demand_available(names: Iterable[str], scene: Scene) -> None:
+    """Raise InputError for one of ERRORS that the scene cannot have, with the reason."""
+    known = available(scene)
+    for name in names:
+        if name not in known:
+            raise InputError(_refusal(name, scene))
+
+
+def _refusal(name: str, scene: Scene) -> str | None:
     """Why one of ERRORS would be wrong in a scene, or None."""
     if name in SHORT and (energy.adds_discs(scene) or energy.removes_discs(scene)):
         return (
@@ -78,18 +92,9 @@ def starts_of(names: Collection[str], starts: str) -> str:
     'other starts of the same kind (trajectory: over states along one run of the scene)'
     """
     short = [name for name in names if name in SHORT]
-    if not short:
-        return starts
     if len(short) == len(names):
         return ALONG
-    return f"{starts} ({', '.join(short)}: over {ALONG})"
-
-
-def demand_available(names: Iterable[str], scene: Scene) -> None:
-    """Raise InputError for one of ERRORS that the scene cannot have, with the reason."""
-    if isinstance(scene, Scene):  # which the ensemble checks
-        for reason in filter(None, (refusal(name, scene) for name in names)):
-            raise InputError(reason)
+    return f"{starts} ({', '.join(short)}: over {ALONG})" if short else starts
 
 
 @dataclass(frozen=True)
@@ -114,52 +119,38 @@ class Plan:
 def physics_of(settings: Settings, scene: Scene) -> Settings:
     """The settings, with standard values for those that change only speed: candidates with equal ones share errors."""
     method = methods.choose(scene.count, settings).method
-    if not methods.capabilities_of(settings).has_steps:
+    if not capabilities_of(settings).has_steps:
         dt = Settings.dt if scene.thermostat is None else settings.dt  # it acts once a frame
         return Settings(dt=dt, method=method, contact_time=settings.contact_time)
-    return dataclasses.replace(settings, method="grid" if method == "parallel" else method, workers=None)
+    return replace(settings, method="grid" if method == "parallel" else method, workers=None)
 
 
 def key_of(settings: Settings) -> str:
     """Settings as a text that serves as a key."""
-    values = dataclasses.asdict(settings)
-    for name, nothing in (("on_fast", "warn"), ("contact_time", None)):
-        if values[name] == nothing:  # which changes nothing, and is newer than the keys in saved files
-            del values[name]
-    return json.dumps(values, sort_keys=True)
-
-
-class Stopped(Exception):  # noqa: N818 - not an error
-    """The run is no longer needed."""
+    return json.dumps(dataclasses.asdict(settings), sort_keys=True)
 
 
 class RunTooLong(Exception):  # noqa: N818 - an outcome, not an error
     """A run takes far more time than forecast."""
 
 
-Progress = Callable[[int, int], None] | None
+Progress = Callable[[int, int], None]
 
 
-def long_run(
-    start: Scene, settings: Settings, plan: Plan, seconds: float = math.inf, stop: threading.Event | None = None
-) -> dict[str, Any]:
-    """Averages over PIECES of one run to plan.until: a list for each measure of LONG, of lists for the speeds.
+def time_limit(seconds: float, text: str, stop: threading.Event | None = None) -> Progress:
+    """A progress function that ends a run after so many seconds of this thread, or soon after `stop` is set.
 
-    Also "centre", the middle of each piece as a fraction of plan.until, "met", the number of overlapping pairs, and
-    "seconds" of running. A run that cannot be continued, or takes more than `seconds` of its thread, returns
-    {"failure": reason}; one whose `stop` is set raises Stopped.
+    It raises RunTooLong, with a text that says why, or Stopped.
     """
-    try:
-        with quietly():
-            return _averages(start, settings, plan, _stopping_progress(stop, seconds))
-    except (MpsimError, ArithmeticError, MemoryError, RunTooLong) as error:
-        return failure(error)
+    end = time.thread_time() + seconds
 
+    def progress(done: int, frames: int) -> None:
+        if stop is not None and stop.is_set():
+            raise Stopped
+        if time.thread_time() > end:
+            raise RunTooLong(text)
 
-def failure(error: Exception) -> dict[str, Any]:
-    """The result of a run that failed; with "machine" if the machine is the cause, not the candidate."""
-    machine = isinstance(error, MemoryError | ResourceError | WorkerDiedError | WorkerStalledError | RunTooLong)
-    return {"failure": f"{type(error).__name__}: {error}"} | ({"machine": True} if machine else {})
+    return progress
 
 
 @contextmanager
@@ -169,22 +160,39 @@ def quietly() -> Iterator[None]:
         yield
 
 
-def _stopping_progress(stop: threading.Event | None, seconds: float = math.inf) -> Progress:
-    """A progress function that ends a run soon after `stop` is set, or after so many seconds of this thread's time."""
-    end = time.thread_time() + seconds
+def _attempt(run: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
+    """A run that returns {"failure": reason} if it fails, with "machine" if that is the cause, not the candidate."""
 
-    def progress(done: int, frames: int) -> None:
-        if stop is not None and stop.is_set():
-            raise Stopped
-        if time.thread_time() > end:
-            raise RunTooLong(f"a run took more than {seconds:.0f} s, far more than was forecast: its start is unusual")
+    @functools.wraps(run)
+    def attempted(*arguments: Any) -> dict[str, Any]:
+        try:
+            with quietly():
+                return run(*arguments)
+        except (MpsimError, ArithmeticError, MemoryError, RunTooLong) as error:
+            of_machine = MemoryError | ResourceError | WorkerDiedError | WorkerStalledError | RunTooLong
+            machine = {"machine": True} if isinstance(error, of_machine) else {}
+            return {"failure": f"{type(error).__name__}: {error}", **machine}
 
-    return progress
+    return attempted
 
 
-def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) -> dict[str, Any]:
-    if not methods.capabilities_of(settings).has_steps and scene.thermostat is None:  # frames only cut it into pieces
-        settings = dataclasses.replace(settings, dt=plan.until / PIECES)
+@_attempt
+def long_run(
+    scene: Scene, settings: Settings, plan: Plan, seconds: float = math.inf, stop: threading.Event | None = None
+) -> dict[str, Any]:
+    """Averages over PIECES of one run to plan.until: a list for each measure of LONG, of lists for the speeds.
+
+    Also "centre", the middle of each piece as a fraction of plan.until, "met", the number of overlapping pairs, and
+    "seconds" of running.
+
+    Raises:
+        RunTooLong: if it takes more than `seconds` of its thread.
+        Stopped: if `stop` is set.
+    """
+    text = f"a run took more than {seconds:.0f} s, far more than was forecast: its start is unusual"
+    progress = time_limit(seconds, text, stop)
+    if not capabilities_of(settings).has_steps and scene.thermostat is None:  # frames only cut it into pieces
+        settings = replace(settings, dt=plan.until / PIECES)
     counted = [name for name in available(scene) if name in LONG and name in NAMES]
     pieces = min(PIECES, max(int(plan.until / settings.dt), 1))
     series: dict[str, Any] = {name: [] for name in (*counted, "speed_distribution", "met", "centre")}
@@ -194,14 +202,12 @@ def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) 
             before = sim.time
             report = sim.run(until=plan.until * piece / pieces, measures=counted, progress=progress)
             for name in counted:
-                series[name].append(report.measures[name].value)
+                unit = 2 * scene.smallest_radius if OBSERVABLES[name].unit == "diam." else 1.0
+                series[name].append(report.measures[name].value / unit)
             series["met"].append(report.measures["overlap"].samples)
             series["speed_distribution"].append(_cumulative(sim.state, plan.speed))
             series["centre"].append((before + sim.time) / 2 / plan.until)
             series["seconds"] += float(report.frame_seconds.sum())
-    for name in counted:
-        if OBSERVABLES[name].unit == "diam.":
-            series[name] = [length / (2 * scene.smallest_radius) for length in series[name]]
     return series
 
 
@@ -211,18 +217,36 @@ def _cumulative(state: State, unit: float) -> list[float]:
     return (np.searchsorted(speeds, SPEED_LEVELS * unit) / max(len(speeds), 1)).tolist()
 
 
-def short_runs(
+@_attempt
+def short_run(
     scene: Scene, settings: Settings, plan: Plan, start: State, reference: Settings, stop: threading.Event | None = None
 ) -> dict[str, Any]:
-    """A run of length plan.short beside the reference, both from `start`: a number for each measure of SHORT."""
-    how: dict[str, Any] = {"rate": plan.rate, "reference": reference, "progress": _stopping_progress(stop)}
-    try:
-        with quietly():
-            found = short_run(scene.starting_from(start), settings, plan.short, **how)
-    except (MpsimError, ArithmeticError, MemoryError) as error:
-        return failure(error)
-    met, exact = found.collisions
-    return {"trajectory": found.error.rms / (2 * scene.smallest_radius), "collisions": [met, exact]}
+    """A run of length plan.short beside the reference, both from `start`, rounded to whole frames.
+
+    Returns:
+        "trajectory", the deviation of the positions [diameters], and "collisions" of both: a stepped run resolves
+        contacts at rest again in each step.
+
+    Raises:
+        InputError: if two correct solvers do not agree for that long.
+        Stopped: if `stop` is set.
+    """
+    scene, progress = scene.starting_from(start), time_limit(math.inf, "", stop)
+    frames = max(round(plan.short / settings.dt), 1)
+    until = frames * settings.dt
+    require_predictable(until, plan.rate)
+    with Simulation(scene, settings) as run:
+        met = run.run(frames=frames, progress=progress).collisions
+        state = run.state
+    steps = max(round(until / reference.dt), 1) if capabilities_of(reference).has_steps else 1
+    if scene.thermostat is None:
+        reference, frames = replace(reference, dt=until / steps), steps
+    else:  # which acts once a frame: on both alike
+        reference = replace(reference, dt=settings.dt, substeps=-(-steps // frames))
+    with Simulation(scene, reference) as exact:
+        collisions = [met, exact.run(frames=frames, progress=progress).collisions]
+        distance = trajectory_error(state, exact.state, scene).rms
+    return {"trajectory": distance / (2 * scene.smallest_radius), "collisions": collisions}
 
 
 # --- Cost of a candidate: wall time per disc and unit of the scene's time, and memory, measured alone on the machine
@@ -239,13 +263,13 @@ CHUNKS = 21
 
 CHUNK_SECONDS = 0.002
 """Approximate length of a timed piece: mostly shorter than a time slice of the scheduler, so that on a busy machine
-enough pieces are not interrupted."""
+most pieces are not interrupted."""
 
 WHOLE = 16
 """Pieces of a run that is timed as a whole; its discs are counted after each."""
 
-UNINTERRUPTED_SECONDS = 1.0
-"""Seconds to wait for uninterrupted pieces. If there are fewer than half of CHUNKS then, all pieces count."""
+WHOLE_SECONDS = 1.0
+"""Seconds after which no other whole run is timed."""
 
 
 @dataclass(frozen=True)
@@ -253,7 +277,7 @@ class Cost:
     """Wall time of a run.
 
     Attributes:
-        median, low, high: median and quartiles over uninterrupted pieces [ns per disc and time].
+        median, low, high: median and quartiles over pieces [ns per disc and time].
         memory: size of the shared block [bytes per disc].
         method, workers: those used ("auto" is resolved).
         contact_time: of the exact solver's guard [time]; 0 where there is none.
@@ -268,62 +292,45 @@ class Cost:
     contact_time: float = 0.0
 
 
-def measure(scene: Scene, settings: Settings, until: float, whole: bool = False) -> dict[str, Any]:
-    """Cost of a run of the scene, as the fields of `Cost`; {"failure": reason} if it cannot be continued.
+@_attempt
+def measure(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
+    """Cost of a run of the scene, as the fields of `Cost`. Nothing else should run on the machine meanwhile.
 
-    Nothing else should run on the machine meanwhile.
+    Where discs are added, the cost changes along the run, so whole runs to `until` are timed.
 
     Args:
         scene: the scene, run from its start.
         settings: of the run. Frames without steps are chosen here, as their dt does not matter for the cost.
         until: simulated time after which the scene starts again [time].
-        whole: time whole runs to `until`, for a scene whose cost changes along the run.
     """
     if not capabilities_of(settings).has_steps:
         settings = replace(settings, dt=until / 1000)
-    try:
-        with quietly():
-            if whole:
-                return _whole(scene, settings, until)
-            return _measured(scene, settings, max(int(until / settings.dt), 1))
-    except (MpsimError, ArithmeticError, MemoryError) as error:
-        return failure(error)
-
-
-def _measured(scene: Scene, settings: Settings, most_frames: int) -> dict[str, Any]:
-    uninterrupted: list[float] = []
+    if energy.adds_discs(scene):
+        return _of_whole_runs(scene, settings, until)
     costs: list[float] = []
-    per_frame, warm, starts, what_ran = 0.0, 0.0, 0, {}
-    end = time.monotonic() + UNINTERRUPTED_SECONDS
-
-    def wanting() -> bool:
-        patient = starts <= RESTARTS and time.monotonic() < end
-        return len(costs) < CHUNKS or (len(uninterrupted) < CHUNKS and patient)
-
-    while wanting():
+    most = max(int(until / settings.dt), 1)
+    per_frame, warm, starts, ran = 0.0, 0.0, 0, {}
+    while len(costs) < CHUNKS:
         starts += 1
         with Simulation(scene, settings) as sim:
-            while wanting() and sim.frame < most_frames:
+            while len(costs) < CHUNKS and sim.frame < most:
                 wanted = int(CHUNK_SECONDS / per_frame) if per_frame else 1
-                before = _interruptions()
-                report = sim.run(frames=max(min(wanted, most_frames - sim.frame), 1))
+                report = sim.run(frames=max(min(wanted, most - sim.frame), 1))
                 seconds = float(report.frame_seconds.sum())
                 per_frame = max(seconds / report.frames, 1e-9)
                 if warm >= WARM_UP or starts > RESTARTS:
                     costs.append(seconds / (report.frames * settings.dt * max(scene.count, 1)) * 1e9)
-                    uninterrupted += costs[-1:] if _interruptions() == before else []
                 warm += seconds
-                what_ran = _what_ran(report, scene.count)
-    counted = uninterrupted if len(uninterrupted) > CHUNKS // 2 else costs
-    low, median, high = np.percentile(counted, [25, 50, 75]).tolist()
-    return {"median": median, "low": low, "high": high, **what_ran}
+                ran = _what_ran(report, scene.count)
+    low, median, high = np.percentile(costs, [25, 50, 75]).tolist()
+    return {"median": median, "low": low, "high": high, **ran}
 
 
-def _whole(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
+def _of_whole_runs(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
     """Cost of whole runs, per disc of the average number."""
     costs: list[float] = []
-    what_ran: dict[str, Any] = {}
-    end = time.monotonic() + UNINTERRUPTED_SECONDS
+    ran: dict[str, Any] = {}
+    end = time.monotonic() + WHOLE_SECONDS
     while not costs or (len(costs) < RESTARTS and time.monotonic() < end):
         with Simulation(scene, settings) as sim:
             seconds, discs = 0.0, 0.0
@@ -332,19 +339,13 @@ def _whole(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
                 report = sim.run(until=until * piece / WHOLE)
                 seconds += float(report.frame_seconds.sum())
                 discs += sim.count * (sim.time - before)
-                what_ran = _what_ran(report, sim.count)
+                ran = _what_ran(report, sim.count)
             costs.append(seconds / max(discs, sim.time) * 1e9)
     low, median, high = np.percentile(costs, [0, 50, 100]).tolist()
-    return {"median": median, "low": low, "high": high, **what_ran}
+    return {"median": median, "low": low, "high": high, **ran}
 
 
 def _what_ran(report: Report, count: int) -> dict[str, Any]:
     """The fields of `Cost` that are no times."""
     memory = report.block_bytes / max(count, 1)
-    ran = {"method": report.method, "workers": report.workers, "contact_time": report.contact_time}
-    return {"memory": memory, **ran}
-
-
-def _interruptions() -> int:
-    """Number of involuntary context switches of this thread."""
-    return resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF)).ru_nivcsw
+    return {"memory": memory, "method": report.method, "workers": report.workers, "contact_time": report.contact_time}

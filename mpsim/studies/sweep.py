@@ -9,12 +9,10 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import functools
 import hashlib
 import inspect
-import io
 import itertools
 import json
 import math
@@ -28,24 +26,20 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sized
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
-from enum import Enum
-from pathlib import Path, PurePath
-from typing import Any, cast
+from pathlib import Path
+from typing import Any, ClassVar, cast
 
 import numba
 import numpy as np
 
 from mpsim.core import checks, files
 from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.files import CSV, JSON, FileLock, written
-from mpsim.core.late import imported
-from mpsim.core.machine import usable_cores
+from mpsim.core.files import FileLock
 from mpsim.core.progress import checked_progress, shown
 from mpsim.core.state import State
-from mpsim.core.text import json_text
 from mpsim.core.version import __version__
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN
@@ -56,132 +50,86 @@ from mpsim.measure.statistics import Measure
 from mpsim.scene import scenefile
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings, check_settings
-from mpsim.studies.ensemble import Submissions, checked_executor, checked_path
-from mpsim.studies.replicas import Stopped
+from mpsim.studies.runner import Runner, Stopped, checked_path
+from mpsim.studies.table import Table
 
 # --- The points of a sweep: combinations of the values of a grid, and the seed of each
 #
 # The text of a point is JSON of its values, sorted by name, and contains nothing else. So neither the order of names
 # and values nor other values of the grid change the seed of a point, or its row in a file.
 
-MOST_POINTS = 10_000_000
+MOST_RUNS = 1_000_000
 """More runs than this are taken for a mistake: their rows would not fit into memory."""
 
-MOST_SEEDS = 1_000_000
+Scalar = bool | int | float | str | None
 
-VALUES = "None, True or False, numbers, texts, or tuples, lists, dictionaries and dataclasses of these"
-"""What a grid may hold, in words."""
+Key = tuple[str, int]
+"""What distinguishes a run from all others: the text of its point, and its number there; 0 without seeds."""
 
-
-@dataclass(frozen=True)
-class Point:
-    """One run of a sweep.
-
-    Attributes:
-        values: by the names of the grid, as they were given.
-        plain: the same as plain values, which identify the point.
-        run: number of the run at this point; 0 without seeds.
-        seed: derived from both; None without seeds.
-    """
-
-    values: dict[str, Any]
-    plain: dict[str, Any]
-    run: int
-    seed: int | None
-
-    @property
-    def key(self) -> tuple[str, int]:
-        """What distinguishes the run from all others."""
-        return text_of(self.plain), self.run
+Outcome = dict[str, Any]
+"""The last fields of a SweepRow, plain values."""
 
 
-def text_of(plain: Mapping[str, Any]) -> str:
-    """Plain values by name as a text, the same for every order of the names.
+def text_of(point: Mapping[str, Any]) -> str:
+    """Values by name as a text, the same for every order of the names.
 
-    >>> text_of({"packing": 0.1, "count": 2})
+    >>> text_of({"packing": 0.1, "count": 2.0})
     '{"count":2,"packing":0.1}'
     """
+    plain = {name: canonical(f"grid[{name!r}]", value) for name, value in point.items()}
     return json.dumps(plain, sort_keys=True, separators=(",", ":"))
 
 
-def seed_of(plain: Mapping[str, Any], run: int) -> int:
+def seed_of(text: str, run: int) -> int:
     """The seed of a run: the first 63 bits of BLAKE2b of the point's text, a space, and the number of the run.
 
-    >>> seed_of({"packing": 0.1}, 0), seed_of({"packing": 0.1}, 1)
+    >>> seed_of('{"packing":0.1}', 0), seed_of('{"packing":0.1}', 1)
     (1570410355820327519, 8174789766741869874)
     """
-    digest = hashlib.blake2b(f"{text_of(plain)} {run}".encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "big") >> 1
+    return int.from_bytes(hashlib.blake2b(f"{text} {run}".encode(), digest_size=8).digest(), "big") >> 1
 
 
-def points_of(grid: Any, seeds: Any) -> list[Point]:
-    """All runs of a grid: every combination of its values, the last name changing fastest, and each of its seeds.
+def checked_grid(grid: Any) -> dict[str, list[Any]]:
+    """The values of a grid.
 
     Raises:
-        InputError: if the grid or the seeds break a rule.
+        InputError: if it is no dictionary of lists, each of different values that can be plain.
     """
-    if not isinstance(grid, Mapping):
+    if not isinstance(grid, Mapping) or not grid:
         raise InputError(
-            f"grid must be a dictionary of lists by the name of a parameter; got {checks.brief(grid)}. "
-            "Write {'packing': [0.1, 0.3]}."
+            "grid must be a dictionary of lists, by the name of at least one parameter; got "
+            f"{checks.brief(grid)}. Write {{'packing': [0.1, 0.3]}}."
         )
-    if not grid:
-        raise InputError("grid must hold at least one parameter; got none. Write {'packing': [0.1, 0.3]}.")
-    values = {name: _listed(name, each) for name, each in cast("Mapping[Any, Any]", grid).items()}
-    plain = {name: [canonical(f"grid[{name!r}]", each) for each in values[name]] for name in values}
-    for name, each in values.items():
-        _demand_different(name, each, plain[name])
-    runs = _checked_seeds(seeds)
-    number = math.prod(map(len, values.values())) * len(runs or (0,))
-    if number > MOST_POINTS:
-        raise InputError(
-            f"grid must have at most {MOST_POINTS:,} runs, those of all seeds together; got {number:,}. "
-            "Sweep over fewer values, or over some of the parameters at a time."
-        )
-    points: list[Point] = []
-    for combination in zip(itertools.product(*values.values()), itertools.product(*plain.values()), strict=True):
-        here, there = (dict(zip(values, each, strict=True)) for each in combination)
-        if runs is None:
-            points.append(Point(here, there, 0, None))
-        else:
-            points += [Point(here, there, run, seed_of(there, run)) for run in runs]
-    return points
-
-
-def _listed(name: Any, values: Any) -> list[Any]:
-    """The values of one name of a grid, both checked."""
-    if not isinstance(name, str) or not name.isidentifier():
-        raise InputError(f"grid must have names of parameters as its keys; got {checks.brief(name)}.")
-    if isinstance(values, str | bytes | Mapping | Scene) or not isinstance(values, Iterable):
-        raise InputError(
-            f"grid[{name!r}] must be a list of values; got {checks.brief(values)}. Write [value] for a single one."
-        )
-    too_many = isinstance(values, Sized) and len(values) > MOST_POINTS
-    found: list[Any] = [] if too_many else list(itertools.islice(values, MOST_POINTS + 1))
-    if too_many or len(found) > MOST_POINTS:
-        raise InputError(f"grid[{name!r}] must have at most {MOST_POINTS:,} values; got more. Sweep over fewer.")
-    if not found:
-        raise InputError(f"grid[{name!r}] must hold at least one value; got none. Give one, or leave the name out.")
+    found: dict[str, list[Any]] = {}
+    for name, values in grid.items():
+        if not isinstance(name, str) or not name.isidentifier():
+            raise InputError(f"grid must have names of parameters as its keys; got {checks.brief(name)}.")
+        if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+            raise InputError(
+                f"grid[{name!r}] must be a list of values; got {checks.brief(values)}. Write [value] for a single one."
+            )
+        found[name] = list(itertools.islice(values, MOST_RUNS + 1))
+        if not 0 < len(found[name]) <= MOST_RUNS:
+            number = "more" if found[name] else "none"
+            raise InputError(f"grid[{name!r}] must hold 1 to {MOST_RUNS:,} values; got {number}.")
+        different: set[str] = set()
+        for value in found[name]:
+            if (text := text_of({name: value})) in different:
+                raise InputError(
+                    f"grid[{name!r}] must hold different values; got {checks.brief(value)} more than once (numbers "
+                    "that are equal count as one, as do lists and tuples). Leave one out, or ask for more seeds."
+                )
+            different.add(text)
     return found
 
 
-def _demand_different(name: str, values: list[Any], plain: list[Any]) -> None:
-    texts = [text_of({"value": each}) for each in plain]
-    if len(set(texts)) < len(texts):
-        index = next(index for index, text in enumerate(texts) if text in texts[:index])
-        raise InputError(
-            f"grid[{name!r}] must hold different values; got {checks.brief(values[index])} more than once (numbers "
-            "that are equal count as one, as do lists and tuples). Leave one out, or ask for more seeds."
-        )
-
-
-def _checked_seeds(seeds: Any) -> list[int] | None:
+def checked_seeds(seeds: Any) -> list[int] | None:
     """Numbers of the runs at each point; None without seeds."""
     if seeds is None:
         return None
     remedy = "4 makes four runs at each point, 0 to 3."
     if isinstance(seeds, str | bytes | Mapping) or not isinstance(seeds, Iterable):
-        return list(range(checks.whole("seeds", seeds, 1, MOST_SEEDS, remedy)))
+        return list(range(checks.whole("seeds", seeds, 1, MOST_RUNS, remedy)))
     found = [checks.whole("a number in seeds", each, 0, 2**63 - 1, remedy) for each in seeds]
     if not found or len(set(found)) < len(found):
         raise InputError(
@@ -190,106 +138,88 @@ def _checked_seeds(seeds: Any) -> list[int] | None:
     return found
 
 
+def rows_of(grid: dict[str, list[Any]], runs: list[int] | None) -> dict[Key, SweepRow]:
+    """Rows without outcome: each combination of the values of a grid, the last name changing fastest, and its runs."""
+    number = math.prod(map(len, grid.values())) * len(runs or (0,))
+    if number > MOST_RUNS:
+        raise InputError(
+            f"grid must have at most {MOST_RUNS:,} runs, those of all seeds together; got {number:,}. "
+            "Sweep over fewer values, or over some of the parameters at a time."
+        )
+    rows: dict[Key, SweepRow] = {}
+    for values in itertools.product(*grid.values()):
+        point = dict(zip(grid, values, strict=True))
+        text = text_of(point)
+        for run in runs or (0,):
+            rows[text, run] = SweepRow(point, run, None if runs is None else seed_of(text, run))
+    return rows
+
+
 def canonical(name: str, value: Any) -> Any:
-    """A value as JSON can hold it, the same for values that are equal: 1 and 1.0, a list and a tuple.
+    """A value as JSON can hold it, the same for numbers that are equal, and for a list and a tuple.
 
-    Fields of a dataclass that have their default are left out, so that a new one changes no point.
-
-    Args:
-        name: of the value, for the error.
-        value: one of VALUES, a NumPy array or scalar, a member of an enumeration, a path, a Scene or a State.
+    name: of the value. Scenes and states are known by their digest, other objects by their repr.
 
     Raises:
-        InputError: if it is something else.
+        InputError: if it is one whose repr is another in each process.
 
     >>> canonical("x", (1.0, np.float32(0.5), True, None, float("inf")))
     [1, 0.5, True, None, {'float': 'inf'}]
     """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
-    if value is None or isinstance(value, bool):
-        return value
-    if isinstance(value, Enum):
-        return {"enum": f"{_name_of_type(value)}.{value.name}"}
-    if isinstance(value, numbers.Integral):
-        return int(value)
-    if isinstance(value, float) and math.isfinite(value):
-        return int(value) if value == int(value) else float(value)
-    return str(value) if isinstance(value, str) else _of_compound(name, value)
-
-
-def _of_compound(name: str, value: Any) -> Any:
-    if isinstance(value, float):
-        return {"float": repr(float(value))}
     if isinstance(value, list | tuple):
         return [canonical(name, each) for each in value]
-    if isinstance(value, Mapping) and all(isinstance(each, str) for each in value):
-        return {"dict": {each: canonical(name, part) for each, part in value.items()}}
-    if isinstance(value, PurePath):
-        return {"path": str(value)}
-    if isinstance(value, Scene | State):
-        return {type(value).__name__: value.digest()}
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = [each for each in dataclasses.fields(value) if each.compare]
-        parts = {each.name: canonical(name, getattr(value, each.name)) for each in fields}
-        defaults = {
-            each.name: canonical(name, each.default) for each in fields if each.default is not dataclasses.MISSING
-        }
-        return {
-            "dataclass": _name_of_type(value),
-            **{each: part for each, part in parts.items() if each not in defaults or defaults[each] != part},
-        }
-    raise InputError(
-        f"{name} must hold {VALUES}; got {checks.brief(value)}, a {type(value).__name__}. Sweep over its name or "
-        "number, and make the object in the function."
-    )
-
-
-def _name_of_type(value: object) -> str:
-    return f"{type(value).__module__}.{type(value).__qualname__}"
+    if isinstance(value, float) and math.isfinite(value):
+        return int(value) if value == int(value) else float(value)
+    if value is None or type(value) in (bool, int, str):
+        return value
+    if isinstance(value, Mapping):
+        return {str(each): canonical(name, part) for each, part in value.items()}
+    text = value.digest() if isinstance(value, Scene | State) else repr(value)
+    if " at 0x" in text:
+        raise InputError(
+            f"{name} must hold None, True or False, numbers, texts, or lists, dictionaries and dataclasses of these; "
+            f"got {checks.brief(value)}, a {type(value).__name__}. Sweep over its name or number, and make the object "
+            "in the function."
+        )
+    return {type(value).__name__: text}
 
 
 # --- One run of a sweep, wherever the executor runs it
 #
-# Whatever goes wrong in a run becomes part of its outcome. An outcome holds only plain values, so it can always be
-# sent back, and a failed run does not end the others.
+# Whatever goes wrong in a run becomes part of its outcome: fields of a SweepRow, plain values that can always be sent
+# back. So a failed run does not end the others.
 
 MEASURES = ("pressure", "collision_rate", "kinetic_energy", "overlap")
 """What a run measures if nothing is asked for, as far as its scene can have it."""
 
-RUN_OPTIONS = ("until", "frames")
+LENGTHS: dict[str, Callable[[Any], float]] = {
+    "until": lambda value: checks.non_negative("until", value, "[time]"),
+    "frames": lambda value: checks.whole("frames", value, 0, MOST_FRAMES_OF_A_RUN, "Ask for 0 or more frames."),
+}
+"""Arguments that give the length of a run, and what checks them."""
 
-RUN_FIELDS: tuple[str, ...] = (*(field.name for field in dataclasses.fields(Settings)), *RUN_OPTIONS)
+RUN_FIELDS: tuple[str, ...] = (*(field.name for field in dataclasses.fields(Settings)), *LENGTHS)
 """Names of a grid that vary how a scene is run."""
 
-LONGEST_FAILURE = 1000
-"""Characters of an error in words that are kept: its beginning."""
+LONGEST_FAILURE, LONGEST_TRACEBACK = 1000, 4000
+"""Characters that are kept of an error in words, its beginning, and of a traceback, its end."""
 
-LONGEST_TRACEBACK = 4000
-"""Characters of a traceback that are kept: its end."""
-
-_ENERGY = "mass length^2/time^2"
-UNITS = {
-    "dt": "time",
-    "until": "time",
-    "pressure": "mass/time^2",
-    "pressure_virial": "mass/time^2",
-    "pressure_xx": "mass/time^2",
-    "pressure_yy": "mass/time^2",
-    "pressure_xy": "mass/time^2",
-    "collision_rate": "1/time",
-    "contact_rate": "1/time",
-    "energy_drift": "1/time",
-    "momentum_drift": "1/time",
-    "overlap": "length",
-    "largest_overlap": "length",
-    "kinetic_energy": _ENERGY,
-    "temperature": _ENERGY,
-    "speed_kurtosis": "1",
-    "frames": "1",
-    "collisions": "1",
+_COLUMNS_BY_UNIT = {
+    "time": "dt until",
+    "mass/time^2": "pressure pressure_virial pressure_xx pressure_yy pressure_xy",
+    "1/time": "collision_rate contact_rate energy_drift momentum_drift",
+    "length": "overlap largest_overlap",
+    "mass length^2/time^2": "kinetic_energy temperature",
+    "1": "speed_kurtosis frames collisions",
 }
+UNITS = {name: unit for unit, names in _COLUMNS_BY_UNIT.items() for name in names.split()}
 """Units of what a run of a scene takes and gives, in those of the scene."""
+
+
+class WrongResult(InputError):  # noqa: N818 - said of what a function returned
+    """A function returned what cannot be a row of a table."""
 
 
 @dataclass(frozen=True)
@@ -299,42 +229,40 @@ class SceneRun:
     Attributes:
         make: gives the scene of a point; None where the argument `scene` is one.
         settings: of the runs, where the grid does not vary them; None: those that the scene of a point recommends.
-        until, frames: length of a run [time], where the grid does not vary it; None: the scene's duration.
+        length: until [time] or frames, where the grid does not vary it; empty: the scene's duration.
         measures: names; None: MEASURES, as far as the scene can have them.
         own: names of the grid that vary settings and length.
     """
 
     make: Callable[..., Any] | None
     settings: Settings | None
-    until: float | None
-    frames: int | None
+    length: dict[str, Any]
     measures: tuple[str, ...] | None
-    own: frozenset[str]
+    own: tuple[str, ...]
 
-    def __call__(self, stop: threading.Event | None = None, **arguments: Any) -> dict[str, Scalar]:
-        """Measures of the run with their errors, and how many frames and collisions it had."""
-        scene = self._scene({name: value for name, value in arguments.items() if name not in self.own})
-        varied = {name: value for name, value in arguments.items() if name in self.own}
-        length = self.length(varied, scene)
-        settings = self.settings_of(varied, scene)
-        names = registry.checked(MEASURES, None) if self.measures is None else self.measures
-        if self.measures is None:
-            names = tuple(name for name in names if registry.refusal(name, scene) is None)
+    def __call__(self, stop: threading.Event | None = None, **arguments: Any) -> dict[str, Any]:
+        """Measures of the run, and how many frames and collisions it had."""
+        varied = {name: arguments.pop(name) for name in self.own}
+        scene = arguments["scene"] if self.make is None else self.make(**arguments)
+        if not isinstance(scene, Scene):
+            raise WrongResult(
+                f"a function whose scenes are to be run must return an mpsim.Scene; got {type(scene).__name__}. "
+                "Return one, or leave out until, frames, measures and settings."
+            )
+        possible = (name for name in MEASURES if registry.refusal(name, scene) is None)
+        names = tuple(possible) if self.measures is None else self.measures
 
         def stop_if_asked(done: int, of: int) -> None:
             if stop is not None and stop.is_set():
                 raise Stopped
 
-        with Simulation(scene, settings) as sim:
-            report = sim.run(**length, measures=names, progress=stop_if_asked)
-        found: dict[str, Scalar] = {}
-        for name in names:
-            measure = report.measures[name]
-            found |= {name: float(measure.value), f"{name}_error": float(measure.error)}
+        with Simulation(scene, self.settings_of(varied, scene)) as sim:
+            report = sim.run(**self.length_of(varied, scene), measures=names, progress=stop_if_asked)
+        found = {name: report.measures[name] for name in names}
         found |= {"frames": report.frames, "collisions": int(report.collisions)}
         return {name: value for name, value in found.items() if name not in varied}
 
-    def settings_of(self, varied: Mapping[str, Any], scene: Scene | None = None) -> Settings:
+    def settings_of(self, varied: Mapping[str, Any], scene: Scene | None) -> Settings:
         """The settings of a point, of one process unless they ask for more: the bits are the same.
 
         scene: of the point; None: it is not made yet.
@@ -342,8 +270,9 @@ class SceneRun:
         Raises:
             InputError: if a value breaks a rule of Settings, or the method runs on ranks.
         """
-        changes = {name: value for name, value in varied.items() if name not in RUN_OPTIONS}
-        settings = dataclasses.replace(_settings_for(scene, self.settings), **changes)
+        usual = check_settings(self.settings or Settings()) if scene is None else settings_for(scene, self.settings)
+        changes = {name: value for name, value in varied.items() if name not in LENGTHS}
+        settings = dataclasses.replace(usual, **changes)
         if capabilities_of(settings).on_ranks:
             raise InputError(
                 f"method must be one that runs in a process, as each run of a sweep does; got {settings.method!r}. Use "
@@ -351,43 +280,35 @@ class SceneRun:
             )
         return settings if settings.workers else dataclasses.replace(settings, workers=1)
 
-    def length(self, varied: Mapping[str, Any], scene: Scene | None) -> dict[str, Any]:
-        """The length of a run, as an argument of `Simulation.run`; scene: None if it is not made yet.
+    def length_of(self, varied: Mapping[str, Any], scene: Scene | None) -> dict[str, Any]:
+        """The length of a run, as an argument of `Simulation.run`; empty if it is that of a scene not made yet.
 
         Raises:
             InputError: if there is none, or there are two.
         """
-        given = {"until": self.until, "frames": self.frames} | {n: v for n, v in varied.items() if n in RUN_OPTIONS}
-        chosen = {name: value for name, value in given.items() if value is not None}
-        if not chosen and scene is None:
-            return {}
-        if not chosen and scene is not None and scene.duration is not None:
-            return {"until": scene.duration}
-        if len(chosen) != 1:
+        length = self.length | {name: value for name, value in varied.items() if name in LENGTHS}
+        if not length and (scene is None or scene.duration is not None):
+            return {} if scene is None else {"until": scene.duration}
+        if len(length) != 1:
             raise InputError(
                 "a sweep of runs must have their length, as one of until and frames; got "
-                f"{' and '.join(chosen) or 'neither'}, and a scene without duration. Say until=... [time], or let the "
+                f"{' and '.join(length) or 'neither'}, and a scene without duration. Say until=... [time], or let the "
                 "grid vary it."
             )
-        return chosen
+        return length
 
-    def _scene(self, arguments: dict[str, Any]) -> Scene:
-        scene = arguments["scene"] if self.make is None else self.make(**arguments)
-        if not isinstance(scene, Scene):
-            raise WrongResult(
-                f"a function whose scenes are to be run must return an mpsim.Scene; got {type(scene).__name__}. "
-                "Return one, or leave out until, frames, measures and settings."
-            )
-        return scene
-
-
-class WrongResult(InputError):  # noqa: N818 - said of what a function returned
-    """A function returned what cannot be a row of a table."""
+    def facts(self, scene: Scene | None) -> dict[str, Any]:
+        """How scenes are run: all that changes a result and is no parameter."""
+        no_result = {name: getattr(Settings(), name) for name in ("workers", *self.own) if name not in LENGTHS}
+        settings = None if self.settings is None else dataclasses.replace(self.settings, **no_result)
+        duration = scene.duration if scene is not None and not self.length else None
+        facts = {"settings": settings, "length": self.length, "duration": duration, "measures": self.measures}
+        return {name: canonical(name, value) for name, value in facts.items()}
 
 
 def run_point(
     function: Callable[..., Any], arguments: dict[str, Any], taken: frozenset[str], stop: threading.Event | None = None
-) -> dict[str, Any]:
+) -> Outcome:
     """The outcome of one run.
 
     Args:
@@ -396,23 +317,32 @@ def run_point(
         taken: names that results must not have.
         stop: ends a SceneRun early, by the exception Stopped.
 
-    Returns:
-        "values" (results by name), or "failure" and "traceback", and "wrong" if the results were of a wrong kind;
-        "seconds" and "versions" always.
+    Raises:
+        WrongResult: if what the function returned cannot be a row.
     """
     started = time.perf_counter()
-    outcome: dict[str, Any]
+    values: dict[str, Scalar] = {}
+    failure, text = None, ""
     try:
         call = functools.partial(function, stop=stop) if isinstance(function, SceneRun) else function
-        outcome = {"values": scalars(call(**arguments), taken)}
-    except Stopped:
+        values = scalars(call(**arguments), taken)
+    except (Stopped, WrongResult):
         raise
-    except WrongResult as error:
-        outcome = {"failure": f"InputError: {error}", "traceback": "", "wrong": True}
     except (Exception, SystemExit) as error:
-        text = "".join(traceback.format_exception(error))
-        outcome = {"failure": described(error), "traceback": _encodable(text[-LONGEST_TRACEBACK:])}
-    return {**outcome, "seconds": time.perf_counter() - started, "versions": versions()}
+        failure = described(error)
+        text = "".join(traceback.format_exception(error))[-LONGEST_TRACEBACK:]
+    return _outcome(values, failure, text, time.perf_counter() - started)
+
+
+def failed_elsewhere(error: BaseException, stop: threading.Event | None = None) -> Outcome:
+    """The outcome of a run that has no result, and no traceback of its own."""
+    return _outcome({}, described(error))
+
+
+def _outcome(values: dict[str, Scalar], failure: str | None, text: str = "", seconds: float = math.nan) -> Any:
+    """Fields of a SweepRow."""
+    found = {"values": values, "failure": failure, "traceback": text, "wall_seconds": seconds}
+    return {**found, "versions": versions()}
 
 
 def described(error: BaseException) -> str:
@@ -425,14 +355,8 @@ def described(error: BaseException) -> str:
         text = str(error)
     except Exception:
         text = "its text cannot be had"
-    if len(text) > LONGEST_FAILURE:
-        text = f"{text[:LONGEST_FAILURE]} ... ({len(text):,} characters)"
-    return f"{type(error).__name__}: {_encodable(text)}" if text else type(error).__name__
-
-
-def _encodable(text: str) -> str:
-    """A text that every file can hold: lone surrogates, as in names of files that are not UTF-8, are written out."""
-    return text.encode("utf-8", "backslashreplace").decode()
+    text = text if len(text) <= LONGEST_FAILURE else f"{text[:LONGEST_FAILURE]} ... ({len(text):,} characters)"
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 @functools.cache
@@ -457,46 +381,32 @@ def scalars(result: Any, taken: frozenset[str]) -> dict[str, Scalar]:
             "the result of the function must be a dictionary of numbers, texts or truth values by name; got "
             f"{checks.brief(result)}, a {type(result).__name__}. Return {{'name': value}}.{scene}"
         )
-    found: dict[str, Scalar] = {}
-    items: Mapping[Any, Any] = result
-    for name, value in items.items():
+    found: dict[Any, Scalar] = {}
+    for name, value in result.items():
         if isinstance(value, Measure):
             found |= {name: float(value.value), f"{name}_error": float(value.error)}
         else:
             found[name] = _scalar(name, value)
     for name in found:
-        if not isinstance(name, str) or not name:
-            raise WrongResult(f"the names of results must be texts; got {checks.brief(name)}. Use a word.")
-        if name in taken or name in OWN:
+        if not isinstance(name, str) or not name or name in taken or name in OWN:
             raise WrongResult(
-                f"the names of results must not be those of parameters, or of {', '.join(OWN)}; got {name!r}. "
-                "Choose another name."
+                f"the names of results must be texts, and not those of parameters or of {', '.join(OWN)}; got "
+                f"{checks.brief(name)}. Choose another name."
             )
     return found
 
 
 def _scalar(name: Any, value: Any) -> Scalar:
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
-    if isinstance(value, np.number | np.bool_ | np.str_) and not isinstance(value, np.complexfloating):
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
         value = value.item()
-    if isinstance(value, str):
-        return _encodable(value)
-    if value is None or isinstance(value, bool):
+    if value is None or isinstance(value, bool | str):
         return value
-    if isinstance(value, numbers.Integral):
-        return int(value)
-    if isinstance(value, numbers.Real | np.floating):
-        return float(value)
+    if isinstance(value, numbers.Real):
+        return int(value) if isinstance(value, numbers.Integral) else float(value)
     raise WrongResult(
         f"the result {name!r} must be a number, a text, True, False or None; got {checks.brief(value)}, a "
         f"{type(value).__name__}. Return one name for each number, or keep arrays in a file of your own."
     )
-
-
-def failed_elsewhere(error: BaseException) -> dict[str, Any]:
-    """The outcome of a run that the executor could not bring back."""
-    return {"failure": described(error), "traceback": "", "seconds": math.nan, "versions": versions()}
 
 
 # --- The file of a sweep: a header, and one line of JSON for each finished run
@@ -509,7 +419,7 @@ FORMAT = "mpsim sweep 1"
 MOST_BYTES = 2**32
 """Largest size of a file: some ten million runs."""
 
-_BEGIN = '{"format": "mpsim sweep '
+_BEGIN = b'{"format": "mpsim sweep '
 """With this every file begins: text that does not is no sweep, and is left alone."""
 
 
@@ -518,41 +428,26 @@ class SweepFile:
 
     Args:
         path: of the file, or None.
-        title: of what the runs are: "function", "parameters", "seeded" and further facts, plain values.
-        source: digest of the source of the function; if the file has another one, a warning is raised.
+        task: of the runs; if the file has another source of its function, a warning is raised.
 
     Attributes:
-        outcomes: of the finished runs, as `run_point` gives them, by the key of their points.
+        outcomes: of the finished runs.
 
     Raises:
         InputError: if the file is one of another sweep, is damaged, cannot be written to, or is in use.
     """
 
-    def __init__(self, path: str | os.PathLike[str] | None, title: dict[str, Any], source: str | None):
-        self.outcomes: dict[tuple[str, int], dict[str, Any]] = {}
-        self._path: Path | None = None
+    def __init__(self, path: str | os.PathLike[str] | None, task: Task):
+        self.outcomes: dict[Key, Outcome] = {}
         self._descriptor = -1
         if path is not None:
-            self._open(checked_path(path), title, source)
+            self._path = checked_path(path)
+            self._open({"format": FORMAT, **task.title}, task.source)
 
     def __enter__(self) -> SweepFile:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self.close()
-
-    def put(self, point: Point, outcome: dict[str, Any]) -> None:
-        """Add the outcome of a run, in the file as well.
-
-        Raises:
-            OutputError: if it cannot be written; the file is as it was before.
-        """
-        self.outcomes[point.key] = outcome
-        if self._path is not None:
-            kept = {name: value for name, value in outcome.items() if name != "wrong"}
-            self._append({"point": point.plain, "run": point.run, "seed": point.seed, **kept})
-
-    def close(self) -> None:
         """Hand the file to the disk, and to the next sweep."""
         if self._descriptor >= 0:
             descriptor, self._descriptor = self._descriptor, -1
@@ -562,70 +457,101 @@ class SweepFile:
                 os.close(descriptor)
                 self._lock.release()
 
-    def _open(self, path: Path, title: dict[str, Any], source: str | None) -> None:
+    def lacks(self, key: Key, retry_failed: bool) -> bool:
+        """Whether a run has to be done."""
+        outcome = self.outcomes.get(key)
+        return outcome is None or (retry_failed and outcome["failure"] is not None)
+
+    def put(self, key: Key, seed: int | None, outcome: Outcome) -> None:
+        """Add the outcome of a run, in the file as well.
+
+        Raises:
+            OutputError: if it cannot be written; the file is as it was before.
+        """
+        self.outcomes[key] = outcome
+        if self._descriptor >= 0:
+            self._append({"point": json.loads(key[0]), "run": key[1], "seed": seed, **outcome})
+
+    def _open(self, title: dict[str, Any], source: str | None) -> None:
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
         try:
-            self._descriptor = os.open(path, flags, 0o666)
-            self._lock = FileLock(path)
+            self._descriptor = os.open(self._path, flags, 0o666)
+            self._lock = FileLock(self._path)
         except OutputError:
             os.close(self._descriptor)
             raise InputError(
-                f"path must be a file that no other sweep has; {path} is being written by another one, of this process "
-                "or another. Wait for its end, or give another path."
+                f"path must be a file that no other sweep has; {self._path} is being written by another one, of this "
+                "process or another. Wait for its end, or give another path."
             ) from None
         except OSError as error:
             raise InputError(
-                f"path must be a file that can be written to; got {str(path)!r} ({error.strerror}). Give another path."
+                f"path must be a file that can be written to; got {str(self._path)!r} ({error.strerror}). Give another "
+                "path."
             ) from None
-        self._path = path
         try:
-            whole = self._read(path, title, source)
+            whole = self._read(title, source)
             os.ftruncate(self._descriptor, whole)
             if not whole:
-                self._append({"format": FORMAT, **title, "source": source})
+                self._append({**title, "source": source})
         except BaseException:
-            self.close()
+            self.__exit__()
             raise
 
-    def _read(self, path: Path, title: dict[str, Any], source: str | None) -> int:
+    def _read(self, title: dict[str, Any], source: str | None) -> int:
         """Take what is there; returns the length of its whole lines, in bytes."""
         try:
-            content = files.content(path, MOST_BYTES)
+            content = files.content(self._path, MOST_BYTES)
         except (OSError, ValueError) as error:
-            raise _unreadable(path, reason_of(error)) from None
-        if content and not (content.startswith(_BEGIN.encode()) or _BEGIN.encode().startswith(content)):
-            raise _unreadable(path, f"it does not begin with {_BEGIN}")
+            raise self._unreadable(reason_of(error)) from None
+        if content and not (content.startswith(_BEGIN) or _BEGIN.startswith(content)):
+            raise self._unreadable(f"it does not begin with {_BEGIN.decode()}")
         whole, _, torn = content.rpartition(b"\n")
         if torn:
-            warnings.warn(
-                f"the last line of {path} was cut off, as by a kill, and is dropped: its run is repeated.",
-                SweepWarning,
-                stacklevel=level_of_caller(),
-            )
+            self._warn("the last line of {path} was cut off, as by a kill, and is dropped: its run is repeated.")
         if not whole:
             return 0
-        first, *lines = whole.split(b"\n")
-        head = _value(path, 1, first)
-        _demand_same(path, head, title)
+        head, *lines = (self._line(number, line) for number, line in enumerate(whole.split(b"\n"), start=1))
+        self._demand_same(head, title)
         if not lines:
             return 0  # the head is written anew, for a function that was put right before any run was done
-        _warn_if_changed(path, head, title, source)
-        for number, line in enumerate(lines, start=2):
-            self._take(path, number, _value(path, number, line))
+        if source is not None and head.get("source") not in (None, source):
+            self._warn(
+                f"the source of {title['function']} has changed since {{path}} was begun: its rows come from the "
+                "earlier version. Remove the file, or give another path, to run them again."
+            )
+        for number, row in enumerate(lines, start=2):
+            self._take(number, row)
         return len(whole) + 1
 
-    def _take(self, path: Path, number: int, row: dict[str, Any]) -> None:
+    def _line(self, number: int, line: bytes) -> dict[str, Any]:
         try:
-            key = text_of(dict(row["point"])), int(row["run"])
-            seconds, versions = float(row["seconds"]), dict(row["versions"])
-            outcome: dict[str, Any] = {"seconds": seconds, "versions": versions}
-            if "failure" in row:
-                outcome |= {"failure": str(row["failure"]), "traceback": str(row["traceback"])}
-            else:
-                outcome["values"] = dict(row["values"])
+            return dict(json.loads(line))
+        except (ValueError, TypeError, RecursionError) as error:
+            raise self._unreadable(f"line {number}: {error}") from None
+
+    def _demand_same(self, head: dict[str, Any], title: dict[str, Any]) -> None:
+        """Refuse the file of another sweep, by the first fact in which it differs."""
+        for name, wanted in title.items():
+            has, asked = (json.dumps(each, ensure_ascii=False) for each in (head.get(name), wanted))
+            if json.loads(has) != json.loads(asked):
+                raise InputError(
+                    f"path must be a file of the same sweep, or none yet; {self._path} has {name} {has:.200}, and this "
+                    f"sweep {name} {asked:.200}. Give another path, or remove the file."
+                )
+
+    def _take(self, number: int, row: dict[str, Any]) -> None:
+        try:
+            point = json.dumps(dict(row["point"]), sort_keys=True, separators=(",", ":"))
+            failure = None if row["failure"] is None else str(row["failure"])
+            self.outcomes[point, int(row["run"])] = {
+                "values": dict(row["values"]),
+                "failure": failure,
+                "traceback": str(row["traceback"]),
+                "wall_seconds": float(row["wall_seconds"]),
+                "versions": dict(row["versions"]),
+            }
         except (KeyError, TypeError, ValueError) as error:
-            raise _unreadable(path, f"line {number} is not a row: {type(error).__name__} {error}") from None
-        self.outcomes[key] = outcome
+            raise self._unreadable(f"line {number} is not a row: {type(error).__name__} {error}") from None
 
     def _append(self, line: dict[str, Any]) -> None:
         content = (json.dumps(line) + "\n").encode()
@@ -641,58 +567,23 @@ class SweepFile:
                 "Make room and call again: the runs that it holds are not repeated."
             ) from error
 
+    def _warn(self, text: str) -> None:
+        warnings.warn(text.format(path=self._path), SweepWarning, stacklevel=level_of_caller())
 
-def _value(path: Path, number: int, line: bytes) -> dict[str, Any]:
-    try:
-        value = json.loads(line)
-        if not isinstance(value, dict):
-            raise ValueError("it is not a JSON object")
-    except (ValueError, RecursionError) as error:
-        raise _unreadable(path, f"line {number}: {error}") from None
-    return value
-
-
-def _demand_same(path: Path, head: dict[str, Any], title: dict[str, Any]) -> None:
-    """Refuse the file of another sweep, by the first fact in which it differs."""
-    for name, wanted in {"format": FORMAT, **title}.items():
-        found = head.get(name)
-        if found != json.loads(json.dumps(wanted)):
-            has, asked = (f"{name} {json.dumps(each, ensure_ascii=False):.200}" for each in (found, wanted))
-            raise InputError(
-                f"path must be a file of the same sweep, or none yet; {path} has {has}, and this sweep {asked}. Give "
-                "another path, or remove the file."
-            )
-
-
-def _warn_if_changed(path: Path, head: dict[str, Any], title: dict[str, Any], source: str | None) -> None:
-    """Warn of rows that may be those of another function of the same name."""
-    if source is not None and head.get("source") not in (None, source):
-        warnings.warn(
-            f"the source of {title['function']} has changed since {path} was begun: its rows come from the earlier "
-            "version. Remove the file, or give another path, to run them again.",
-            SweepWarning,
-            stacklevel=level_of_caller(),
+    def _unreadable(self, reason: str) -> InputError:
+        return InputError(
+            f"path must be a file of an earlier sweep, or none yet; {self._path} cannot be read as one "
+            f"({reason:.200}). Give another path, or remove the file."
         )
 
 
-def _unreadable(path: Path, reason: str) -> InputError:
-    return InputError(
-        f"path must be a file of an earlier sweep, or none yet; {path} cannot be read as one ({reason:.200}). Give "
-        "another path, or remove the file."
-    )
-
-
 # --- The result of a sweep: a table with one row for each run
-
-TABLE = "the table of a sweep"
 
 VERSIONS = ("mpsim", "numpy", "numba", "python")
 """What has versions in each row."""
 
 OWN: tuple[str, ...] = ("run", "seed", "wall_seconds", "failure", *(f"{name}_version" for name in VERSIONS))
 """Columns that every sweep has, besides those of the grid and of the results."""
-
-Scalar = bool | int | float | str | None
 
 
 @dataclass(frozen=True)
@@ -713,7 +604,7 @@ class SweepRow:
     point: dict[str, Any]
     run: int
     seed: int | None
-    values: dict[str, Scalar]
+    values: dict[str, Scalar] = field(default_factory=dict[str, Scalar])
     failure: str | None = None
     traceback: str = ""
     wall_seconds: float = math.nan
@@ -721,15 +612,20 @@ class SweepRow:
 
     def record(self) -> dict[str, Scalar]:
         """The row as plain values by column name; what is not a number, text or truth value is given as its repr."""
-        found: dict[str, Scalar] = {name: plain(value) for name, value in self.point.items()}
+        found: dict[str, Scalar] = {name: _shown(value) for name, value in self.point.items()}
         found |= {"run": self.run, "seed": found.get("seed", self.seed), **self.values}
-        found["wall_seconds"] = self.wall_seconds
-        versions = {f"{name}_version": self.versions.get(name) for name in VERSIONS}
-        return {**found, "failure": self.failure, **versions}
+        found |= {"wall_seconds": self.wall_seconds, "failure": self.failure}
+        return found | {f"{name}_version": self.versions.get(name) for name in VERSIONS}
+
+
+def _shown(value: Any) -> Scalar:
+    """A value of the grid as a table shows it."""
+    found: Any = cast("Any", value).item() if isinstance(value, np.generic) else value
+    return found if found is None or isinstance(found, bool | int | float | str) else repr(found)
 
 
 @dataclass(frozen=True, repr=False)
-class Sweep:
+class Sweep(Table):
     """The rows of a sweep, in the order of the grid: its last name changes fastest, and the runs of a point in it.
 
     Attributes:
@@ -749,6 +645,8 @@ class Sweep:
     >>> table.to_csv().splitlines()[0].split(",")[:5]
     ['width', 'height', 'run', 'seed', 'area [length^2]']
     """
+
+    _what: ClassVar[str] = "the table of a sweep"
 
     function: str
     parameters: tuple[str, ...]
@@ -770,78 +668,18 @@ class Sweep:
         """The rows whose run failed."""
         return tuple(row for row in self.rows if row.failure is not None)
 
-    @property
-    def versions(self) -> dict[str, tuple[str, ...]]:
-        """Versions of mpsim, numpy, numba and python that made the rows: one of each, unless a file mixes several."""
-        found = {name: {row.versions[name] for row in self.rows if name in row.versions} for name in VERSIONS}
-        return {name: tuple(sorted(each)) for name, each in found.items()}
+    def _heads(self) -> list[str]:
+        return [f"{name} [{self.units[name]}]" if name in self.units else name for name in self.columns]
 
-    def to_csv(self, path: str | Path | None = None) -> str:
-        """The table as CSV, one line for each run; also written to `path`, if given.
+    def _records(self) -> list[dict[str, Any]]:
+        return [row.record() for row in self.rows]
 
-        The header of a column whose unit is known is "name [unit]". Missing results of failed runs are empty.
-
-        Raises:
-            InputError: if the path has the ending of another format.
-            OutputError: if the file cannot be written.
-        """
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        columns = self.columns
-        writer.writerow([f"{name} [{self.units[name]}]" if name in self.units else name for name in columns])
-        for row in self.rows:
-            record = row.record()
-            writer.writerow([record.get(name) for name in columns])
-        return written(text.getvalue(), path, TABLE, CSV)
-
-    def to_json(self, path: str | Path | None = None) -> str:
-        """The table as JSON: function, parameters, units, versions, and rows of plain values; also written to `path`.
-
-        Numbers that are not finite become null.
-
-        Raises:
-            InputError: if the path has the ending of another format.
-            OutputError: if the file cannot be written.
-        """
-        values = {"function": self.function, "parameters": self.parameters, "units": self.units}
-        values |= {"versions": self.versions, "rows": [row.record() for row in self.rows]}
-        return written(json_text(values) + "\n", path, TABLE, JSON)
-
-    def to_pandas(self) -> Any:
-        """The table as a pandas.DataFrame, one line for each run; its `attrs` hold units and versions.
-
-        Raises:
-            OutputError: if pandas is not installed.
-        """
-        pandas = imported("pandas", "a DataFrame", "sweep", "use to_csv or to_json, which need nothing")
-        records = [row.record() for row in self.rows]
-        frame = pandas.DataFrame({name: [record.get(name) for record in records] for name in self.columns})
-        versions = {name: list(each) for name, each in self.versions.items()}
-        frame.attrs = {"function": self.function, "units": dict(self.units), "versions": versions}
-        return frame
+    def _facts(self) -> dict[str, Any]:
+        return {"function": self.function, "parameters": self.parameters, "units": self.units}
 
     def __repr__(self) -> str:
         failed = f", {len(self.failed)} failed" if self.failed else ""
         return f"<Sweep: {len(self.rows)} runs of {self.function} over {', '.join(self.parameters)}{failed}>"
-
-
-def plain(value: Any) -> Scalar:
-    """A value of the grid as a table shows it."""
-    found: Any = cast("Any", value).item() if isinstance(value, np.generic) else value
-    return found if found is None or isinstance(found, bool | int | float | str) else repr(found)
-
-
-def checked_units(units: Any, known: Mapping[str, str]) -> dict[str, str]:
-    """Units by the name of a column: the known ones, and those given by the caller."""
-    if units is None:
-        return dict(known)
-    given = cast("Mapping[Any, Any]", units)
-    if not isinstance(units, Mapping) or not all(isinstance(each, str) for pair in given.items() for each in pair):
-        raise InputError(
-            f"units must be a dictionary of texts by the name of a column; got {checks.brief(units)}. "
-            "Write {'pressure': 'mass/time^2'}."
-        )
-    return {**known, **given}
 
 
 # --- The task of a sweep: a function or a scene, checked before anything runs
@@ -854,28 +692,30 @@ class Task:
     Attributes:
         name: of the function or scene.
         call: the function, or how scenes are run.
-        scene: that is run; None: `call` makes one, or needs none.
         title: plain values that identify the sweep in its file.
         taken: names that results must not have.
+        source: digest of the source of the function; None if it has none.
+        scene: that is run; None: `call` makes one, or needs none.
     """
 
     name: str
     call: Callable[..., Any]
-    scene: Scene | None
     title: dict[str, Any]
     taken: frozenset[str]
+    source: str | None = None
+    scene: Scene | None = None
 
-    def submission(self, point: Point, *stop: threading.Event) -> tuple[Any, ...]:
-        """What an executor is given for a point. A scene is redrawn here, because a scene that was sent cannot be."""
-        arguments = dict(point.values)
+    def submission(self, row: SweepRow) -> tuple[Any, ...]:
+        """What an executor is given for a row. A scene is redrawn here, because a scene that was sent cannot be."""
+        arguments = dict(row.point)
         if self.scene is not None:
             try:
-                arguments["scene"] = self.scene if point.seed is None else self.scene.redrawn(point.seed)
+                arguments["scene"] = self.scene if row.seed is None else self.scene.redrawn(row.seed)
             except MpsimError as error:  # there was no room for its discs
                 return failed_elsewhere, error
-        elif point.seed is not None:
-            arguments["seed"] = point.seed
-        return run_point, self.call, arguments, self.taken, *stop
+        elif row.seed is not None:
+            arguments["seed"] = row.seed
+        return run_point, self.call, arguments, self.taken
 
     def unpicklable(self, error: BaseException) -> InputError:
         """The error for a function, or values, that cannot be sent to another process."""
@@ -885,191 +725,132 @@ class Task:
         )
 
 
-def task_of(function: Any, points: list[Point], how: dict[str, Any]) -> Task:
+def task_of(function: Any, grid: dict[str, list[Any]], seeded: bool, how: dict[str, Any]) -> Task:
     """What is done at each of the points.
 
     Args:
-        function, points: of the sweep.
+        function, grid: of the sweep.
+        seeded: whether it has seeds.
         how: until, frames, measures and settings, as `sweep` was given them.
 
     Raises:
         InputError: if the function, its arguments, or what is in `how` break a rule.
     """
-    names, seeded = tuple(points[0].values), points[0].seed is not None
-    for name in names:
+    for name in grid:
         if name in OWN and (name != "seed" or seeded):
             raise InputError(
                 f"grid must not have the names {', '.join(OWN)}, which are columns of each sweep ('seed' only without "
                 f"seeds); got {name!r}. Choose another name, or leave out seeds."
             )
-    title: dict[str, Any] = {"parameters": sorted(names), "seeded": seeded}
+    title = {"parameters": sorted(grid), "seeded": seeded}
     if isinstance(function, Scene | str | os.PathLike):
-        return _scene_task(function, names, points, how, title)
+        return _scene_task(function, grid, title, how)
     if not callable(function):
         raise InputError(
             "function must be a function, an mpsim.Scene, or the name or path of one; got "
             f"{checks.brief(function)}. Give a function that returns a dictionary."
         )
-    return _function_task(function, names, points, how, title)
+    return _function_task(function, grid, title, how)
 
 
-def _scene_task(function: Any, names: tuple[str, ...], points: list[Point], how: dict[str, Any], title: Any) -> Task:
-    if isinstance(function, Scene):
-        scene, name = function, repr(function)[1:-1]
+def _scene_task(
+    source: Scene | str | os.PathLike[str], grid: dict[str, list[Any]], title: dict[str, Any], how: dict[str, Any]
+) -> Task:
+    if isinstance(source, Scene):
+        scene, name = source, repr(source)[1:-1]
     else:
-        found = scenefile.load(function)
+        found = scenefile.load(source)
         scene, name = found.scene, found.name
-    for each in names:
+    for each in grid:
         if each not in RUN_FIELDS:
+            near = checks.near(each, RUN_FIELDS)
             raise InputError(
-                f"grid[{each!r}] must be one of {', '.join(RUN_FIELDS)}, where a scene is given."
-                f"{_meant(each, RUN_FIELDS)} To vary the scene, give a function that makes it."
+                f"grid[{each!r}] must be one of {', '.join(RUN_FIELDS)}, where a scene is given; got {each!r}."
+                f"{f' Did you mean {near!r}?' if near else ''} To vary the scene, give a function that makes it."
             )
-    if points[0].seed is not None and not scene._can_redraw:
-        scene.redrawn(points[0].seed)  # which raises
-    run = _scene_run(None, names, points, how, scene)
-    title = {"function": f"scene {scene.digest()}", **title, "runs": _facts(run, scene)}
-    return Task(name, run, scene, title, frozenset(names))
+    if title["seeded"] and not scene._can_redraw:
+        scene.redrawn(0)  # which raises
+    run = _scene_run(None, tuple(grid), grid, how, scene)
+    title = {"function": f"scene {scene.digest()}", **title, "runs": run.facts(scene)}
+    return Task(name, run, title, frozenset(grid), scene=scene)
 
 
-def _function_task(function: Any, names: tuple[str, ...], points: list[Point], how: dict[str, Any], title: Any) -> Task:
-    parameters = _parameters(function)
-    own: tuple[str, ...] = ()
-    makes_scenes = any(each is not None for each in how.values())
-    if makes_scenes or any(name in RUN_OPTIONS and name not in parameters for name in names):
-        own = tuple(name for name in names if name in RUN_FIELDS and name not in parameters)
-    name = getattr(_inner(function), "__qualname__", type(function).__qualname__)
-    _demand_arguments(name, parameters, [each for each in names if each not in own], points[0].seed is not None)
-    call = _scene_run(function, own, points, how, None) if makes_scenes or own else function
-    title = {"function": _identity(function), **title}
-    title["runs"] = _facts(call, None) if isinstance(call, SceneRun) else None
-    return Task(name, call, None, title, frozenset(names))
-
-
-def _settings_for(scene: Scene | None, settings: Settings | None) -> Settings:
-    """Those given, or recommended by the scene; None: it is not made yet."""
-    return check_settings(settings or Settings()) if scene is None else settings_for(scene, settings)
+def _function_task(
+    function: Callable[..., Any], grid: dict[str, list[Any]], title: dict[str, Any], how: dict[str, Any]
+) -> Task:
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # a function of C, whose arguments are not known
+        signature = inspect.Signature([inspect.Parameter("others", inspect.Parameter.VAR_KEYWORD)])
+    defined, identity = _identity(function)
+    further = [name for name in grid if name not in signature.parameters]
+    makes_scenes = any(each is not None for each in how.values()) or any(name in LENGTHS for name in further)
+    own = tuple(name for name in further if name in RUN_FIELDS) if makes_scenes else ()
+    given = [name for name in grid if name not in own] + (["seed"] if title["seeded"] else [])
+    _demand_arguments(defined.__qualname__, signature, given)
+    call = _scene_run(function, own, grid, how, None) if makes_scenes else function
+    runs = call.facts(None) if isinstance(call, SceneRun) else None
+    title = {"function": identity, **title, "runs": runs}
+    return Task(defined.__qualname__, call, title, frozenset(grid), _source_of(defined))
 
 
 def _scene_run(
-    make: Callable[..., Any] | None, own: tuple[str, ...], points: list[Point], how: dict[str, Any], scene: Scene | None
+    make: Callable[..., Any] | None,
+    own: tuple[str, ...],
+    grid: dict[str, list[Any]],
+    how: dict[str, Any],
+    scene: Scene | None,
 ) -> SceneRun:
-    settings = _settings_for(scene, how["settings"])  # checked, also where scenes are made later
-    if scene is None and how["settings"] is None:
-        settings = None
-    until = None if how["until"] is None else checks.non_negative("until", how["until"], "[time]")
-    frames = None if how["frames"] is None else _frames(how["frames"])
+    """How scenes are run, checked for each value of the grid."""
+    length = {name: check(how[name]) for name, check in LENGTHS.items() if how[name] is not None}
     measures = None if how["measures"] is None else registry.checked(how["measures"], scene)
-    run = SceneRun(make, settings, until, frames, measures, frozenset(own))
-    run.settings_of({})
+    settings = how["settings"] if scene is None else settings_for(scene, how["settings"])
+    run = SceneRun(make, settings, length, measures, own)
+    run.settings_of({}, scene)
     for name in own:
-        for value in {repr(point.plain[name]): point.values[name] for point in points}.values():
-            if name == "until":
-                checks.non_negative("until", value, "[time]")
-            elif name == "frames":
-                _frames(value)
+        for value in grid[name]:
+            if name in LENGTHS:
+                LENGTHS[name](value)
             else:
-                run.settings_of({name: value})
-    run.length({name: points[0].values[name] for name in own}, scene)
+                run.settings_of({name: value}, scene)
+    run.length_of({name: grid[name][0] for name in own}, scene)
     return run
 
 
-def _frames(value: Any) -> int:
-    return checks.whole("frames", value, 0, MOST_FRAMES_OF_A_RUN, "Ask for 0 or more frames.")
-
-
-def _facts(run: SceneRun, scene: Scene | None) -> dict[str, Any]:
-    """How scenes are run, as plain values: all that changes a result and is no parameter."""
-    varied = {name: getattr(Settings(), name) for name in run.own if name not in RUN_OPTIONS}
-    no_result: dict[str, Any] = {**varied, "workers": None}
-    settings = None if run.settings is None else dataclasses.replace(run.settings, **no_result)
-    duration = scene.duration if scene is not None and (run.until, run.frames) == (None, None) else None
-    facts = {"settings": settings, "until": run.until, "frames": run.frames, "duration": duration}
-    return {name: canonical(name, value) for name, value in {**facts, "measures": run.measures}.items()}
-
-
-def _parameters(function: Any) -> Mapping[str, inspect.Parameter]:
-    """Parameters of a function by name; where they cannot be known, one that takes any."""
-    try:
-        found = inspect.signature(function).parameters
-    except (TypeError, ValueError):  # a function of C
-        return {"**": inspect.Parameter("others", inspect.Parameter.VAR_KEYWORD)}
-    return found
-
-
-def _demand_arguments(function: str, parameters: Mapping[str, Any], names: list[str], seeded: bool) -> None:
+def _demand_arguments(function: str, signature: inspect.Signature, given: list[str]) -> None:
     """Refuse arguments that a function does not take, and required ones that it would not get."""
-    kinds = inspect.Parameter
-    takes_any = any(each.kind is kinds.VAR_KEYWORD for each in parameters.values())
-    nameable = (kinds.POSITIONAL_OR_KEYWORD, kinds.KEYWORD_ONLY)
-    by_name = {name: each for name, each in parameters.items() if each.kind in nameable}
-    for name in names:
-        if name not in by_name and not takes_any:
-            hint = " To run the scene that it makes with it, say how long: until=..." if name in RUN_FIELDS else ""
-            raise InputError(
-                f"grid[{name!r}] must be an argument of {function}, which takes {', '.join(by_name) or 'none'}; got "
-                f"{name!r}.{_meant(name, by_name)}{hint}"
-            )
-    if seeded and "seed" not in by_name and not takes_any:
-        raise InputError(
-            f"function must take an argument 'seed' where seeds are asked for; {function} takes "
-            f"{', '.join(by_name) or 'none'}. Add it, or leave out seeds."
-        )
-    given = {*names, *(["seed"] if seeded else [])}
-    empty, several = kinds.empty, (kinds.VAR_KEYWORD, kinds.VAR_POSITIONAL)
-    lacking = [n for n, p in parameters.items() if p.default is empty and p.kind not in several and n not in given]
-    if lacking:
-        raise InputError(
-            f"grid must hold every argument that {function} needs, by name; it lacks {', '.join(lacking)}. Add it, "
-            "give it a value by functools.partial, or, for 'seed', ask for seeds."
-        )
-
-
-def _meant(name: str, words: Iterable[str]) -> str:
-    near = checks.near(name, words)
-    return f" Did you mean {near!r}?" if near else ""
-
-
-def _inner(function: Any) -> Any:
-    """The function inside of partial ones."""
-    while isinstance(function, functools.partial):
-        function = function.func
-    return function
-
-
-def _identity(function: Any) -> str:
-    """Module and name of a function, with the values that a partial one has."""
-    inner = _inner(function)
-    named: Any = inner if hasattr(inner, "__qualname__") else inner.__class__
-    module = getattr(named, "__module__", "")
-    if module == "__main__":
-        module = _name_of_main()
-    text = f"{module}.{named.__qualname__}"
-    while isinstance(function, functools.partial):
-        text += f" {[*map(_brief, function.args)]} { {name: _brief(each) for name, each in function.keywords.items()} }"
-        function = function.func
-    return text
-
-
-def _brief(value: Any) -> Any:
-    """A value of a partial function as it is identified: those that a grid could not hold by their kind alone."""
     try:
-        return canonical("function", value)
-    except InputError:
-        return type(value).__qualname__
+        signature.bind(**dict.fromkeys(given))
+    except TypeError as error:
+        unknown = [name for name in given if name not in signature.parameters]
+        near = checks.near(unknown[0], signature.parameters) if unknown else None
+        remedy = "Leave it out, or give it its value by functools.partial, or a 'seed' by seeds=..."
+        if near:
+            remedy = f"Did you mean {near!r}?"
+        elif set(unknown) & set(RUN_FIELDS):
+            remedy = "To run the scene that it makes, say how long: until=..."
+        raise InputError(
+            f"grid, and seeds for a 'seed', must give {function} its arguments by name, "
+            f"{', '.join(signature.parameters) or 'none'}; got {', '.join(given)} ({error}). {remedy}"
+        ) from None
 
 
-def _name_of_main() -> str:
-    """The program, by the name by which another one would import it."""
-    main = sys.modules["__main__"]
-    spec, file = getattr(main, "__spec__", None), getattr(main, "__file__", None)
-    return spec.name if spec is not None else Path(file).stem if file else "__main__"
+def _identity(function: Any) -> tuple[Any, str]:
+    """The function, or the class of an object, inside of partial ones; and both as a text, with the values added."""
+    values = ""
+    while isinstance(function, functools.partial):
+        values += re.sub(" at 0x[0-9a-f]+", "", f" {function.args} {function.keywords}")
+        function = function.func
+    defined: Any = function if hasattr(function, "__qualname__") else type(function)
+    module = defined.__module__
+    if module == "__main__":  # the program, by the name by which another one would import it
+        main = sys.modules["__main__"]
+        spec, file = getattr(main, "__spec__", None), getattr(main, "__file__", None)
+        module = spec.name if spec is not None else Path(file).stem if file else module
+    return defined, f"{module}.{defined.__qualname__}{values}"
 
 
-def source_of(function: Any) -> str | None:
-    """Digest of the source of a function; None if it has none."""
-    inner = _inner(function)
-    defined: Any = inner if hasattr(inner, "__qualname__") else inner.__class__
+def _source_of(defined: Any) -> str | None:
     try:
         text = inspect.getsource(defined)
     except (OSError, TypeError):
@@ -1114,24 +895,21 @@ def sweep(
         grid: name of a parameter -> its values, at least one, all different. Values are None, truth values, numbers,
             texts, or tuples, lists, dictionaries and dataclasses of these. Equal numbers are one value.
         seeds: number of runs at each point, >= 1, or different numbers >= 0 that name them. The seed of a run, from 0
-            to 2^63 - 1, follows from its point and its number alone, so that no other value in the grid changes it: the
-            first 63 bits of the BLAKE2b hash of the point as JSON with sorted names, a space, and the number. A Scene
-            is drawn again with it (`Scene.redrawn`). None: one run at each point, without a seed, of a Scene as it is.
+            to 2^63 - 1, follows from its point and its number alone: the first 63 bits of the BLAKE2b hash of the point
+            as JSON with sorted names, a space, and the number. A Scene is drawn again with it (`Scene.redrawn`). None:
+            one run at each point, without a seed, of a Scene as it is.
         executor: any concurrent.futures.Executor: of threads, processes, Dask, mpi4py, loky; None: threads, one for
             each core. It is not shut down.
-        path: file to which each run is written as soon as it is done. An interrupted sweep continues from it: runs in
-            the file are not repeated, even if the grid now has other values. A file of another function, or
-            with other names of parameters or other runs, is refused.
+        path: file to which each run is written as soon as it is done. Runs in the file are not repeated, even if the
+            grid now has other values. A file of another function, names of parameters, or other runs is refused.
         until: length of a run of a scene [time], >= 0; None: as given by `frames`, the grid, or the scene's duration.
         frames: length in frames instead, >= 0.
         measures: names of what to measure, as for `Simulation.run`; None: pressure, collision_rate, kinetic_energy and
             overlap, if the scene can have them.
-        settings: of all runs, where the grid does not vary them; None: those that the scene recommends (also a scene
-            that a function makes), or the defaults.
+        settings: of all runs, where the grid does not vary them; None: the scene's, or the defaults.
         units: name of a column -> its unit, for the header of the table. Those of a scene's measures are known.
         retry_failed: whether failed runs in the file are run again.
-        progress: True: shown on standard error, with rate and time left; or a function, called as progress(done, of,
-            what).
+        progress: True: shown on standard error; or a function, called as progress(done, of, what).
 
     Returns:
         The rows, in the order of the grid, whatever the order in which runs ended.
@@ -1156,70 +934,34 @@ def sweep(
     >>> [row.values["frames"] for row in runs.rows], runs.units["overlap"]
     ([50, 250], 'length')
     """
-    checked_executor(executor)
-    points = points_of(grid, seeds)
+    values, runs = checked_grid(grid), checked_seeds(seeds)
+    rows = rows_of(values, runs)
     how = {"until": until, "frames": frames, "measures": measures, "settings": settings}
-    task = task_of(function, points, how)
-    named = checked_units(units, UNITS if isinstance(task.call, SceneRun) else {})
+    task = task_of(function, values, runs is not None, how)
+    named = _checked_units(units, UNITS if isinstance(task.call, SceneRun) else {})
     show = checked_progress(progress, "progress(done, of, what)")
     retry_failed = checks.truth("retry_failed", retry_failed)
+    runner, lost, failed = Runner[Key](executor), list[BrokenExecutor](), 0
     if isinstance(executor, ProcessPoolExecutor):
         try:
-            pickle.dumps((task.call, points[0].values))
+            pickle.dumps(task.submission(next(iter(rows.values()))))
         except (pickle.PicklingError, AttributeError, TypeError, RecursionError) as error:
             raise task.unpicklable(error) from error
-    with terminated_by_exit(), SweepFile(path, task.title, source_of(function)) as file, shown(show) as say:
-        known_runs = file.outcomes
-        missing = [p for p in points if p.key not in known_runs or (retry_failed and "failure" in known_runs[p.key])]
-        done, failed, any_good = len(points) - len(missing), 0, len(missing) < len(points)
+    with terminated_by_exit(), SweepFile(path, task) as file, shown(show) as say, runner:
+        missing = {key: row for key, row in rows.items() if file.lacks(key, retry_failed)}
 
-        def take(point: Point, outcome: dict[str, Any]) -> None:
-            nonlocal done, failed, any_good
-            if "wrong" in outcome and not any_good:
-                raise InputError(outcome["failure"].partition(": ")[2])
-            any_good = any_good or "values" in outcome
-            file.put(point, outcome)
-            done, failed = done + 1, failed + ("failure" in outcome)
-            say(done, len(points), f"runs, {failed} failed" if failed else "runs")
+        def keep(key: Key, future: Future[Any]) -> None:
+            nonlocal failed
+            outcome = _outcome_of(future, task, file, lost)
+            file.put(key, rows[key].seed, outcome)
+            failed += outcome["failure"] is not None
 
-        say(done, len(points), "runs")
-        if missing:
-            _run(task, missing, executor, take, file)
-        rows = tuple(_row(point, known_runs[point.key]) for point in points)
-    units_here = {*points[0].values, *OWN, *(name for row in rows for name in row.values)}
-    known = {name: unit for name, unit in named.items() if name in units_here}
-    known |= {"wall_seconds": "s"}
-    known |= {f"{name}_error": unit for name, unit in known.items() if f"{name}_error" in units_here}
-    return Sweep(task.name, tuple(points[0].values), rows, known)
+        def show_done(done: int) -> None:
+            say(len(rows) - len(missing) + done, len(rows), f"runs, {failed} failed" if failed else "runs")
 
-
-def _run(
-    task: Task,
-    missing: list[Point],
-    executor: Executor | None,
-    take: Callable[[Point, dict[str, Any]], None],
-    file: SweepFile,
-) -> None:
-    """Run points, in threads without an executor, and `take` each outcome; an interrupt keeps those that are done."""
-    stop = threading.Event()
-    threads, extra = None, ()
-    if executor is None:
-        executor = threads = ThreadPoolExecutor(usable_cores(), "mpsim-sweep")
-        extra = (stop,)  # an event cannot be sent to another process
-    submitted = Submissions(executor, ((point, task.submission(point, *extra)) for point in missing))
-    lost: list[BrokenExecutor] = []
-    try:
-        for point, future in submitted.finished():
-            take(point, _outcome(task, future, lost))
-    finally:
-        stop.set()
-        submitted.cancel()
-        try:
-            if threads is not None:
-                threads.shutdown(cancel_futures=True)
-        finally:
-            for point, future in submitted.left():
-                file.put(point, future.result())
+        show_done(0)
+        runner.run(((key, task.submission(row)) for key, row in missing.items()), keep, show_done)
+        done = tuple(dataclasses.replace(row, **file.outcomes[key]) for key, row in rows.items())
     if lost:
         warnings.warn(
             f"the executor broke, and {len(lost)} runs failed with it: {described(lost[-1]):.200} The other rows are "
@@ -1227,10 +969,29 @@ def _run(
             SweepWarning,
             stacklevel=level_of_caller(),
         )
+    columns = {*values, *OWN, *(name for row in done for name in row.values)}
+    known = {name: unit for name, unit in {**named, "wall_seconds": "s"}.items() if name in columns}
+    known |= {f"{name}_error": unit for name, unit in known.items() if f"{name}_error" in columns}
+    return Sweep(task.name, tuple(values), done, known)
 
 
-def _outcome(task: Task, future: Future[Any], lost: list[BrokenExecutor]) -> dict[str, Any]:
-    """What a future holds: the outcome of a run, or why the executor could not bring it back."""
+def _checked_units(units: Any, known: Mapping[str, str]) -> dict[str, str]:
+    """Units by the name of a column: the known ones, and those given by the caller."""
+    given = {} if units is None else units
+    if not isinstance(given, Mapping) or not all(isinstance(each, str) for pair in given.items() for each in pair):
+        raise InputError(
+            f"units must be a dictionary of texts by the name of a column; got {checks.brief(units)}. "
+            "Write {'pressure': 'mass/time^2'}."
+        )
+    return {**known, **given}
+
+
+def _outcome_of(future: Future[Any], task: Task, file: SweepFile, lost: list[BrokenExecutor]) -> Outcome:
+    """The outcome in a future, or why there is none; errors of an executor that broke are added to `lost`.
+
+    Raises:
+        InputError: if the task cannot be sent, or its result is of a wrong kind and no run has succeeded.
+    """
     try:
         error = future.exception()
     except CancelledError as cancelled:
@@ -1239,13 +1000,12 @@ def _outcome(task: Task, future: Future[Any], lost: list[BrokenExecutor]) -> dic
         return future.result()
     if isinstance(error, KeyboardInterrupt):
         raise error
-    if isinstance(error, BrokenExecutor):
+    if isinstance(error, WrongResult):
+        error = InputError(str(error))
+        if all(each["failure"] is not None for each in file.outcomes.values()):
+            raise error
+    elif isinstance(error, BrokenExecutor):
         lost.append(error)
     elif isinstance(error, pickle.PicklingError) or _NO_PICKLE.search(str(error)):
         raise task.unpicklable(error) from error
     return failed_elsewhere(error)
-
-
-def _row(point: Point, outcome: dict[str, Any]) -> SweepRow:
-    values, failure, text = outcome.get("values", {}), outcome.get("failure"), outcome.get("traceback", "")
-    return SweepRow(point.values, point.run, point.seed, values, failure, text, outcome["seconds"], outcome["versions"])

@@ -1,34 +1,33 @@
 """The trade-off between speed and accuracy: cost and errors of many settings on a scene, as a table."""
 
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.files import CSV, JSON, written
-from mpsim.core.late import imported, view
+from mpsim.core.late import view
 from mpsim.core.progress import checked_progress, shown
-from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.studies import ensemble
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.ensemble import Ensemble
+from mpsim.studies.ensemble import CandidateFailed, Ensemble
 from mpsim.studies.preliminary import StartsGiven
 from mpsim.studies.replicas import Cost, available, demand_available, quietly, starts_of
+from mpsim.studies.table import Table
 
 # --- The settings that a trade-off study compares by default
 
@@ -77,8 +76,6 @@ NAIVE_UP_TO = 3000
 
 # --- The trade-off between speed and accuracy: cost and errors of many settings on a scene, as a table
 
-TABLE = "the table of a trade-off study"
-
 MOST_REPLICAS = 100_000
 """Largest number of runs per candidate."""
 
@@ -124,7 +121,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Tradeoff:
+class Tradeoff(Table):
     """Costs and errors of candidates on one scene.
 
     Attributes:
@@ -138,6 +135,8 @@ class Tradeoff:
         contact_time: that was given for the reference, which makes it a model, not exact [time]; None if none was
             given.
     """
+
+    _what: ClassVar[str] = "the table of a trade-off study"
 
     scene: str
     reference: str
@@ -175,43 +174,12 @@ class Tradeoff:
                 front.append(row)
         return front
 
-    def to_csv(self, path: str | Path | None = None) -> str:
-        """The table as CSV, one line per candidate; also written to `path`, if given.
+    def _records(self) -> list[dict[str, Any]]:
+        return [row.record() for row in self.rows]
 
-        Raises:
-            InputError: if the path has the ending of another format.
-            OutputError: if the file cannot be written.
-        """
-        text = io.StringIO()
-        writer = csv.DictWriter(text, self.columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(row.record() for row in self.rows)
-        return written(text.getvalue(), path, TABLE, CSV)
-
-    def to_pandas(self) -> Any:
-        """The table as a pandas.DataFrame, one line for each candidate.
-
-        Costs are in ns per disc and time, errors as `tradeoff` says.
-
-        Raises:
-            OutputError: if pandas is not installed.
-        """
-        pandas = imported("pandas", "a DataFrame", "sweep", "use to_csv")
-        records = [row.record() for row in self.rows]
-        return pandas.DataFrame({name: [record.get(name) for record in records] for name in self.columns})
-
-    def to_json(self, path: str | Path | None = None) -> str:
-        """The table as JSON: each attribute, the rows as plain values; also written to `path`.
-
-        Numbers that are not finite become null.
-
-        Raises:
-            InputError: if the path has the ending of another format.
-            OutputError: if the file cannot be written.
-        """
-        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        values["rows"] = [row.record() for row in self.rows]
-        return written(json_text(values) + "\n", path, TABLE, JSON)
+    def _facts(self) -> dict[str, Any]:
+        names = (each.name for each in dataclasses.fields(self) if each.name != "rows")
+        return {name: getattr(self, name) for name in names}
 
     def __str__(self) -> str:
         return view("trade_text", self)
@@ -298,8 +266,7 @@ def tradeoff(
         contact_time: of the exact solver, as the reference and among the default candidates [time], > 0 (see
             `Settings`); None: the solver's own, far below any time between collisions.
         path: file in which finished runs are saved; an interrupted call continues from it.
-        progress: True: shown on standard error, with rate and time left; or a function, called as progress(done, of,
-            what).
+        progress: True: shown on standard error; or a function, called as progress(done, of, what).
 
     Raises:
         InputError: naming the argument and its rule; if a candidate cannot run this scene; if the exact solver cannot
@@ -313,16 +280,16 @@ def tradeoff(
     (True, True)
     """
     names = _measures(measures, scene)
-    checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
-    how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts}
-    how |= {"replicas": replicas, "seconds": checks.positive("seconds", seconds, "[s]"), "contact_time": contact_time}
+    replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
+    how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts, "contact_time": contact_time}
+    how |= {"replicas": replicas, "seconds": checks.positive("seconds", seconds, "[s]")}
     with terminated_by_exit(), shown(checked_progress(progress, "progress(done, of, what)")) as show:
         run = Ensemble(scene, until, names, **how, progress=show)
         if candidates is None:
             speed = run.preliminary.thermal_velocity
             settings = [run.framed(each) for each in default_candidates(scene, speed, contact_time)]
         else:
-            settings = _checked(scene, candidates)
+            settings = checked_candidates(candidates, scene)
         with run:
             run.assess(settings)
             run.time(settings)
@@ -344,7 +311,7 @@ def row_of(run: Ensemble, settings: Settings) -> Row:
     try:
         errors = run.errors(settings)
         cost = run.cost(settings)
-    except ensemble.CandidateFailed as failed:
+    except CandidateFailed as failed:
         return Row(settings, failure=str(failed))
     return Row(settings, cost, errors)
 
@@ -352,7 +319,7 @@ def row_of(run: Ensemble, settings: Settings) -> Row:
 def _measures(measures: Iterable[str] | None, scene: Scene) -> tuple[str, ...]:
     if measures is None:
         return available(scene)
-    names = [measures] if isinstance(measures, str) else listed("measures", measures, "names of errors")
+    names = list(measures) if isinstance(measures, Iterable) and not isinstance(measures, str) else [measures]
     if not names:
         raise InputError(f"measures must name at least one error; got none. Choose from {', '.join(ERRORS)}.")
     chosen = tuple(dict.fromkeys(checks.choice("measures", name, ERRORS) for name in names))
@@ -360,29 +327,23 @@ def _measures(measures: Iterable[str] | None, scene: Scene) -> tuple[str, ...]:
     return chosen
 
 
-def _checked(scene: Scene, candidates: Iterable[Settings]) -> Sequence[Settings]:
-    """The candidates, checked: each can run the scene."""
-    settings = listed("candidates", [candidates] if isinstance(candidates, Settings) else candidates, "mpsim.Settings")
-    if not settings:
-        raise InputError("candidates must hold at least one Settings; got none. Leave it out for the default ones.")
-    for index, candidate in enumerate(settings):
-        if not isinstance(candidate, Settings):
-            raise InputError(f"candidates[{index}] must be an mpsim.Settings; got {type(candidate).__name__}.")
-        try:
-            with quietly():
-                Simulation(scene, dataclasses.replace(candidate, workers=1)).close()
-        except MpsimError as error:
-            raise InputError(f"candidates[{index}] ({label(candidate)}) cannot run this scene: {error}") from error
-    return settings
-
-
-def listed(name: str, values: Any, what: str) -> list[Any]:
-    """The values as a list.
+def checked_candidates(candidates: Iterable[Settings], scene: Scene | None = None) -> list[Settings]:
+    """The candidates as a list; scene: that each must be able to run.
 
     Raises:
-        InputError: if they cannot be listed.
+        InputError: if there is none, or one is no Settings or cannot run the scene.
     """
-    try:
-        return list(values)
-    except TypeError:
-        raise InputError(f"{name} must be a list of {what}; got {values!r}.") from None
+    chosen = list(candidates) if isinstance(candidates, Iterable) else [candidates]
+    if not chosen:
+        raise InputError("candidates must hold at least one Settings; got none. Leave it out for the default ones.")
+    for index, candidate in enumerate(chosen):
+        if not isinstance(candidate, Settings):
+            raise InputError(f"candidates[{index}] must be an mpsim.Settings; got {type(candidate).__name__}.")
+        if scene is None:
+            continue
+        try:
+            with quietly():
+                Simulation(scene, replace(candidate, workers=1)).close()
+        except MpsimError as error:
+            raise InputError(f"candidates[{index}] ({label(candidate)}) cannot run this scene: {error}") from error
+    return chosen

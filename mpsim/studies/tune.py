@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from mpsim.studies.deviations import Deviation
 from mpsim.studies.ensemble import REFERENCE, CandidateFailed, Ensemble
 from mpsim.studies.preliminary import StartsGiven
 from mpsim.studies.replicas import PIECES, Cost, demand_available, starts_of
-from mpsim.studies.tradeoff import Row, families, label, listed, row_of, step
+from mpsim.studies.tradeoff import Row, checked_candidates, families, label, row_of, step
 
 # --- The result of a search for settings: each candidate with its verdict, and the answer
 
@@ -95,7 +94,6 @@ class Tuned:
 
     @property
     def _is_reference(self) -> bool:
-        """Whether these settings are the reference itself, exact or a model."""
         return all(error.exact for error in self.errors.values())
 
     def _repr_html_(self) -> str:
@@ -109,13 +107,14 @@ class Tuned:
             claim = of_reference if error.exact else "verified with new runs"
             lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim}{_where(error, self.until)})")
         cheaper = [
-            each for each in self.tried if (each.warning or not each.inside) and each.row.settings != self.settings
+            each
+            for each in self.tried
+            if _cost(each) < self.cost.median
+            and (each.warning or not each.inside)
+            and each.row.settings != self.settings
         ]
-        cheaper = [each for each in cheaper if each.row.cost and each.row.cost.median < self.cost.median]
         lines += ["cheaper, but not chosen:"] if cheaper else ["nothing cheaper was found"]
-        for each in cheaper:
-            assert each.row.cost is not None
-            lines.append(f"  {each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}")
+        lines += [f"  {each.row.label}, {_cost(each):.3g} ns: {each.verdict}" for each in cheaper]
         lines += [f"  {each.row.label} failed: {each.row.failure}" for each in self.tried if each.row.cost is None]
         dearer = f"about {self.tighter:.2g} times as much" if self.tighter >= NO_DEARER else "no more"
         lines.append(f"halving all error budgets would cost {dearer}")
@@ -127,9 +126,7 @@ class Tuned:
 
 def _where(error: Deviation, until: float) -> str:
     """The time span of an error, in words."""
-    if error.exact:
-        return ""
-    if error.largest is None and error.span == (0.0, 1.0):
+    if error.exact or (error.largest is None and error.span == (0.0, 1.0)):
         return ""
     first, end = (fraction * until for fraction in error.span)
     if error.largest is None:
@@ -229,11 +226,11 @@ def tune(
     """
     budgets = _budgets(max_error)
     demand_available(budgets, scene)
-    choices = _families(candidates, contact_time, scene)
+    choices = _families(contact_time, scene) if candidates is None else checked_candidates(candidates)
     replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
     seconds = checks.positive("seconds", seconds, "[s]")
-    how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts}
-    how |= {"replicas": replicas, "seconds": seconds, "contact_time": contact_time}
+    how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts, "contact_time": contact_time}
+    how |= {"replicas": replicas, "seconds": seconds}
     show = shown(checked_progress(progress, "progress(done, of, what)"))
     with terminated_by_exit(), show as say, Ensemble(scene, until, tuple(budgets), **how, progress=say) as run:
         search = Search(run, scene, budgets, seconds)
@@ -256,7 +253,7 @@ class Search:
         run.replicas = min(run.replicas, self._most)
         self._verifying = max(self._most // 2, run.replicas)
         self._trials: dict[Settings, Trial] = {}
-        self._orders: dict[str, float] = {}
+        self._orders: dict[Settings, float] = {}  # of families, of dt = 1
         self._numbers: dict[Settings, int] = {}
 
     def run_reference(self) -> None:
@@ -293,30 +290,27 @@ class Search:
 
     def longest_step(self, family: Settings) -> None:
         """Search for the longest step of a family inside all budgets."""
-        family = self._run.framed(family)
-        others = not self._run.preliminary.exact and not self._is_reference(family)
-        if capabilities_of(family).is_exact and others:  # it cannot do the scene
-            reason = f"not tried: errors are against {self._run.preliminary.reference_name}"
+        family, preliminary = self._run.framed(family), self._run.preliminary
+        if capabilities_of(family).is_exact and not preliminary.exact and not self._is_reference(family):
+            reason = f"not tried: errors are against {preliminary.reference_name}"
             self._trials[family] = Trial(Row(family, failure=reason), reason, False)
             return
         if not capabilities_of(family).has_steps:
             self._try(family)
             return
-        speed = self._run.preliminary.thermal_velocity
-        dt, shortest, longest = (step(self._scene, speed, h) for h in (FIRST, SHORTEST, LONGEST))
+        dt, shortest, longest = (step(self._scene, preliminary.thermal_velocity, h) for h in (FIRST, SHORTEST, LONGEST))
         longest = min(longest, self._run.plan.until / PIECES)
         dt, shortest = min(dt, longest), min(shortest, longest)
-        reference = self._run.preliminary.reference
-        if capabilities_of(reference).has_steps:  # it resolves only errors far above its own
-            shortest = max(shortest, LEAST_RATIO * reference.dt)
+        if capabilities_of(preliminary.reference).has_steps:  # it resolves only errors far above its own
+            shortest = max(shortest, LEAST_RATIO * preliminary.reference.dt)
         inside, outside, warned = 0.0, math.inf, math.inf
         found: list[tuple[float, float]] = []  # step, and largest ratio of error to budget
         for _ in range(MOST_STEPS):
-            settings = dataclasses.replace(family, dt=dt)
+            settings = replace(family, dt=dt)
             if not self._is_time_for(settings):
                 break
             trial = self._try(settings)
-            if not _is_measurable(trial):
+            if not all(error.measurable for error in trial.row.errors.values()):
                 break
             if trial.inside and not trial.warning:
                 inside = max(inside, dt)
@@ -330,10 +324,10 @@ class Search:
                 found.append((dt, ratio))
             if outside < inside * CLOSE or inside >= longest or outside <= shortest:
                 break
-            dt = self._next(dt, found, inside, outside, (shortest, max(min(longest, SHORTER * warned), shortest)))
-            if dataclasses.replace(family, dt=dt) in self._trials:
+            dt = _next(dt, found, inside, outside, (shortest, max(min(longest, SHORTER * warned), shortest)))
+            if replace(family, dt=dt) in self._trials:
                 break
-        self._orders[label(dataclasses.replace(family, dt=1.0))] = _order(found)
+        self._orders[replace(family, dt=1.0)] = _order(found)
 
     def answer(self) -> Tuned:
         """The cheapest trial inside all budgets that passes its verification.
@@ -348,8 +342,7 @@ class Search:
             if all(error.exact for error in best.row.errors.values()):
                 return self._tuned(best, best.row.errors)
             errors = self._verified(best.row.settings, self._block * (1 + attempt))
-            broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
-            if not broken:
+            if not (broken := self._broken(errors)):
                 return self._tuned(best, errors)
             self._reject(best, errors, broken)
         raise self._refusal()
@@ -371,24 +364,26 @@ class Search:
         self._run.assess([settings], number, first=first)
         return self._run.errors(settings, number, first=first)
 
+    def _broken(self, errors: dict[str, Deviation]) -> list[str]:
+        """Names of the errors outside their budgets."""
+        return [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
+
     def _reject(self, best: Trial, errors: dict[str, Deviation], broken: list[str]) -> None:
         """Record that settings have failed their verification, and try a shorter step if there is time."""
         settings = best.row.settings
         verdict = f"inside at first, but {broken[0]} {errors[broken[0]]!r} when verified"
-        self._trials[settings] = Trial(dataclasses.replace(best.row, errors=errors), verdict, False)
-        if self._is_time_for(settings, last=True):
-            self._shorten_step(settings, max(_ratio(errors[name], self._budgets[name]) for name in broken))
-
-    def _shorten_step(self, settings: Settings, ratio: float) -> None:
-        """Try a shorter step, from the order found and the ratio of error to budget in the verification."""
-        order = self._orders.get(label(dataclasses.replace(settings, dt=1.0)), 1.0)
+        self._trials[settings] = Trial(replace(best.row, errors=errors), verdict, False)
+        if not self._is_time_for(settings, last=True):
+            return
+        ratio = max(_ratio(errors[name], self._budgets[name]) for name in broken)
+        order = self._orders.get(replace(settings, dt=1.0), 1.0)
         dt = float(f"{settings.dt / max((ratio / AIM) ** (1 / order), CLOSE):.2g}")
         for other, trial in list(self._trials.items()):
-            if trial.inside and other == dataclasses.replace(settings, dt=other.dt) and other.dt > dt:
+            if trial.inside and other == replace(settings, dt=other.dt) and other.dt > dt:
                 verdict = "inside at first, but verification would probably fail, as it did for the next longer step"
                 self._trials[other] = Trial(trial.row, verdict, False)
         if dt >= step(self._scene, self._run.preliminary.thermal_velocity, SHORTEST):
-            self._try(dataclasses.replace(settings, dt=dt))
+            self._try(replace(settings, dt=dt))
 
     def _try(self, settings: Settings) -> Trial:
         """Errors and cost of a candidate; replicas are doubled while noise leaves the answer undecided."""
@@ -409,8 +404,7 @@ class Search:
             number *= 2
         self._numbers[settings] = number
         self._run.time([settings])
-        row = dataclasses.replace(row_of(self._run, settings), errors=errors)
-        broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
+        row, broken = replace(row_of(self._run, settings), errors=errors), self._broken(errors)
         verdict = _words(broken[0], errors, self._budgets) if broken else "inside all budgets"
         warning = "" if broken or not capabilities_of(settings).has_steps else self._run.warning_of(settings)
         verdict += f", but mpsim warns: {warning}" if warning else ""
@@ -428,44 +422,29 @@ class Search:
 
     def _is_undecided(self, errors: dict[str, Deviation]) -> bool:
         """Whether more replicas could bring all errors inside the budgets."""
-        outside = [(errors[name], budget) for name, budget in self._budgets.items() if not errors[name].inside(budget)]
-        return bool(outside) and all(abs(each.value) - each.noise < budget for each, budget in outside)
+        outside = self._broken(errors)
+        possible = (abs(errors[name].value) - errors[name].noise < self._budgets[name] for name in outside)
+        return bool(outside) and all(possible)
 
     def _is_too_costly(self, trial: Trial) -> bool:
         """Whether a trial inside the budgets is cheaper than this one, which is outside."""
         inside = [_cost(each) for each in self._trials.values() if each.inside and not each.warning]
         return bool(inside) and _cost(trial) > min(inside)
 
-    def _next(
-        self, dt: float, found: list[tuple[float, float]], inside: float, outside: float, limits: tuple[float, float]
-    ) -> float:
-        """The step at which the error is likely to meet its budget, between the known bounds."""
-        last, ratio = found[-1] if found else (dt, 4.0)
-        aim = last * float(np.clip((AIM / ratio) ** (1 / _order(found)), 0.2, 4.0))
-        if inside and math.isfinite(outside) and not inside * 1.02 < aim < outside / 1.02:
-            aim = math.sqrt(inside * outside)
-        aim = min(max(aim, limits[0]), limits[1])
-        return float(f"{aim:.2g}")
-
     def _tuned(self, best: Trial, errors: dict[str, Deviation]) -> Tuned:
         assert best.row.cost is not None
-        settings = best.row.settings
-        tighter = 1.0
+        run, settings, tighter = self._run, best.row.settings, 1.0
         if capabilities_of(settings).has_steps:
-            order = self._orders.get(label(dataclasses.replace(settings, dt=1.0)), 1.0)
-            tighter = 2 ** (1 / order)
-            inside = [each for each in self._trials.values() if each.inside]
-            exact = [_cost(each) for each in inside if capabilities_of(each.row.settings).is_exact]
-            tighter = min(tighter, *(cost / best.row.cost.median for cost in exact)) if exact else tighter
-        tried = tuple(sorted(self._trials.values(), key=_cost))
-        run = self._run
+            tighter = 2 ** (1 / self._orders.get(replace(settings, dt=1.0), 1.0))
+            exact = [_cost(each) for key, each in self._trials.items() if each.inside and capabilities_of(key).is_exact]
+            tighter = min([tighter, *(cost / best.row.cost.median for cost in exact)])
         return Tuned(
             settings=settings,
             cost=best.row.cost,
             errors=errors,
             budgets=self._budgets,
             reference=run.preliminary.reference_name,
-            tried=tried,
+            tried=tuple(sorted(self._trials.values(), key=_cost)),
             tighter=tighter,
             starts=starts_of(self._budgets, run.starts.name),
             until=run.plan.until,
@@ -476,11 +455,7 @@ class Search:
     def _refusal(self) -> BudgetError | NotMeasurableError:
         """Why no candidate meets the budgets, with the smallest error reached."""
         wanted = ", ".join(f"{name} {budget:g}" for name, budget in self._budgets.items())
-        rows = [
-            trial.row
-            for trial in self._trials.values()
-            if trial.row.errors and not self._is_reference(trial.row.settings)
-        ]
+        rows = [each.row for key, each in self._trials.items() if each.row.errors and not self._is_reference(key)]
         for name in self._budgets:
             reasons = [row.errors[name].reason for row in rows]
             if reasons and all(reasons):
@@ -542,20 +517,12 @@ def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
     return budgets
 
 
-def _families(candidates: Iterable[Settings] | None, contact_time: float | None, scene: Scene) -> list[Settings]:
-    if candidates is None:
-        usual = families()
-        own = dataclasses.replace(settings_for(scene, None), dt=usual[0].dt, workers=None)
-        further = [] if capabilities_of(own).is_exact or own in usual else [own]
-        return [Settings(method="event", contact_time=contact_time), *usual, *further]
-    chosen: list[Settings] = listed(
-        "candidates", [candidates] if isinstance(candidates, Settings) else candidates, "mpsim.Settings"
-    )
-    if not chosen or not all(isinstance(each, Settings) for each in chosen):
-        raise InputError(
-            f"candidates must hold at least one mpsim.Settings; got {chosen!r}. Leave it out for a choice."
-        )
-    return chosen
+def _families(contact_time: float | None, scene: Scene) -> list[Settings]:
+    """The exact solver, the usual families, and the settings that the scene recommends."""
+    usual = families()
+    own = replace(settings_for(scene, None), dt=usual[0].dt, workers=None)
+    further = [] if capabilities_of(own).is_exact or own in usual else [own]
+    return [Settings(method="event", contact_time=contact_time), *usual, *further]
 
 
 def _cost(trial: Trial) -> float:
@@ -570,11 +537,6 @@ def _ratio(error: Deviation, budget: float) -> float:
     return max(error.bound, largest) / budget
 
 
-def _is_measurable(trial: Trial) -> bool:
-    """Whether each error of the candidate is measurable."""
-    return all(error.measurable for error in trial.row.errors.values())
-
-
 def _worst(row: Row, budgets: dict[str, float]) -> float:
     """Largest error of a row over its budget."""
     return max((_ratio(row.errors[name], budget) for name, budget in budgets.items() if row.errors), default=math.inf)
@@ -587,6 +549,17 @@ def _order(found: list[tuple[float, float]]) -> float:
     logarithms = np.log(np.array(found, dtype=np.float64))
     slope = float(np.polyfit(logarithms[:, 0], logarithms[:, 1], 1)[0])
     return min(max(slope, 0.7), 4.0)
+
+
+def _next(
+    dt: float, found: list[tuple[float, float]], inside: float, outside: float, limits: tuple[float, float]
+) -> float:
+    """The step at which the error is likely to meet its budget, between the known bounds."""
+    last, ratio = found[-1] if found else (dt, 4.0)
+    aim = last * float(np.clip((AIM / ratio) ** (1 / _order(found)), 0.2, 4.0))
+    if inside and math.isfinite(outside) and not inside * 1.02 < aim < outside / 1.02:
+        aim = math.sqrt(inside * outside)
+    return float(f"{min(max(aim, limits[0]), limits[1]):.2g}")
 
 
 def _words(name: str, errors: dict[str, Deviation], budgets: dict[str, float]) -> str:

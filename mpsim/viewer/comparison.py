@@ -31,7 +31,7 @@ from mpsim.measure.predictability import Predictability
 from mpsim.measure.registry import refusal
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.studies.comparison import divergence
+from mpsim.studies.divergence import divergence
 from mpsim.studies.tradeoff import label
 from mpsim.studies.tune import tune
 from mpsim.viewer.gauges import MeanPressure

@@ -67,9 +67,9 @@ def test_lone_surrogates_and_long_errors_are_written_out_in_all_files(kept, tmp_
     table = sweep(odd, {"x": [0, 1, 2]}, path=kept)
     assert kept.stat().st_size < 20_000, "an error of 10 MB is cut"
     table.to_json(tmp_path / "t.json")
-    assert table.to_csv(tmp_path / "t.csv") == (tmp_path / "t.csv").read_text()
-    for again in (table, sweep(odd, {"x": [0]}, path=kept)):
-        assert "a\\udcff" in again.to_csv()
+    table.to_csv(tmp_path / "t.csv")
+    assert "a\\udcff" in (tmp_path / "t.csv").read_text()
+    assert sweep(odd, {"x": [0]}, path=kept).rows == table.rows[:1]
 
 
 def test_failed_runs_are_run_again_unless_they_shall_be_kept(kept, tmp_path):

@@ -274,7 +274,7 @@ def test_a_measure_that_means_nothing_in_any_run_is_not_a_budget_out_of_reach(as
         ({"max_error": {"presure": 0.01}}, "max_error must be one of .*Did you mean 'pressure'"),
         ({"max_error": {"pressure": 0}}, r"max_error\['pressure'\] must be a finite number > 0"),
         ({"max_error": {"pressure": 2}}, r"max_error\['pressure'\] must be less than 1, .*got 2. 2 % is 0.02\."),
-        ({"candidates": ["grid"]}, "candidates must hold at least one mpsim.Settings; got"),
+        ({"candidates": ["grid"]}, r"candidates\[0\] must be an mpsim.Settings; got str"),
     ],
 )  # fmt: skip
 def test_a_wrong_argument_is_refused_by_name(arguments, text):

@@ -1,19 +1,16 @@
-"""Runs of one scene side by side: how fast they diverge, and how wrong a setting is before chaos dominates."""
+"""How fast two runs of one scene diverge that differ a little."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mpsim.core import checks
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.features.energy import acceleration_bound
-from mpsim.measure.observables import TrajectoryDeviation, trajectory_error
-from mpsim.measure.predictability import Predictability, predictability, require_predictable
+from mpsim.measure.observables import trajectory_error
+from mpsim.measure.predictability import Predictability, predictability
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -29,22 +26,6 @@ most."""
 
 SAMPLES = 400
 """Largest number of times at which two runs are compared."""
-
-
-@dataclass(frozen=True)
-class ShortRun:
-    """A short run beside an exact one from the same start.
-
-    Attributes:
-        time: at which both were compared [time].
-        error: deviation of the positions.
-        collisions: contacts resolved, in the run and in the exact one; a stepped run resolves contacts at rest again in
-            each step.
-    """
-
-    time: float
-    error: TrajectoryDeviation
-    collisions: tuple[int, int]
 
 
 def typical_speed(scene: Scene) -> float:
@@ -102,53 +83,3 @@ def divergence(
             f"{times[-1]:.3g} is that of straight flight, {straight:.3g}. Take a scene in which discs collide."
         )
     return predictability(times, distances, highest=HIGHEST * diameter)
-
-
-def short_run(
-    scene: Scene,
-    settings: Settings,
-    until: float,
-    *,
-    rate: float | None = None,
-    reference: Settings | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> ShortRun:
-    """Run a scene with the given settings and exactly, and compare the positions of the discs.
-
-    Args:
-        scene: that `method="event"` can run.
-        settings: of the run.
-        until: time of the comparison, rounded to whole frames, at least one [time], > 0.
-        rate: Lyapunov exponent of the scene, if known [1/time]; else it is estimated by `divergence`.
-        reference: settings to compare with if `event` cannot run the scene; its dt is rounded to fit the time.
-        progress: as for `Simulation.run`, for both runs.
-
-    Raises:
-        InputError: if two correct solvers do not agree for that long, or the scene cannot be run exactly.
-
-    >>> scene = Scene.random(count=64, packing=0.3, radius=0.5, seed=1)
-    >>> coarse, fine = (short_run(scene, Settings(dt=dt, method="grid"), until=0.5, rate=3.0) for dt in (0.05, 0.005))
-    >>> fine.error.rms < coarse.error.rms < 0.5
-    True
-    >>> short_run(scene, Settings(dt=0.05, method="grid"), until=5, rate=3.0)
-    Traceback (most recent call last):
-    ...
-    mpsim.InputError: time of a comparison of trajectories must be at most 3.33333 (half of 20 Lyapunov times \
-of 1/3); got 5.0. Beyond that two correct solvers differ: compare averages such as pressure, or an earlier time.
-    """
-    frames = max(round(checks.positive("until", until, "[time]") / settings.dt), 1)
-    time = frames * settings.dt
-    require_predictable(time, divergence(scene).rate.value if rate is None else rate)
-    with Simulation(scene, settings) as run:
-        collisions = run.run(frames=frames, progress=progress).collisions
-        state = run.state
-    reference = Settings(method="event", dt=time) if reference is None else reference
-    steps = max(round(time / reference.dt), 1) if capabilities_of(reference).has_steps else 1
-    if scene.thermostat is None:
-        reference, frames = replace(reference, dt=time / steps), steps
-    else:  # which acts once a frame: on both alike
-        reference = replace(reference, dt=settings.dt, substeps=-(-steps // frames))
-    with Simulation(scene, reference) as exact:
-        report = exact.run(frames=frames, progress=progress)
-        error = trajectory_error(state, exact.state, scene)
-    return ShortRun(time, error, (collisions, report.collisions))
