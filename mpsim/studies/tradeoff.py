@@ -333,7 +333,7 @@ def checked_candidates(candidates: Iterable[Settings], scene: Scene | None = Non
     Raises:
         InputError: if there is none, or one is no Settings or cannot run the scene.
     """
-    chosen = list(candidates) if isinstance(candidates, Iterable) else [candidates]
+    chosen: list[Any] = list(candidates) if isinstance(candidates, Iterable) else [candidates]
     if not chosen:
         raise InputError("candidates must hold at least one Settings; got none. Leave it out for the default ones.")
     for index, candidate in enumerate(chosen):
