@@ -452,14 +452,18 @@ def _listed(
     images = capsules.with_images(rows, size, scene.periodic, scene.largest_radius)
     if not len(images.capsule):
         return {}, np.zeros(0, np.int64)
-    lists = capsules.cell_lists(images.capsule, size, scene.largest_radius)
+    around = images.capsule[:, 4] < 0
+    order = np.argsort(around, kind="stable")
+    images = capsules.Images(images.capsule[order], images.source[order], images.shift[order])
+    solid = images.capsule[: np.count_nonzero(~around)]
+    lists = capsules.cell_lists(solid, size, scene.largest_radius)
     grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
-    every = np.concatenate([images.capsule, capsules.cut_at_ends(images.capsule, lists, size)])  # these are not listed
+    every = np.concatenate([images.capsule, capsules.cut_at_ends(solid, lists, size)])  # these are not listed
     made: dict[str, NDArray[Any]] = {"capsule": every, "next_end": capsules.next_ends(every), **grid}
     if along.any():
         made["along"] = along[images.source]
-    if (images.capsule[:, 4] < 0).any():
-        made["around"] = images.capsule[:, 4] < 0
+    if around.any():
+        made["around"] = np.arange(len(solid), len(around))
     return made, owners[images.source]
 
 

@@ -34,7 +34,7 @@ class Capsules(NamedTuple):
     index: numbers of capsules. grid: columns and rows, shape (2,).
     per_length: columns per length along x and rows per length along y, shape (2,) [1/length].
     along: speed of the surface of each along itself, shape (K,) [length/time]; None: all are at rest.
-    around: whether each is a container, shape (K,); None: there is none.
+    around: numbers of containers, which are in no cell, shape (M,); None: there is none.
     """
 
     capsule: Any
@@ -150,22 +150,12 @@ def surface_speed(along, capsule, k, nx, ny):
 
 
 @inlined
-def is_container(around, k):
-    """Whether capsule k is a circle around the discs."""
-    if around is None:
-        return False
-    return around[k]
-
-
-@inlined
 def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters, impact):
     """Contact of the disc in slot i with capsule k, if they overlap: by impact, or pushed out to its surface.
 
     Impact treats the side of a segment, and the tangent plane at an end, as a wall: `bounce_back` keeps the energy of
     accelerated discs, and lets a disc rest.
     """
-    if is_container(capsules.around, k):
-        return resolve_container(discs, i, k, capsules, radius, ax, ay, features, parameters, impact)
     offset_x, offset_y, end = nearest_offset(discs.x[i], discs.y[i], capsules.capsule, k)
     reach = radius + capsules.capsule[k, 4]
     if not offset_x * offset_x + offset_y * offset_y < reach * reach:
@@ -190,17 +180,48 @@ def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters,
 MOST_BOUNCES = 8
 """Contacts with a container in one step: of discs that run along it there are several."""
 
+TOGETHER = 256
+"""Discs of which it is first asked whether any has left a container, which most have not."""
+
+
+@inlined
+def is_outside(discs, i, k, capsules, reach):
+    """Whether the centre of the disc in slot i has left what container k leaves for it; reach: as there."""
+    rx, ry = np.float64(discs.x[i] - capsules.capsule[k, 0]), np.float64(discs.y[i] - capsules.capsule[k, 1])
+    return rx * rx + ry * ry > reach * reach
+
+
+@linked
+def resolve_containers(discs, low, high, features, parameters, control):
+    """Contacts of a slice with containers, in the order in which the scene lists them."""
+    capsules, half, impact = features.capsules, parameters.diameter / discs.x.dtype.type(2), control.contact == IMPACT
+    for k in capsules.around:
+        for begin in range(low, high, TOGETHER):
+            end, outside = min(begin + TOGETHER, high), 0
+            for i in range(begin, end):
+                outside += is_outside(discs, i, k, capsules, value_or(discs.radius, i, half) + capsules.capsule[k, 4])
+            if outside == 0:
+                continue
+            for i in range(begin, end):
+                if is_absent(features.exits, discs.id[i]):
+                    continue
+                radius = value_or(discs.radius, i, half)
+                ax, ay = accelerations_of(discs, i, features)
+                if resolve_container(discs, i, k, capsules, radius, ax, ay, features, parameters, impact):
+                    put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
+                    wrap_disc(discs, i, features)
+
 
 @inlined
 def resolve_container(discs, i, k, capsules, radius, ax, ay, features, parameters, impact):
     """Contact of the disc in slot i with container k, as `resolve_capsule`, until it is inside."""
     reach, dt, met = radius + capsules.capsule[k, 4], parameters.dt, False
     for bounce in range(MOST_BOUNCES):
+        if not is_outside(discs, i, k, capsules, reach):
+            break
         rx, ry = np.float64(discs.x[i] - capsules.capsule[k, 0]), np.float64(discs.y[i] - capsules.capsule[k, 1])
         vx, vy = np.float64(discs.vx[i]), np.float64(discs.vy[i])
         squared = rx * rx + ry * ry
-        if not squared > reach * reach:
-            break
         met, distance = True, -np.sqrt(squared)
         nx, ny, outward = rx / distance, ry / distance, rx * vx + ry * vy
         approaches = impact and outward > 0 and bounce < MOST_BOUNCES - 1
@@ -264,6 +285,9 @@ def resolve_capsules(discs, low, high, features, parameters, control):
 
 @inlined
 def after_move(capsules, discs, low, high, features, parameters, control):
-    """`resolve_capsules`, if there are capsules."""
+    """`resolve_capsules` and `resolve_containers`, if there are some."""
     if capsules is not None:
-        resolve_capsules(discs, low, high, features, parameters, control)
+        if capsules.near[capsules.near.size - 1] > 0:
+            resolve_capsules(discs, low, high, features, parameters, control)
+        if capsules.around is not None:
+            resolve_containers(discs, low, high, features, parameters, control)

@@ -12,7 +12,7 @@ from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.features.properties import component, radius_of
 from mpsim.kernels.events.flight import INFINITY, approach_of, time_to_circle, time_to_come_down, time_to_impact
 from mpsim.kernels.events.records import FIRST_CAPSULE
-from mpsim.kernels.features.capsules import is_container, surface_speed
+from mpsim.kernels.features.capsules import surface_speed
 
 
 class CellCapsules(NamedTuple):
@@ -22,7 +22,7 @@ class CellCapsules(NamedTuple):
     near: where the list of each square of cells begins in `listed`, column by column. listed: rows of `capsule`.
     rows: of squares. shift: squares are 2^shift cells wide.
     along: speed of the surface of each along itself, shape (K,) [length/time]; None: all are at rest.
-    around: whether each is a container, shape (K,); None: there is none.
+    around: numbers of containers; None: there is none.
     """
 
     capsule: Any
@@ -77,6 +77,14 @@ def time_to_end(rx, ry, vx, vy, contact, ax, ay, within, gravity):
 
 
 @inlined
+def is_container(capsules, k):
+    """Whether capsule k is a circle around the discs."""
+    if capsules.around is None:
+        return False
+    return capsules.capsule[k, 4] < 0.0
+
+
+@inlined
 def time_to_container(rx, ry, vx, vy, contact, within, gravity):
     """Time until a centre, r from that of a container, comes to a distance -contact from it from inside."""
     if gravity is not None:
@@ -97,7 +105,7 @@ def time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, gravity):
     length = math.sqrt(along_x * along_x + along_y * along_y)
     far = reach + travel
     best = INFINITY
-    if is_container(capsules.around, k):
+    if is_container(capsules, k):
         best = time_to_container(rx, ry, vx, vy, reach, within, gravity)
         return best if best <= within else INFINITY
     if length > 0.0:
@@ -166,7 +174,7 @@ def surface(capsules, i, side, store, box, features):
     k = side - FIRST_CAPSULE
     rx, ry = nearest_offset(disc.position[0], disc.position[1], capsules.capsule, k)
     distance = math.sqrt(rx * rx + ry * ry)
-    if is_container(capsules.around, k):
+    if is_container(capsules, k):
         distance = -distance
     depth = radius_of(i, box, features) + capsules.capsule[k, 4] - distance
     nx, ny = rx / distance, ry / distance
