@@ -13,14 +13,12 @@ from mpsim.measure import (
     Series,
     block_average,
     block_errors,
-    comparable_until,
     equilibration,
     fit_order,
     independent_average,
     kinetic_energy,
     predictability,
     ratio_average,
-    require_predictable,
 )
 
 pytestmark = pytest.mark.plain
@@ -291,13 +289,6 @@ def test_the_exponent_of_the_cat_map():
     distance = np.array([1e-9, 0.0, 1e-12, *(1e-12 * np.exp(np.arange(1, 30))), 1.0, 1e-12])
     found = predictability(np.arange(len(distance)), distance, highest=1e-2)
     assert found.rate.value == pytest.approx(1.0, rel=1e-12), "from the last meeting to the ceiling"
-
-
-def test_a_comparison_up_to_half_of_twenty_lyapunov_times_is_allowed():
-    assert comparable_until(2.9) == pytest.approx(10 / 2.9)
-    require_predictable(10 / 2.9, rate=2.9)
-    with pytest.raises(InputError, match=r"at most 3\.44828 .* got 3\.5.*compare averages"):
-        require_predictable(3.5, rate=2.9)
 
 
 def test_a_series_notes_each_frame_once_with_its_time():

@@ -120,6 +120,8 @@ def check_displacements(seed):
     same(measure.mean_squared_displacement(before, after, scene), np.mean(((at[1] - at[0])[here] ** 2).sum(axis=1)))
     off = nearest(scene, after.position.astype(float) - before.position.astype(float))
     off = np.where(here, np.hypot(*off.T), 0)
+    bare = [mpsim.State(s.position, s.velocity, present=here) for s in (before, after)]  # the nearest images count
+    same(measure.mean_squared_displacement(*bare, scene), (off[here] ** 2).mean())
     found = measure.trajectory_error(after, before, scene)
     same([found.rms, found.largest], [np.sqrt((off[here] ** 2).mean()), off.max()])
     assert found.disc == off.argmax()
