@@ -42,6 +42,7 @@ class RunRecord:
 
     Attributes:
         averages: averages for its measures; None: it has none.
+        count_enabled: whether these need what the solver counts.
         whole: whether it began between two frames, not inside one.
         guarded: losses of energy that the solver's guard has suppressed.
         done, collisions: frames, and contacts resolved.
@@ -50,6 +51,7 @@ class RunRecord:
 
     def __init__(self, workers: int, averages: RunAverages | None, whole: bool, logged: list[NDArray[Any]]):
         self.averages = averages
+        self.count_enabled: bool = averages is not None and averages.counting
         self.whole: bool = whole
         self.guarded: int = 0
         self.done: int = 0
@@ -87,11 +89,6 @@ class RunRecord:
         late = table["frame"] > frame
         self.logged[:] = [table[late]]
         return base.in_order(table[~late])
-
-    @property
-    def count_enabled(self) -> bool:
-        """Whether measures need what the solver counts."""
-        return self.averages is not None and self.averages.counting
 
     @property
     def times(self) -> NDArray[np.int64]:

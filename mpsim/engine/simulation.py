@@ -52,6 +52,7 @@ from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import (
     MOST_FRAMES_OF_A_RUN,
+    BatchResult,
     Choice,
     CollisionLog,
     InPlace,
@@ -637,7 +638,7 @@ class Simulation(ReadOnly):
             seconds = part.times[0].sum(axis=1)
             self._batch_sizer.note(workers, frames, float(seconds[0] if frames == 1 else np.median(seconds)) * 1e-9)
         record.take(part)
-        self._look_after(record)
+        self._look_after(record, part)
 
     def _next_slice(self, most: int, frame: int, record: RunRecord) -> tuple[int, int, float]:
         """Workers of the next command, its frames, and the time at which it ends if that comes first."""
@@ -649,14 +650,14 @@ class Simulation(ReadOnly):
         most = min(most, self._step_limits.frames_ahead(frame, solver.count))
         return *self._batch_sizer.next_slice(most), until
 
-    def _look_after(self, record: RunRecord) -> None:
+    def _look_after(self, record: RunRecord, part: BatchResult) -> None:
         """Look at what has come of a command: collisions, discs at rest, too fast or pressed, and those to enter."""
         solver, limits = self._solver, self._step_limits
-        if _is_logging(solver):
+        if part.logged:
             self._take_collisions()
         if record.guarded >= MANY_GUARDED:
             self._warn_of_rest(record.guarded)
-        if _is_too_fast(solver):  # look now: the run may end here, or be saved
+        if part.too_fast:  # look now: the run may end here, or be saved
             self._adapt()
         if limits.may_be_pressed(solver.count):
             limits.look_for_pressed(solver, self._access.notices)

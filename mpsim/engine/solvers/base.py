@@ -51,8 +51,7 @@ MOST_COUNTED = 2.0**61
 """The largest sum of momenta, in units of the counts: of impulses twice as large the sum fits into 63 bits."""
 
 
-@dataclass(frozen=True)
-class BatchResult:
+class BatchResult(NamedTuple):
     """The times and counts of one command of a solver.
 
     Attributes:
@@ -60,12 +59,16 @@ class BatchResult:
         contacts: contacts resolved.
         counters: COUNTS, shape (frames,), in the scene's units, or None if nothing was to be counted.
         guarded: losses of energy that a guard against endless collisions has suppressed.
+        too_fast: whether a disc was too fast, and so ended it.
+        logged: whether collisions are logged, which can be taken now.
     """
 
     times: NDArray[np.int64]
     contacts: int
     counters: NDArray[Any] | None
     guarded: int = 0
+    too_fast: bool = False
+    logged: bool = False
 
 
 # --- Snapshots of solvers, and checks of those that come from a file

@@ -219,7 +219,7 @@ class BlockSolver(SteppedSolver, CollisionLog):
         contacts = int(team["collisions"].sum())
         self.too_fast = bool(team["fastest"].any())
         counters = self._counters(arrays["tally"][:, :frames]) if count_enabled else None
-        return BatchResult(arrays["times"][:, :frames].copy(), contacts, counters)
+        return BatchResult(arrays["times"][:, :frames].copy(), contacts, counters, 0, self.too_fast, self.logging)
 
     def _write_command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> None:
         """Write a command into the block: its record, and zeros where it counts."""

@@ -107,7 +107,8 @@ class EventSolver(Solver, CollisionLog):
         # What was done of an unfinished frame counts for the call in which it ends.
         counters = self._counters(totals[:done], seen) if count_enabled else None
         contacts_after, guarded_after = self._collisions_so_far()
-        return BatchResult(by_phase, contacts_after - contacts, counters, guarded_after - guarded)
+        guarded = guarded_after - guarded
+        return BatchResult(by_phase, contacts_after - contacts, counters, guarded, logged=self.logging)
 
     def _collisions_so_far(self) -> tuple[int, int]:
         """Collisions of two discs, and those in which the guard has acted."""

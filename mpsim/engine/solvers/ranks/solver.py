@@ -277,7 +277,7 @@ class MpiSolver(SteppedSolver):
         self._fastest = max(fastest)
         self.too_fast = self._fastest.fraction > 0
         counters = self._counters(np.concatenate(tallies)) if count_enabled else None
-        return BatchResult(np.concatenate(times), sum(contacts), counters)
+        return BatchResult(np.concatenate(times), sum(contacts), counters, too_fast=self.too_fast)
 
     def _step(self, part: Subdomain, ranks: MpiRanks, frame: int, step: int) -> None:
         """A step of this rank that has begun, and the beginning of the next one of this command, where there is one."""
