@@ -76,20 +76,19 @@ def view(
     where: dict[str, Any] = {"host": host, "port": port, "browser": browser, "playing": not paused}
     given = {"box": box, "boundary": boundary, "radius": radius}
     given = {name: value for name, value in given.items() if value is not None}
-    if given and (share_url.is_link(scene) or not _is_recording(scene)):
+    is_link = share_url.is_link(scene)
+    if given and (is_link or not _is_recording(scene)):
         raise click.UsageError(f"--{next(iter(given))} can be given only with the file of a trajectory. Leave it out.")
-    if share_url.is_link(scene):
+    if is_link:
         asked = _link(scene, beside, options)
         live.view(asked, name=asked.scene, **{**where, "playing": not paused and "wait" not in asked.seen})
-        return
-    if _is_recording(scene):
-        recording = _recording(scene, given, {**options, "beside": beside})
-        live.view(recording, name=Path(scene).name, **where)
-        return
-    file = scenefile.load(scene)
-    settings = terminal.settings_of(file, options)
-    second = None if beside is None else _beside(settings, beside)
-    live.view(file.scene, settings, name=file.name, beside=second, **where)
+    elif _is_recording(scene):
+        live.view(_recording(scene, given, {**options, "beside": beside}), name=Path(scene).name, **where)
+    else:
+        file = scenefile.load(scene)
+        settings = terminal.settings_of(file, options)
+        second = None if beside is None else _beside(settings, beside)
+        live.view(file.scene, settings, name=file.name, beside=second, **where)
 
 
 def _is_folder(path: str) -> bool:
@@ -103,11 +102,7 @@ def _is_recording(path: str) -> bool:
 
 
 def _recording(path: str, given: dict[str, Any], options: dict[str, Any]) -> "Recording":
-    """The recording that a path leads to; `given` is for its `Trajectory`.
-
-    Raises:
-        click.UsageError: for settings beside a recording.
-    """
+    """The recording that a path leads to; `given` is for its `Trajectory`."""
     from mpsim.viewer.playback import Recording  # noqa: PLC0415 - as above
 
     wrong = sorted(name for name, value in options.items() if value is not None)
@@ -144,9 +139,7 @@ def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":
         raise click.BadParameter(str(error), param_hint="SCENE, a link") from None
     given = {name: value for name, value in options.items() if value is not None}
     settings = dataclasses.replace(asked.settings, **given)
-    if beside is not None:
-        return asked._replace(settings=settings, beside=_beside(settings, beside))
-    return asked._replace(settings=settings)
+    return asked._replace(settings=settings, beside=asked.beside if beside is None else _beside(settings, beside))
 
 
 def _beside(first: Settings, text: str) -> Settings:

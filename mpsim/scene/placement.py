@@ -294,7 +294,8 @@ def pushed_aside(
     rng, places = np.random.default_rng(0), position
     edge = np.where(periodic, 0.0, radius[:, None])
     for attempt in range(PUSHES):
-        discs = _by_size(*np.array(places.T, np.float64, order="C"), radius, size, periodic, capsules)
+        x, y = np.array(places.T, np.float64, order="C")
+        discs = _by_size(x, y, radius, size, periodic, capsules)
         placement.link(discs)
         for _ in range(PUSH_ROUNDS):
             if not placement.crowded(discs, scale):

@@ -62,8 +62,8 @@ def scale_of(state: State) -> SpeedScale:
 # --- Quantities that the colours of discs can show, such as speed, and their scales
 
 CHOICES = ("speed", "worker", "column", "collision", "own")
-"""What the colours can show: the speed; the worker; the parity of the column, which decides the pass that resolves the
-contacts; the time since the last collision; numbers from the user's program."""
+"""What the colours can show; the column by its parity, which decides the pass that resolves the contacts; collision:
+the time since the last one; own: numbers from the user's program."""
 
 LOW, MIDDLE = FASTEST - KNEE, FASTEST // 2
 """The lowest 2 % of the values have bytes below LOW, as the highest 2 % have bytes above KNEE. A disc without a value
@@ -92,7 +92,7 @@ class Colouring:
     def choices(self, sim: Simulation) -> list[str]:
         """The quantities among CHOICES that this simulation has."""
         if self._has_columns is None:
-            self._has_columns = has_columns(sim)
+            self._has_columns = _has_columns(sim)
         there = {"worker": self._has_columns, "column": self._has_columns, "own": self._own is not None}
         return [name for name in CHOICES if there.get(name, True)]
 
@@ -124,8 +124,8 @@ class Colouring:
 
     def bytes_of(self, sim: Simulation, discs: InPlace) -> NDArray[np.uint8] | None:
         """The colour of each disc, ordered by disc number; None: colour by speed."""
+        self._legend = {}
         if self.by == "speed":
-            self._legend = {}
             return None
         if self.by in ("worker", "column"):
             found = sim.columns()
@@ -133,43 +133,34 @@ class Colouring:
             number = 2 if self.by == "column" else int(found.owner.max(initial=0)) + 1
             colours = (classes * (FASTEST / max(number - 1, 1))).astype(np.uint8)
             self._legend = {"classes": number}
+        elif self.by == "collision":
+            self._since = discs.time if self._since is None else self._since
+            colours = self._on_scale(discs.time - np.maximum(self._last_of(len(discs.number)), self._since))
         else:
-            colours = self._on_scale(self._values(discs))
+            assert self._own is not None  # otherwise "own" could not have been chosen
+            unknown = np.full(max(len(discs.number) - len(self._own), 0), math.nan)
+            colours = self._on_scale(np.append(self._own, unknown)[: len(discs.number)])
         if discs.absent is not None:
             colours[discs.absent] = ABSORBED
         return colours
 
-    def _values(self, discs: InPlace) -> NDArray[np.float64]:
-        count = len(discs.number)
-        if self.by == "collision":
-            since = discs.time if self._since is None else self._since
-            self._since = since
-            return discs.time - np.maximum(self._last_of(count), since)
-        values = np.full(count, math.nan)
-        assert self._own is not None  # otherwise "own" could not have been chosen
-        known = min(count, len(self._own))
-        values[:known] = self._own[:known]
-        return values
-
     def _on_scale(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
         """The bytes of values, on a scale set by percentiles of the finite ones."""
-        here = np.isfinite(values)
+        here, found = np.isfinite(values), np.full(len(values), MIDDLE, np.uint8)
         if not here.any():
-            self._legend = {}
-            return np.full(len(values), MIDDLE, np.uint8)
+            return found
         corners = np.percentile(values[here], PERCENTILES)
         self._legend = {"values": corners.tolist()}
-        if corners[0] == corners[-1]:
-            return np.full(len(values), MIDDLE, np.uint8)
-        found = np.interp(values, corners, (0, LOW, KNEE, FASTEST))
-        return np.where(here, found + 0.5, MIDDLE).astype(np.uint8)
+        if corners[0] < corners[-1]:
+            found[here] = np.interp(values[here], corners, (0, LOW, KNEE, FASTEST)) + 0.5
+        return found
 
     def told(self, sim: Simulation) -> dict[str, Any]:
         """What the legend of a page needs: the quantity, and the percentiles of its scale or the number of classes."""
         return {"by": self.by, "choices": self.choices(sim), **self._legend}
 
 
-def has_columns(sim: Simulation) -> bool:
+def _has_columns(sim: Simulation) -> bool:
     """Whether the method sorts discs into columns, which belong to workers."""
     try:
         return sim.columns().number > 0

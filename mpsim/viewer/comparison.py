@@ -268,14 +268,6 @@ def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:
     return dataclasses.replace(settings, dt=dt / each), each
 
 
-def settings_beside(first: Settings, values: Mapping[str, Any]) -> Settings:
-    """Settings of a second stage: those of the first with changes, and `frames` of it in one frame of the first."""
-    changed = {name: value for name, value in values.items() if name != "frames"}
-    if changed.get("method", first.method) != first.method:
-        changed["workers"] = None
-    return dataclasses.replace(first, dt=first.dt / values.get("frames", 1), **changed)
-
-
 def demand_one_process(settings: Settings) -> Settings:
     """Settings that a view can run, unchanged.
 
@@ -335,8 +327,8 @@ class Background:
 
 MOST_DIVERGING = 5000  # largest number of discs for which the Lyapunov time is computed, by two short exact runs
 
-Beside = Settings | Mapping[str, Any] | None
-"""A requested second stage: its settings, or how they differ from those of the first stage, as in `settings_beside`."""
+Beside = Settings | Callable[[Settings], Settings] | None
+"""A requested second stage: its settings, or what makes them from those of the first stage."""
 
 
 class Comparison:
@@ -384,7 +376,7 @@ class Comparison:
         if self._wanted is None:
             return
         try:
-            wanted = self._wanted if isinstance(self._wanted, Settings) else settings_beside(settings, self._wanted)
+            wanted = self._wanted if isinstance(self._wanted, Settings) else self._wanted(settings)
             self._settings = demand_one_process(wanted)
             self.second = SecondStage(scene, wanted, settings.dt)
         except MpsimError as error:

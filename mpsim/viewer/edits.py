@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.machine import usable_cores
 from mpsim.engine import parameters
+from mpsim.engine.changes import hindrance
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.methods import capabilities_of
@@ -90,13 +91,13 @@ class Sliders:
     def demand_offered(self, sim: Simulation, name: str, value: Any) -> None:
         """Refuse numbers outside the sliders: they could make a frame so long that the page stops responding."""
         offered = {each["name"]: each for each in self.of(sim)}
-        remedy = "Use the slider, or Simulation.change in a program."
         if name not in offered:
             raise InputError(
                 f"{name} must be a parameter that the page offers here, one of {', '.join(offered)}; got "
                 f"{checks.brief(value)}. Use Simulation.change in a program."
             )
-        ends, given = offered[name], value if isinstance(value, list) else [value]
+        ends, remedy = offered[name], "Use the slider, or Simulation.change in a program."
+        given = value if isinstance(value, list) else [value]
         if not all(isinstance(each, int | float) for each in given):
             return  # a word, which the simulation checks
         if name == "gravity":
@@ -140,21 +141,17 @@ def _slider(name: str, value: float, low: float, high: float, log: bool = False,
 
 
 def longest_gravity(scene: Scene) -> float:
-    """Length of the longest arrow for gravity, rounded up [length/time^2].
+    """Length of the longest arrow for gravity, rounded up to 1, 2 or 5 times a power of ten [length/time^2].
 
     It is twice the gravity of the scene. Without gravity it is 2 v^2 / height, with v the root mean square speed. This
     is strong enough to keep most discs in the lower part of the box.
     """
-    if scene.gravity is not None and (length := float(np.hypot(*scene.gravity))) > 0:
-        return _rounded_up(2 * length)
-    square = float(np.mean(np.sum(scene.velocity**2, axis=1))) if scene.count else 0.0
-    return _rounded_up(2 * square / scene.height or 10 * scene.height)
-
-
-def _rounded_up(value: float) -> float:
-    """The smallest number that is 1, 2 or 5 times a power of ten and not below the value."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-12)))
+    longest = 0.0 if scene.gravity is None else 2 * float(np.hypot(*scene.gravity))
+    if not longest and scene.count:
+        longest = 2 * float(np.mean(np.sum(scene.velocity**2, axis=1))) / scene.height
+    longest = longest or 10 * scene.height
+    power = 10.0 ** np.floor(np.log10(longest))
+    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= longest * (1 - 1e-12)))
 
 
 # --- Changes by hand
@@ -172,10 +169,6 @@ MOST_PLACES = 100  # largest number of places in the command `stroke`
 MOST_WHOLE = 10**9  # largest absolute value of a whole number from a page
 THICKNESS = 0.5  # thickness of a drawn wall, in radii of the median disc: wide enough for a projector
 REFUSALS = (InputError, BusyError)  # errors that leave the simulation as it was; the page shows a note
-
-
-class _NoRoomError(InputError):
-    """There is no free place along a part of a stroke; the page shows no note for this."""
 
 
 @dataclass
@@ -214,7 +207,7 @@ def _places(name: str, value: Any) -> list[list[float]]:
 
 
 class Moment(NamedTuple):
-    """A moment of a view, to which undo can go back: of its simulation, the collisions so far, and the second stage."""
+    """A moment of a view, to which undo can go back: its simulation, the collisions so far, the second stage."""
 
     snapshot: Snapshot
     collisions: float
@@ -269,17 +262,11 @@ class Interactions:
             "parameters": self._sliders.of(sim),
         }
 
-    def has(self, name: str) -> bool:
-        """Whether a command is one of those below."""
-        return hasattr(self, f"do_{name}")
-
     def do(self, sim: Simulation, action: Action, now: float) -> None:
         """Do an action at this time of a clock [s]."""
         self._now = now
         try:
             getattr(self, f"do_{action.name}")(sim, **action.values)
-        except _NoRoomError:
-            pass
         except REFUSALS as error:
             self._say(str(error))
 
@@ -373,22 +360,14 @@ class Interactions:
     @command(places=_places, same=checks.truth)
     def do_stroke(self, sim: Simulation, places: list[list[float]], same: bool) -> None:
         """Add discs at the free ones of several places."""
-        with self._gesture(("add", None), same):
-            self._demand_more()
-            own, before = _own_of_new(sim), sim.count
-            radius = own.get("radius", sim.scene.largest_radius)
-            free = _free(sim, np.array(places), radius)[: MOST_ADDED - self._added]
-            each = {name: np.full(len(free), value) for name, value in own.items()}
-            try:
-                if len(free):
-                    sim.add(free, np.zeros_like(free), **each)
-            except InputError:  # an obstacle is in one of the places
-                for place in free:
-                    with contextlib.suppress(InputError):
-                        sim.add(place, (0.0, 0.0), **own)
-            self._added += sim.count - before
-            if sim.count == before:
-                raise _NoRoomError
+        own = _own_of_new(sim)
+        free = _free(sim, np.array(places), own.get("radius", sim.scene.largest_radius))[: MOST_ADDED - self._added]
+        self._demand_more()
+        if len(free):
+            with self._gesture(("add", None), same):
+                each: dict[str, Any] = {name: np.full(len(free), value) for name, value in own.items()}
+                sim.add(free, np.zeros_like(free), **each)
+                self._added += len(free)
 
     @command(id=DISC, same=checks.truth)
     def do_remove(self, sim: Simulation, id: int, same: bool) -> None:
@@ -418,9 +397,9 @@ class Interactions:
                 raise InputError(f"id must be the number of a wall, which can be moved; got {id}. Take another.")
             before = self._moment()
             sim.remove_wall(id)
-            wall = wall.turned_over_to(None, sim.time)
+            ends = wall.at_place(capsules_of((wall,), sim.time))["points"]
             try:
-                self._build(sim, replace(wall, points=np.add(wall.points, (dx, dy))))
+                self._build(sim, replace(wall, points=np.add(ends, (dx, dy)), motion=None))
             except REFUSALS:
                 self._back(before)
                 raise
@@ -489,9 +468,9 @@ def _typical(values: NDArray[np.float64], absorbed: NDArray[np.bool_]) -> float:
     return float(np.sort(there)[len(there) // 2]) if len(there) else 1.0
 
 
-def _own_of_new(sim: Simulation) -> dict[str, float]:
+def _own_of_new(sim: Simulation) -> dict[str, Any]:
     """Radius and mass of a new disc, where discs differ in them: the median values."""
-    own = dict[str, float]()
+    own = dict[str, Any]()
     if has_radii(sim.scene):
         own["radius"] = _typical(sim.radii, sim.absorbed)
     if has_masses(sim.scene):
@@ -506,8 +485,10 @@ def _free(sim: Simulation, places: NDArray[np.float64], radius: float) -> NDArra
     reach = np.hypot(*to_nearest_image(places - middle, lengths).T).max() + radius + sim.radii.max(initial=0)
     near = np.hypot(*to_nearest_image(state.position.astype(np.float64) - middle, lengths).T) < reach
     near &= state.present
-    taken, radii = state.position[near].astype(np.float64), sim.radii[near]
+    taken, radii, found = state.position[near].astype(np.float64), sim.radii[near], list[NDArray[np.float64]]()
     for place in places:
-        if (np.hypot(*to_nearest_image(taken - place, lengths).T) >= radii + radius).all():
+        apart = np.hypot(*to_nearest_image(taken - place, lengths).T)
+        if (apart >= radii + radius).all() and not hindrance(sim.scene, sim.time, radii, "place", place, radius):
             taken, radii = np.vstack([taken, place]), np.append(radii, radius)
-    return taken[np.count_nonzero(near) :]
+            found.append(place)
+    return np.reshape(found, (-1, 2))

@@ -23,7 +23,7 @@ from mpsim.features.energy import (
 from mpsim.kernels.records import PHASES
 from mpsim.measure import reference, temperature
 from mpsim.measure.observables import has_periodic_field
-from mpsim.measure.registry import checked
+from mpsim.measure.registry import refusal
 from mpsim.measure.statistics import Measure, ratio_average
 from mpsim.scene.scene import Scene
 
@@ -81,13 +81,11 @@ class Counting:
 
     def measures(self, sim: Simulation) -> tuple[str, ...]:
         """Names of the measures for the next run."""
-        names: list[str] = []
-        for name in ("pressure", "largest_overlap") if self.wanted else ():
-            try:
-                names += checked(name, sim.scene, sim.count)
-            except InputError as error:
-                self._note = str(error) if name == "pressure" else self._note
-        return tuple(names)
+        if not self.wanted:
+            return ()
+        self._note = refusal("pressure", sim.scene, sim.count) or None
+        names = ("pressure", "largest_overlap")
+        return tuple(name for name in names if not refusal(name, sim.scene, sim.count))
 
     def note(self, report: Report) -> None:
         """Add the report of a run."""

@@ -126,17 +126,17 @@ class Live:
         return f"<Live: {self._name!r}>"
 
 
-class _Page:
+class _Page(Client):
     """One of the pages: its name, the number of messages sent to it, and whether it owes an answer to its last ping."""
 
     def __init__(self, name: str, post: Callable[..., None]):
-        self.name = name
-        self.sent = 0
-        self.asked = False
-        self.client: Client  # set when the page joins
+        super().__init__(self._pass_on)
+        self.name: str = name
+        self.sent: int = 0
+        self.asked: bool = False
         self._post = post
 
-    async def send(self, message: str | bytes | bytearray) -> None:
+    async def _pass_on(self, message: str | bytes | bytearray) -> None:
         if isinstance(message, str):
             self.post_counted({"text": message})
         else:
@@ -181,7 +181,7 @@ class NotebookPages(Pages):
         """Ping each page; one that has not answered the last ping is silent."""
         for page in self._named.values():
             if page.asked:
-                page.client.silent = True
+                page.silent = True
             else:
                 page.asked = True
                 self._post(page.name, {"ping": True, "sent": page.sent})
@@ -202,34 +202,33 @@ class NotebookPages(Pages):
             self._end_of(self._named[name], POLICY, f"a page opens once; {name!r} was open")
             return
         if len(self._named) >= MOST_PAGES:
-            silent = next((page for page in self._named.values() if page.client.silent), None)
+            silent = next((page for page in self._named.values() if page.silent), None)
             if silent is None:
                 self._refuse(name, LATER, f"at most {MOST_PAGES} pages at a time: close another one")
                 return
             self._end_of(silent, LATER, "it did not answer, and another page needed its place")
         self._post(name, {"opened": True})
-        page = _Page(name, self._post)
-        page.client = self._join(page.send)
-        self._named[name] = page
+        self._named[name] = page = _Page(name, self._post)
+        self._join(page)
 
     def _hear(self, page: _Page, content: dict[str, Any]) -> None:
         match content:
             case {"close": True}:
                 del self._named[page.name]
-                asyncio.ensure_future(self._leave(page.client))  # noqa: RUF006 - nothing waits for its end
+                asyncio.ensure_future(self._leave(page))  # noqa: RUF006 - nothing waits for its end
                 return
             case {"pong": True}:
-                act = partial(page.client.send_again, self._texts) if content.get("lost") is True else None
+                act = partial(page.send_again, self._texts) if content.get("lost") is True else None
             case {"text": str(text)}:
-                act = partial(self._obey, page, lambda: self._do(page.client, read_action(text)))
+                act = partial(self._obey, page, lambda: self._do(page, read_action(text)))
             case {"keep": str(name)}:
                 act = partial(self._obey, page, lambda: self._keep(page, name))
             case _:
                 return
         page.asked = False
-        if page.client.silent:
-            page.client.silent = False
-            page.client.wake()
+        if page.silent:
+            page.silent = False
+            page.wake()
             self._count()
         if act is not None:
             act()
@@ -237,10 +236,10 @@ class NotebookPages(Pages):
     def _obey(self, page: _Page, act: Callable[[], None]) -> None:
         """Do what a page requests; close its connection if it breaks a rule."""
         try:
-            page.client.spend(asyncio.get_running_loop().time())
+            page.spend(asyncio.get_running_loop().time())
             act()
         except InputError as error:
-            self.source.forget(page.client)
+            self.source.forget(page)
             self._end_of(page, POLICY, str(error))
 
     def _keep(self, page: _Page, name: str) -> None:
@@ -262,7 +261,7 @@ class NotebookPages(Pages):
         return asyncio.ensure_future(self._leave_and_say(page, code, reason))
 
     async def _leave_and_say(self, page: _Page, code: int, reason: str) -> None:
-        await self._leave(page.client)
+        await self._leave(page)
         self._refuse(page.name, code, reason)
 
     def _refuse(self, name: str, code: int, reason: str) -> None:
@@ -274,7 +273,7 @@ class NotebookPages(Pages):
             self._widget.send({"page": name, **content}, list(buffers))
         except Exception:  # whatever the notebook's packages raise, such as for a kernel that is ending
             if name in self._named:
-                self._named[name].client.silent = True
+                self._named[name].silent = True
                 self._count()
 
 

@@ -61,7 +61,7 @@ class Recording:
     """
 
     def __init__(self, path: Path, scene: Scene | None = None, follow: bool = False, **given: Any):
-        self._path = path
+        self._path, self.name = path, path.name
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", TrajectoryWarning)  # an incomplete last frame is still being written
             self._trajectory = Trajectory(path, **given)
@@ -76,11 +76,6 @@ class Recording:
         self.scene: Scene = _scene_of(first) if scene is None else scene
         self.follow: bool = follow
         self.at(0)  # which refuses the scene of another box, and a frame that cannot be shown
-
-    @property
-    def name(self) -> str:
-        """Name of the file."""
-        return self._path.name
 
     def __len__(self) -> int:
         return len(self._trajectory)
@@ -172,7 +167,7 @@ FILE_SECONDS = 0.5  # time between two checks whether the file has grown [s]
 
 
 class Playback(Source):
-    """Shows a recording on the pages of a view, and closes it at the end; the arguments are those of `Session`."""
+    """Shows a recording on the pages of a view, and closes it at the end."""
 
     def __init__(self, recording: Recording, *, name: str = "", playing: bool = True, audience: "Pages"):
         super().__init__(recording.scene, audience)
@@ -210,11 +205,8 @@ class Playback(Source):
 
     def _tell(self) -> None:
         self._broadcast.tell_if_new("status", {"phase": self._phase, "speed": self._rate.speed, "note": self._note})
-        self._tell_place()
-
-    def _tell_place(self) -> None:
-        count = len(self._recording)
-        self._broadcast.tell_if_new("timeline", {"count": count, "index": self._index, "follow": self._follow})
+        place = {"count": len(self._recording), "index": self._index, "follow": self._follow}
+        self._broadcast.tell_if_new("timeline", place)
 
     # --- commands
 
@@ -267,7 +259,7 @@ class Playback(Source):
             self._read_on()
         if self._playing:
             self._play(now)
-        self._tell_place()
+        self._tell()
         self._look(now)
 
     def _read_on(self) -> None:
@@ -289,9 +281,7 @@ class Playback(Source):
         frames = self._rate.due(now) if self._rate.speed is not None else int(self._shown == self._index)
         if frames:
             self._go(self._index + frames)
-        if self._index == self._last:
-            self._playing = False
-            self._tell()
+        self._playing = self._index < self._last
 
     def _look(self, now: float) -> None:
         """Make the picture and the gauges if they are due and another frame is reached."""
@@ -302,26 +292,20 @@ class Playback(Source):
             return
         if self._moment is None:
             self._moment = self._recording.at(self._index)
+        moment = self._moment
         if gauges:
             self._gauged, self._next_gauges = self._index, now + GAUGE_SECONDS
-            self._tell_gauges(self._moment)
+            self._broadcast.scale = scale_of(moment.state)
+            numbers = self._gauges.of(moment.state) | Meter().read(0, 0.0)  # nothing runs, so there are no rates
+            self._broadcast.tell("gauges", {"frame": moment.frame, "time": moment.time, **numbers})
         if picture:
             with self._wake:
                 self._asked = False
             self._shown, self._next_picture = self._index, now + PICTURE_SECONDS
-            self._show(self._moment)
-
-    def _show(self, moment: RecordedFrame) -> None:
-        if not np.array_equal(moment.radii, self._radii):
-            self._radii = moment.radii
-            self._broadcast.forget_radii()
-        self._broadcast.show(in_place(moment.state, self.scene.box, moment.frame, moment.time, moment.radii))
-
-    def _tell_gauges(self, moment: RecordedFrame) -> None:
-        self._broadcast.scale = scale_of(moment.state)
-        numbers = self._gauges.of(moment.state)
-        numbers |= Meter().read(0, 0.0)  # nothing runs, so there are no rates
-        self._broadcast.tell("gauges", {"frame": moment.frame, "time": moment.time, **numbers})
+            if not np.array_equal(moment.radii, self._radii):
+                self._radii = moment.radii
+                self._broadcast.forget_radii()
+            self._broadcast.show(in_place(moment.state, self.scene.box, moment.frame, moment.time, moment.radii))
 
     def _seconds_to_next(self) -> float | None:
         now = time.perf_counter()

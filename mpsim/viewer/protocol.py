@@ -27,7 +27,6 @@ declared once, by `command` before the method `do_NAME` that carries it out.
 
 import struct
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -53,11 +52,10 @@ HEADER = struct.Struct("<4sBBHIIQd4d2d2d")
 STEPS = 65535  # number of steps across the box in which positions are sent: 0.03 pixels if the box is 1,920 pixels wide
 
 
-@dataclass(frozen=True)
-class Header:
+class Header(NamedTuple):
     """The header of a picture; see the top of this file."""
 
-    serial: int  # number of the picture
+    serial: int
     frame: int
     time: float
     walls: Box
@@ -117,10 +115,11 @@ def pack_radii(radii: NDArray[np.float64], header: Header) -> bytes:
 
 def unpack(packed: bytes | bytearray) -> UnpackedPicture:
     """Read back a picture from `pack`."""
-    _, _, _, stage, serial, count, frame, time, *numbers = HEADER.unpack_from(packed)
-    x_low, x_high, y_low, y_high, width, height, usual, fastest = numbers
+    _, _, _, stage, serial, count, frame, time, x_low, x_high, y_low, y_high, width, height, *scale = (
+        HEADER.unpack_from(packed)
+    )
     walls = (x_low, x_high, y_low, y_high)
-    header = Header(serial, frame, time, walls, (width, height), SpeedScale(usual, fastest), stage)
+    header = Header(serial, frame, time, walls, (width, height), SpeedScale(*scale), stage)
     places = np.frombuffer(packed, "<u2", 2 * count, HEADER.size).reshape(count, 2)
     position = places * (np.array(header.extent) / STEPS)
     return UnpackedPicture(header, position, np.frombuffer(packed, np.uint8, count, HEADER.size + 4 * count))
@@ -182,9 +181,8 @@ DISC = whole(0, 2**31 - 1)  # checks the number of a disc
 COMMANDS |= {"ack": Command({"serial": whole(1, 2**32 - 1)}), "visible": Command({"value": checks.truth})}
 
 
-@dataclass(frozen=True)
-class Action:
-    """A command that a page has sent: its name, and the values of its arguments."""
+class Action(NamedTuple):
+    """A command that a page has sent, with the values of its arguments."""
 
     name: str
     values: Mapping[str, Any]
@@ -214,7 +212,7 @@ def read_action(text: str | bytes) -> Action:
 
 
 def text_of(kind: str, values: Mapping[str, Any]) -> str:
-    """A message for pages as JSON. Its kind is in `type`; numbers that are not finite become null.
+    """A message for pages as JSON, its kind in `type`; numbers that are not finite become null.
 
     >>> text_of("gauges", {"temperature": float("nan")})
     '{"type":"gauges","temperature":null}'
@@ -238,16 +236,14 @@ def in_utf8(value: Any) -> Any:
 # --- sending to all pages of a view
 
 
-@dataclass(frozen=True)
-class Stage:
+class Stage(NamedTuple):
     """The picture on one stage: its discs, from `pack`, and their radii, from `pack_radii`."""
 
     packed: bytes | bytearray
     radii: bytes  # the same object until the radii change
 
 
-@dataclass(frozen=True)
-class SentPicture:
+class SentPicture(NamedTuple):
     """A picture for the pages: its number, from 1; the obstacles at its time; and one or two stages."""
 
     serial: int
@@ -280,10 +276,7 @@ class Broadcast:
         *,
         plain: bool = False,
     ) -> None:
-        """Send a picture of discs in the arrays of a simulation, and of those of a second stage, if there is one.
-
-        colours: of the discs on both stages; None: those of their speeds. plain: as in `pack`.
-        """
+        """Send a picture of discs, and of a second stage; colours: of both, None: by speed; plain: as `pack`."""
         self._serial += 1
         self._time = discs.time
         capsules = self._told_capsules()
@@ -302,20 +295,13 @@ class Broadcast:
 
     def tell_scene(self, name: str, **more: Any) -> None:
         """Send what rarely changes: the scene, the colours of its parts, and more values from its source."""
-        scene = self.scene
-        fixed = {
-            "version": VERSION,
-            "name": name,
-            "width": scene.width,
-            "height": scene.height,
-            "periodic": list(scene.periodic),
-            "theme": {"ground": PAGE.ground, "behind": PAGE.behind, "solid": PAGE.solid},
-        }
-        self.tell("scene", {**fixed, **more})
+        fixed: dict[str, Any] = {each: getattr(self.scene, each) for each in ("width", "height", "periodic")}
+        fixed["theme"] = {each: getattr(PAGE, each) for each in ("ground", "behind", "solid")}
+        self.tell("scene", {"version": VERSION, "name": name, **fixed, **more})
         self._told_capsules()
 
     def _told_capsules(self) -> NDArray[np.float64]:
-        """The obstacles at the time of the last picture, which are sent if they differ from those sent before."""
+        """The obstacles at the time of the last picture, sent if they differ from those sent before."""
         capsules = self.scene.capsules_at(self._time)
         if capsules is not self._capsules:
             self._capsules = capsules

@@ -411,15 +411,13 @@ class Pages(ABC):
         for client in self._clients:
             client.tell(kind, text)
 
-    def _join(self, send: Send) -> Client:
+    def _join(self, client: Client) -> None:
         """Serve another page, and send it the last messages and picture."""
-        client = Client(send)
         for kind, text in self._texts.items():
             client.tell(kind, text)
         if self._picture is not None:
             client.show(self._picture)
         self._clients[client] = asyncio.ensure_future(client.send_all())
-        return client
 
     async def _leave(self, client: Client) -> None:
         """Stop serving a page, whatever has happened to its connection."""
@@ -566,7 +564,8 @@ class Server(Pages):
         if len(self._clients) >= MOST_PAGES:
             await connection.close(LATER, f"at most {MOST_PAGES} pages at a time: close another one")
             return
-        client = self._join(connection.send)
+        client = Client(connection.send)
+        self._join(client)
         try:
             async for message in connection:
                 client.spend(time.monotonic())

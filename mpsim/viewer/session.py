@@ -6,6 +6,7 @@ Each picture shows the state between two frames.
 import contextlib
 import time
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,14 +20,14 @@ from mpsim.engine.solvers.grid import Pass, next_frame_in_passes
 from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
-from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS, Settings
+from mpsim.scene.settings import Settings
 from mpsim.viewer import export, share_url
 from mpsim.viewer.colouring import CHOICES, Colouring, scale_of
 from mpsim.viewer.comparison import Comparison, Tuning, demand_one_process
 from mpsim.viewer.edits import Interactions, Moment
 from mpsim.viewer.gauges import CollisionCount, Counting, Gauges, Meter, bulk_pressure
-from mpsim.viewer.protocol import MOST_NUMBER, Action, Check, command, one_of, whole
-from mpsim.viewer.share_url import MOST_DIVISIONS, Link
+from mpsim.viewer.protocol import MOST_NUMBER, Action, command, one_of, whole
+from mpsim.viewer.share_url import Link
 from mpsim.viewer.source import LOOK, MOST_STEPS, TURN, Source, TimeBudget, first_speed
 
 if TYPE_CHECKING:
@@ -61,29 +62,11 @@ of discs."""
 
 _NOWHERE: Where = (-1, -1, -1)  # no moment yet
 
-BESIDE: Mapping[str, Check] = {
-    "method": one_of(METHODS),
-    "contact": one_of(CONTACTS),
-    "precision": one_of(PRECISIONS),
-    "passes": whole(1, MOST_DIVISIONS),
-    "frames": whole(1, MOST_DIVISIONS),
-}
-"""Settings that can differ in a second stage, and their checks; frames: number of its frames in one of the first."""
 
-
-def _settings_beside(name: str, value: Any) -> dict[str, Any] | None:
-    """Check the changed settings of a second stage; None: no second stage."""
-    if value is None:
-        return None
-    if not isinstance(value, dict) or not value.keys() <= BESIDE.keys():
-        raise InputError(f"{name} must be an object with {', '.join(BESIDE)}, or null; got {checks.brief(value)}.")
-    return {each: BESIDE[each](f"{each} of {name}", found) for each, found in value.items()}
-
-
-def _link(name: str, value: Any) -> Link:
+def _text(name: str, value: Any) -> str:
     if not isinstance(value, str):
         raise InputError(f"{name} must be a text; got {checks.brief(value)}.")
-    return share_url.read(value)
+    return value
 
 
 def _budget(name: str, value: Any) -> float:
@@ -117,7 +100,8 @@ class Session(Source):
         self._sim = None if isinstance(shown, Scene) else shown
         if beside is not None:
             demand_one_process(beside)
-        self._settings = demand_one_process(settings_for(self.scene, settings) if self._owned else shown.settings)
+        own = settings_for(self.scene, settings) if self._sim is None else self._sim.settings
+        self._settings = demand_one_process(own)
         self._given, self._seed, self._name = self.scene, 0, name
         self._parameters: Mapping[str, Any] = {}
         self._has_link = self._owned and export.is_named(self.scene, name)
@@ -426,14 +410,14 @@ class Session(Source):
         self.scene = self._broadcast.scene = self._given.redrawn(seed) if seed else self._given
         self._seed = seed
 
-    @command(settings=_settings_beside)
-    def do_beside(self, settings: dict[str, Any] | None) -> None:
-        """Restart with another second stage."""
+    @command(settings=lambda name, value: None if value is None else _text(name, value))
+    def do_beside(self, settings: str | None) -> None:
+        """Restart with another second stage, or with none; settings: as in a link."""
         self._demand_scene("beside")
-        self._comparison.choose(settings)
+        self._comparison.choose(None if settings is None else partial(share_url.second, text=settings))
         self._restart()
 
-    @command(link=_link)
+    @command(link=lambda name, value: share_url.read(_text(name, value)))
     def do_open(self, link: Link) -> None:
         """Restart with the scene and settings of a link."""
         self._demand_scene("open")

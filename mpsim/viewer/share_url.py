@@ -121,17 +121,17 @@ def read(query: str) -> Link:
             _demand_near(each, changed[each], VALUES[each](scene))
     if "gravity" in changed:
         checks.between("size of gravity", math.hypot(*changed["gravity"]), 0.0, RANGE * longest_gravity(scene))
-    beside = _second(settings, texts["beside"]) if "beside" in texts else None
+    beside = second(settings, texts["beside"]) if "beside" in texts else None
     return Link(name, seed, settings, changed, beside, _seen(texts))
 
 
 def checked(query: str) -> str:
     """The query of the page's own address, checked, in its standard form; "" if it concerns only the display."""
     texts = _texts(query)
-    if set(texts) <= set(SEEN):
-        _seen(texts)
-        return ""
-    return write(read(query))
+    if set(texts) - set(SEEN):
+        return write(read(query))
+    _seen(texts)
+    return ""
 
 
 def _texts(query: str) -> dict[str, str]:
@@ -169,20 +169,17 @@ def _parameter(name: str, text: str) -> Any:
     return _number(int if name == "every" else float, text)
 
 
-def _demand_short_frames(settings: Settings, usual: float) -> None:
-    """Refuse settings that a view cannot run, or that make frames very long; usual: dt of the scene [time]."""
+def _demand_short_frames(settings: Settings, usual: float, frames: int = 1) -> None:
+    """Refuse settings that a view cannot run, or that make frames very long.
+
+    usual: dt of the scene [time]; frames: of these settings in one frame of the first stage.
+    """
     if capabilities_of(settings).on_ranks:
         raise InputError(f"method of a link must run in one process; got {settings.method!r}. Use method=grid.")
     _demand_near("dt", settings.dt, usual)
     for name in ("passes", "substeps"):
         checks.whole(name, getattr(settings, name), 1, MOST_DIVISIONS, "A link may not ask for more.")
-    _demand_few_sweeps(settings, 1)
-
-
-def _demand_few_sweeps(settings: Settings, frames: int) -> None:
-    """Refuse settings that sweep the contacts too often in one frame of the first stage, which has so many frames."""
-    sweeps = frames * settings.substeps * settings.passes
-    if sweeps > MOST_SWEEPS:
+    if (sweeps := frames * settings.substeps * settings.passes) > MOST_SWEEPS:
         raise InputError(
             f"a link may ask for at most {MOST_SWEEPS:,} passes in one frame of the first stage; got {sweeps:,} "
             f"(frames {frames}, substeps {settings.substeps}, passes {settings.passes}). Ask for fewer of them."
@@ -194,14 +191,13 @@ def _demand_near(name: str, value: float, usual: float) -> None:
     checks.between(f"size of {name}", abs(value), abs(usual) / RANGE, abs(usual) * RANGE)
 
 
-def _second(first: Settings, text: str) -> Settings:
-    """Settings of a second stage whose frames fit those of the first."""
+def second(first: Settings, text: str) -> Settings:
+    """Settings of a second stage, whose frames fit those of the first: `beside_of` within the limits of a link."""
     wanted = beside_of(first, text)
     if not capabilities_of(wanted).has_steps:
         wanted = dataclasses.replace(wanted, dt=first.dt)  # the only dt that fits
-    _demand_short_frames(wanted, first.dt)
     found, frames = in_step(wanted, first.dt)
-    _demand_few_sweeps(found, frames)
+    _demand_short_frames(found, first.dt, frames)
     return found
 
 
@@ -224,6 +220,8 @@ def _seen(texts: Mapping[str, str]) -> dict[str, str]:
 def beside_of(first: Settings, text: str) -> Settings:
     """Settings of a second stage: those of the first, with changes: a method and settings, separated by commas.
 
+    `frames=2` stands for half of the dt.
+
     Raises:
         InputError: if the text is not of this form.
 
@@ -235,10 +233,13 @@ def beside_of(first: Settings, text: str) -> Settings:
         name, equals, value = word.strip().partition("=")
         if not equals and name in METHODS:
             name, value = "method", name
+        if name == "frames":
+            frames = checks.whole(name, _number(int, value), 1, MOST_DIVISIONS, "Each is a step of the second stage.")
+            name, value = "dt", str(first.dt / frames)
         if name not in BESIDE or name in values:
             raise InputError(
-                f"beside must be a method, or {', '.join(BESIDE)} with a value, each once; got {checks.brief(word)}. "
-                "Use dt=0.001,passes=2."
+                f"beside must be a method, or {', '.join(BESIDE)} or frames with a value, each once; got "
+                f"{checks.brief(word)}. Use dt=0.001,passes=2."
             )
         values[name] = _number(SETTINGS[name], value)
     if "method" in values:
@@ -273,7 +274,7 @@ def _beside_text(second: Settings, first: Settings) -> str:
 
 def _differences(settings: Settings, usual: Settings, names: Iterable[str]) -> dict[str, str]:
     found = {name: getattr(settings, name) for name in names}
-    return {name: _text(value) for name, value in found.items() if value is not None and value != getattr(usual, name)}
+    return {name: str(value) for name, value in found.items() if value not in (None, getattr(usual, name))}
 
 
 def _text(value: Any) -> str:

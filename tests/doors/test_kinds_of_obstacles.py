@@ -10,7 +10,6 @@ from support.twins import Twin
 
 import mpsim
 from mpsim.features.obstacles import OBSTACLES, Obstacle
-from mpsim.viewer import export
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore")]
 
@@ -45,14 +44,14 @@ def scene_of(obstacles):
 
 
 def run_resumed_and_kept(scene, folder, **settings):
-    """The last state, which a checkpoint has too, and a program that the view writes, which compares digests itself."""
+    """The last state, which a checkpoint and a replayed session have, too."""
     with mpsim.Simulation(scene, mpsim.Settings(**settings)) as sim:
         sim.run(frames=20)
         with mpsim.Simulation.resume(sim.save(folder / "run.mpsim")) as resumed:
             assert (resumed.scene.obstacles, resumed.digest()) == (scene.obstacles, sim.digest())
-        text = export.program(sim, "").content.decode()
-        exec(compile(text, "program.py", "exec"), {})
-        assert f"mpsim.{type(scene.obstacles[0]).__name__}(" in text
+        sim.journal.save(folder / "session.toml")
+        with mpsim.Simulation.replay(folder / "session.toml") as again:
+            assert again.digest() == sim.digest()
         return sim.state
 
 

@@ -347,7 +347,7 @@ def test_a_page_has_a_second_stage_begin_and_end_and_one_that_does_not_fit_is_to
     with paused(SCENE, GRID) as page:
         page.step_to(5)
         assert page.last["pair"]["second"] is None
-        page.say("beside", settings={"frames": 2})
+        page.say("beside", settings="frames=2")
         page.hear_until(lambda v: v.last["pair"]["second"] == "grid push dt=0.005" and v.frame == 0)
         page.step_to(3)
         assert page.stages[1].frame == 6

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.notebook import FrontEnd
 from support.scenes import gas
-from support.visitor import digest_alone
+from support.visitor import digest_alone, read_session
 
 import mpsim
 
@@ -34,13 +34,12 @@ def seen(front, name="a"):
 
 
 def session_of(page):
-    """Frame and digest of the run, as the kept program says."""
+    """Frame and digest of the run, as the kept session says."""
     page.kept.clear()
-    page.keep("program.py")
-    page.until(lambda p: "program.py" in p.kept)
-    text = page.kept["program.py"][1].decode()
-    frames = [int(part.partition(")")[0]) for part in text.split("sim.run(frames=")[1:]]
-    return sum(frames), text.partition('digest() == "')[2].partition('"')[0]
+    page.keep("session.zip")
+    page.until(lambda p: "session.zip" in p.kept)
+    session = read_session(page.kept["session.zip"][1])
+    return session.frame, session.digest
 
 
 def test_an_output_shows_the_run_and_controls_it_without_a_change_of_bits(front):
@@ -77,7 +76,7 @@ def test_an_output_that_is_cleared_or_scrolled_away_lets_the_run_rest(front):
 def test_files_are_kept_in_a_notebook_as_on_a_page(front):
     page = seen(front)
     page.until(lambda p: p.frame > 3)
-    begins = {"session.zip": b"PK", "scene.zip": b"PK", "program.py": b'"""', "film.gif": b"GIF8"}
+    begins = {"session.zip": b"PK", "scene.zip": b"PK", "film.gif": b"GIF8"}
     for name, begin in begins.items():
         page.keep(name)
         page.until(lambda p, name=name: name in p.kept)
@@ -227,7 +226,7 @@ def test_lost_messages_are_sent_again_and_pages_that_do_not_answer_let_the_run_r
         other.until(lambda p: p.last["status"]["speed"] == 0.5)
         assert (one.closed, other.closed) == (None, None)
         heard = one.received
-        one.keep("program.py")
+        one.keep("session.zip")
         one.until(lambda p: p.kept and p.pings > pings + 1)
         assert one.received > heard
         # a long cell: answers wait, and nobody else watches

@@ -233,7 +233,12 @@ class Kept(NamedTuple):
 
 def kept(address: str) -> Kept:
     """What a view has simulated so far."""
-    with zipfile.ZipFile(io.BytesIO(downloaded(address, "session.zip"))) as archive:
+    return read_session(downloaded(address, "session.zip"))
+
+
+def read_session(content: bytes) -> Kept:
+    """What the archive of a session says."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
         tables = tomllib.loads(archive.read("session.toml").decode())
     return Kept(tables["frame"], tables["digest"], [each["what"] for each in tables.get("change", [])])
 

@@ -1,8 +1,7 @@
 // Reads the page's address: a scene with settings to run instead, whether to start paused, a speed, a part of the box.
 
-import { state } from "./common.js";
+import { $, state } from "./common.js";
 import { opened, send, takers } from "./connection.js";
-import { ask, askNoMore } from "./question.js";
 import { camera, requestDraw } from "./stage.js";
 
 const asked = new URLSearchParams(location.search);
@@ -28,6 +27,31 @@ function place() {
   requestDraw();
 }
 
+// --- a question above the stage, with a button for yes and one for no
+
+let answers = {};
+
+/** Ask; this replaces an earlier question. yes, no: what the answers do; yes null: nothing to choose. */
+function ask(text, yes, no) {
+  answers = { yes, no };
+  $("asked").hidden = false;
+  $("asked-text").textContent = text;
+  $("asked-yes").hidden = !yes;
+  $("asked-no").textContent = yes ? "Keep this run" : "Close";
+}
+
+/** Remove the question. */
+function askNoMore() {
+  answers = {};
+  $("asked").hidden = true;
+}
+
+for (const each of ["yes", "no"]) $(`asked-${each}`).addEventListener("click", () => {
+  const act = answers[each];
+  askNoMore();
+  act?.();
+});
+
 // --- another scene, or the same with other settings
 
 const inWords = (link) => link.split("&").map(decodeURIComponent).map((each) => each.replace("scene=", "")).join(", ");
@@ -36,8 +60,8 @@ function compare() {
   if (settled || wanted === null || state.link === undefined || !state.scene) return;
   if (wanted === state.link) settle();
   else if (state.scene.recording || !state.scene.can_reset) {
-    ask(`This address asks for ${inWords(wanted)}. This view shows ${state.scene.recording ? "a recording" : "a simulation that belongs to a program"}, and nothing else. In a terminal: mpsim view '?${wanted}'`, null, { no: keep });
-  } else ask(`This address asks for ${inWords(wanted)}. ${state.link ? inWords(state.link) : state.scene.name || "A scene of a program"} is running now. A restart changes all pages of this view.`, restart, { no: keep });
+    ask(`This address asks for ${inWords(wanted)}. This view shows ${state.scene.recording ? "a recording" : "a simulation that belongs to a program"}, and nothing else. In a terminal: mpsim view '?${wanted}'`, null, keep);
+  } else ask(`This address asks for ${inWords(wanted)}. ${state.link ? inWords(state.link) : state.scene.name || "A scene of a program"} is running now. A restart changes all pages of this view.`, restart, keep);
 }
 
 function restart() {
@@ -56,11 +80,11 @@ const whenOpen = () => { if (!settled) settle(); };
 if (settleAtOnce) opened.push(whenOpen);
 else fetch(`link${location.search}`).then(async (answer) => {
   const text = await answer.text();
-  if (!answer.ok) ask(`This address cannot be used: ${text}`, null, { no: keep });
+  if (!answer.ok) ask(`This address cannot be used: ${text}`, null, keep);
   else if (text) { wanted = text; compare(); }
   else if (state.socket?.readyState === WebSocket.OPEN) whenOpen();
   else opened.push(whenOpen);
-}, () => ask("This address was not checked: no connection to mpsim.", null, { no: keep }));
+}, () => ask("This address was not checked: no connection to mpsim.", null, keep));
 takers.link.push(compare);
 takers.scene.push((scene) => {
   const other = shown !== null && (shown.width !== scene.width || shown.height !== scene.height);

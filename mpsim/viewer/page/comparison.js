@@ -73,7 +73,7 @@ given.disabled = true; // for a view opened with a second stage
 /** Show the second stage in the list, also if it was not chosen on this page. */
 function showChoice(second) {
   if (second === null) given.remove();
-  else if (choice.value === "null" || given.selected) {
+  else if (choice.value === "" || given.selected) {
     given.textContent = second;
     choice.append(given);
     choice.value = "given";
@@ -109,7 +109,7 @@ takers.pair.push((message) => {
   requestDraw();
 });
 
-choice.addEventListener("change", (event) => send({ do: "beside", settings: JSON.parse(event.target.value) }));
+choice.addEventListener("change", (event) => send({ do: "beside", settings: event.target.value || null }));
 
 takers.scene.push((scene) => {
   for (const id of ["beside-choice", "tune", "tune-budget", "tune-measure"]) $(id).disabled = !scene.can_reset;

@@ -1,7 +1,6 @@
 // The connection to the simulation, and its messages.
 
 import { $, digits, state } from "./common.js";
-import { RADII, VERSION, decode } from "./decode.js";
 import { KEPT, RECORDED, drawGauges } from "./gauges.js";
 import { inNotebook, openSocket } from "./socket.js";
 import { afterDrawing, requestDraw } from "./stage.js";
@@ -12,6 +11,30 @@ export const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100
 const NO_ANSWER = inNotebook
   ? "Python does not answer: it is running a cell, or this view or its kernel has ended. To see the view again, run its cell."
   : "No connection to mpsim. Is it still running? Trying again …";
+
+// --- binary messages, whose format mpsim/viewer/protocol.py defines
+
+const VERSION = 1, RADII = 2, HEADER = 96;
+
+/** The content of a binary message; throws if it is not valid. */
+function decode(buffer) {
+  const view = new DataView(buffer);
+  if (buffer.byteLength < HEADER || view.getUint32(0, false) !== 0x4d505356) throw new Error("not a picture");
+  if (view.getUint8(4) !== VERSION) throw new Error("Another version of mpsim is running. Reload the page.");
+  const kind = view.getUint8(5), count = view.getUint32(12, true);
+  if (buffer.byteLength !== HEADER + count * (kind === RADII ? 4 : 5)) throw new Error("picture incomplete");
+  const stage = view.getUint16(6, true);
+  if (kind === RADII) return { kind, stage, radii: new Float32Array(buffer, HEADER, count) };
+  const float = (offset) => view.getFloat64(offset, true);
+  return {
+    kind, stage, count, serial: view.getUint32(8, true), frame: Number(view.getBigUint64(16, true)), time: float(24),
+    walls: [float(32), float(40), float(48), float(56)], extent: [float(64), float(72)],
+    usual: float(80), fastest: float(88),
+    places: new Uint16Array(buffer, HEADER, 2 * count), colours: new Uint8Array(buffer, HEADER + 4 * count, count),
+  };
+}
+
+// --- messages
 
 /** Functions of other parts of the page, called with messages of each kind, and when the connection opens. */
 export const takers = { scene: [], obstacles: [], hands: [], timeline: [], status: [], pair: [], tune: [], pass: [], link: [] }, opened = [];

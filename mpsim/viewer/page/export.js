@@ -1,4 +1,4 @@
-// Saves gauges: each as a table (CSV) or a picture (PNG), by its buttons, or dragged out of the page.
+// Saves gauges, each as a table.
 
 import { $, state } from "./common.js";
 
@@ -34,57 +34,14 @@ export function tableOf(name) {
   return table(Object.fromEntries(["frame", "time", name, ...beside].map((each) => [each, history[each] ?? []])));
 }
 
-/** The canvas of a gauge on white, with its name and value above. */
-function pictureOf(place, canvas) {
-  const found = document.createElement("canvas"), scale = window.devicePixelRatio || 1, head = 24 * scale;
-  [found.width, found.height] = [canvas.width + 16 * scale, canvas.height + head + 8 * scale];
-  const c = found.getContext("2d");
-  c.fillStyle = "#fff";
-  c.fillRect(0, 0, found.width, found.height);
-  c.fillStyle = "#16191d";
-  c.font = `${13 * scale}px system-ui, "DejaVu Sans", sans-serif`;
-  const name = place.dataset.title, value = place.querySelector("dd")?.textContent ?? "";
-  c.fillText(`${name} ${value}`, 8 * scale, 16 * scale);
-  c.drawImage(canvas, 8 * scale, head);
-  return found;
-}
-
-/** Give each gauge its buttons, and let it be dragged out. */
+/** Give each gauge its button. */
 export function offerSaving() {
   for (const place of document.querySelectorAll("aside figure, .gauges > div")) {
-    const canvas = place.querySelector("canvas"), name = place.querySelector("dd")?.id || canvas.id;
-    const heading = place.querySelector("figcaption, dt"), buttons = document.createElement("span");
-    place.dataset.title = heading.firstChild.textContent.trim();
-    buttons.className = "save";
-    const save = {
-      CSV: () => download(new Blob([tableOf(name)], { type: "text/csv" }), fileName(`-${name}.csv`)),
-      PNG: () => pictureOf(place, canvas).toBlob((blob) => download(blob, fileName(`-${name}.png`)), "image/png"),
-    };
-    for (const [kind, act] of Object.entries(save)) {
-      const button = document.createElement("button");
-      Object.assign(button, { type: "button", textContent: kind, title: `Save as ${kind}`, onclick: act });
-      button.setAttribute("aria-label", `${place.dataset.title} as ${kind}`);
-      buttons.append(button);
-    }
-    heading.append(buttons);
-    place.draggable = true;
-    place.addEventListener("dragstart", (event) => {
-      const onPicture = document.elementFromPoint(event.clientX, event.clientY) === canvas;
-      (onPicture ? dragPicture : dragTable)(event.dataTransfer, onPicture ? pictureOf(place, canvas) : tableOf(name), name);
-    });
+    const name = place.querySelector("dd")?.id || place.querySelector("canvas").id;
+    const heading = place.querySelector("figcaption, dt"), button = document.createElement("button");
+    Object.assign(button, { type: "button", className: "save", textContent: "CSV", title: "Save as CSV" });
+    button.setAttribute("aria-label", `${heading.firstChild.textContent.trim()} as CSV`);
+    button.onclick = () => download(new Blob([tableOf(name)], { type: "text/csv" }), fileName(`-${name}.csv`));
+    heading.append(button);
   }
-}
-
-function dragTable(data, text, name) {
-  data.setData("text/plain", text);
-  data.setData("text/csv", text);
-  data.setData("DownloadURL", `text/csv:${fileName(`-${name}.csv`)}:data:text/csv,${encodeURIComponent(text)}`);
-}
-
-/** Uses a link, because `toBlob` would end too late for the drag. */
-function dragPicture(data, canvas, name) {
-  const link = canvas.toDataURL("image/png");
-  data.setData("text/uri-list", link);
-  data.setData("text/html", `<img src="${link}">`);
-  data.setData("DownloadURL", `image/png:${fileName(`-${name}.png`)}:${link}`);
 }
