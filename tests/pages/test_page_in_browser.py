@@ -292,7 +292,7 @@ def test_keys_do_what_the_pointer_does_and_fingers_too(table):
     until(lambda: t.holding() == [])
     t.settle()
     t.keys("x", *["ArrowUp"] * 4, "Enter")
-    until(lambda: t.text("hand-note") == "No disc is under the cross.")
+    until(lambda: t.text("hand-note") == "No disc and no wall is under the cross.")
     t.keys("a", "Enter")
     until(lambda: len(t.picture.colour) == 5)
     t.settle()
