@@ -122,21 +122,8 @@ def _run_command(scene: str, recommended: Settings, settings: Settings) -> str:
 
 def _record(tuned: tuning.Tuned) -> dict[str, Any]:
     """The answer as plain values."""
-    return {
-        "settings": dataclasses.asdict(tuned.settings),
-        "cost": dataclasses.asdict(tuned.cost),
-        "errors": {name: dataclasses.asdict(error) for name, error in tuned.errors.items()},
-        "budgets": tuned.budgets,
-        "verified": tuned.verified,
-        "exact": tuned.exact,
-        "reference": tuned.reference,
-        "contact_time": tuned.contact_time,
-        "starts": tuned.starts,
-        "until": tuned.until,
-        "warning": tuned.warning,
-        "tighter": tuned.tighter,
-        "tried": [{**trial.row.record(), "verdict": trial.verdict, "inside": trial.inside} for trial in tuned.tried],
-    }
+    tried = [{**trial.row.record(), "verdict": trial.verdict, "inside": trial.inside} for trial in tuned.tried]
+    return {**dataclasses.asdict(tuned), "verified": tuned.verified, "exact": tuned.exact, "tried": tried}
 
 
 TRADEOFF_EXAMPLES = """\b

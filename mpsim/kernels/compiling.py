@@ -33,14 +33,7 @@ logger = logging.getLogger("mpsim")
 # --- The message while kernels are compiled, and the time that this takes
 #
 # Numba compiles a kernel silently, inside its first call with new types. A call of the compiler that the cache does
-# not answer is timed here, and announced once it has taken `QUIET_FOR`. A separate thread announces it, because a
-# listener (a log handler, for example) may wait for a lock that the compiling thread holds.
-
-QUIET_FOR = 0.5
-"""Seconds of compiling of which nothing is said: small kernels take less."""
-
-PATIENCE = 1.0
-"""Seconds to wait for an announcement that has begun: none that is well takes as long."""
+# not answer is timed here; the kernels that take long are announced.
 
 LOOPS = {"run_grid": 10, "run_naive": 4, "run_events": 3}
 """The kernels that Python calls for the frames of a scene: seconds of compiling for a bare one (Xeon, Numba 0.68)."""
@@ -50,7 +43,7 @@ class Announcer(Protocol):
     """Tells people that something is being compiled."""
 
     def begin(self, text: str) -> None:
-        """Say what is being compiled, and about how long it will take. Called by another thread."""
+        """Say what is being compiled, and about how long it will take."""
         ...
 
     def end(self) -> None:
@@ -105,30 +98,10 @@ class _Compilation(threading.local):
 
     kernel: str = ""
     started: float | None = None
-    announcement: "_Announcement | None" = None
+    announcer: Announcer | None = None
 
 
 _mine = _Compilation()
-
-
-class _Announcement(threading.Timer):
-    """An announcement that comes when compiling has taken QUIET_FOR."""
-
-    def __init__(self, announcer: Announcer, text: str):
-        super().__init__(QUIET_FOR, self._begin)
-        self.daemon = True
-        self._announcer, self._text, self._begun = announcer, text, False
-
-    def _begin(self) -> None:
-        self._begun = True
-        self._announcer.begin(self._text)
-
-    def end(self) -> None:
-        """Compilation has ended."""
-        self.cancel()
-        self.join(PATIENCE)  # a process that forks next should not have this thread
-        if self._begun:
-            self._announcer.end()
 
 
 @contextmanager
@@ -142,28 +115,23 @@ def _compiling(kernel: str) -> Iterator[None]:
     try:
         yield
     finally:
-        started, announcement = _mine.started, _mine.announcement
-        _mine.kernel, _mine.started, _mine.announcement = "", None, None
+        started, announcer = _mine.started, _mine.announcer
+        _mine.kernel, _mine.started, _mine.announcer = "", None, None
         if started is not None:
             with _lock:
                 _spent += time.perf_counter() - started
-        if announcement is not None:
-            announcement.end()
+        if announcer is not None:
+            announcer.end()
 
 
 def _not_cached() -> None:
     """Note that a requested kernel is in no cache: from here on this thread compiles."""
     if _mine.started is None and _mine.kernel:
         _mine.started = time.perf_counter()
-        if _announcer is not None:
-            once, seconds = ", once" * (_FOLDER is not None), LOOPS.get(_mine.kernel)
-            text = f"compiling a small kernel ({_mine.kernel}){once}"
-            if seconds is not None:
-                text = f"compiling the loops for this scene{once}; about {seconds} s or more"
-            announcement = _Announcement(_announcer, text)
-            with suppress(RuntimeError):  # the system allows no more threads
-                announcement.start()
-                _mine.announcement = announcement
+        if _announcer is not None and _mine.kernel in LOOPS:
+            once = ", once" * (_FOLDER is not None)
+            _mine.announcer = _announcer
+            _announcer.begin(f"compiling the loops for this scene{once}; about {LOOPS[_mine.kernel]} s or more")
 
 
 # --- Merges functions into one kernel; functions that only kernels call get no machine code of their own

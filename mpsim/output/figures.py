@@ -35,7 +35,7 @@ PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73
 def times(report: Report) -> Figure:
     """Above, the time of each frame; below, a bar for each worker, whose phases add up to a typical frame time."""
     frames = np.arange(1, report.frames + 1)
-    means, compared = usual_phases(report), frames_of_the_workers(report)
+    means = usual_phases(report)
     workers = max(np.count_nonzero(sum(means.values())), 1)
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(8, 4.4 + 0.3 * workers)
@@ -57,10 +57,8 @@ def times(report: Report) -> Figure:
             below.barh(np.arange(workers), parts, left=left, color=PHASE_COLOURS[name], label=label, height=0.7)
             left += parts
         waiting = 100 * means["wait"].sum() * 1e6 / (left.sum() or 1.0)
-        which = "all frames" if compared.all() else f"the {np.count_nonzero(compared)} frames by {word}"
-        gap = " " if compared.all() else "\n"
         below.set(
-            xlabel=f"phases, mean of the middle half of {which} [µs]:{gap}{left.max(initial=0.0):.3g} µs; "
+            xlabel=f"phases, mean of the middle half of all frames [µs]: {left.max(initial=0.0):.3g} µs; "
             f"{waiting:.0f} % is waiting for others",
             ylabel="worker",
             yticks=np.arange(workers),
@@ -72,28 +70,17 @@ def times(report: Report) -> Figure:
     return figure
 
 
-def frames_of_the_workers(report: Report) -> NDArray[np.bool_]:
-    """The frames in which as many workers took part as the report names, shape (frames,); all if there are none.
-
-    While "auto" tries its candidates, there are frames of others.
-    """
-    working = sum(report.phase_seconds.values()) > np.zeros((report.frames, 1))
-    chosen = np.count_nonzero(working, axis=1) == report.workers
-    return chosen if chosen.any() else np.ones(report.frames, bool)
-
-
 def usual_phases(report: Report) -> dict[str, NDArray[np.float64]]:
     """Time of each phase for each worker, shape (workers,): mean over the middle half of the frame times [s].
 
-    Frames with another number of workers than the report names are left out. For each worker the phases add up to the
-    mean time of these frames. Medians of phases would not, and means over all frames would be dominated by the few that
-    were disturbed.
+    For each worker the phases add up to the mean time of these frames. Medians of phases would not, and means over all
+    frames would be dominated by the few that were disturbed.
     """
-    seconds, chosen = report.frame_seconds, frames_of_the_workers(report)
+    seconds = report.frame_seconds
     if not len(seconds):
         return {name: np.zeros(each.shape[1]) for name, each in report.phase_seconds.items()}
-    low, high = np.quantile(seconds[chosen], [0.25, 0.75], method="inverted_cdf")  # times of frames: one is between
-    usual = chosen & (seconds >= low) & (seconds <= high)
+    low, high = np.quantile(seconds, [0.25, 0.75], method="inverted_cdf")  # times of frames: one is between
+    usual = (seconds >= low) & (seconds <= high)
     return {name: each[usual].mean(axis=0) for name, each in report.phase_seconds.items()}
 
 

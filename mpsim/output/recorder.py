@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks, files
+from mpsim.core.checks import refusal
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, reason_of
@@ -116,22 +117,18 @@ def _rows(path: Path) -> list[list[str]]:
     if not path.exists():
         return []
     try:
-        whole = files.content(path, MOST_BYTES).decode("utf-8", "replace").rpartition("\n")[0]
-        head = whole.partition("\n")[0].rstrip("\r")
-        rows = list(csv.reader(io.StringIO(whole))) if head == ",".join(COLUMNS) else [[head]] if whole else []
-    except (OSError, csv.Error) as error:
-        reason = reason_of(error)
-        raise InputError(
-            f"{str(path)!r} must be a table that a run has written; it cannot be read: {reason}."
-        ) from None
-    if rows and tuple(rows[0]) != COLUMNS:
-        raise InputError(
-            f"{str(path)!r} must begin with the columns {','.join(COLUMNS)}; got {','.join(rows[0])[:80]!r}."
-        )
-    for number, row in enumerate(rows[1:], start=2):
+        text = files.content(path, MOST_BYTES).decode("utf-8", "replace")
+    except OSError as error:
+        rule = "be a table that a run has written"
+        raise refusal(repr(str(path)), rule, f"a file that cannot be read, {reason_of(error)}") from None
+    head, *rows = (line.split(",") for line in text.rpartition("\n")[0].split("\n"))
+    if tuple(head) != COLUMNS:
+        if head == [""]:
+            return []
+        raise refusal(repr(str(path)), f"begin with the columns {','.join(COLUMNS)}", repr(",".join(head)[:80]))
+    for number, row in enumerate(rows, start=2):
         if len(row) != len(COLUMNS) or not row[0].isdecimal():
-            raise InputError(
-                f"line {number} of {str(path)!r} must be a row of {len(COLUMNS)} numbers that a run has written; got "
-                f"{','.join(row)[:80]!r}. Remove the file: the run continues without what it held."
-            )
-    return rows[1:]
+            rule = f"be a row of {len(COLUMNS)} numbers that a run has written"
+            instead = "Remove the file: the run continues without what it held."
+            raise refusal(f"line {number} of {str(path)!r}", rule, repr(",".join(row)[:80]), instead)
+    return rows

@@ -194,15 +194,6 @@ def test_a_report_is_drawn_with_a_bar_for_each_worker_that_adds_up_to_a_usual_fr
     assert "; 20 % is waiting for others" in below.get_xlabel()
 
 
-def test_frames_before_auto_had_chosen_are_in_no_bar(report):
-    times = np.zeros((2, 8, 5), np.int64)
-    times[:, :3, 0] = 50_000
-    times[0, 3:, 0] = 10_000
-    made = dataclasses.replace(report, times=times)
-    (bars,) = made.plot().axes[1].containers
-    assert [round(bar.get_width(), 6) for bar in bars] == [10.0]
-
-
 @pytest.mark.parametrize(("method", "words"), [("naive", {"move", "pairs"}), ("event", {"events"})])
 def test_a_method_without_columns_has_no_phases_called_after_them(method, words):
     with simulate(gas(8, 0.4), method=method) as sim:

@@ -370,7 +370,7 @@ def test_records_that_are_none_are_refused(tmp_path):
 
 def test_a_table_with_a_cell_of_a_megabyte_is_refused(tmp_path):
     (tmp_path / "measures.csv").write_text(f"{','.join(COLUMNS)}\n{'9' * 1_000_000}\n")
-    refused(read_table, tmp_path / "measures.csv", match="must be a table")
+    refused(read_table, tmp_path / "measures.csv", match="line 2 of .* must be a row of 7 numbers")
 
 
 def test_a_number_of_cores_that_is_none_is_left_out(monkeypatch):
