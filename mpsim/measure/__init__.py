@@ -31,16 +31,19 @@ from mpsim.measure.order import (
     structure_factor,
     to_freud,
 )
-from mpsim.measure.predictability import Predictability, comparable_until, predictability, require_predictable
 from mpsim.measure.statistics import (
     Equilibration,
     Measure,
+    Predictability,
     block_average,
     block_errors,
+    comparable_until,
     equilibration,
     fit_order,
     independent_average,
+    predictability,
     ratio_average,
+    require_predictable,
 )
 
 __all__ = [

@@ -10,7 +10,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features.energy import acceleration_bound
 from mpsim.measure.observables import trajectory_error
-from mpsim.measure.predictability import Predictability, predictability
+from mpsim.measure.statistics import Predictability, predictability
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

@@ -34,8 +34,8 @@ from mpsim.errors import (
 from mpsim.features import energy
 from mpsim.measure import registry
 from mpsim.measure.observables import trajectory_error
-from mpsim.measure.predictability import require_predictable
 from mpsim.measure.registry import ERRORS, LONG, NAMES, OBSERVABLES, SHORT
+from mpsim.measure.statistics import require_predictable
 from mpsim.scene.scene import Scene, no_scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.runner import Stopped

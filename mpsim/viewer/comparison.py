@@ -27,8 +27,8 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import ClosedError, InputError, MpsimError
 from mpsim.features.obstacles import Polyline, capsules_of
 from mpsim.measure.observables import trajectory_error
-from mpsim.measure.predictability import Predictability
 from mpsim.measure.registry import refusal
+from mpsim.measure.statistics import Predictability
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.divergence import divergence
