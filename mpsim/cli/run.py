@@ -25,7 +25,7 @@ from mpsim.engine import checkpoint
 from mpsim.engine.report import Report, frames_skipped
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import frames_until
-from mpsim.errors import InputError, MpsimError, OutputError, reason_of
+from mpsim.errors import InputError, MpsimError, reason_of
 from mpsim.measure.registry import NAMES
 from mpsim.output.frames import frame_of
 from mpsim.output.tables import measure_text
@@ -100,7 +100,7 @@ class RunFolder:
             OutputError: if it cannot be written, or another process writes to it.
         """
         folder = Path(path)
-        try:
+        with _writing(folder):
             if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
                 _demand_leave(folder, force)
             folder.mkdir(parents=True, exist_ok=True)
@@ -108,8 +108,6 @@ class RunFolder:
             for pattern in (*_OURS, *(f"trajectory.{name}" for name in FORMATS)):
                 for old in folder.glob(pattern):
                     old.unlink()
-        except OSError as error:
-            raise _unwritable(folder, error) from error
         made = cls(folder, {"format": FORMAT, "versions": versions(), **record, "parts": []}, lock)
         made.save()
         return made
@@ -193,10 +191,8 @@ class RunFolder:
         self.note(sim, "done" if sim.frame >= self.record["target"] else "paused")
 
     def _write(self, name: str, text: str) -> None:
-        try:
+        with _writing(self.path):
             files.write_text(self[name], text)
-        except OSError as error:
-            raise _unwritable(self.path, error) from error
 
 
 def part_of(sim: Simulation, report: Report, wall_seconds: float, compile_seconds: float) -> dict[str, Any]:
@@ -254,13 +250,9 @@ def _demand_leave(folder: Path, force: bool) -> None:
         )
 
 
-def _unwritable(folder: Path, error: OSError) -> MpsimError:
-    if isinstance(error, MpsimError):
-        return error
-    return OutputError(
-        f"--out must be a folder that can be written to, with room on its disk; got {str(folder)!r} "
-        f"({error.strerror or error}). Choose another place, or make room."
-    )
+def _writing(folder: Path) -> contextlib.AbstractContextManager[None]:
+    rule = "be a folder that can be written to, with room on its disk"
+    return files.writable("--out", folder, rule, "Choose another place, or make room.")
 
 
 # --- `mpsim run` and `mpsim resume`: simulate a scene; a folder keeps the results and a checkpoint

@@ -14,7 +14,6 @@ from mpsim.cli.misc import settings_text
 from mpsim.core import files
 from mpsim.core.files import CSV, JSON
 from mpsim.core.text import json_text
-from mpsim.errors import OutputError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
@@ -185,12 +184,8 @@ def tradeoff(
         if out.suffix.lower() not in (CSV, JSON):
             raise click.UsageError(f"--out must end in .csv or .json; got {str(out)!r}. Use {out.stem}.csv.")
         terminal.existing_refused(out, force)
-        try:  # before the long work, not after
-            files.check_target(out)
-        except OSError as error:
-            raise OutputError(
-                f"--out must be a file that can be written; got {str(out)!r} ({error.strerror}). Choose another place."
-            ) from None
+        with files.writable("--out", out):
+            files.check_target(out)  # before the long work, not after
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
         how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "path": keep}

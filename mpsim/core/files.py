@@ -19,7 +19,7 @@ import psutil
 from mpsim.core import checks
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.machine import garbage_collection_paused
-from mpsim.errors import InputError, OutputError
+from mpsim.errors import MpsimError, OutputError
 
 # --- Opens files of unknown origin: checks kind and size before it reads the content
 
@@ -155,6 +155,23 @@ _DRAFT = re.compile(r"\.mpsim-(\d{1,7})-(.+)-[0-9a-f]{32}\.tmp(\..*)?")
 
 _LONGEST_ENDING = 16
 """Largest length of a file's ending that its draft keeps: libraries that write by name choose the format by it."""
+
+
+@contextlib.contextmanager
+def writable(
+    what: str,
+    path: str | os.PathLike[str],
+    rule: str = "be a file that can be written",
+    instead: str = "Choose another place.",
+) -> Iterator[None]:
+    """Turn an error of the system in the block into an OutputError: `what` must `rule`; got the path and the reason."""
+    try:
+        yield
+    except MpsimError:
+        raise
+    except OSError as error:
+        got = f"{os.fsdecode(path)!r} ({error.strerror or error})"
+        raise checks.refusal(what, rule, got, instead, OutputError) from error
 
 
 class WrittenError(OSError):
@@ -301,18 +318,11 @@ def written(text: str, path: str | os.PathLike[str] | None, table: str, ending: 
     if path is None:
         return text
     if not isinstance(path, str | os.PathLike):
-        raise InputError(f"the path of {table} must be a str or a Path; got {checks.brief(path)}. Use 'table.csv'.")
+        raise checks.refusal(f"the path of {table}", "be a str or a Path", checks.brief(path), "Use 'table.csv'.")
     target = Path(os.fsdecode(path))
     if target.suffix.lower() not in (ending, TEXT):
-        raise InputError(
-            f"{table} must be a file that ends in {ending} or {TEXT} here; got {str(target)!r}. "
-            f"Use {target.stem + ending!r}."
-        )
-    try:
+        rule = f"be a file that ends in {ending} or {TEXT} here"
+        raise checks.refusal(table, rule, repr(str(target)), f"Use {target.stem + ending!r}.")
+    with writable(table, target):
         write_bytes(target, text.encode("utf-8", "backslashreplace"))  # a lone surrogate, as in names of files
-    except OSError as error:
-        raise OutputError(
-            f"{table} must be a file that can be written; got {str(target)!r} ({error.strerror or error}). "
-            "Choose another place."
-        ) from error
     return text

@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 from mpsim.core import checks, columns, files
 from mpsim.core.archive import DAMAGE, ArrayFile
 from mpsim.core.columns import ChunkedArray, chunks_of, ranges
-from mpsim.errors import InputError, OutputError, reason_of
+from mpsim.errors import InputError, reason_of
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -181,14 +181,9 @@ class State:
             OutputError: if it cannot be written.
         """
         target = _npz(path)
-        try:
-            with files.atomic_write(target) as file:
-                np.savez(file, **self._held())
-        except OSError as error:
-            raise OutputError(
-                f"a state must be in a folder that can be written to; got {str(target)!r} ({error.strerror}). "
-                "Choose another place."
-            ) from error
+        rule = "be in a folder that can be written to"
+        with files.writable("a state", target, rule), files.atomic_write(target) as file:
+            np.savez(file, **self._held())
         return target
 
     def _held(self) -> dict[str, Any]:

@@ -113,14 +113,9 @@ class Journal:
                 f"a session file must have at most {MOST_BYTES:,} bytes; {str(target)!r} would have {len(text):,}. "
                 "Save a checkpoint instead, which holds the journal too, or begin a new simulation earlier."
             )
-        try:
-            with files.atomic_write(target) as file:
-                file.write(text)
-        except OSError as error:
-            raise OutputError(
-                f"a session must be in a folder that can be written to; got {str(target)!r} ({error.strerror}). "
-                "Choose another place."
-            ) from error
+        rule = "be in a folder that can be written to"
+        with files.writable("a session", target, rule), files.atomic_write(target) as file:
+            file.write(text)
         return target
 
     @classmethod

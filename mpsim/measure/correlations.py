@@ -34,7 +34,7 @@ from mpsim.core import checks, files
 from mpsim.core.archive import DAMAGE, ArrayFile
 from mpsim.core.binding import Binding
 from mpsim.core.state import State
-from mpsim.errors import InputError, NotRecordedError, OutputError, reason_of
+from mpsim.errors import InputError, NotRecordedError, reason_of
 from mpsim.features.baths import mean_mass
 from mpsim.features.energy import (
     adds_discs,
@@ -593,14 +593,9 @@ class Correlations:
             "received": np.array(motion.received, np.int64),
             "recent": np.array(motion.recent),
         }
-        try:
-            with files.atomic_write(target) as file:
-                np.savez(file, **arrays)
-        except OSError as error:
-            raise OutputError(
-                f"a file of Correlations must be in a folder that can be written to; got {str(target)!r} "
-                f"({error.strerror}). Choose another place."
-            ) from error
+        rule = "be in a folder that can be written to"
+        with files.writable("a file of Correlations", target, rule), files.atomic_write(target) as file:
+            np.savez(file, **arrays)
         return target
 
     def keep(self) -> None:
@@ -652,7 +647,7 @@ class Correlations:
             return checks.whole(name, arrays[name].item(), low, high, "")
 
         if (version := whole("format", 0)) != FORMAT:
-            raise InputError(f"it is of version {version}, and {FORMAT} is read")
+            raise ValueError(f"it is of version {version}, and {FORMAT} is read")
         again = cls(
             arrays["every"].item(),
             start=arrays["start"].item(),
@@ -663,7 +658,7 @@ class Correlations:
         points, discs, waves = again._points, _numbers(arrays["discs"]), len(again.wave_numbers)
         count, levels, span = whole("count", 1), whole("levels", 1, MOST_LEVELS), whole("span", 1)
         if not len(discs) or discs.max() >= count:
-            raise InputError("its discs are not there")
+            raise ValueError("its discs are not there")
         dt, memory = (
             checks.positive("dt", arrays["dt"].item(), ""),
             checks.non_negative("memory", arrays["memory"].item(), ""),
@@ -675,9 +670,9 @@ class Correlations:
         received, counts = arrays["received"], arrays["counts"]
         whole_numbers = received.dtype == counts.dtype == np.int64 and counts.shape == (used, lags)
         if not whole_numbers or received.ndim != 1 or not 1 <= len(received) <= levels:
-            raise InputError("its levels are wrong")
+            raise ValueError("its levels are wrong")
         if received.min() < 0 or received.max() > motion.samples or counts.min() < 0 or counts.max() > span:
-            raise InputError("its counts are wrong")
+            raise ValueError("its counts are wrong")
         motion.received, motion.counts[:used] = received.tolist(), counts
         for name, each in (
             ("latest", shape),

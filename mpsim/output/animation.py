@@ -29,7 +29,7 @@ from mpsim.core.progress import checked_progress, is_watched, of_frames
 from mpsim.core.state import Box
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import frames_until
-from mpsim.errors import InputError, MpsimError, OutputError
+from mpsim.errors import InputError, OutputError
 from mpsim.output.drawing import (
     LIGHT,
     SCALES,
@@ -301,7 +301,7 @@ def animate(
     seen = of_frames(progress if callable(progress) or is_watched() else None, "pictures")
     simulated = Simulation(scene, settings)
     with (
-        _writing(target),
+        files.writable("an animation", target, "be a file with room on its disk", "Make room, or choose another path."),
         simulated as sim,
         seen as show,
         _moments(sim, frames, every, colour, scale) as (moments, found),
@@ -322,19 +322,6 @@ def animate(
 
 def _instead_of(target: Path) -> str:
     return f"write {str(target.with_suffix('.gif'))!r}"
-
-
-@contextlib.contextmanager
-def _writing(target: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        if isinstance(error, MpsimError):
-            raise
-        raise OutputError(
-            f"an animation must be a file with room on its disk; got {str(target)!r} ({error.strerror or error}). Make "
-            "room, or choose another path."
-        ) from error
 
 
 def _check_colours(colour: object, scale: object) -> None:
@@ -422,11 +409,10 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
         raise checks.refusal("an animation's path", "end in .gif or .mp4", repr(str(target)), instead)
     if ending == ".mp4":
         executable(_instead_of(target))
-    try:
+    rule, instead = (
+        "be a file in a folder that exists and can be written to",
+        "Make the folder, or choose another path.",
+    )
+    with files.writable("an animation", target, rule, instead):
         files.check_target(target)
-    except OSError as error:
-        raise OutputError(
-            f"an animation must be a file in a folder that exists and can be written to; got {str(target)!r} "
-            f"({error.strerror}). Make the folder, or choose another path."
-        ) from None
     return target

@@ -28,7 +28,7 @@ from PIL import Image
 from mpsim.core import checks, files
 from mpsim.core.state import Box, State
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import InputError, OutputError
+from mpsim.errors import InputError
 from mpsim.features.edges import boundary_of
 from mpsim.features.obstacles import filled_parts
 from mpsim.measure.moments import placed
@@ -384,24 +384,21 @@ def checked_picture(path: str | os.PathLike[str]) -> Path:
     """The path of a picture, or raise InputError if its ending is that of no format that can be written."""
     target = Path(path)
     if target.suffix.lower() not in ENDINGS:
-        raise InputError(
-            f"a picture's path must end in one of {', '.join(ENDINGS)}; got {str(target)!r}. "
-            f"Use {target.stem}.png, or {target.stem}.pdf for print."
-        )
+        instead = f"Use {target.stem}.png, or {target.stem}.pdf for print."
+        raise checks.refusal("a picture's path", f"end in one of {', '.join(ENDINGS)}", repr(str(target)), instead)
     return target
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
     """Write a figure in mpsim's style, in the format of the path's ending."""
     target = checked_picture(path)
-    try:
-        with matplotlib.rc_context(fname=STYLE), files.atomic_write(target) as file:
-            figure.savefig(file.name, format=target.suffix.lower().removeprefix("."))
-    except OSError as error:
-        raise OutputError(
-            f"a picture must be a file that can be written, such as a .png; got {str(target)!r} ({error.strerror}). "
-            "Choose another place."
-        ) from error
+    rule = "be a file that can be written, such as a .png"
+    with (
+        files.writable("a picture", target, rule),
+        matplotlib.rc_context(fname=STYLE),
+        files.atomic_write(target) as file,
+    ):
+        figure.savefig(file.name, format=target.suffix.lower().removeprefix("."))
     return target
 
 

@@ -14,7 +14,7 @@ from mpsim.core import checks, files
 from mpsim.core.checks import refusal
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import InputError, OutputError, reason_of
+from mpsim.errors import InputError, reason_of
 from mpsim.measure.moments import energy_of_rotation, energy_of_translation
 from mpsim.measure.observables import overlap
 from mpsim.output.frames import Ownership
@@ -56,15 +56,10 @@ class Recorder:
         kept = [row for row in _rows(self._path) if int(row[0]) <= frame]
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([COLUMNS, *kept])
-        try:
+        with files.writable("the table of a run", self._path):
             files.write_text(self._path, text.getvalue())
-            self._file: TextIO = self._path.open(
-                "a", newline="", encoding="utf-8"
-            )  # row by row: a kill costs the last one
-        except OSError as error:
-            raise OutputError(
-                f"the table of a run must be a file that can be written; got {str(self._path)!r} ({error.strerror})."
-            ) from error
+            # Row by row: a kill costs the last one.
+            self._file: TextIO = self._path.open("a", newline="", encoding="utf-8")
         return int(kept[-1][0]) if kept else -1
 
     def observe(self, sim: Simulation, collisions: int) -> None:

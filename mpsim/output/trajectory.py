@@ -21,7 +21,6 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.ranks.messages import ranks_sharing
 from mpsim.errors import (
     InputError,
-    MpsimError,
     OutputError,
     TrajectoryError,
     TrajectoryWarning,
@@ -360,7 +359,7 @@ class TrajectoryWriter:
         if mode != "x":
             FileLock(path).release()  # before the file is emptied, if nobody writes it
         self._unchecked = mode == "a" and path.exists() and path.stat().st_size > 0
-        with self._unwritable():
+        with self._writing():
             # A trajectory grows frame by frame, under its own name: a kill costs the frame in hand, not all of them.
             if mode == "w":  # never through a link
                 files.check_target(path)
@@ -387,7 +386,7 @@ class TrajectoryWriter:
             self._unchecked = False
         if now.frame <= self._last:
             return False
-        with self._unwritable():
+        with self._writing():
             self._writer.write(now)
         self._last = now.frame
         return True
@@ -438,18 +437,10 @@ class TrajectoryWriter:
                 "another file, or replace this one with mode='w'."
             )
 
-    @contextlib.contextmanager
-    def _unwritable(self) -> Iterator[None]:
-        """Turn an error of the system into an OutputError."""
-        try:
-            yield
-        except MpsimError:
-            raise
-        except OSError as error:
-            raise OutputError(
-                f"{self._name} must be in a folder that can be written to, with room on its disk; got "
-                f"{error.strerror or error}. What was written before is complete. Choose another place, or make room."
-            ) from error
+    def _writing(self) -> contextlib.AbstractContextManager[None]:
+        rule = "be in a folder that can be written to, with room on its disk"
+        instead = "What was written before is complete. Choose another place, or make room."
+        return files.writable("a trajectory", self.path, rule, instead)
 
     def __enter__(self) -> TrajectoryWriter:
         return self
@@ -461,7 +452,7 @@ class TrajectoryWriter:
         """Close the file. May be called again."""
         self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
         if self._writer is not None:
-            with self._unwritable():
+            with self._writing():
                 try:
                     self._writer.close()
                 finally:
