@@ -9,15 +9,12 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.cli.run import RECORD, RunFolder
-from mpsim.errors import InputError
 from mpsim.features.edges import BOUNDARIES
-from mpsim.output.trajectory import WRITERS
+from mpsim.output.trajectory import READERS, ending_of
 from mpsim.scene import scenefile
-from mpsim.scene.settings import Settings
 
 if TYPE_CHECKING:
     from mpsim.viewer.playback import Recording
-    from mpsim.viewer.share_url import Link
 
 VIEW_EXAMPLES = """\b
 Examples:
@@ -80,14 +77,18 @@ def view(
     if given and (is_link or not _is_recording(scene)):
         raise click.UsageError(f"--{next(iter(given))} can be given only with the file of a trajectory. Leave it out.")
     if is_link:
-        asked = _link(scene, beside, options)
-        live.view(asked, name=asked.scene, **{**where, "playing": not paused and "wait" not in asked.seen})
+        link = share_url.read(share_url.query_of(scene))
+        changed = {name: value for name, value in options.items() if value is not None}
+        settings = dataclasses.replace(link.settings, **changed)
+        second = link.beside if beside is None else share_url.beside_of(settings, beside)
+        where["playing"] &= "wait" not in link.seen
+        live.view(link._replace(settings=settings, beside=second), name=link.scene, **where)
     elif _is_recording(scene):
         live.view(_recording(scene, given, {**options, "beside": beside}), name=Path(scene).name, **where)
     else:
         file = scenefile.load(scene)
         settings = terminal.settings_of(file, options)
-        second = None if beside is None else _beside(settings, beside)
+        second = None if beside is None else share_url.beside_of(settings, beside)
         live.view(file.scene, settings, name=file.name, beside=second, **where)
 
 
@@ -98,7 +99,7 @@ def _is_folder(path: str) -> bool:
 
 def _is_recording(path: str) -> bool:
     """Whether a path leads to the folder of a run or the file of a trajectory."""
-    return _is_folder(path) or Path(path).suffix.lower() in WRITERS
+    return _is_folder(path) or ending_of(path) in READERS
 
 
 def _recording(path: str, given: dict[str, Any], options: dict[str, Any]) -> "Recording":
@@ -120,33 +121,3 @@ def _recording(path: str, given: dict[str, Any], options: dict[str, Any]) -> "Re
         return Recording(Path(path), **given)
     run = RunFolder.open(path)
     return Recording(run.trajectory, run.scene, follow=run.record["status"] == "running", **given)
-
-
-def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":
-    """What an address asks for, replaced by the options that were given."""
-    from mpsim.viewer import share_url  # noqa: PLC0415 - as above
-
-    query = share_url.query_of(text)
-    if not query:
-        raise click.BadParameter(
-            f"{text!r} must have a scene behind a question mark, as in '?scene=gas&dt=0.005'. "
-            "Open the address of a running view in the browser.",
-            param_hint="SCENE",
-        )
-    try:
-        asked = share_url.read(query)
-    except InputError as error:  # of a name in the link, which is no option
-        raise click.BadParameter(str(error), param_hint="SCENE, a link") from None
-    given = {name: value for name, value in options.items() if value is not None}
-    settings = dataclasses.replace(asked.settings, **given)
-    return asked._replace(settings=settings, beside=asked.beside if beside is None else _beside(settings, beside))
-
-
-def _beside(first: Settings, text: str) -> Settings:
-    """Settings of a second simulation: those of the first, changed as a text says."""
-    from mpsim.viewer import share_url  # noqa: PLC0415 - as above
-
-    try:
-        return share_url.beside_of(first, text)
-    except InputError as error:
-        raise click.BadParameter(str(error), param_hint="--beside") from None

@@ -249,7 +249,7 @@ class NotebookPages(Pages):
 
     async def _send_made(self, page: _Page, name: str) -> None:
         try:
-            made = await self._downloads.made(name, self.source)
+            made = await self._made(name)
         except Refusal as refusal:
             page.post_counted({"kept": name, "refused": str(refusal)})
         else:

@@ -286,54 +286,15 @@ class Client:
                 await self._send(stage.packed)
 
 
-# --- Files that pages download. They are made in other threads, a few at a time
-
-MOST, SECONDS = 2, 8.0
-"""Number of files that are made at a time, and the longest wait for one [s], less than the server's OPEN_SECONDS."""
-
-
-class Downloads:
-    """Makes the files that the pages of one view request."""
-
-    def __init__(self) -> None:
-        self._film = export.Film()
-        self._drawing = ThreadPoolExecutor(MOST, "mpsim view: film")
-        self._making: list[Future[export.Download]] = []
-
-    def close(self) -> None:
-        """Cancel the films that wait, and end the threads."""
-        self._drawing.shutdown(cancel_futures=True)
-
-    def show(self, picture: SentPicture) -> None:
-        """Keep a picture for films."""
-        self._film.add(picture, time.monotonic())
-
-    async def made(self, name: str, source: Source) -> export.Download:
-        """A file of what the source shows, or raise Refusal if none has this name, or it cannot be made now."""
-        if name not in export.FILMS and name not in export.FILES:
-            raise Refusal(404, f"There is no {name[:40]!r} to keep.")
-        self._making = [each for each in self._making if not each.done()]
-        if len(self._making) >= MOST:
-            raise Refusal(503, f"At most {MOST} files are made at a time. Try again.")
-        try:
-            if name in export.FILMS:
-                making = self._drawing.submit(export.film, self._film.pictures(), source.scene, name)
-            else:
-                making = source.export(name)
-            self._making.append(making)
-            return await asyncio.wait_for(asyncio.wrap_future(making), SECONDS)
-        except TimeoutError:
-            raise Refusal(503, "The simulation is busy. Try again.") from None
-        except MpsimError as error:
-            raise Refusal(409, str(error)) from None
-
-
 # --- All pages of a view, connected by a server or a notebook
 #
 # An event loop in a thread of its own serves them. A page that breaks a rule is disconnected; nothing else is
 # affected.
 
 MOST_PAGES = 8  # largest number of pages that are connected at a time
+
+MOST_FILES, FILE_SECONDS = 2, 8.0
+"""Number of files that are made at a time for pages, and the longest wait for one [s], less than OPEN_SECONDS."""
 
 
 class Pages(ABC):
@@ -344,7 +305,9 @@ class Pages(ABC):
         self._clients: dict[Client, asyncio.Task[None]] = {}
         self._texts: dict[str, str] = {}
         self._picture: SentPicture | None = None
-        self._downloads = Downloads()
+        self._film = export.Film()
+        self._drawing = ThreadPoolExecutor(MOST_FILES, "mpsim view: film")
+        self._making: list[Future[export.Download]] = []  # files
         self._spent = 0.0  # processor time of the thread that was already charged [s]
         self._loop: asyncio.AbstractEventLoop | None = None  # set by `start`
         self._end = asyncio.Event()
@@ -369,7 +332,7 @@ class Pages(ABC):
         if self._thread.ident is not None:
             self.from_outside(self._end.set)
             self._thread.join()
-        self._downloads.close()
+        self._drawing.shutdown(cancel_futures=True)
 
     # --- called by other threads
 
@@ -402,7 +365,7 @@ class Pages(ABC):
 
     def _show(self, picture: SentPicture) -> None:
         self._picture = picture
-        self._downloads.show(picture)
+        self._film.add(picture, time.monotonic())
         for client in self._clients:
             client.show(picture)
 
@@ -441,6 +404,25 @@ class Pages(ABC):
                 self.source.submit(action, client)
         if client.needs_picture():
             self.source.ask()
+
+    async def _made(self, name: str) -> export.Download:
+        """A file of what is shown, or raise Refusal if none has this name, or it cannot be made now."""
+        if name not in export.FILMS and name not in export.FILES:
+            raise Refusal(404, f"There is no {name[:40]!r} to keep.")
+        self._making = [each for each in self._making if not each.done()]
+        if len(self._making) >= MOST_FILES:
+            raise Refusal(503, f"At most {MOST_FILES} files are made at a time. Try again.")
+        try:
+            if name in export.FILMS:
+                making = self._drawing.submit(export.film, self._film.pictures(), self.source.scene, name)
+            else:
+                making = self.source.export(name)
+            self._making.append(making)
+            return await asyncio.wait_for(asyncio.wrap_future(making), FILE_SECONDS)
+        except TimeoutError:
+            raise Refusal(503, "The simulation is busy. Try again.") from None
+        except MpsimError as error:
+            raise Refusal(409, str(error)) from None
 
     def _count(self) -> None:
         self.source.watched_by(sum(client.watches for client in self._clients))
@@ -538,7 +520,7 @@ class Server(Pages):
                 asked = await asyncio.to_thread(share_url.checked, share_url.query_of(request.path))
                 return self._response(asked)
             if name.startswith(KEEP):
-                kept = await self._downloads.made(name.removeprefix(KEEP), self.source)
+                kept = await self._made(name.removeprefix(KEEP))
                 return self._response(kept.content, kept.kind)
             if (file := page_files().get(name)) is None:
                 raise Refusal(404, f"There is no {name[:40]!r} here.")

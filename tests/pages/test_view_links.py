@@ -131,10 +131,10 @@ def test_what_is_no_scene_of_its_own_understands_a_link_and_does_not_follow_it(t
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["http://127.0.0.1:8000/a-token/"], "must have a scene behind a question mark"),
-        (["?scene=gas&dt=foo"], "SCENE, a link: dt must be a finite number > 0 [time]; got 'foo'."),
-        (["?scene=gas&passes=0"], "SCENE, a link: passes must be a whole number from 1 to 1000; got 0."),
-        (["?scene=gas&gravity=5"], "SCENE, a link: gravity in a link must be two numbers"),
+        (["http://127.0.0.1:8000/a-token/"], "a link must have a scene, as in ?scene=gas"),
+        (["?scene=gas&dt=foo"], "dt must be a finite number > 0 [time]; got 'foo'."),
+        (["?scene=gas&passes=0"], "passes must be a whole number from 1 to 1000; got 0."),
+        (["?scene=gas&gravity=5"], "gravity in a link must be two numbers"),
         (["?scene=gas", "--box", "8,6"], "--box can be given only with the file of a trajectory."),
     ],
 )
