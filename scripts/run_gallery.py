@@ -26,7 +26,10 @@ from mpsim.scene.scene import frames_between_pictures, settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
 from mpsim.studies.findings import Promise, promise_of
 
-WHOLE = ("brownian", "cooling", "cradle", "galton", "growth", "pi", "piston", "rough-sediment")
+WHOLE = (
+    "brazil-nut", "brownian", "cooling", "cradle", "flipper", "galton", "growth", "partition", "pi", "piston",
+    "rough-sediment",
+)  # fmt: skip
 """Scenes that are shown to the end of their duration; of the others as many pictures, at their own interval."""
 
 LOGARITHMIC = {"cooling"}

@@ -52,9 +52,9 @@ WHOLE = [
     ),
     (
         lambda: mpsim.Scene.load("gass"),
-        "scene must be a path that ends in .toml or one of brownian, channel, cooling, cradle, dense, "
-        "drum, galton, gas, growth, hopper, mixture, pi, piston, rough-hopper, rough-sediment, sediment; got "
-        "'gass'. Did you mean 'gas'?",
+        "scene must be a path that ends in .toml or one of brazil-nut, brownian, channel, cooling, cradle, dense, "
+        "drum, flipper, galton, gas, growth, hopper, mixture, partition, pi, piston, rough-hopper, rough-sediment, "
+        "sediment; got 'gass'. Did you mean 'gas'?",
     ),
     (
         lambda: setattr(scene(), "gravity", (0, -9)),

@@ -481,8 +481,8 @@ def test_a_named_scene_is_complete_and_starts_without_overlap(name):
 
 def test_these_are_the_named_scenes():
     assert NAMED == [
-        "brownian", "channel", "cooling", "cradle", "dense", "drum", "galton", "gas", "growth", "hopper", "mixture",
-        "pi", "piston", "rough-hopper", "rough-sediment", "sediment",
+        "brazil-nut", "brownian", "channel", "cooling", "cradle", "dense", "drum", "flipper", "galton", "gas", "growth",
+        "hopper", "mixture", "partition", "pi", "piston", "rough-hopper", "rough-sediment", "sediment",
     ]  # fmt: skip
     listed = mpsim_command("scenes").stdout
     assert all(name in listed for name in NAMED)
