@@ -28,7 +28,7 @@ from mpsim.core import checks
 from mpsim.core.checks import ReadOnly
 from mpsim.core.columns import GivenColumns
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.late import named
+from mpsim.core.late import named, view
 from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import Discs, State, StateInChunks
 from mpsim.engine import changes, checkpoint, report
@@ -767,7 +767,8 @@ class Simulation(ReadOnly):
             acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
             radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
                 larger than the largest of the scene [length], [mass].
-            overlap: "refuse" discs that overlap others, or each other; or "allow" it: the next frames push them apart.
+            overlap: "refuse" discs that overlap others or each other, "push" those in the way aside, or "allow" it: the
+                next frames push them apart.
             others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
                 one each; left out it is zero.
 
@@ -783,11 +784,15 @@ class Simulation(ReadOnly):
         radii = place.solver.radii[~place.solver.absorbed] if place.scene._loses_discs else place.solver.radii
         now = place.scene, place.precision, place.solver.time, radii
         new = changes.checked(*now, position, velocity, radius, mass, brought)
-        if checks.choice("overlap", overlap, ("refuse", "allow")) == "refuse":
+        if checks.choice("overlap", overlap, ("refuse", "push", "allow")) == "refuse":
             changes.demand_apart(place, new)
         changes.check_momentum(place.solver, "velocity", new.velocity, new.mass)
         substeps = self._look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
+        if overlap == "push":
+            rows = np.column_stack([new.position, new.position, new.radius])
+            for ids, aside in view("room_for", self, rows):
+                self._change_discs(changes.checked_set(place, ids, aside, None, None, {}))
         change = place.change(changes.ADD, changes.arguments_of(place.scene, new))
         with interrupts_held_back():
             self._insert(new, substeps)

@@ -25,6 +25,14 @@ def make_room(sim: Simulation, capsules: Floats) -> bool:
     Raises:
         InputError: if there is no room for them; then nothing has changed.
     """
+    moves = room_for(sim, capsules)
+    for ids, position in moves:
+        sim.set(ids, position=position)
+    return bool(moves)
+
+
+def room_for(sim: Simulation, capsules: Floats) -> list[tuple[NDArray[np.int64], Floats]]:
+    """Ids of discs that must make room for capsules, and their new places; [] if none must."""
     scene, state = sim.scene, sim.state
     numbers, radius = np.flatnonzero(state.present), sim.radii[state.present]
     low, high = scene.walls_at(sim.time)
@@ -33,7 +41,7 @@ def make_room(sim: Simulation, capsules: Floats) -> bool:
     images = with_images(capsules - corner, (width, height), scene.periodic, width + height).capsule
     gap = np.min([distance(position, each) for each in images], axis=0) - radius
     if not (gap < 0).any():
-        return False
+        return []
     solid = np.concatenate([solid_of(scene.obstacles, sim.time), np.pad(capsules, [(0, 0), (0, 1)])])
     solid[:, :5] -= corner
     rounding = 8 * checks.resolution(state.position) * max(scene.width, scene.height)
@@ -50,8 +58,7 @@ def make_room(sim: Simulation, capsules: Floats) -> bool:
             moved = (found != position[near]).any(axis=1)
             apart = to_nearest_image(found[moved, None] - position[around], lengths_of(scene))
             if (np.hypot(*np.moveaxis(apart, -1, 0)) >= radius[near][moved, None] + radius[around]).all():
-                sim.set(numbers[near][moved], position=found[moved] + low)
-                return True
+                return [(numbers[near][moved], found[moved] + low)]
         if near.all() or reach >= FAR * largest:
             raise InputError("there must be room for it; got too little between the discs. Remove some of them.")
         reach *= 2
