@@ -289,5 +289,11 @@ def after_move(capsules, discs, low, high, features, parameters, control):
     if capsules is not None:
         if capsules.near[capsules.near.size - 1] > 0:
             resolve_capsules(discs, low, high, features, parameters, control)
-        if capsules.around is not None:
-            resolve_containers(discs, low, high, features, parameters, control)
+        after_capsules(capsules.around, discs, low, high, features, parameters, control)
+
+
+@inlined
+def after_capsules(around, discs, low, high, features, parameters, control):
+    """`resolve_containers`, if there are any."""
+    if around is not None:
+        resolve_containers(discs, low, high, features, parameters, control)

@@ -77,11 +77,11 @@ def time_to_end(rx, ry, vx, vy, contact, ax, ay, within, gravity):
 
 
 @inlined
-def is_container(capsules, k):
+def is_container(around, capsule, k):
     """Whether capsule k is a circle around the discs."""
-    if capsules.around is None:
+    if around is None:
         return False
-    return capsules.capsule[k, 4] < 0.0
+    return capsule[k, 4] < 0.0
 
 
 @inlined
@@ -105,7 +105,7 @@ def time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, gravity):
     length = math.sqrt(along_x * along_x + along_y * along_y)
     far = reach + travel
     best = INFINITY
-    if is_container(capsules, k):
+    if is_container(capsules.around, capsules.capsule, k):
         best = time_to_container(rx, ry, vx, vy, reach, within, gravity)
         return best if best <= within else INFINITY
     if length > 0.0:
@@ -174,7 +174,7 @@ def surface(capsules, i, side, store, box, features):
     k = side - FIRST_CAPSULE
     rx, ry = nearest_offset(disc.position[0], disc.position[1], capsules.capsule, k)
     distance = math.sqrt(rx * rx + ry * ry)
-    if is_container(capsules, k):
+    if is_container(capsules.around, capsules.capsule, k):
         distance = -distance
     depth = radius_of(i, box, features) + capsules.capsule[k, 4] - distance
     nx, ny = rx / distance, ry / distance
