@@ -4,7 +4,7 @@ import dataclasses
 import textwrap
 import time
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 import numpy as np
@@ -12,10 +12,10 @@ import numpy as np
 from mpsim.cli import terminal
 from mpsim.cli.run import MEASURES, RunFolder
 from mpsim.cli.terminal import complete_scene
+from mpsim.core.checks import refusal
 from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.workers import shared
-from mpsim.errors import InputError
 from mpsim.kernels.compiling import compiled_kernels
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import SceneFile
@@ -185,9 +185,7 @@ def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
         terminal.existing_refused(checked_picture(out), force)
     table, frames = read_table(found[MEASURES]), Trajectory(found.trajectory)
     if not len(frames) or not len(table["time"]):
-        raise InputError(
-            f"{str(folder)!r} holds no frame yet; got an empty trajectory. Let the run continue for a while."
-        )
+        raise refusal(repr(str(folder)), "hold a frame", "an empty trajectory", "Let the run continue for a while.")
     title = f"{found.record['scene']}, frame {table['frame'][-1]:.0f}, {found.record['status']}"
     figure = history(table, found.scene, frames[-1], title)
     path = save_figure(figure, out or folder / "plot.png")
@@ -246,10 +244,7 @@ def animate(
     until: float | None,
     every: int | None,
     fps: int,
-    pixels: int,
     colour: str,
-    scale: Literal["linear", "log"],
-    theme: Literal["light", "dark"],
     force: bool,
     as_json: bool,
     quiet: bool,
@@ -261,6 +256,7 @@ def animate(
     terminal.existing_refused(out, force)
     animation.checked_target(out)  # before the scene is made, which may take a while
     file = scenefile.load(scene)
+    look = {name: options.pop(name) for name in ("pixels", "scale", "theme")}
     settings = terminal.settings_of(file, options)
     frames, every = animation.pictures_of(file.scene, settings, frames, every, until)
     try:
@@ -272,10 +268,8 @@ def animate(
                 frames,
                 every=every,
                 pictures_per_second=fps,
-                pixels=pixels,
                 colour=None if colour == "none" else colour,
-                scale=scale,
-                theme=theme,
+                **look,
                 progress=False if progress is None else lambda done, of: progress(done, of, "pictures"),
             )
     except KeyboardInterrupt:

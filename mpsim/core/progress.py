@@ -13,7 +13,6 @@ from typing import Any, TextIO
 
 from mpsim.core import checks
 from mpsim.core.text import duration
-from mpsim.errors import InputError
 
 Show = Callable[[int, int, str], None]
 """Called as show(done, of, what)."""
@@ -35,10 +34,8 @@ def checked_progress(progress: Any, call: str) -> Any:
 Use True to see it on standard error.
     """
     if not (progress is None or isinstance(progress, bool) or callable(progress)):
-        raise InputError(
-            f"progress must be True, False or a function, called as {call}; got {checks.brief(progress)}. "
-            "Use True to see it on standard error."
-        )
+        rule = f"be True, False or a function, called as {call}"
+        raise checks.refusal("progress", rule, checks.brief(progress), "Use True to see it on standard error.")
     return progress
 
 

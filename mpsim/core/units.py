@@ -130,10 +130,9 @@ class Units:
         values = (time, velocity, acceleration, energy, temperature)
         given = {name: value for name, value in zip(_TIME_FROM, values, strict=True) if value is not None}
         if len(given) != 1:
-            raise InputError(
-                f"the unit of time must follow from one of {', '.join(_TIME_FROM)}; "
-                f"got {' and '.join(given) or 'none of them'}. Give one of them, in SI."
-            )
+            rule = f"follow from one of {', '.join(_TIME_FROM)}"
+            got = " and ".join(given) or "none of them"
+            raise checks.refusal("the unit of time", rule, got, "Give one of them, in SI.")
         ((name, value),) = given.items()
         value = checks.positive(name, value, "in SI")
         vars(self).update(length=length, mass=mass, time=_TIME_FROM[name](length, mass, value))
@@ -179,17 +178,7 @@ class Units:
     @overload
     def from_si(self, value: Sequence[Any] | NDArray[Any], quantity: Quantity) -> NDArray[np.float64]: ...
     def from_si(self, value: ArrayLike, quantity: Quantity) -> float | NDArray[np.float64]:
-        """A number in SI, in units of the scene.
-
-        Args:
-            value: in SI: a number, or an array of any shape; a temperature in K.
-            quantity: what it is, such as "velocity", as in the table above.
-
-        Returns:
-            A float, or an array of the same shape [units of the scene].
-
-        Raises:
-            InputError: for a quantity that is not in the table, or a value that is not finite, here or in the scene.
+        """A number in SI, or an array, in units of the scene: the inverse of `to_si`, with its rules. Kelvin for kT.
 
         >>> Units(length=0.01, mass=0.01, time=1.0).from_si(1.0, "length")
         100.0

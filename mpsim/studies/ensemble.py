@@ -19,7 +19,7 @@ from mpsim.engine import access
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_block import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import FastWarning, InputError, NotMeasurableError, OutputError
+from mpsim.errors import FastWarning, InputError, NotMeasurableError
 from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -95,13 +95,9 @@ class SavedResults:
         if self._path is not None and self._open:
             results = {key: value for key, value in self.results.items() if "machine" not in value}
             kept = {"title": self._title, "plan": self._plan, "reference": self.reference, "results": results}
-            try:
+            rule = "be a file in a folder that can be written to, with room on its disk"
+            with files.writable("path", self._path, rule, "Make room, or give another path."):
                 files.write_text(self._path, json.dumps(kept))
-            except OSError as error:
-                raise OutputError(
-                    f"path must be a file in a folder that can be written to, with room on its disk; got "
-                    f"{str(self._path)!r} ({error.strerror or error}). Make room, or give another path."
-                ) from error
 
 
 PAIRS = 300_000
