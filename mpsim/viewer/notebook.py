@@ -165,7 +165,7 @@ class NotebookPages(Pages):
         super().__init__("mpsim live: notebook")
         self._widget = widget
         self._named: dict[str, _Page] = {}
-        self._making: set[asyncio.Task[None]] = set()  # files that pages download
+        self._sending: set[asyncio.Task[None]] = set()  # files that pages download
         widget.on_msg(lambda _, content, buffers: self.from_outside(self._take, content))
 
     async def _until_the_end(self) -> None:
@@ -244,8 +244,8 @@ class NotebookPages(Pages):
 
     def _keep(self, page: _Page, name: str) -> None:
         making = asyncio.ensure_future(self._send_made(page, name))
-        self._making.add(making)
-        making.add_done_callback(self._making.discard)
+        self._sending.add(making)
+        making.add_done_callback(self._sending.discard)
 
     async def _send_made(self, page: _Page, name: str) -> None:
         try:
