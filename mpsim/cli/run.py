@@ -93,12 +93,7 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: str | os.PathLike[str], record: dict[str, Any], *, force: bool = False) -> "RunFolder":
-        """A new folder, or, with `force`, that of another run, whose files are removed.
-
-        Raises:
-            InputError: if there is anything in the folder that would be lost.
-            OutputError: if it cannot be written, or another process writes to it.
-        """
+        """A new folder, or, with `force`, that of another run, whose files are removed; never of anything else."""
         folder = Path(path)
         with _writing(folder):
             if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -114,22 +109,13 @@ class RunFolder:
 
     @classmethod
     def claim(cls, path: str | os.PathLike[str]) -> "RunFolder":
-        """The folder of a run, to continue it.
-
-        Raises:
-            InputError: as `open`.
-            OutputError: if another process writes to it.
-        """
+        """The folder of a run, to continue it; an OutputError if another process writes to it."""
         lock = FileLock(cls.open(path).path)
         return cls(Path(path), cls.open(path).record, lock)  # again: the last owner may have written to it
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "RunFolder":
-        """The folder of a run.
-
-        Raises:
-            InputError: if it is not one, or of another version.
-        """
+        """The folder of a run; an InputError if it is not one, or of another version."""
         folder = Path(path)
         try:
             record = files.json_value(folder / RECORD, MOST_BYTES)
@@ -156,11 +142,7 @@ class RunFolder:
 
     @property
     def scene(self) -> Scene:
-        """The scene, from the checkpoint.
-
-        Raises:
-            CheckpointError: if there is no complete one.
-        """
+        """The scene, from the checkpoint; a CheckpointError if there is no complete one."""
         return checkpoint.read(self[CHECKPOINT]).scene
 
     def save(self) -> None:

@@ -58,11 +58,7 @@ def complete_scene(ctx: click.Context, param: click.Parameter, incomplete: str) 
 
 
 def existing_refused(path: Path, force: bool) -> None:
-    """Refuse to overwrite a file unless --force was given.
-
-    Raises:
-        click.UsageError: naming the file.
-    """
+    """Refuse to overwrite a file unless --force was given."""
     if path.exists() and not force:
         raise click.UsageError(f"{str(path)!r} exists already, and is not overwritten. Give another name, or --force.")
 

@@ -41,16 +41,7 @@ class ArrayWriter:
         self._zip.close()
 
     def add(self, name: str, array: Array, see: Callable[[Any], object] = lambda content: None) -> None:
-        """Write an array. see: called with the bytes of each chunk, in order.
-
-        >>> import io, numpy as np
-        >>> file = io.BytesIO()
-        >>> with ArrayWriter(file) as out:
-        ...     out.add("position", np.ones((2, 2)))
-        >>> _ = file.seek(0)
-        >>> np.load(file)["position"].tolist()
-        [[1.0, 1.0], [1.0, 1.0]]
-        """
+        """Write an array. see: called with the bytes of each chunk, in order."""
         declared = {"descr": array.dtype.str, "fortran_order": False, "shape": array.shape}
         with self._zip.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
             np.lib.format.write_array_header_1_0(member, declared)
@@ -103,10 +94,8 @@ class Declared(NamedTuple):
 def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
     """An array as numpy.save writes it, read-only: `length` bytes, of which a header declares kind and shape.
 
-    Nothing is read or allocated before the kind is known to be in `kinds`, and the shape to fit the bytes that follow.
-
-    Raises:
-        ValueError: if they are not.
+    Nothing is read or allocated before the kind is known to be in `kinds`, and the shape to fit the bytes that follow:
+    otherwise a ValueError says what does not.
     """
     said = declared(file, length, name, kinds)
     content = file.read(said.nbytes)
@@ -116,11 +105,7 @@ def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
 
 
 def declared(file: Any, length: int, name: str, kinds: str) -> Declared:
-    """The header of an array, behind which the file stands then.
-
-    Raises:
-        ValueError: as `read_array`.
-    """
+    """The header of an array, behind which the file stands then; errors as of `read_array`."""
     if np.lib.format.read_magic(file) != (1, 0):
         raise ValueError(f"{name!r} is of another version of the .npy format")
     shape, fortran, dtype = np.lib.format.read_array_header_1_0(file, max_header_size=MOST_HEADER)

@@ -13,11 +13,7 @@ from mpsim.errors import InputError
 
 
 def equal_sizes(size: float, count: int) -> NDArray[np.float64]:
-    """So many equal numbers, read-only.
-
-    >>> equal_sizes(0.5, 3)
-    array([0.5, 0.5, 0.5])
-    """
+    """The same number `count` times, read-only, in the memory of one."""
     # Not np.broadcast_to, which runs Python code: an interrupt in there would be lost.
     sizes = np.ndarray((count,), np.float64, np.array([size], np.float64), strides=(0,))
     sizes.flags.writeable = False
@@ -25,10 +21,7 @@ def equal_sizes(size: float, count: int) -> NDArray[np.float64]:
 
 
 def kept_sizes(*parts: ArrayLike) -> NDArray[np.float64]:
-    """Numbers one after the other, a copy, read-only.
-
-    Args:
-        parts: of each array or number, shape (K,) or ().
+    """Numbers one after the other, of arrays of shape (K,) or numbers; a copy, read-only.
 
     >>> kept_sizes([1, 1], 2).tolist(), kept_sizes([2, 2], 2).strides
     ([1.0, 1.0, 2.0], (0,))
@@ -68,9 +61,7 @@ CHUNK = 2**16
 
 
 def ranges(count: int, length: int | None = None) -> list[tuple[int, int]]:
-    """First row and the one after the last of each chunk of so many rows.
-
-    length: of a chunk; None: CHUNK.
+    """First row and the one after the last of each chunk of `length` rows, by default CHUNK.
 
     >>> ranges(CHUNK + 1), ranges(0), ranges(3, 2)
     ([(0, 65536), (65536, 65537)], [], [(0, 2), (2, 3)])
@@ -201,11 +192,7 @@ class Column(NamedTuple):
     # --- of people
 
     def one_each(self, value: ArrayLike, count: int) -> NDArray[np.float64]:
-        """What is given for so many discs, of shape `rows`: one number for all or one each; of pairs one each.
-
-        Raises:
-            InputError: naming the column.
-        """
+        """What is given for `count` discs, of shape `rows`: one number for all or one each; of pairs one each."""
         if self.components:
             shape = self.rows(count)
             return checks.finite_array(self.name, checks.rows(value), shape, f"{shape}, as position has")
@@ -213,11 +200,7 @@ class Column(NamedTuple):
         return checks.finite_array(self.name, each, (count,), f"() or ({count},), one per row of position")
 
     def of_state(self, values: Any, count: int) -> NDArray[Any]:
-        """What a state of so many discs is to hold, as an array.
-
-        Raises:
-            InputError: for another shape, or another kind of numbers.
-        """
+        """What a state of `count` discs holds, as an array; an InputError for another shape or kind of numbers."""
         array, shape = np.asarray(values), self.rows(count)
         if array.shape != shape or array.dtype.kind not in ("iu" if self.integer else "f"):
             raise InputError(
@@ -273,9 +256,5 @@ def given() -> list[Column]:
 
 
 def check_names(function: str, names: Iterable[str], own: Iterable[str], known: Iterable[Column]) -> None:
-    """Refuse arguments by name that are neither a function's `own` nor such columns.
-
-    Raises:
-        UnknownArgumentError: naming the first.
-    """
+    """Refuse arguments by name that are neither a function's `own` nor such columns."""
     checks.known_arguments(function, names, [*own, *(column.name for column in known)])

@@ -34,9 +34,7 @@ _KINDS = {
 def opened(path: str | os.PathLike[str]) -> BinaryIO:
     """A regular file, open for reading. Nothing else is read: a pipe would block, a device has no end.
 
-    Raises:
-        OSError: if it cannot be opened or is no regular file; its strerror says which.
-        ValueError: if no file can have that name.
+    An OSError says what is wrong, a ValueError that no file can have that name.
     """
     with interrupts_held_back():  # Ctrl-C could leave a descriptor open that has no owner yet
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -53,12 +51,7 @@ def opened(path: str | os.PathLike[str]) -> BinaryIO:
 
 
 def content(path: str | os.PathLike[str], most: int) -> bytes:
-    """All bytes of a regular file, at most `most`.
-
-    Raises:
-        OSError: likewise, and if there are more.
-        ValueError: if no file can have that name.
-    """
+    """All bytes of a regular file, at most `most`; errors as of `opened`, and an OSError if there are more."""
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
         found = file.read(most + 1) if size <= most else b""
@@ -68,20 +61,12 @@ def content(path: str | os.PathLike[str], most: int) -> bytes:
 
 
 def text(path: Path, most: int) -> str:
-    """The text of a regular UTF-8 file of at most `most` bytes, without the mark that editors may put before it.
-
-    Raises:
-        OSError, ValueError: likewise; a UnicodeDecodeError is one of the latter.
-    """
+    """The text of a regular UTF-8 file of at most `most` bytes, without the mark that editors may put before it."""
     return content(path, most).decode("utf-8-sig")
 
 
 def json_value(path: Path, most: int) -> Any:
-    """The value in a regular JSON file of at most `most` bytes.
-
-    Raises:
-        OSError, ValueError, RecursionError: likewise, and if it is no JSON.
-    """
+    """The value in a regular JSON file of at most `most` bytes; ValueError or RecursionError if it is no JSON."""
     written = text(path, most)
     with garbage_collection_paused():
         return json.loads(written)
@@ -183,16 +168,6 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """A new file, open for writing, that is renamed to `path` at the end of the block, unless the block raises.
 
     Its attribute `name` is the path of the draft, for libraries that write by name; it has the ending of `path`.
-
-    Raises:
-        OSError: from `check_target` or the system.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with atomic_write(f"{folder}/a.txt") as file:
-    ...         before, _ = os.listdir(folder), file.write(b"whole")
-    ...     len(before), os.listdir(folder), Path(folder, "a.txt").read_text()
-    (1, ['a.txt'], 'whole')
     """
     target = Path(path)
     mode = check_target(target)
@@ -303,17 +278,9 @@ CSV, JSON, TEXT = ".csv", ".json", ".txt"
 
 
 def written(text: str, path: str | os.PathLike[str] | None, table: str, ending: str) -> str:
-    """A table as text, also written to `path`, if given, whose existing file is replaced.
+    """A table as text, also written to `path`, if given, which ends in `ending` or TEXT and is replaced.
 
-    Args:
-        text: of the table.
-        path: of the file.
-        table: what it is, such as "the table of a sweep".
-        ending: of files of this format.
-
-    Raises:
-        InputError: if it is no path, or ends neither so nor in TEXT.
-        OutputError: if it cannot be written.
+    table: what it is, such as "the table of a sweep".
     """
     if path is None:
         return text

@@ -182,10 +182,7 @@ def figure_around(
     below: tuple[float, float],
     theme: Theme = LIGHT,
 ) -> Figure:
-    """A figure for a box of this size [inch], its title and its colour bar.
-
-    beside, below: what title and colour bar add to it, if the bar is beside the box, and if it is below [inch].
-    """
+    """A figure for a box of this size, and what title and colour bar add beside it, or below a flat one [inch]."""
     more = below if _is_flat(scene) else beside
     return new_figure(size[0] + more[0], size[1] + more[1], theme)
 
@@ -214,20 +211,11 @@ def draw_discs(
     corner: tuple[float, float] = (0.0, 0.0),
     time: float = 0.0,
 ) -> EllipseCollection:
-    """Discs at true radius in their box, with obstacles; there are no ticks, and periodic edges are dotted.
+    """Draw discs at true radius in their box, with obstacles; periodic edges are dotted.
 
-    Args:
-        axes: where to draw.
-        position: of the discs, shape (N, 2) [length].
-        scene: box, obstacles, and radii if none are given.
-        colours: one, or one for each disc.
-        radii: shape (N,) [length].
-        theme: colours of obstacles, and around discs.
-        corner: where the axes have the lower left corner of the box, which has no obstacles if that is not (0, 0).
-        time: at which the obstacles are shown [time].
-
-    Returns:
-        The discs, to be moved: `set_offsets(with_images(position, scene))`.
+    position: shape (N, 2) [length]. colours: one, or one for each disc. radii: shape (N,) [length]; None: those of the
+    scene. corner: where the axes have the lower left corner of the box, which has no obstacles if that is not (0, 0).
+    time: at which the obstacles are shown [time]. `set_offsets(with_images(position, scene))` moves the discs.
     """
     if not axes.collections:
         _draw_box(axes, scene, corner)
