@@ -17,12 +17,11 @@ from mpsim.core.state import State, part_of
 from mpsim.engine.feature_arrays import feature_specs, fill_features, given_in
 from mpsim.engine.solvers import base
 from mpsim.engine.solvers.base import BatchResult, Choice, CollisionLog, InPlace, NewDiscs, SolverState, Terms, count_in
-from mpsim.engine.solvers.speeds import Speeds, disc_too_fast, fastest_in, speeds_of
+from mpsim.engine.solvers.speeds import Speeds, fastest_in, speeds_of
 from mpsim.engine.solvers.stepped import SteppedSolver, block_arrays, disc_at, state_of
 from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock
 from mpsim.engine.workers.worker import buffers_of
 from mpsim.errors import DivergedError
-from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.features import collisions
 from mpsim.scene.scene import Scene
@@ -274,10 +273,9 @@ class BlockSolver(SteppedSolver, CollisionLog):
                 velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
                 present = np.append(present, np.ones(len(new.position), bool))
             found = speeds_of(velocity, radii, scene, self.time, present if scene._loses_discs else None)
-        team, fast = self._arrays["team"], float(self._arrays["parameters"].fast)
-        fastest = fastest_in(team)
-        team["fastest"], self.too_fast = 0, False
-        return found.or_faster(disc_too_fast(fastest, fast, self.radii, has_radii(self._scene), self.frame - 1))
+        fastest = fastest_in(self._arrays["team"])
+        self._arrays["team"]["fastest"] = 0
+        return self._or_too_fast(found, fastest)
 
     # --- discs
 

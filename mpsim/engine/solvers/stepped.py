@@ -26,7 +26,7 @@ from mpsim.engine.solvers.base import (
     frames_until,
     shapes_in_each,
 )
-from mpsim.engine.solvers.speeds import SpeedLimit
+from mpsim.engine.solvers.speeds import Fastest, SpeedLimit, Speeds, disc_too_fast
 from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec
 from mpsim.features.edges import EDGES, WALLED, wraps_of
 from mpsim.features.properties import has_radii
@@ -285,6 +285,11 @@ class SteppedSolver(Solver, Steps):
             # As if all frames had had as many: the time follows from it, and a snapshot tells the sub-steps.
             self._arrays["control"].steps = self._frames * substeps
             self._configure()
+
+    def _or_too_fast(self, found: Speeds, fastest: Fastest) -> Speeds:
+        """These speeds, or that of the disc that was too fast in the last command, which is told once."""
+        fast, self.too_fast = float(self._arrays["parameters"].fast), False
+        return found.or_faster(disc_too_fast(fastest, fast, self.radii, has_radii(self._scene), self.frame - 1))
 
     # --- the grid
 

@@ -38,7 +38,6 @@ from mpsim.engine.solvers.speeds import (
     DiscSpeeds,
     Fastest,
     Speeds,
-    disc_too_fast,
     fastest_in,
     sides_at,
     speeds_together,
@@ -46,7 +45,6 @@ from mpsim.engine.solvers.speeds import (
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, disc_at, state_of
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.errors import DivergedError, InputError
-from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.compiling import source_digest
 from mpsim.scene.scene import Scene
@@ -351,9 +349,8 @@ class MpiSolver(SteppedSolver):
                 own, velocity = np.append(own, range(count, len(radii))), np.append(velocity, new.velocity, 0)
         part = DiscSpeeds.of(own, velocity, radii[own], BoxSides(sides, scene.periodic, scene.largest_radius))
         found = speeds_together(part, self.ranks.all_of, radii if present is None else radii[present], sides)
-        fastest, fast = self._fastest, float(self._arrays["parameters"].fast)
-        self._fastest, self.too_fast = Fastest(), False
-        return found.or_faster(disc_too_fast(fastest, fast, self.radii, has_radii(scene), self.frame - 1))
+        fastest, self._fastest = self._fastest, Fastest()
+        return self._or_too_fast(found, fastest)
 
     # --- discs, of which no rank has to hold all
 
