@@ -108,7 +108,8 @@ def main() -> int:
     file = scenefile.load("gas")
     with contextlib.redirect_stdout(io.StringIO()):
         exact = mpsim.Settings(method="event")
-        view = mpsim.view(file.scene, file.settings, beside=exact, browser=False, wait=False, playing=False, name="gas")
+        scene = file.scene
+        view = mpsim.view(scene, scene.settings, beside=exact, browser=False, wait=False, playing=False, name="gas")
     with view, chromium() as browser:
         for width in sorted({width for _, width in wanted}):
             page = browser.new_page(viewport={"width": width, "height": WIDTHS[width]})

@@ -247,7 +247,7 @@ def take_pictures(folder: Path) -> list[Path]:
     """The page of a scene at three sizes, as a browser shows it."""
     found, file = [], scenefile.load("dense")
     with contextlib.redirect_stdout(io.StringIO()):
-        view = mpsim.view(file.scene, file.settings, browser=False, wait=False, name=file.name)
+        view = mpsim.view(file.scene, file.scene.settings, browser=False, wait=False, name=file.name)
     with view, chromium() as browser:
         for width, height in WIDTHS.items():
             page = browser.new_page(viewport={"width": width, "height": height})

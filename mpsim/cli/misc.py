@@ -130,7 +130,7 @@ def description(file: SceneFile) -> dict[str, str]:
         words["pictures"] = f"every {scene.picture_interval:g}"
     if scene.measures:
         words["measures"] = ", ".join(scene.measures)
-    words["settings"] = settings_text(file.settings)
+    words["settings"] = settings_text(scene.settings)
     words["read from"] = ", ".join(map(str, file.read))
     return words
 

@@ -36,9 +36,6 @@ class Absorption(Feature):
     def description(self, scene: Scene) -> str:
         return ", ".join(scene.absorbing)
 
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"an absorbing edge": "top"}
-
 
 def check_edges(absorbing: object, boundary: tuple[str, str]) -> tuple[str, ...]:
     """Names of edges that absorb discs; they must be walls."""

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 MOST_SEED = 2**63 - 1
 
+DRIFTS = ("energy_drift", "momentum_drift")
+CONSTANT = "Measure 'temperature' or 'kinetic_energy', which should be constant on average."
+
 
 @dataclass(frozen=True)
 class Thermostat:
@@ -89,11 +92,7 @@ class ThermostatFeature(Feature):
     heats = True
     on_tiles = False
     invalidates: ClassVar[tuple[Invalidation, ...]] = (
-        Invalidation(
-            ("energy_drift", "momentum_drift"),
-            "a thermostat, which changes energy and momentum",
-            "Measure 'temperature' or 'kinetic_energy', which should be constant on average.",
-        ),
+        Invalidation(DRIFTS, "a thermostat, which changes energy and momentum", CONSTANT),
         Invalidation(
             ("pressure_virial",),
             "a thermostat, as the virial takes the kinetic energy for constant",
@@ -118,9 +117,6 @@ class ThermostatFeature(Feature):
     def description(self, scene: Scene) -> str:
         thermostat: Thermostat = self.of(scene)
         return f"temperature {thermostat.temperature:g}, rate {thermostat.rate:g}, seed {thermostat.seed}"
-
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"a thermostat": Thermostat(1.0, 1.0)}
 
 
 # --- Thermal walls: edges of the box at a temperature, which discs leave with new velocities. Checked when made
@@ -187,11 +183,7 @@ class ThermalWallsFeature(Feature):
     draws = True
     heats = True
     invalidates: ClassVar[tuple[Invalidation, ...]] = (
-        Invalidation(
-            ("energy_drift", "momentum_drift"),
-            "thermal walls, which change energy and momentum",
-            "Measure 'temperature' or 'kinetic_energy', which should be constant on average.",
-        ),
+        Invalidation(DRIFTS, "thermal walls, which change energy and momentum", CONSTANT),
         Invalidation(
             ("pressure_virial",),
             "thermal walls, as the virial takes the kinetic energy for constant",
@@ -222,9 +214,6 @@ class ThermalWallsFeature(Feature):
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
         walls, record = self.of(scene), arrays["thermal_walls"]
         record.temperature[:], record.seed = walls.by_edge, walls.seed
-
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"thermal walls": ThermalWalls(left=1.0, right=1.0, bottom=1.0, top=1.0)}
 
     def thermal_speed(self, scene: Scene) -> float:
         return math.sqrt(max(self.of(scene).temperatures.values()) / mean_mass(scene))

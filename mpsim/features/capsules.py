@@ -65,12 +65,7 @@ class CellLists(NamedTuple):
 
 
 def distance(position: Floats, capsules: Floats) -> Floats:
-    """Distance from centres to the surfaces of capsules, negative where they are solid, shape (...) [length].
-
-    Args:
-        position: shape (..., 2) [length].
-        capsules: shape (..., 5), broadcast with the positions [length].
-    """
+    """Distance from centres (..., 2) to the surfaces of capsules (..., 5), negative where solid, shape (...) [length]."""
     a, radius = capsules[..., :2], capsules[..., 4]
     along, r = capsules[..., 2:4] - a, position - a
     squared = along[..., 0] ** 2 + along[..., 1] ** 2
@@ -92,13 +87,8 @@ def is_within(position: Floats, sides: Floats) -> NDArray[np.bool_]:
 def with_images(capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool], reach: float) -> Images:
     """Capsules, and their images one period away along periodic axes if a disc in the box can touch them.
 
-    A container, which does not cross such an axis, has none.
-
-    Args:
-        capsules: shape (K, 5) [length]; further columns are kept.
-        size: width and height of the box [length].
-        periodic: along x and along y.
-        reach: radius of the largest disc [length].
+    A container, which does not cross such an axis, has none. size: width and height of the box. reach: radius of the
+    largest disc [length]. Further columns of capsules are kept.
     """
     found = Images(capsules, np.arange(len(capsules)), np.zeros((len(capsules), 2)))
     for axis, length in enumerate(size):
@@ -139,11 +129,7 @@ def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -
     """Halves of the segments on which ends of others lie, each from such an end, to be joined by `next_ends`.
 
     A wall below a floor has its end on it, as ends that differ by rounding lie on each other: neither sticks out.
-
-    Args:
-        capsules: images included, shape (K, 5) [length].
-        lists: `cell_lists` of them.
-        size: width and height of the box [length].
+    capsules: images included. lists: `cell_lists` of them. size: width and height of the box [length].
     """
     straight, found = (capsules[:, :2] != capsules[:, 2:4]).any(axis=1), [np.zeros((0, 5))]
     if straight.any():
@@ -166,10 +152,7 @@ def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -
 def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> CellLists:
     """A grid whose cells list every capsule that a disc with its centre in the cell can touch.
 
-    Args:
-        capsules: images included, shape (K, 5) [length].
-        size: width and height of the box [length].
-        reach: radius of the largest disc [length].
+    capsules: images included. size: width and height of the box. reach: radius of the largest disc [length].
     """
     side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_CAPSULE * (len(capsules) + 1))))
     side = max(side, max(size) * 8 / _most(capsules))  # of a channel 10^16 times as long as it is wide, too
@@ -184,12 +167,7 @@ def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> Cel
 def lists_of_cells(
     capsules: Floats, size: tuple[float, float], reach: float, cells: tuple[int, int]
 ) -> tuple[CellLists, int]:
-    """`cell_lists` for a grid that is given: (lists, shift), where each list is that of 2^shift cells along each axis.
-
-    Args:
-        capsules, size, reach: as of `cell_lists`.
-        cells: columns and rows of the grid.
-    """
+    """`cell_lists` for a grid of columns and rows: (lists, shift), each list that of 2^shift cells along each axis."""
     finest = np.array(cells)
     return _lists(capsules, reach, lambda k: (-(-finest >> k), finest / (2.0**k * np.array(size))))
 
@@ -247,12 +225,7 @@ class CapsuleIndex:
     """Capsules in a box, for repeated queries of how deep discs overlap them.
 
     The first FEW_DISCS discs are compared with every capsule; then discs of similar size share a grid, which is kept.
-
-    Args:
-        capsules: shape (K, 5) [length].
-        size: width and height of the box [length].
-        periodic: along x and along y.
-        filled: rows of capsules that are the sides of a polygon, which is solid inside.
+    filled: rows of capsules that are the sides of a polygon, which is solid inside.
     """
 
     def __init__(
@@ -265,11 +238,7 @@ class CapsuleIndex:
         self._grids: dict[int, tuple[Images, CellLists]] = {}
 
     def depths(self, position: Floats, radius: Floats) -> Floats:
-        """How deep each disc is in what it overlaps most, images included; 0 outside all, shape (N,) [length].
-
-        Args:
-            position: in the box, shape (N, 2) [length].
-            radius: shape (N,) [length].
+        """How deep each disc in the box is in what it overlaps most, images included; 0 outside all, shape (N,).
 
         Raises:
             InputError: if more than MOST_COMPARED pairs of a disc and a capsule are near each other.
@@ -411,17 +380,7 @@ class Deepest(NamedTuple):
 
 
 def check_clear(found: Deepest | None, name: str, position: Floats, radius: Floats) -> None:
-    """Refuse discs that overlap an obstacle.
-
-    Args:
-        found: the deepest of them, if there is one.
-        name: of the argument, for the text of the error.
-        position: centres, shape (N, 2) [length].
-        radius: one each, shape (N,) [length].
-
-    Raises:
-        InputError: naming the disc that is deepest in an obstacle.
-    """
+    """Refuse discs that overlap an obstacle, of which one is the deepest. name: of the argument."""
     if found is not None:
         disc = found.disc
         raise InputError(

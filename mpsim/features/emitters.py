@@ -1,10 +1,7 @@
 """Emitters: places where discs enter. Checked when made; immutable."""
 
-# pyright: reportPrivateUsage=false
-# Names of Scene that begin with an underscore are for all of mpsim.
-
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
+# pyright: reportPrivateUsage=false, reportUnnecessaryIsInstance=false
+# Names of Scene with an underscore are for all of mpsim; arguments are checked for callers without a type checker, too.
 
 from __future__ import annotations
 

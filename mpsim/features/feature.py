@@ -138,7 +138,7 @@ class Feature:
     def is_in(self, scene: Scene) -> bool:
         """Whether the scene has it."""
         value = self.of(scene)
-        return value is not None and value != ()
+        return value is not None and not (isinstance(value, tuple) and not value)
 
     def has_columns(self, scene: Scene) -> bool:
         """Whether the discs of the scene have its columns."""
@@ -230,13 +230,6 @@ class Feature:
         """Description in words for a scene that has it; "" if the description of the discs includes it."""
         return str(self.of(scene))
 
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """Values of the argument to time, by name, in a square box of a side with discs on a lattice of a pitch.
-
-        The discs have radius 0.5 [length], thermal velocities and mass 1.
-        """
-        return {}
-
     # --- files
 
     def to_plain(self, scene: Scene) -> Any:
@@ -248,11 +241,6 @@ class Feature:
         """The value from which `to_plain` made plain values."""
         kinds = (*self.kinds, *self.within)
         return [restored(each, kinds) for each in values] if kinds and self.several else restored(values, kinds)
-
-
-def lattice_sites(side: float, pitch: float) -> int:
-    """Number of discs on a square lattice of a pitch in a square box of a side [length]."""
-    return round(side / pitch) ** 2
 
 
 def given(name: str, value: Any, kind: type[Any]) -> dict[str, Any]:

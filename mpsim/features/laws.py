@@ -29,9 +29,6 @@ class Restitution(Feature):
     def is_in(self, scene: Scene) -> bool:
         return min(scene.restitution, scene.wall_restitution) < 1
 
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"restitution": 0.95}
-
     def brief(self, scene: Scene) -> str:
         return ""
 
@@ -76,9 +73,6 @@ class Friction(Feature):
     def description(self, scene: Scene) -> str:
         words = f"{scene.friction:g} of discs, {scene.wall_friction:g} of walls"
         return f"{words}, tangential restitution {scene.tangential_restitution:g}"
-
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"friction": 0.5}
 
 
 def check_friction(

@@ -411,11 +411,6 @@ class Obstacles(Feature):
     def description(self, scene: Scene) -> str:
         return f"{len(self.of(scene))}"
 
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        every = np.arange(1, 100, 10) * pitch
-        line = Polyline([(0, side / 2), (side / 3, side / 2)])
-        return {"100 pegs": [FixedDisc((x, y), 0.1) for x in every for y in every], "a polyline": [line]}
-
 
 # --- What the kernels need: capsules at rest, bodies that move, and which obstacle each of their numbers belongs to
 

@@ -1,10 +1,7 @@
 """A piston: a wall of the box that moves. Checked when made; immutable."""
 
-# pyright: reportPrivateUsage=false
-# Names of Scene that begin with an underscore are for all of mpsim.
-
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
+# pyright: reportPrivateUsage=false, reportUnnecessaryIsInstance=false
+# Names of Scene with an underscore are for all of mpsim; arguments are checked for callers without a type checker, too.
 
 from __future__ import annotations
 
@@ -152,9 +149,6 @@ class PistonFeature(Feature):
         piston: Piston = self.of(scene)
         start = "" if piston.start is None else f"from {piston.start:g} "
         return f"the {piston.wall} wall, speed {piston.speed:g}, {start}to {piston.stop:g}"
-
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"a piston": Piston("bottom", 0.01, side / 2)}
 
 
 PISTON = PistonFeature()

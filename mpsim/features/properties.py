@@ -10,7 +10,7 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.columns import ACCELERATION, MASS, Column
 from mpsim.errors import InputError
-from mpsim.features.feature import Feature, Floats, PerDisc, Shapes, lattice_sites
+from mpsim.features.feature import Feature, Floats, PerDisc, Shapes
 from mpsim.kernels import records
 
 if TYPE_CHECKING:
@@ -58,9 +58,6 @@ class Radii(Feature):
         buffers = {f"{buffer}.radius": (real, (capacity + records.PADDING,)) for buffer in "ab"}
         return {**buffers, "giants": (real, (1,))}
 
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"radii": np.random.default_rng(2).uniform(0.3, 0.5, lattice_sites(side, pitch))}
-
     def brief(self, scene: Scene) -> str:
         return ""
 
@@ -97,9 +94,6 @@ class Gravity(Feature):
     vectors: ClassVar[tuple[str, ...]] = ("gravity",)
     drives = "gravity"
 
-    def is_in(self, scene: Scene) -> bool:
-        return scene.gravity is not None
-
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         return {"gravity": (real, (2,))}
 
@@ -109,9 +103,6 @@ class Gravity(Feature):
     def description(self, scene: Scene) -> str:
         x, y = self.of(scene)
         return f"({x:g}, {y:g})"
-
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"gravity": (0.0, -0.1)}
 
 
 class Acceleration(Feature):
@@ -123,14 +114,8 @@ class Acceleration(Feature):
     not_exact = "acceleration per disc, under which the relative motion of two discs is not uniform"
     columns: ClassVar[tuple[Column, ...]] = (ACCELERATION,)
 
-    def is_in(self, scene: Scene) -> bool:
-        return scene.acceleration is not None
-
     def description(self, scene: Scene) -> str:
         return "one per disc"
-
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"acceleration per disc": np.random.default_rng(2).normal(size=(lattice_sites(side, pitch), 2)) * 0.1}
 
 
 # --- Masses other than 1
@@ -151,9 +136,6 @@ class Masses(Feature):
 
     def is_in(self, scene: Scene) -> bool:
         return has_masses(scene)
-
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        return {"masses": np.random.default_rng(2).uniform(0.5, 2.0, lattice_sites(side, pitch))}
 
     def brief(self, scene: Scene) -> str:
         return "" if scene.mass is None else "mass"

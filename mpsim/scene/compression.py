@@ -63,7 +63,7 @@ def compressed(scene: Scene, packing: float, rate: float) -> Scene:
     vars(made).update(width=width, height=height)
     low, high = made.limits(made.radius)
     made._start_anew(np.clip(grown / shrink, low, high), velocity)
-    if scene._can_redraw:
+    if scene._redraw is not None:
         made._redraw_with(partial(_redrawn, scene, packing, rate))
     return made
 

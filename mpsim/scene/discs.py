@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,22 +70,14 @@ class Lattice:
         """The numbers above, without arrays that were made of them."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    @property
-    def position(self) -> Floats:
-        """Centres of all discs, shape (count, 2), read-only [length]: computed when first needed."""
-        return self._position
-
-    @property
-    def velocity(self) -> Floats:
-        """Velocities of all discs, shape (count, 2), read-only [length/time], likewise."""
-        return self._velocity
-
     @cached_property
-    def _position(self) -> Floats:
+    def position(self) -> Floats:
+        """Centres of all discs, shape (count, 2), read-only [length]."""
         return _read_only(self.positions(0, self.count))
 
     @cached_property
-    def _velocity(self) -> Floats:
+    def velocity(self) -> Floats:
+        """Velocities of all discs, shape (count, 2), read-only [length/time]."""
         return _read_only(self.velocities(0, self.count))
 
     def positions(self, first: int, last: int) -> Floats:
@@ -187,12 +179,7 @@ class Lattice:
 
 
 def demand_sites(lattice: Lattice, packing: float | None) -> None:
-    """Refuse more discs than there is room for on a lattice in their box.
-
-    Args:
-        lattice: of the discs.
-        packing: that was given for the box, if any.
-    """
+    """Refuse more discs than there is room for on a lattice in their box. packing: that was given for it, if any."""
     if lattice.count > lattice.most:
         name, remedy = "count", "Use fewer or smaller discs, or a larger box"
         if packing is not None:
@@ -241,71 +228,32 @@ def _read_only(array: Floats) -> Floats:
     return array
 
 
-# --- The discs of a scene at its start: given arrays, or a lattice of which any range can be computed
-
-
-class Start(Protocol):
-    """Places and velocities of discs at the start."""
-
-    @property
-    def count(self) -> int:
-        """Number of discs."""
-        ...
-
-    @property
-    def position(self) -> Floats:
-        """Of all discs, shape (N, 2), read-only [length]."""
-        ...
-
-    @property
-    def velocity(self) -> Floats:
-        """Of all discs, shape (N, 2), read-only [length/time]."""
-        ...
-
-    def positions(self, first: int, last: int) -> Floats:
-        """Of discs first to last - 1, shape (last - first, 2) [length]."""
-        ...
-
-    def velocities(self, first: int, last: int) -> Floats:
-        """Of discs first to last - 1, shape (last - first, 2) [length/time]."""
-        ...
-
-    def pieces(self) -> Iterator[tuple[int, int]]:
-        """Pieces of all discs, in their order, as (first disc, one after the last); at least one piece."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class GivenStart:
-    """Places and velocities that were given, which are one piece: arrays of shape (N, 2), read-only."""
+    """Places and velocities that were given, arrays of shape (N, 2), read-only, with the methods of a Lattice."""
 
     position: Floats
     velocity: Floats
 
     @property
     def count(self) -> int:
-        """Number of discs."""
         return len(self.position)
 
     def positions(self, first: int, last: int) -> Floats:
-        """A view."""
         return self.position[first:last]
 
     def velocities(self, first: int, last: int) -> Floats:
-        """A view."""
         return self.velocity[first:last]
 
     def pieces(self) -> Iterator[tuple[int, int]]:
-        """All discs at once."""
-        yield 0, self.count
+        return iter([(0, self.count)])
+
+
+Start = Lattice | GivenStart
 
 
 def start_of(position: Any, velocity: Any) -> Start:
-    """What a scene starts from: arrays, checked, or the lattice that Scene.lattice hands over in place of both.
-
-    Raises:
-        InputError: naming the argument.
-    """
+    """What a scene starts from: arrays, checked, or the lattice that Scene.lattice hands over in place of both."""
     if isinstance(position, Lattice):
         return position
     places = checks.finite_array("position", position, (None, 2), "(N, 2)")

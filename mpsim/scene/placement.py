@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import math
-from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -78,9 +76,6 @@ PUSHES, PUSH_ROUNDS = 6, 60
 MOST_CELLS = 100_000_000
 """Largest number of cells of the grid for equal discs, one disc each; a larger box needs coarser cells."""
 
-CHUNK = 1_000_000
-"""Random places that are drawn at a time, which are in memory besides those that are kept."""
-
 LEVEL = 4
 """A level of discs that are there has at least so many times as many as the next one."""
 
@@ -102,13 +97,8 @@ def overlaps(
 ) -> tuple[int, tuple[int, int], float]:
     """Number of overlapping pairs, the deepest pair (i < j) and its depth [length]. O(N).
 
-    Overlaps within the rounding of coordinates (a few units in the last place of the box) do not count.
-
-    Args:
-        position: shape (N, 2), in the box [length].
-        width, height: of the box [length].
-        diameter: of all discs, or of each, shape (N,) [length].
-        periodic: along x and along y; nearest images count.
+    Overlaps within the rounding of coordinates (a few units in the last place of the box) do not count. diameter: of
+    all discs, or of each, shape (N,) [length].
     """
     rounding = 8 * np.finfo(np.float64).eps * max(width, height)
     count = len(position)
@@ -121,7 +111,7 @@ def overlaps(
         pairs, depth = placement.count_overlaps(discs, rounding, worst)
         return int(pairs), (int(worst[0]), int(worst[1])), float(depth)
     diameter = float(diameter) - rounding
-    points = _sort_by_cell(count, (width, height), diameter, lambda: [position])
+    points = _sort_by_cell(count, (width, height), diameter, position)
 
     def find(begin: int, end: int) -> tuple[int, float, int, int]:
         worst = np.zeros(2, np.int64)
@@ -134,16 +124,9 @@ def overlaps(
 
 
 def _sort_by_cell(
-    count: int, size: tuple[float, float], diameter: float, parts: Callable[[], Iterable[NDArray[np.float64]]]
+    count: int, size: tuple[float, float], diameter: float, *parts: NDArray[np.float64]
 ) -> placement.ByCell:
-    """Points in the order of cells that are at least a diameter wide.
-
-    Args:
-        count: number of points.
-        size: width and height of the box [length].
-        diameter: [length].
-        parts: gives the points in parts, each of shape (M, 2); called twice, it gives the same parts [length].
-    """
+    """Points in the order of cells that are at least a diameter wide; parts: `count` points, each of shape (M, 2)."""
     side = max(diameter * (1 + 1e-12), math.sqrt(size[0] * size[1] / max(count, 1)))
     # A thin box has one row of cells, which may be wider: there are never more cells than about one per point.
     columns, rows = (min(int(length / side) + 1, count + 1) for length in size)
@@ -151,11 +134,11 @@ def _sort_by_cell(
     start = np.zeros(columns * rows + 1, np.int32)
     x, y, number = np.empty(count), np.empty(count), np.empty(count, np.int32)
     points = placement.ByCell(x, y, number, start, columns, rows, per_x, per_y)
-    for part in parts():
+    for part in parts:
         placement.count_points(part, points)
     start[1:] = np.cumsum(start[1:], dtype=np.int32) - start[1:]  # the first slot of each cell
     first = 0
-    for part in parts():
+    for part in parts:
         in_pieces(partial(placement.place_points, part, first, points), columns, len(part))
         first += len(part)
     return points
@@ -212,14 +195,8 @@ def random_polydisperse(
 
     Up to SPARSE_PACKING, discs are placed by random sequential addition, the largest first. Denser arrangements start
     from a jittered lattice; overlaps are removed pair by pair, and Monte Carlo steps follow. The same seed gives the
-    same positions.
-
-    Args:
-        radius: of each disc, shape (N,) [length].
-        width, height: of the box [length].
-        rng: source of random numbers.
-        periodic: along x and along y.
-        capsules: obstacles, shape (K, 5) or (K, 6): ax, ay, bx, by, radius [length], and their polygon, as `solid_of`.
+    same positions. radius: of each disc, shape (N,) [length]. capsules: obstacles, shape (K, 5) or (K, 6): ax, ay, bx,
+    by, radius [length], and their polygon, as `solid_of`.
 
     Raises:
         InputError: if no arrangement without overlap is found.
@@ -257,15 +234,8 @@ def displaced(
 ) -> NDArray[np.float64]:
     """Centres after moving each disc along x, then along y, shape (N, 2).
 
-    A move that leads to an overlap or out of the box is rejected.
-
-    Args:
-        position: shape (N, 2) [length].
-        radius: shape (N,) [length].
-        size: width and height of the box [length].
-        periodic: along x and along y.
-        capsules: obstacles, shape (K, 5): ax, ay, bx, by, radius [length].
-        moves: displacements, shape (N, 2) [length].
+    A move that leads to an overlap or out of the box is rejected. moves: displacements, shape (N, 2). capsules:
+    obstacles, shape (K, 5) [length].
     """
     if not len(position):
         return position
@@ -369,24 +339,6 @@ def random_places(
     return np.column_stack([x, y])[rng.permutation(count)]
 
 
-def _sort_candidates(
-    number: int, size: tuple[float, float], radius: float, rng: np.random.Generator
-) -> placement.ByCell:
-    """So many random places at which a disc is inside the box, by cell."""
-    span = np.array(size) - 2 * radius
-    if number <= CHUNK:
-        places = radius + rng.random((number, 2)) * span
-        return _sort_by_cell(number, size, 2 * radius, lambda: [places])
-    twice = [copy.deepcopy(rng), rng]
-
-    def draw() -> Iterator[NDArray[np.float64]]:
-        source = twice.pop(0)
-        for first in range(0, number, CHUNK):
-            yield radius + source.random((min(CHUNK, number - first), 2)) * span
-
-    return _sort_by_cell(number, size, 2 * radius, draw)
-
-
 def _add_sequentially(
     x: NDArray[np.float64], y: NDArray[np.float64], size: tuple[float, float], radius: float, rng: np.random.Generator
 ) -> bool:
@@ -400,7 +352,8 @@ def _add_sequentially(
     placed, attempts = 0, 0
     while placed < len(x) and attempts < 200 * len(x) + 1000:
         number = 2 * (len(x) - placed) + 16
-        candidates = _sort_candidates(number, size, radius, rng)
+        places = radius + rng.random((number, 2)) * (np.array(size) - diameter)
+        candidates = _sort_by_cell(number, size, diameter, places)
         state = np.full(number, placement.UNDECIDED, np.int8)
         for level in levels:
             in_pieces(partial(placement.reject_overlapping, candidates, state, level, diameter), number)
@@ -412,7 +365,7 @@ def _add_sequentially(
         added = _first(candidates, int(placement.keep_taken(candidates, order)))
         while levels and LEVEL * len(added.x) > len(levels[-1].x):
             both = [np.column_stack([level.x, level.y]) for level in (levels.pop(), added)]
-            added = _sort_by_cell(sum(map(len, both)), size, diameter, lambda both=both: both)
+            added = _sort_by_cell(sum(map(len, both)), size, diameter, *both)
         levels.append(added)
         placed += taken
         attempts += number

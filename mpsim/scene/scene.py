@@ -241,7 +241,7 @@ class Scene(ReadOnly):
         """Packing fraction at the start: area of the discs over that of the box between its walls."""
         low, high = self.walls_at(0.0)
         (width, height), radii = (high - low).tolist(), self.radii
-        parts = (radii[first:last] / width * (radii[first:last] / height) for first, last in self._pieces())
+        parts = (radii[first:last] / width * (radii[first:last] / height) for first, last in self._start.pieces())
         return math.pi * sum(float(part.sum()) for part in parts)
 
     def digest(self) -> str:
@@ -647,10 +647,6 @@ class Scene(ReadOnly):
         """The lattice on which the discs start; None if their places were given."""
         return self._start if isinstance(self._start, Lattice) else None
 
-    def _pieces(self) -> Iterator[tuple[int, int]]:
-        """Pieces of all discs, as (first disc, one after the last); arrays that were given are one piece."""
-        return self._start.pieces()
-
     def _velocities_in_pieces(self) -> Iterator[tuple[int, NDArray[np.float64]]]:
         """The first disc of each piece, and the velocities of the discs in it, shape (K, 2) [length/time]."""
         return ((first, self._start.velocities(first, last)) for first, last in self._start.pieces())
@@ -680,11 +676,6 @@ class Scene(ReadOnly):
             check = CHANGEABLE[name]
             vars(other)[name] = value if check is None else check(other, value)
         return other
-
-    @property
-    def _can_redraw(self) -> bool:
-        """Whether `redrawn` can make other starts of the same kind."""
-        return self._redraw is not None
 
     def _redraw_with(self, make: Callable[[int], Scene]) -> Scene:
         """This scene; from now on `redrawn` calls `make` with a seed."""

@@ -15,11 +15,11 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
-from itertools import groupby, islice
+from itertools import groupby
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, get_args, get_type_hints
 
@@ -59,8 +59,9 @@ MOST_BYTES = 2**20
 MOST_TABLES = 10_000
 """Tables of one kind: [[discs]], or those of a feature. One table may hold very many, as arrays."""
 
-MOST_PARTS = 16
-"""Parts of a dotted key. No key of a scene file has more than three; a parser's time grows with their square."""
+MOST_PARTS = 100
+"""Dots of a line without a sign of a value between them. No key has more than two; a parser's time grows as their
+square."""
 
 MOST_PROBLEMS = 100
 """Problems of one file that are reported."""
@@ -113,8 +114,6 @@ def _keys(kind: type[Any], many: bool = False) -> dict[str, bool]:
     keys = {each.name: each.default is dataclasses.MISSING for each in fields}
     if many and "position" in keys:
         keys |= dict.fromkeys(LATTICE, False)
-    if many and "points" in keys:
-        keys["lengths"] = False  # number of points of each value
     return keys
 
 
@@ -151,11 +150,6 @@ class SceneFile:
     def comes_with_mpsim(self) -> bool:
         """Whether it is a named scene."""
         return self.read[0].parent == PACKAGED
-
-    @property
-    def settings(self) -> Settings | None:
-        """Those that the scene recommends; None without any."""
-        return self.scene.settings
 
 
 _NAMED = resources.files("mpsim.scene") / "named"  # in an archive, if mpsim is imported from one
@@ -234,17 +228,7 @@ def _find(source: Any) -> Path:
     return path
 
 
-_TEXTS = re.compile(
-    r'"""(?:[^"\\]|\\.?|"(?!""))*+(?:"{3,5}|\Z)|'
-    r"'''(?:[^']|'(?!''))*+(?:'{3,5}|\Z)|"
-    r'"(?:[^"\\\n]|\\[^\n])*+"?|'
-    r"'[^'\n]*+'?|#[^\n]++",
-    re.DOTALL,
-)
-"""Texts and comments, which contain no keys. An unterminated text counts too: its end is searched for only once, not
-from each quotation mark in it."""
-
-_MANY_PARTS = re.compile(rf"(?:\.[^.=,\n\[\]{{}}]*+){{{MOST_PARTS},}}")
+_MANY_PARTS = re.compile(rf"(?:\.[^.=,\n\[\]{{}}]*+){{{MOST_PARTS},}}")  # in a long text, too
 
 _TOO_DEEP = "the file must be TOML; got tables or lists nested too deeply."
 _TOO_LARGE = "Put long arrays into .npy files beside it, as Scene.save does."
@@ -264,7 +248,7 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
         raise InputError(
             f"scene must be a file that can be read; got {checks.brief(str(path))} ({reason}).{hint}"
         ) from None
-    if _MANY_PARTS.search(_TEXTS.sub("", text)):
+    if _MANY_PARTS.search(text):
         raise SceneFileError(label, [f"keys must have at most {MOST_PARTS} parts with dots between them; got more."])
     try:
         tables = tomllib.loads(text)
@@ -319,7 +303,6 @@ class _Reader:
         groups: the tables of discs.
         box: width and height, or packing.
         arguments: of Scene, except box and discs.
-        owners: for each argument that is a list of tables, the number of the table of each value.
     """
 
     def __init__(self, label: str, folder: Path):
@@ -329,11 +312,9 @@ class _Reader:
         self.groups: list[dict[str, Any]] = []
         self.box: dict[str, float] = {}
         self.arguments: dict[str, Any] = {}
-        self.owners: dict[str, list[int]] = {}
         self._label = label
         self._sentences: list[str] = []  # about the first MOST_PROBLEMS
         self._problems = 0
-        self._listed: set[str] = set()  # tables whose keys a sentence has listed
 
     def _add(self, path: str, text: str, keys: Iterable[str] | None = None) -> None:
         """Add a problem. keys: those of the table at the path; None: those of a table by that name."""
@@ -390,17 +371,17 @@ class _Reader:
             self._add("", f"the box must be given either by packing or by width and height; got {values}.")
         self._demand_no_problem()
 
-    def _known(self, path: str, table: Any, keys: dict[str, bool], kinds: tuple[Any, ...] = ()) -> dict[str, Any]:
-        """The entries of a table that it may have; others, and those that it lacks, are problems.
-
-        keys: and whether each is needed. kinds: classes of such tables.
-        """
+    def _known(self, path: str, table: Any, keys: dict[str, bool]) -> dict[str, Any]:
+        """The entries of a table that it may have; others, and those that it needs and lacks, are problems."""
         if not isinstance(table, dict):
             self._add(path, f"{path.rpartition('.')[2]} must be a table; got {checks.brief(table)}.")
             return {}
         before = f"{path}." if path else ""
-        for name in [name for name in table if name not in keys]:
-            hint = self._hint(_NUMBER.sub("", path), name, keys, kinds) if self._problems < MOST_PROBLEMS else ""
+        unknown = [name for name in table if name not in keys]
+        for name in unknown:
+            meant = checks.near(name, keys) if self._problems < MOST_PROBLEMS else None
+            there = f"Keys there: {', '.join(keys)}." if name == unknown[0] else "Leave it out, too."
+            hint = f"Did you mean {meant!r}?" if meant else there
             self._add(
                 before + (checks.shortened(name) or "''"),
                 f"{checks.shortened(name) or repr(name)} must be a key of a scene file; this one is unknown, with the "
@@ -410,18 +391,6 @@ class _Reader:
             hint = f" Write 'schema = {SCHEMA}' at the top." if name == "schema" else ""
             self._add(before + name, f"{name} must be given; got nothing.{hint}")
         return {name: value for name, value in table.items() if name in keys}
-
-    def _hint(self, table: str, name: str, keys: dict[str, bool], kinds: tuple[Any, ...]) -> str:
-        """The key that was meant, or the class that has it, or all keys that there are, once for each table."""
-        if others := [kind.__name__ for kind in kinds if name in _keys(kind, many=True)]:
-            return f"It is a key of {' or '.join(others)}; keys of this table: {', '.join(keys)}."
-        words = keys_of(table) or keys
-        if near := checks.near(name, words):
-            return f"Did you mean {near!r}?"
-        if table in self._listed:
-            return "Keys there are those listed above."
-        self._listed.add(table)
-        return f"Keys there: {', '.join(words)}."
 
     def _listed_tables(self, name: str, tables: dict[str, Any]) -> list[tuple[str, Any]]:
         """The tables of a list, each with its path."""
@@ -488,9 +457,7 @@ class _Reader:
             if total > MOST_VALUES:  # none is made before
                 self._add(name, f"{name} must be at most {MOST_VALUES:,}; got {total:,} or more. Use fewer.")
                 return []
-        made = [make() for make in found]
-        self.owners[name] = [index for index, some in enumerate(made) for _ in some]
-        return [value for some in made for value in some]
+        return [value for make in found for value in make()]
 
     def _table(
         self, path: str, table: Any, kinds: tuple[Any, ...], part: Feature | None = None
@@ -507,7 +474,7 @@ class _Reader:
             keys |= dict.fromkeys(LATTICE, True) | {"position": False}
         values = {
             name: self._tried(f"{path}.{name}", self._value, f"{path}.{name}", name, value, _hints(kind).get(name))
-            for name, value in self._known(path, table, keys, kinds).items()
+            for name, value in self._known(path, table, keys).items()
         }
         examples: list[Any] = [] if part is None else [each for each in part.examples if type(each) is kind]
         if self._problems == before:
@@ -637,28 +604,19 @@ class _Reader:
         return None if side is None else (side, side)
 
     def _name_all(self, box: dict[str, float], groups: list[dict[str, Any]]) -> None:
-        """Name all that is wrong in a scene that was refused: each part is tried in the box by itself."""
+        """Name what is wrong in a scene that was refused: each part is tried in the box by itself."""
         bare = {**box, **_joined([]), "boundary": self.arguments.get("boundary", WALLED)}
         every = _joined(groups)
         # An emitter may take radius and mass from the discs.
         common = {name: every[name] for name in ("radius", "mass") if name in every and not np.ndim(every[name])}
-        self._name_members("discs", [*range(len(groups))], groups, lambda some: bare | _joined(some))
-        for name, owners in self.owners.items():
-            own = bare | common if PARTS[name].adds_discs else bare
-            self._name_members(name, owners, self.arguments[name], lambda some, name=name, own=own: own | {name: some})
+        for index, group in enumerate(groups):
+            self._tried(f"discs[{index}]", partial(Scene, **bare | _joined([group])))
         edges = {"absorbing": self.arguments.get("absorbing", ())}
         if self._tried("absorbing", partial(Scene, **bare | edges)) is not None:
             bare |= edges
-        for name in [name for name in self.arguments if name not in (*self.owners, *edges)]:
-            self._tried(name, partial(Scene, **bare | {name: self.arguments[name]}))
-
-    def _name_members(
-        self, name: str, owners: list[int], members: list[Any], arguments: Callable[[list[Any]], dict[str, Any]]
-    ) -> None:
-        """Name the members of a list that Scene refuses; owners: the number of the table of each."""
-        for at, error in islice(_refused(members, arguments), MOST_PROBLEMS + 1):
-            path = f"{name}[{owners[at]}]"
-            self._add(path, str(error).replace(f"{name}[0]", path))
+        for name, value in self.arguments.items():
+            own = common if name in PARTS and PARTS[name].adds_discs else {}
+            self._tried(name, partial(Scene, **bare | own | {name: value}))
 
 
 _BARE: dict[str, Any] = {"width": 1.0, "height": 1.0, "position": (), "velocity": (), "radius": 0.1}
@@ -705,8 +663,6 @@ def _columns(common: dict[str, Any], example: Any) -> dict[str, list[Any]]:
         common["position"] = _sites(common)
     elif needless := [name for name in LATTICE if name in common]:
         raise InputError(f"{needless[0]} goes with places, but these have positions. Leave it out.")
-    if "lengths" in common:
-        columns["points"] = _lines(common.pop("points"), common.pop("lengths"))
     for name in [*common]:
         if checks.dimensions(common[name]) == np.ndim(getattr(example, name)) + 1:
             listed, hint = common.pop(name), _hints(type(example))[name]
@@ -739,20 +695,6 @@ def _sites(values: dict[str, Any]) -> Numbers:
             "spacing or a smaller region."
         )
     return sites
-
-
-def _lines(points: Any, lengths: Any) -> list[Any]:
-    """The points of each line, from those of all and the number of each."""
-    points = checks.finite_array("points", points, (None, 2), "(K, 2)")
-    counts = checks.finite_array("lengths", lengths, (None,), "(L,)")
-    wrong = (counts > len(points)) | (counts != np.floor(counts)) | (counts < 2)
-    if wrong.any() or counts.sum() != len(points):
-        raise InputError(
-            f"lengths must be whole numbers >= 2 that add up to {len(points)}, the rows of points; got "
-            f"{checks.brief(counts[:20].tolist())}. Correct them, or leave them out for one line."
-        )
-    ends = np.cumsum(counts.astype(np.int64)).tolist()
-    return [points[first:last] for first, last in zip([0, *ends[:-1]], ends, strict=True)]
 
 
 def _placed(
@@ -803,23 +745,6 @@ def _joined(groups: list[dict[str, Any]]) -> dict[str, Any]:
             each = [np.broadcast_to(value, (count, *shape)) for value, count in zip(values, counts, strict=True)]
             joined[name] = np.concatenate(each)
     return joined
-
-
-def _refused(
-    members: list[Any], arguments: Callable[[list[Any]], dict[str, Any]], first: int = 0
-) -> Iterator[tuple[int, InputError]]:
-    """Members that Scene refuses, by index, with the error, found by bisection."""
-    if not members:
-        return
-    try:
-        Scene(**arguments(members))
-    except InputError as error:
-        if len(members) == 1:
-            yield first, error
-            return
-        half = len(members) // 2
-        yield from _refused(members[:half], arguments, first)
-        yield from _refused(members[half:], arguments, first + half)
 
 
 # --- Writing: small arrays in the file, large ones beside it, without losing a bit
@@ -906,7 +831,7 @@ def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: 
     examples = {type(each) for each in feature.examples}
     for (kind, *_), group in groupby(values, _likeness):
         alike = list(group)
-        many = len(alike) > INLINE and kind in examples
+        many = len(alike) > INLINE and kind in examples and not hasattr(alike[0], "points")  # of any number
         for some in [alike] if many else [[each] for each in alike]:
             columns, common = dict[str, Any](), dict[str, Any]()
             for name in dict.fromkeys(name for each in some for name in chosen(each)):
@@ -917,9 +842,6 @@ def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: 
                     columns[name] = column[0]
                 else:
                     common[name] = column[0]
-            if many and "points" in columns:
-                lengths = [len(points) for points in columns["points"]]
-                columns = {"points": np.concatenate(columns.pop("points")), "lengths": lengths, **columns}
             prefix = f"{feature.argument}-{len(arrays)}."
             lines += [f"[[{feature.argument}]]", *array_lines(columns, target, prefix, arrays), *pairs(common), ""]
     return lines

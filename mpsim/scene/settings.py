@@ -1,5 +1,8 @@
 """Settings: how a scene is simulated; and what a scene recommends."""
 
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -102,10 +105,6 @@ class Settings:
 
 
 # --- What a scene recommends for runs of it: length, settings, pictures and what to measure
-
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
-
 
 NAMES = ("duration", "settings", "picture_interval", "measures")
 """Arguments of Scene that are recommendations: they are no part of its digest."""

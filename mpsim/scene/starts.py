@@ -139,15 +139,7 @@ def side_for(packing: float, area: float, largest: float, boundary: tuple[str, s
     """Side of the square box in which discs have a given packing fraction [length].
 
     It is at least one diameter of the largest disc, or two in a periodic box, so that no disc touches its own image.
-
-    Args:
-        packing: area of the discs over that of the box, > 0.
-        area: of all discs together [length^2].
-        largest: radius [length].
-        boundary: of the two axes.
-
-    Raises:
-        InputError: if the side is not finite.
+    area: of all discs together. largest: radius.
     """
     side = max(math.sqrt(area / packing), 2 * max(kind.least_diameters for kind in kinds_of(boundary)) * largest)
     if not math.isfinite(side):
@@ -202,10 +194,7 @@ def _shape(kind: str) -> tuple[float, float]:
 def widest_spacing(kind: str, lengths: Callable[[float], tuple[float, float]], count: int) -> float:
     """The widest spacing at which a region holds `count` sites, by bisection: fewer fit at a wider spacing [length].
 
-    Args:
-        kind: of the lattice.
-        lengths: of the region along and across the rows, at most those at spacing 0, for a spacing [length].
-        count: number of sites, > 0.
+    lengths: of the region along and across the rows for a spacing, at most those at spacing 0 [length].
     """
 
     def enough(spacing: float) -> bool:
@@ -274,19 +263,12 @@ def random_places(
 ) -> NDArray[np.float64]:
     """Random centres of discs that overlap neither each other nor what is in the box, shape (count, 2) [length].
 
-    In an empty box these are the positions of Scene.random.
+    In an empty box these are the positions of Scene.random. A region ends a diameter before the images of its discs.
 
     Args:
         radius: of all, or of each, shape (count,) [length], > 0.
-        count: number of discs, >= 0.
         box: width and height [length].
         region: that contains the centres, or a shape around the discs; None: the box, or what containers leave of it.
-        taken: what is already in the box.
-        rng: source of random numbers.
-        periodic: along x and along y. A region then ends a diameter before the images of its discs.
-
-    Raises:
-        InputError: if they do not fit.
     """
     demand_area("radius", radius)
     corner, (width, height), largest = np.zeros(2), box, float(np.max(radius, initial=0.0))
@@ -306,12 +288,7 @@ def random_places(
     room = corner[0], corner[1], corner[0] + width, corner[1] + height
     near = taken.near(room, box, (False, False) if region is None else periodic, 2 * largest)
     radii = np.broadcast_to(radius, count)
-    packing = math.pi * float((radii**2).sum()) / placement.area_of(width, height, near)
-    if packing > placement.LARGEST_PACKING:
-        raise InputError(
-            f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
-            "Use fewer or smaller discs, a larger box or region, or a lattice; a table [compressed] shrinks the box."
-        )
+    demand_random_packing(math.pi * float((radii**2).sum()) / placement.area_of(width, height, near))
     if isinstance(radius, float) and not len(near) and not any(wraps):
         return placement.random_places(count, width, height, radius, rng) + corner
     near[:, :4] -= np.tile(corner, 2)
@@ -324,31 +301,19 @@ def thermal_velocities(
     """Normally distributed velocities, shape (count, 2) [length/time].
 
     For 2 discs or more the total momentum is zero, and velocities are scaled so that the mean of m v_x^2 and m v_y^2 is
-    exact.
-
-    Args:
-        count: number of discs.
-        temperature: kT [mass length^2/time^2], >= 0.
-        mass: of all or of each, shape (count,) [mass]; None: 1.
-        rng: source of random numbers.
+    exact. temperature: kT [mass length^2/time^2]. mass: of all or of each, shape (count,) [mass]; None: 1.
     """
     velocity = rng.normal(size=(count, 2))
-    if mass is None:
-        if count > 1:
-            velocity -= velocity.mean(axis=0)
-            velocity *= math.sqrt(temperature) / math.sqrt((velocity**2).mean())
-            return velocity
-        return velocity * math.sqrt(temperature)
-    masses = np.broadcast_to(mass, count)[:, None]
+    masses = np.broadcast_to(1.0 if mass is None else mass, count)[:, None]
     velocity /= np.sqrt(masses)
-    if count > 1:
-        velocity -= (masses * velocity).sum(axis=0) / masses.sum()
-        with np.errstate(over="ignore"):
-            mean = float((masses * velocity**2).mean())
-        if not math.isfinite(mean):  # masses so small that squares of velocities are beyond float64
-            mean = float(((np.sqrt(masses) * velocity) ** 2).mean())
-        return velocity * (math.sqrt(temperature) / math.sqrt(mean))
-    return velocity * math.sqrt(temperature)
+    if count < 2:
+        return velocity * math.sqrt(temperature)
+    velocity -= velocity.mean(axis=0) if mass is None else (masses * velocity).sum(axis=0) / masses.sum()
+    with np.errstate(over="ignore"):
+        mean = float((masses * velocity**2).mean())
+    if not math.isfinite(mean):  # masses so small that squares of velocities are beyond float64
+        mean = float(((np.sqrt(masses) * velocity) ** 2).mean())
+    return velocity * (math.sqrt(temperature) / math.sqrt(mean))
 
 
 def _words(region: Region) -> str:

@@ -1,6 +1,5 @@
 """Values in scene files: arrays in the file itself or in .npy and .csv files beside it, and values as TOML."""
 
-import csv
 import dataclasses
 import io
 import json
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks, files
 from mpsim.core.archive import REAL, read_array
-from mpsim.core.machine import garbage_collection_paused
 from mpsim.errors import InputError, is_of_the_system
 from mpsim.features.feature import chosen
 
@@ -27,7 +25,7 @@ MOST_ARRAY_BYTES = 2**33
 """Bytes of all array files of a scene together: enough for the largest scene."""
 
 MOST_CSV = 2**23
-"""Bytes of a .csv file, which is read cell by cell."""
+"""Bytes of a .csv file, which is read as text."""
 
 INLINE = 64
 """Number of rows up to which an array is saved in the scene file itself, where a person can read it."""
@@ -118,29 +116,18 @@ def _from_npy(name: str, path: Path, file: BinaryIO, length: int) -> NDArray[Any
         ) from None
 
 
-@garbage_collection_paused()
 def _from_csv(name: str, path: Path) -> Numbers:
     """One row per line, after an optional line of headings."""
     try:
-        text = io.StringIO(files.content(path, MOST_CSV).decode("utf-8-sig"), newline="")
-        lines = [(number, row) for number, row in enumerate(csv.reader(text), 1) if any(map(str.strip, row))]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{name} must be a text file of numbers; {path.name} is not ({error}).") from None
-    if lines and not any(_is_number(cell) for cell in lines[0][1]):
-        del lines[0]
-    width = len(lines[0][1]) if lines else 0
-    for number, row in lines:
-        if len(row) != width:
-            raise InputError(
-                f"{name} must have as many numbers in every row; line {number} of {path.name} has {len(row)}, and "
-                f"line {lines[0][0]} has {width}."
-            )
-    try:
-        numbers = np.fromiter((float(cell) for _, row in lines for cell in row), np.float64)
-    except ValueError:
-        number, cell = next((number, cell) for number, row in lines for cell in row if not _is_number(cell))
-        raise InputError(f"{name} must be numbers; line {number} of {path.name} has {checks.brief(cell)}.") from None
-    return numbers if width == 1 else numbers.reshape(-1, width) if width else numbers
+        lines = [line for line in files.content(path, MOST_CSV).decode("utf-8-sig").splitlines() if line.strip(" ,\t")]
+        if lines and not any(map(_is_number, lines[0].split(","))):
+            del lines[0]
+        numbers = np.loadtxt(lines, delimiter=",", quotechar='"', comments=None, ndmin=2) if lines else np.zeros((0, 1))
+    except ValueError as error:  # of bytes that are no text, too
+        raise InputError(
+            f"{name} must be lines of numbers with commas between them, as many in each; {path.name} is not: {error}."
+        ) from None
+    return numbers[:, 0] if numbers.shape[1] == 1 else numbers
 
 
 def _is_number(cell: str) -> bool:

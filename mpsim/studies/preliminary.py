@@ -64,7 +64,7 @@ class Starts:
 
     def __init__(self, scene: Scene, given: StartsGiven = None):
         if given is None:
-            given = "kind" if scene._can_redraw else "same"
+            given = "kind" if scene._redraw is not None else "same"
         self.same: bool = given == "same"
         self.number: int | None = None
         self._made: dict[int, Scene] = {0: scene} if isinstance(given, str) else {}

@@ -768,7 +768,7 @@ def _scene_task(
                 f"grid[{each!r}] must be one of {', '.join(RUN_FIELDS)}, where a scene is given; got {each!r}."
                 f"{f' Did you mean {near!r}?' if near else ''} To vary the scene, give a function that makes it."
             )
-    if title["seeded"] and not scene._can_redraw:
+    if title["seeded"] and scene._redraw is None:
         scene.redrawn(0)  # which raises
     run = _scene_run(None, tuple(grid), grid, how, scene)
     title = {"function": f"scene {scene.digest()}", **title, "runs": run.facts(scene)}

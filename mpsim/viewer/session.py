@@ -542,7 +542,7 @@ class Session(Source):
             method=self._settings.method,
             dt=self._told_dt,
             can_reset=self._owned,
-            can_redraw=self._owned and self._given._can_redraw,
+            can_redraw=self._owned and self._given._redraw is not None,
             seed=self._seed,
         )
         self._tell(phase)

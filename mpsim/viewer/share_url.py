@@ -108,7 +108,7 @@ def read(query: str) -> Link:
     name = checks.choice("scene of a link", texts["scene"], scenefile.names())
     scene = named(name)
     seed = checks.whole("seed", _number(int, texts.get("seed", "0")), 0, MOST_SEED, "Any of them will do.")
-    if seed and not scene._can_redraw:
+    if seed and scene._redraw is None:
         raise InputError(f"seed must be left out for a scene without random numbers; got {seed} for {name!r}.")
     usual = settings_for(scene, None)
     values = {each: _number(kind, texts[each]) for each, kind in SETTINGS.items() if each in texts}

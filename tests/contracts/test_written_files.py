@@ -44,7 +44,7 @@ def test_a_scene_file_is_the_scene_it_was_written_from(name):
     file = scenefile.load(FOLDER / f"{name}.toml")
     assert file.scene.digest() == written.scenes()[name].digest() == EXPECTED["scenes"][name]
     assert file.scene.duration == written.scenes()[name].duration
-    assert file.settings == mpsim.Settings(dt=1 / 32, contact="push")
+    assert file.scene.settings == mpsim.Settings(dt=1 / 32, contact="push")
     assert (file.title, file.text, file.look_for) == ("A title", "Text.", "This.")
 
 

@@ -293,7 +293,7 @@ def test_another_start_is_of_the_same_kind(name):
 
 def test_a_scene_that_was_given_has_no_other_start():
     for scene in (Scene.load("cradle"), gas(5, 0.1).starting_from(State(np.ones((5, 2)), np.ones((5, 2))))):
-        assert not scene._can_redraw
+        assert scene._redraw is None
         with pytest.raises(InputError, match=r"drawn at random, by Scene.random, Scene.lattice .*Make other starts"):
             scene.redrawn(1)
     with pytest.raises(InputError, match="seed must be a whole number"):
@@ -319,7 +319,7 @@ def test_a_lattice_has_no_overlap_and_any_range_is_the_slice_of_the_whole(count,
             position, velocity = scene.rows(first, last)
             assert position.tobytes() == scene.position[first:last].tobytes()
             assert velocity.tobytes() == scene.velocity[first:last].tobytes()
-    pieces = list(scene._pieces())
+    pieces = list(scene._start.pieces())
     assert (pieces[0][0], pieces[-1][1]) == (0, count)
     assert [last for _, last in pieces[:-1]] == [first for first, _ in pieces[1:]]
     arrays = Scene(width=scene.width, height=scene.height, position=scene.position, velocity=scene.velocity, radius=0.5,

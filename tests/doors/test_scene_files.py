@@ -249,7 +249,8 @@ def test_very_many_obstacles_and_emitters_are_saved_as_arrays_and_come_back(tmp_
     scene = Scene(width=50, height=50, position=[], velocity=[], radius=0.1, obstacles=[*circles, *pegs, *lines],
                   emitters=[*spouts, *others, Emitter((45, 45), (1, 1), interval=1)])  # fmt: skip
     scene.save(tmp_path / "scene.toml")
-    assert (tmp_path / "scene.toml").stat().st_size < 10_000
+    text = (tmp_path / "scene.toml").read_text()
+    assert (text.count("[[obstacles]]"), text.count("[[emitters]]")) == (401, 3), "pegs and emitters are arrays"
     found = Scene.load(tmp_path / "scene.toml")
     assert (found.obstacles, found.emitters, found.digest()) == (scene.obstacles, scene.emitters, scene.digest())
 
@@ -343,9 +344,9 @@ def test_all_problems_are_told_at_once_each_by_its_key(problems):
     placed += (
         ONE + ONE.replace("[2.0, 3.0]", "[4.0, 3.0], [9.9, 9.0]") + "[piston]\nwall = 'top'\nspeed = -1\nstop = 9\n"
     )
-    assert [text.split(" must ")[0] for text in problems(placed)] == [
+    assert {text.split(" must ")[0] for text in problems(placed)} == {
         "discs[1].position[1]", "obstacles[0]", "absorbing", "piston.stop",
-    ]  # fmt: skip
+    }  # fmt: skip
 
 
 SQUARE, RANDOM = "[[discs]]\nplaces = 'square'\nradius = 1\n", "[[discs]]\nplaces = 'random'\nradius = 1\n"
@@ -414,14 +415,15 @@ def write(content):
     return lambda path: path.write_bytes(content)
 
 
+NO_ROWS = "must be lines of numbers with commas between them, as many in each; {} is not: "
 NOT_NUMPY = "must be an array of real numbers as numpy.save writes it; {} is not ("
 FILES = {
     "none.npy": (lambda path: None, "must be a file that exists; got 'none.npy': no such file in "),
     "text.npy": (write(b"hello"), NOT_NUMPY),
     "complex.npy": (save(np.zeros((3, 2), complex)), NOT_NUMPY + "'complex.npy' holds complex128). Save it anew."),
     "x.txt": (write(b"1,2"), "must be numbers or the name of a .npy or .csv file; got 'x.txt'."),
-    "ragged.csv": (write(b"x,y\n1,2\n3,4,5\n"), "must have as many numbers in every row; line 3 of ragged.csv has 3"),
-    "bytes.csv": (write(b"\xff\xfe\x00"), "must be a text file of numbers; bytes.csv is not ("),
+    "ragged.csv": (write(b"x,y\n1,2\n3,4,5\n"), NO_ROWS),
+    "bytes.csv": (write(b"\xff\xfe\x00"), NO_ROWS + "'utf-8' codec"),
 }  # fmt: skip
 
 

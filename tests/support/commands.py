@@ -16,6 +16,8 @@ def mpsim_command(*arguments: object) -> Result:
 
 def library_digest(frames: int, **settings) -> str:
     file = scenefile.load("gas")
-    with mpsim.Simulation(file.scene, mpsim.Settings(**{**vars(file.settings), "method": "grid", **settings})) as sim:
+    with mpsim.Simulation(
+        file.scene, mpsim.Settings(**{**vars(file.scene.settings), "method": "grid", **settings})
+    ) as sim:
         sim.run(frames=frames)
         return sim.digest()

@@ -88,7 +88,7 @@ def speeds_at_start(scene: Scene) -> Speeds:
     """Speeds of the discs of a scene, looked at piece by piece."""
     if not scene.count:
         return Speeds()
-    radii, sides, pieces = scene.radii, sides_at(scene, 0.0), list(scene._pieces())
+    radii, sides, pieces = scene.radii, sides_at(scene, 0.0), list(scene._start.pieces())
     walls, fastest, squares = BoxSides(sides, scene.periodic, float(radii.max())), (), 0.0
     for first, velocity in scene._velocities_in_pieces():
         last = first + len(velocity)
