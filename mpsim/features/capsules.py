@@ -65,7 +65,7 @@ class CellLists(NamedTuple):
 
 
 def distance(position: Floats, capsules: Floats) -> Floats:
-    """Distance from centres (..., 2) to the surfaces of capsules (..., 5), negative where solid, shape (...) [length]."""
+    """Distance from centres (..., 2) to surfaces of capsules (..., 5), negative where solid, shape (...) [length]."""
     a, radius = capsules[..., :2], capsules[..., 4]
     along, r = capsules[..., 2:4] - a, position - a
     squared = along[..., 0] ** 2 + along[..., 1] ** 2
