@@ -192,28 +192,6 @@ class Scene(ReadOnly):
         """Velocities, shape (N, 2), read-only [length/time], as `position`."""
         return self._start.velocity
 
-    def rows(self, first: int, last: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions and velocities of some discs, without those of the others where the scene is `Scene.lattice`.
-
-        Args:
-            first, last: the first disc and the one after the last, 0 <= first <= last <= count.
-
-        Returns:
-            Two arrays of shape (last - first, 2) [length], [length/time]: views of arrays that were given.
-
-        Raises:
-            InputError: if the scene has no such discs.
-
-        >>> import mpsim
-        >>> scene = mpsim.Scene.lattice(count=1_000_000, packing=0.5, radius=0.5)
-        >>> position, velocity = scene.rows(500_000, 500_003)
-        >>> position.shape, bool((abs(position[:, 0] - scene.width / 2) < 1).all())
-        ((3, 2), True)
-        """
-        first = checks.whole("first", first, 0, self.count, "Give the number of a disc.")
-        last = checks.whole("last", last, first, self.count, "Give the number after that of a disc.")
-        return self._start.positions(first, last), self._start.velocities(first, last)
-
     @functools.cached_property
     def largest_radius(self) -> float:
         """Radius of the largest disc, emitters' discs included [length]."""
@@ -513,8 +491,7 @@ class Scene(ReadOnly):
         masses = None if mass is None else checks.masses(mass, count)
         temperature = checks.non_negative("temperature", temperature, "[mass length^2/time^2]")
         edges = check_boundary(boundary)
-        width, height, packing = starts.box_for(count, radius, packing, width, height, edges)
-        starts.demand_random_packing(packing)
+        width, height = starts.box_for(count, radius, packing, width, height, edges)
         solid = check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
         taken, region = starts.Taken(solid_of(solid)), None
@@ -573,10 +550,9 @@ class Scene(ReadOnly):
     ) -> Scene:
         """Equal discs near the sites of a hexagonal lattice that fills the box, with thermal velocities.
 
-        Each disc is computed from its number. So `rows` needs memory only for the range asked for, and a checkpoint or
-        another process gets the arguments instead of arrays (a scene file holds arrays). Discs are numbered column by
-        column. Each is displaced from its site at random, by less than half of the gap to its neighbours, so that none
-        overlap.
+        Each disc is computed from its number, so a checkpoint or another process gets the arguments instead of arrays
+        (a scene file holds arrays). Discs are numbered column by column. Each is displaced from its site at random, by
+        less than half of the gap to its neighbours, so that none overlap.
 
         Args:
             count: number of discs, >= 0.
@@ -595,8 +571,6 @@ class Scene(ReadOnly):
         >>> scene = Scene.lattice(count=100_000, packing=0.5, radius=0.5, seed=7)
         >>> scene
         <Scene: 100000 discs of radius 0.5 in 396.333 x 396.333, packing 0.5>
-        >>> bool((scene.rows(70_000, 70_100)[0] == scene.position[70_000:70_100]).all())
-        True
         """
         _check_others(cls.lattice, others)
         count = checks.whole("count", count, 0, LARGEST_COUNT, "Give a number in this range.")
@@ -605,7 +579,7 @@ class Scene(ReadOnly):
         radius = checks.positive("radius", radius, "[length]")
         temperature = checks.non_negative("temperature", temperature, "[length^2/time^2]")
         edges = check_boundary(boundary)
-        width, height, _ = starts.box_for(count, radius, packing, width, height, edges)
+        width, height = starts.box_for(count, radius, packing, width, height, edges)
         start: Any = Lattice(count, radius, width, height, wraps_of(edges), temperature, seed)
         demand_sites(start, packing)
         kind: dict[str, Any] = {"radius": radius, "width": width, "height": height, "boundary": edges, **others}

@@ -288,7 +288,12 @@ def random_places(
     room = corner[0], corner[1], corner[0] + width, corner[1] + height
     near = taken.near(room, box, (False, False) if region is None else periodic, 2 * largest)
     radii = np.broadcast_to(radius, count)
-    demand_random_packing(math.pi * float((radii**2).sum()) / placement.area_of(width, height, near))
+    packing = math.pi * float((radii**2).sum()) / placement.area_of(width, height, near)
+    if packing > placement.LARGEST_PACKING:
+        raise InputError(
+            f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
+            "Use fewer or smaller discs, or a larger box, which Scene.compressed makes smaller."
+        )
     if isinstance(radius, float) and not len(near) and not any(wraps):
         return placement.random_places(count, width, height, radius, rng) + corner
     near[:, :4] -= np.tile(corner, 2)
@@ -348,25 +353,23 @@ def box_for(
     width: float | None,
     height: float | None,
     boundary: tuple[str, str],
-) -> tuple[float, float, float]:
-    """Width and height from either a packing fraction (square box) or the two lengths themselves, and the packing."""
+) -> tuple[float, float]:
+    """Width and height, from either a packing fraction (square box) or the two lengths themselves."""
     if (packing is None) == (width is None and height is None) or (width is None) != (height is None):
         raise InputError(
             "the box must be given either by packing or by width and height; "
             f"got packing={packing!r}, width={width!r}, height={height!r}."
         )
     demand_area("radius", radius)
-    if isinstance(radius, np.ndarray):
-        area, largest = math.pi * float((radius**2).sum()), float(radius.max(initial=0.0)) or 1.0
-    else:
-        area, largest = count * math.pi * radius**2, radius
+    largest = float(np.max(radius, initial=0.0)) or 1.0
     if width is not None and height is not None:
         width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
         demand_room(largest, width, height, boundary)
-        return width, height, area / (width * height)
-    packing = fraction_of_the_area(packing)
-    side = side_for(packing, area, largest, boundary)
-    return side, side, packing
+        return width, height
+    one_each = isinstance(radius, np.ndarray)
+    area = math.pi * float((radius**2).sum()) if one_each else count * math.pi * radius**2
+    side = side_for(fraction_of_the_area(packing), area, largest, boundary)
+    return side, side
 
 
 def fraction_of_the_area(given: float | None) -> float:
@@ -377,12 +380,3 @@ def fraction_of_the_area(given: float | None) -> float:
             f"packing must be a fraction of the area; got {packing:g}. {packing:g} % is {packing / 100:g}."
         )
     return packing
-
-
-def demand_random_packing(packing: float) -> None:
-    """Refuse a packing at which no random places are found."""
-    if packing > placement.LARGEST_PACKING:
-        raise InputError(
-            f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
-            "Use fewer or smaller discs, or a larger box, which Scene.compressed makes smaller."
-        )

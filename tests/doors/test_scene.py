@@ -316,9 +316,8 @@ def test_a_lattice_has_no_overlap_and_any_range_is_the_slice_of_the_whole(count,
     ends = sorted({0, count, count // 2, *(min(count, each) for each in (1, 4095, 4096))})
     for first in ends:
         for last in (each for each in ends if each >= first):
-            position, velocity = scene.rows(first, last)
-            assert position.tobytes() == scene.position[first:last].tobytes()
-            assert velocity.tobytes() == scene.velocity[first:last].tobytes()
+            assert scene._start.positions(first, last).tobytes() == scene.position[first:last].tobytes()
+            assert scene._start.velocities(first, last).tobytes() == scene.velocity[first:last].tobytes()
     pieces = list(scene._start.pieces())
     assert (pieces[0][0], pieces[-1][1]) == (0, count)
     assert [last for _, last in pieces[:-1]] == [first for first, _ in pieces[1:]]
@@ -334,7 +333,9 @@ def test_a_lattice_fills_boxes_of_any_shape_in_strips(size):
     assert np.ptp(scene.position[:, 0]) > 0.8 * (size[0] - 1), "as far as the box goes"
     many = on_lattice(20_000)
     for first in range(0, 20_000, 4000):
-        assert np.ptp(many.rows(first, first + 1000)[0][:, 0]) < 0.1 * many.width, "neighbours in number are near"
+        assert np.ptp(many._start.positions(first, first + 1000)[:, 0]) < 0.1 * many.width, (
+            "neighbours in number are near"
+        )
     assert len(np.unique(np.diff(many.position[:100, 1]).round(6))) == 99, "no step is another"
     v = many.velocity
     assert np.abs((v**4).mean(axis=0) - 3).max() < 4 * np.sqrt(96 / 20_000), "velocities are normal"
@@ -344,9 +345,10 @@ def test_a_lattice_fills_boxes_of_any_shape_in_strips(size):
 
 def test_a_lattice_is_never_made_as_a_whole_by_looking_at_it():
     scene, count = on_lattice(1_000_000), 125_000
-    scene.rows(0, 1)
+    scene._start.positions(0, 1)
     tracemalloc.start()
-    rows = scene.rows(3 * count, 4 * count)
+    start, some = scene._start, (3 * count, 4 * count)
+    rows = start.positions(*some), start.velocities(*some)
     part = tracemalloc.get_traced_memory()[1]
     tracemalloc.reset_peak()
     looks = [repr(scene), scene.packing, len(pickle.dumps(scene)), copy.copy(scene).count, scene.redrawn(2).count]
