@@ -187,7 +187,8 @@ def test_a_trajectory_of_smooth_discs_says_where_spins_would_be(tmp_path):
         sim.run(frames=1, observe=out)
     with pytest.raises(mpsim.errors.TrajectoryError, match="spin must be in a trajectory") as caught:
         _ = mpsim.Trajectory(tmp_path / "a.xyz")[0].spin
-    assert str(caught.value).endswith("Have the program that wrote it write the column spin, too.")
+    where = "the column spin:R:1 (extended XYZ) or log/particles/mpsim/spin (GSD)"
+    assert str(caught.value).endswith(f"Have the program that wrote it write {where}, too.")
 
 
 def test_kinetic_energy_counts_the_rotation_of_uniform_discs():
