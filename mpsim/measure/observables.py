@@ -184,8 +184,8 @@ def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> fl
             total momentum is conserved, as in a periodic box, or if the gas flows; wrong with walls or a thermostat.
 
     Raises:
-        InputError: if there is no disc (one, with `remove_drift`), or the state is not finite, or holds more or fewer
-            discs than the scene has masses.
+        InputError: if there is no disc (two are needed with `remove_drift`), or the state is not finite, or holds more
+            or fewer discs than the scene has masses.
 
     >>> scene = Scene(width=9, height=9, position=[[1, 1], [5, 5]], velocity=[[3, 0], [1, 0]], radius=0.5)
     >>> state = State(scene.position, scene.velocity)
