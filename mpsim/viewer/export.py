@@ -1,8 +1,10 @@
-"""Files to download from a view: a film, the session, the present scene."""
+"""Files to download from a view: a film, the session, the present scene, a program."""
 
 import dataclasses
+import importlib
 import inspect
 import io
+import math
 import tempfile
 import zipfile
 from collections import deque
@@ -15,10 +17,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from mpsim.engine.journal import Journal
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.feature import Continuation
+from mpsim.features.motions import Movement
 from mpsim.output.animation import DPI, image_of, write_film
 from mpsim.output.drawing import PAGE, ColourScale, MovingDiscs
 from mpsim.scene import scenefile, settings
@@ -129,10 +133,14 @@ def _discs_of(stage: Stage) -> tuple[NDArray[np.float64], NDArray[np.float64], N
     return position, radii, colour.astype(np.float64)
 
 
-# --- The session and the present scene
+# --- The session, the present scene, a program
 #
 # They are made in memory, or in a temporary folder that is removed before the answer is sent. No name from a page ever
 # becomes a path.
+
+
+MOST_WRITTEN_OUT = 2000
+"""Largest number of discs whose numbers are written into a program; with more it would be too long to read."""
 
 
 def session(sim: Simulation, name: str) -> Download:
@@ -147,9 +155,19 @@ def scene_now(sim: Simulation, name: str) -> Download:
     return _zipped(lambda folder: scenefile.save(found, folder / "scene.toml", settings, title))
 
 
+def program(sim: Simulation, name: str) -> Download:
+    """The same run as a Python program, which compares digests at its end.
+
+    Raises:
+        InputError: if the scene does not come with mpsim and has more than MOST_WRITTEN_OUT discs.
+    """
+    return Download(_program(sim.journal, name).encode(), "text/x-python; charset=utf-8")
+
+
 FILES: Mapping[str, Callable[[Simulation, str], Download]] = {
     "session.zip": session,
     "scene.zip": scene_now,
+    "program.py": program,
 }
 """What can be downloaded besides films, by the name that a browser requests."""
 
@@ -193,6 +211,82 @@ def _continuing(sim: Simulation) -> Scene:
 
 def _arguments(scene: Scene) -> dict[str, Any]:
     return {name: getattr(scene, name) for name in inspect.signature(Scene).parameters if name not in settings.NAMES}
+
+
+# --- as Python
+
+
+def _program(journal: Journal, name: str) -> str:
+    scene = _named_or_written_out(journal.scene, name)
+    lines = [
+        '"""A session of mpsim\'s live view, again."""',
+        "",
+        "import mpsim",
+        "",
+        f"scene = {scene}",
+        f"settings = {_call(journal.settings, leave_defaults=True)}",
+        "with mpsim.Simulation(scene, settings) as sim:",
+    ]
+    frame = 0
+    for change in [*journal.changes, None]:
+        end = journal.frame if change is None else change.frame
+        lines += [f"    sim.run(frames={end - frame})"] if end > frame else []
+        frame = end
+        if change is not None:
+            lines.append(f"    sim.{change.what}({_arguments_as_text(change.values)})")
+    lines += [
+        f'    assert sim.digest() == "{journal.digest}", "another version of mpsim, or another kind of processor"',
+        "    print(sim)",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _arguments_as_text(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name}={_text(value)}" for name, value in values.items())
+
+
+def _named_or_written_out(scene: Scene, name: str) -> str:
+    if is_named(scene, name):
+        return f"mpsim.Scene.load({name!r})"
+    if scene.count > MOST_WRITTEN_OUT:
+        raise InputError(
+            f"a program can contain the numbers of at most {MOST_WRITTEN_OUT} discs; this scene has {scene.count:,} "
+            "and does not come with mpsim. Download the session, and use mpsim.Simulation.replay('session.toml')."
+        )
+    defaults = {each.name: each.default for each in inspect.signature(Scene).parameters.values()}
+    given = {argument: value for argument, value in _arguments(scene).items() if not _same(value, defaults[argument])}
+    return f"mpsim.Scene({_arguments_as_text(given)})"
+
+
+def _text(value: Any) -> str:
+    """A value as a Python expression that evaluates to the same bits."""
+    if isinstance(value, (*(kind for feature in FEATURES for kind in feature.kinds), Movement)):
+        return _call(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return repr(value.tolist())
+    if isinstance(value, list | tuple):
+        inside = ", ".join(map(_text, value))
+        return f"[{inside}]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return f'float("{value}")'
+    return repr(value)
+
+
+def _call(part: Any, leave_defaults: bool = False) -> str:
+    """A dataclass of mpsim as a call that makes it.
+
+    Raises:
+        InputError: if it is not public, so that a program cannot call it.
+    """
+    kind = type(part)
+    if getattr(importlib.import_module("mpsim"), kind.__name__, None) is not kind:
+        raise InputError(
+            f"a program can contain only what mpsim offers by name; got a {kind.__name__}. Download the session."
+        )
+    values = {each.name: getattr(part, each.name) for each in dataclasses.fields(part) if each.init}
+    if leave_defaults:
+        values = {name: value for name, value in values.items() if value != getattr(kind(), name)}
+    return f"mpsim.{kind.__name__}({_arguments_as_text(values)})"
 
 
 # --- named scenes

@@ -1,4 +1,4 @@
-"""What is kept of a view: a session that runs again to the same bits, a scene that goes on, and films."""
+"""What is kept of a view: a session and a program that run again to the same bits, a scene that goes on, and films."""
 
 import io
 import sys
@@ -36,18 +36,43 @@ def played(sim):
 
 
 @pytest.mark.parametrize("words", SCENES)
-def test_a_session_runs_again_to_the_same_bits(words, tmp_path):
+def test_a_session_and_a_program_run_again_to_the_same_bits(words, tmp_path):
     with simulate(SCENES[words](), method="grid") as sim, paused(played(sim), name="gas") as page:
         digest, address = sim.digest(), page.view.address
         answer = fetch(address, path="keep/session.zip")
         assert answer.headers["Content-Type"] == "application/zip"
         names = unpacked(answer.body, tmp_path)
+        text = downloaded(address, "program.py").decode()
     assert {"session.toml", "session.scene.toml"} <= set(names)
     with mpsim.Simulation.replay(tmp_path / "session.toml", method="parallel", workers=1) as again:
         assert again.digest() == digest
     tables = tomllib.loads((tmp_path / "session.toml").read_text())
     assert [each["what"] for each in tables["change"]] == ["set", "kick", "change", "remove", "add_wall"]
     assert (tables["frame"], tables["digest"]) == (12, digest)
+    assert "Scene.load" not in text, "the scene is not the one of that name"
+    assert "    sim.add_wall(points=[[0.0, 0.01], [0.4, 0.01]], thickness=0.01)\n" in text
+    assert f'    assert sim.digest() == "{digest}", ' in text
+    exec(compile(text, "program.py", "exec"), {})  # it ends by comparing digests
+    with pytest.raises(AssertionError, match="another version of mpsim"):
+        exec(text.replace("sim.kick(ids=[2, 3]", "sim.kick(ids=[2, 5]"), {})
+
+
+def test_the_program_of_a_named_scene_names_it_and_one_of_very_many_numbers_is_refused():
+    with paused(mpsim.Scene.load("gas"), mpsim.Settings(method="grid", dt=0.02), name="gas") as page:
+        page.do("remove", id=3, same=False)
+        page.step_to(2)
+        text = downloaded(page.view.address, "program.py").decode()
+        assert text.startswith('"""')
+        assert "scene = mpsim.Scene.load('gas')\n" in text
+        assert "settings = mpsim.Settings(dt=0.02, method='grid')\n" in text
+        exec(text, {})
+    place = np.stack(np.divmod(np.arange(2001), 50), axis=1) * 1.5 + 0.75
+    large = mpsim.Scene(width=75, height=75, position=place, velocity=np.zeros((2001, 2)), radius=0.5)
+    with paused(large, mpsim.Settings(method="naive")) as page:
+        answer = fetch(page.view.address, path="keep/program.py")
+        assert answer.status == 409
+        assert b"at most 2000 discs; this scene has 2,001 and does not come with mpsim. Download the ses" in answer.body
+        assert downloaded(page.view.address, "session.zip")[:2] == b"PK"
 
 
 @pytest.mark.parametrize("words", SCENES)

@@ -1,4 +1,4 @@
-// Downloads: a picture, a film, the session, the present scene; and an address that shows the same.
+// Downloads: a picture, a film, the session, the present scene, a program; and an address that shows the same.
 
 import { $, state } from "./common.js";
 import { download, fileName } from "./export.js";
@@ -50,6 +50,11 @@ async function copy(text, what) {
     note(`${what}: copy it from here.`);
   }
 }
+
+$("keep-program").addEventListener("click", async () => {
+  const blob = await made("program.py");
+  if (blob) await copy(await blob.text(), "The program");
+});
 
 /** The query for what is shown: scene and settings, speed, and the part of the box. It starts paused. */
 function asking() {
