@@ -61,7 +61,8 @@ class Recording:
     """
 
     def __init__(self, path: Path, scene: Scene | None = None, follow: bool = False, **given: Any):
-        self._path, self.name = path, path.name
+        self._path = path
+        self.name: str = path.name
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", TrajectoryWarning)  # an incomplete last frame is still being written
             self._trajectory = Trajectory(path, **given)

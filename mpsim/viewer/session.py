@@ -407,7 +407,7 @@ class Session(Source):
 
     def _redraw(self, seed: int) -> None:
         """Take other random positions and velocities of the scene, or those that it has, from the next restart on."""
-        self.scene = self._broadcast.scene = self._given.redrawn(seed) if seed else self._given
+        self._show_scene(self._given.redrawn(seed) if seed else self._given)
         self._seed = seed
 
     @command(settings=lambda name, value: None if value is None else _text(name, value))

@@ -323,6 +323,9 @@ class Source(ABC):
 
     # --- the thread
 
+    def _show_scene(self, scene: Scene) -> None:
+        self.scene = self._broadcast.scene = scene
+
     def _live(self) -> None:
         try:
             with LISTENERS.notifying(lambda text: self._broadcast.tell("compiling", {"text": text})):
