@@ -71,6 +71,7 @@ def depth(scene, position, radius):
 # --- behind a piston
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # which moves by two radii in a frame
 def test_a_disc_behind_the_piston_is_refused_with_the_present_walls():
     scene = Scene(**BOX, **rows_of_ten(10), piston=Piston("right", -10, 6))
     with simulate(scene, method="naive", dt=0.1) as sim:

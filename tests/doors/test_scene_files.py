@@ -263,7 +263,7 @@ def test_files_that_cannot_be_written_or_read_are_refused(tmp_path):
         (lambda: scene.save("x.txt"), InputError, r"path of a scene file must end in \.toml; got 'x\.txt'"),
         (lambda: scene.save(tmp_path / "none" / "x.toml"), mpsim.errors.OutputError, "written; got .*No such file"),
         (lambda: scene.save(tmp_path / "folder.toml"), mpsim.errors.OutputError, "Is a directory"),
-        (lambda: Scene.load("nonsense"), InputError, r"a path that ends in \.toml or one of brownian, .*cradle"),
+        (lambda: Scene.load("nonsense"), InputError, r"a path that ends in \.toml or one of brazil-nut, .*cradle"),
         (lambda: Scene.load("hoper"), InputError, r"got 'hoper'\. Did you mean 'hopper'\?"),
         (lambda: Scene.load(tmp_path / "none.toml"), InputError, "must be a file that can be read; got .*No such file"),
         (lambda: Scene.load(str(tmp_path / "folder.toml")), InputError, "that can be read; got .*Is a directory"),
