@@ -145,6 +145,12 @@ class RunFolder:
         """The scene, from the checkpoint; a CheckpointError if there is no complete one."""
         return checkpoint.read(self[CHECKPOINT]).scene
 
+    @property
+    def timings(self) -> str:
+        """Name of the table of times of the last part."""
+        number = len(self.record["parts"])
+        return TIMINGS if number == 1 else f"timings-{number}.csv"
+
     def save(self) -> None:
         """Write run.json: completely, or not at all."""
         self._write(RECORD, json.dumps(self.record, indent=1) + "\n")
@@ -165,8 +171,7 @@ class RunFolder:
         """Record a part of the run, its times, and the last state."""
         parts = self.record["parts"]
         parts.append(part)
-        timings = TIMINGS if len(parts) == 1 else f"timings-{len(parts)}.csv"
-        self._write(timings, report.to_csv(first_frame=sim.frame - report.frames + 1))
+        self._write(self.timings, report.to_csv(first_frame=sim.frame - report.frames + 1))
         if averages := averages_of(parts):
             self._write(AVERAGES, averages)
         sim.state.save(self[STATE])
@@ -394,12 +399,12 @@ def _advance(
     from mpsim.output.figures import final_picture  # noqa: PLC0415
     from mpsim.output.recorder import Recorder  # noqa: PLC0415
 
-    every, measures, start = (folder.record.get(name) or None for name in ("every", "measures", "start"))
+    every, measures, start = folder.record["every"], folder.record["measures"] or None, folder.record.get("start")
     if start is not None and frames_until(start, sim.settings.dt) >= target:  # this part of the run ends before
         measures = start = None
     with (
-        Trajectory.write(folder.trajectory, every or 1, mode="a") as trajectory,
-        Recorder(folder[MEASURES], every or 1, sim) as recorder,
+        Trajectory.write(folder.trajectory, every, mode="a") as trajectory,
+        Recorder(folder[MEASURES], every, sim) as recorder,
         _left_resumable(folder, sim),
     ):
         observers = [trajectory, recorder, *(watched.observers if watched else [])]
@@ -412,7 +417,7 @@ def _advance(
         return
     _print_summary(part, report, sim, folder.record["scene"], watched)
     averages = [AVERAGES] if report.measures else []
-    names = ", ".join((folder.record["trajectory"], MEASURES, *averages, TIMINGS, STATE, PICTURE))
+    names = ", ".join((folder.record["trajectory"], MEASURES, *averages, folder.timings, STATE, PICTURE))
     frames = len(Trajectory(folder.trajectory))
     click.echo(f"written to {folder.path}/: {names}; {frames} frames in the trajectory")
 
