@@ -763,11 +763,8 @@ def _scene_task(
         scene, name = found.scene, found.name
     for each in grid:
         if each not in RUN_FIELDS:
-            near = checks.near(each, RUN_FIELDS)
-            raise InputError(
-                f"grid[{each!r}] must be one of {', '.join(RUN_FIELDS)}, where a scene is given; got {each!r}."
-                f"{f' Did you mean {near!r}?' if near else ''} To vary the scene, give a function that makes it."
-            )
+            one_of = checks.must_be_one_of(f"grid[{each!r}]", each, RUN_FIELDS)
+            raise InputError(f"{one_of} To vary the scene, give a function that makes it.")
     if title["seeded"] and scene._redraw is None:
         scene.redrawn(0)  # which raises
     run = _scene_run(None, tuple(grid), grid, how, scene)
