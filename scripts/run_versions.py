@@ -177,7 +177,8 @@ def main() -> int:
     for name in given.cells:
         print(f"{name} ...", flush=True)
         try:
-            cells.append(cell(*name.split("-"), tests))
+            python, kind = name.split("-")
+            cells.append(cell(python, kind, tests))
         except subprocess.CalledProcessError as error:
             sys.exit(f"{error}\n{error.stdout}{error.stderr}")
     text = table(cells, tests)
