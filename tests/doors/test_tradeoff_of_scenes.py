@@ -22,6 +22,7 @@ FINE, COARSE = (Settings(dt=dt, method="grid") for dt in (0.01, 0.1))
 GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
 SCENES = sorted(path.stem for path in (Path(mpsim.__file__).parent / "scene" / "named").glob("*.toml"))
 RESTING = {
+    "brazil-nut": 0.003,
     "drum": 0.004,
     "galton": 0.004,
     "hopper": 0.003,

@@ -75,6 +75,7 @@ def test_two_gases_mix_when_the_partition_is_drawn_and_their_pressure_stays():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # now and then a grain is pressed into the floor
 def test_the_large_disc_rises_sooner_the_more_the_floor_shakes():
     def rise_times(amplitude):
         """Of three starts, until the centre is above most of the grains, 40 at most [time]."""
@@ -92,5 +93,5 @@ def test_the_large_disc_rises_sooner_the_more_the_floor_shakes():
 
     scene = Scene.load("brazil-nut")
     assert min(rise_times(0.2)) >= 40
-    mean = [np.mean(rise_times(amplitude)) for amplitude in (0.5, 0.7)]  # 36 and 15
+    mean = [np.mean(rise_times(amplitude)) for amplitude in (0.5, 0.7)]  # 34 and 12
     assert mean[1] < 0.75 * mean[0]
