@@ -12,11 +12,20 @@ from typing import Any
 import click
 
 from mpsim.cli import misc, run, trade, view
-from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted
+from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted, in_options
 from mpsim.core.interpreter import ready_for_interrupts
 from mpsim.core.progress import above
-from mpsim.errors import InputError, MpsimError
+from mpsim.errors import InputError, MpsimError, SceneFileError
 from mpsim.kernels.compiling import announced_by
+
+ELSEWHERE = {
+    "compare": "`mpsim tradeoff SCENE` compares settings, and `mpsim view SCENE --beside event` two of them live.",
+    "draw": "`mpsim plot RUN` draws the results of a run; in Python, mpsim.draw draws a state.",
+    "live": "`mpsim view SCENE` opens the live view; in a notebook, mpsim.live does.",
+    "measure": "`mpsim run SCENE --measure NAME` measures during a run.",
+    "sweep": "Sweeps are made in Python, with mpsim.sweep.",
+}
+"""Where to find what is no command, though the library or other programs have it by this name."""
 
 
 class Refused(click.ClickException):
@@ -41,18 +50,28 @@ class Commands(click.Group):
                 raise
             except (MpsimError, OSError, MemoryError) as error:
                 kind = Refused if isinstance(error, InputError) else click.ClickException
-                raise kind(_text(error)) from error
+                raise kind(self._text(error, ctx.invoked_subcommand)) from error
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] in ELSEWHERE:
+            ctx.fail(f"No such command {args[0]!r}. {ELSEWHERE[args[0]]}")
+        return super().resolve_command(ctx, args)
 
-def _text(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        return f"{str(error.filename)!r} must be a file or folder that can be used; it cannot ({error.strerror})."
-    return str(error) or type(error).__name__
+    def _text(self, error: Exception, name: str | None) -> str:
+        """What an error says, in the words of the command."""
+        if isinstance(error, OSError) and error.filename is not None and error.strerror:
+            return f"{str(error.filename)!r} must be a file or folder that can be used; it cannot ({error.strerror})."
+        text = str(error) or type(error).__name__
+        command = self.commands.get(name or "")
+        return text if command is None or isinstance(error, SceneFileError) else in_options(text, command)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any) -> None:
-    own = issubclass(category, UserWarning)
-    text = f"Warning: {message}" if own else warnings.formatwarning(message, category, filename, lineno)
+    own, context = issubclass(category, UserWarning), click.get_current_context(silent=True)
+    words = str(message) if context is None else in_options(str(message), context.command)
+    text = f"Warning: {words}" if own else warnings.formatwarning(message, category, filename, lineno)
     if not above(text):
         click.echo(text, err=True)
 

@@ -205,14 +205,14 @@ Examples:
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
-    "--frames", type=click.IntRange(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
+    "--frames", type=terminal.Whole(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
 )
 @click.option("--until", type=terminal.POSITIVE, help="Time of the last picture.")
-@click.option("--every", type=click.IntRange(1), help="Frames of the simulation per picture; default: the scene's own.")
-@click.option("--fps", type=click.IntRange(1, 50), default=25, show_default=True, help="Pictures per second.")
+@click.option("--every", type=terminal.Whole(1), help="Frames of the simulation per picture; default: the scene's own.")
+@click.option("--fps", type=terminal.Whole(1, 50), default=25, show_default=True, help="Pictures per second.")
 @click.option(
     "--pixels",
-    type=click.IntRange(100, 4000),
+    type=terminal.Whole(100, 4000),
     default=480,
     show_default=True,
     help="Pixels along the longer side of the box.",

@@ -264,7 +264,7 @@ Examples:
 
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option("--frames", type=click.IntRange(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
+@click.option("--frames", type=terminal.Whole(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
 @click.option("--until", type=terminal.POSITIVE, help="Simulated time at which to stop.")
 @terminal.settings_options
 @click.option(
@@ -272,7 +272,7 @@ Examples:
 )
 @click.option("--start", type=click.FloatRange(0), help="Measure only from this simulated time on.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.")
-@click.option("--every", type=click.IntRange(1), help="Write every n-th frame to the trajectory; default: the scene's.")
+@click.option("--every", type=terminal.Whole(1), help="Write every n-th frame to the trajectory; default: the scene's.")
 @click.option(
     "--format", "kind", type=click.Choice(FORMATS), default="xyz", show_default=True, help="Format of the trajectory."
 )
@@ -345,12 +345,12 @@ SAME_BITS = ("grid", "parallel")
 
 @click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--frames", type=click.IntRange(1), help="Number of further frames.")
+@click.option("--frames", type=terminal.Whole(1), help="Number of further frames.")
 @click.option("--until", type=terminal.POSITIVE, help="Simulated time at which to stop.")
 @click.option("--method", type=click.Choice(SAME_BITS), help="Change to another method with the same bits.")
 @click.option(
     "--workers",
-    type=click.IntRange(1, terminal.MOST_WORKERS),
+    type=terminal.Whole(1, terminal.MOST_WORKERS),
     help="Number of processes; it does not change the result.",
 )
 @terminal.json_option

@@ -35,7 +35,7 @@ until_option = click.option(
 def replicas_option(most: int) -> Callable[..., Any]:
     """The option --replicas of a command that takes at most so many."""
     return click.option(
-        "--replicas", type=click.IntRange(2, most), default=16, show_default=True, help="Runs per candidate."
+        "--replicas", type=terminal.Whole(2, most), default=16, show_default=True, help="Runs per candidate."
     )
 
 

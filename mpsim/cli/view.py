@@ -39,7 +39,7 @@ Examples:
     show_default=True,
     help="Address to listen on; the default accepts this machine only.",
 )
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen on; default: a free one.")
+@click.option("--port", type=terminal.Whole(0, 65535), default=0, help="Port to listen on; default: a free one.")
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser.")
 @click.option("--paused", is_flag=True, help="Start paused, until the page's play button is pressed.")
 @click.option("--beside", metavar="SETTINGS", help="A second stage: a method, or settings such as dt=0.001,passes=2.")
