@@ -121,6 +121,7 @@ GIVEN = {
     "kick": {"ids": 0, "impulse": (0.5, 0.0)}, "remove": {"ids": 0}, "change": {"passes": 2},
     "add_wall": {"points": [(0.1, 0.1), (0.2, 0.1)]}, "save": {"path": "/dev/null/never"},
     "state_between": {"first": 1, "last": 3}, "once": {"act": lambda: 0},
+    "nearest": {"x": 1.0, "y": 1.0}, "within": {"shape": ((0, 0), (1, 1))},
 }  # fmt: skip
 HARMLESS = {"close", "scene", "settings", "resume", "replay", "from_snapshot"}
 
