@@ -192,6 +192,10 @@ class Scene(ReadOnly):
         """Velocities, shape (N, 2), read-only [length/time], as `position`."""
         return self._start.velocity
 
+    def _rows(self, first: int, last: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions and velocities of some discs, without those of the others where the scene is `Scene.lattice`."""
+        return self._start.positions(first, last), self._start.velocities(first, last)
+
     @functools.cached_property
     def largest_radius(self) -> float:
         """Radius of the largest disc, emitters' discs included [length]."""
