@@ -155,7 +155,7 @@ def funnel(path: Path) -> None:
         source = Path(folder, "funnel.toml")
         source.write_text(file[1])
         found = load(source)
-    with mpsim.Simulation(found.scene, found.settings) as sim:
+    with mpsim.Simulation(found.scene) as sim:
         sim.run(until=float(until[1]))
         picture = Picture(sim, 400)
         picture.update()

@@ -56,7 +56,7 @@ def cost() -> None:
                 started = time.perf_counter()
                 speeds.speeds_of(sim.state.velocity, scene.radii, scene)
                 looks.append(time.perf_counter() - started)
-        look, every = statistics.median(looks), step_limits.StepLimits(scene, sim.settings, True).frames_ahead(0, count)
+        look, every = statistics.median(looks), step_limits.StepLimits(scene, sim.settings).frames_ahead(0, count)
         console.print(
             f"{count:,} discs: a frame {frame:.3g} s, a look {look:.3g} s, {look / every / frame:.2%} of a run"
         )

@@ -133,9 +133,10 @@ class Use:
     __slots__ = ("in_callback", "outer", "thread", "what")
 
     def __init__(self, what: str):
-        self.what, self.thread = what, threading.get_ident()
+        self.what: str = what
+        self.thread: int = threading.get_ident()
         self.outer: Use | None = None
-        self.in_callback = False
+        self.in_callback: bool = False
 
 
 class Access:

@@ -135,7 +135,7 @@ class Difference:
 WHOLE = 1e-9  # relative deviation from a whole number that counts as rounding
 
 
-class Steps(NamedTuple):
+class StageSteps(NamedTuple):
     """How the frames of the second stage correspond to those of the first."""
 
     first: int  # frame of each stage at one moment, from which later frames are counted
@@ -147,7 +147,7 @@ class Mark(NamedTuple):
     """A moment of the second stage, to which it can go back."""
 
     snapshot: Snapshot
-    steps: Steps
+    steps: StageSteps
     taken: int
     difference: Difference
 
@@ -170,7 +170,7 @@ class SecondStage:
         self.sim: Simulation = Simulation(scene, self._settings)
         self.difference: Difference = Difference(scene)
         self.skipped: int = 0  # changes by hand that were refused here, because a disc was in the way
-        self._steps = Steps(0, 0, each)
+        self._steps = StageSteps(0, 0, each)
         self._taken = 0  # entries of the first one's journal
 
     def close(self) -> None:
@@ -233,7 +233,7 @@ class SecondStage:
         each = round(dt / own)
         if self.sim.settings.dt != own:
             self.sim.change(dt=own)
-        self._steps = Steps(first.frame, self.sim.frame, each)
+        self._steps = StageSteps(first.frame, self.sim.frame, each)
 
     def mark(self) -> Mark:
         return Mark(self.sim.snapshot(), self._steps, self._taken, copy.deepcopy(self.difference))

@@ -216,7 +216,7 @@ class BlockSolver(SteppedSolver, CollisionLog):
         arrays = self._block.arrays
         frames, team = int(arrays["control"]["frames"]), arrays["team"]
         contacts = int(team["collisions"].sum())
-        self.too_fast = bool(team["fastest"].any())
+        self.too_fast: bool = bool(team["fastest"].any())
         counters = self._counters(arrays["tally"][:, :frames]) if count_enabled else None
         return BatchResult(arrays["times"][:, :frames].copy(), contacts, counters, 0, self.too_fast, self.logging)
 
@@ -238,7 +238,7 @@ class BlockSolver(SteppedSolver, CollisionLog):
 
     def log_collisions(self, enabled: bool) -> None:
         if enabled != self.logging:
-            self.logging = enabled
+            self.logging: bool = enabled
             try:
                 self._continue(self.snapshot(), self.choice, self.terms, self._capacity, self.radii)
             except BaseException:
@@ -341,7 +341,9 @@ class BlockSolver(SteppedSolver, CollisionLog):
             capacity = max(2 * self._capacity, count) if count > self._capacity else self._capacity
             self._continue(self.snapshot(), choice, self.terms, capacity, radii)
         self._write_discs(new, self.count)
-        self.count, self.radii, self.masses = count, radii, masses
+        self.count: int = count
+        self.radii: NDArray[np.float64] = radii
+        self.masses: NDArray[np.float64] = masses
         self._configure()
 
     def _write_discs(
@@ -411,7 +413,7 @@ class BlockSolver(SteppedSolver, CollisionLog):
         old, new_workers = self._block, new_workers or choice != self.choice
         try:
             self._set_terms(terms)
-            self.choice = choice
+            self.choice: Choice = choice
             block = self._next_block(capacity, radii)
             stays = not new_workers and block.specs == old.specs
             if stays:

@@ -181,7 +181,8 @@ class EventSolver(Solver, CollisionLog):
         if enabled != self.logging:
             stopped = self._stopped
             self._go_to(self.snapshot(), self.choice, self.terms, enabled, new_workers=True)
-            self.logging, self._stopped = enabled, stopped
+            self.logging: bool = enabled
+            self._stopped = stopped
 
     def take_collisions(self) -> NDArray[Any]:
         arrays = self._block.arrays
@@ -337,8 +338,9 @@ class EventSolver(Solver, CollisionLog):
     ) -> None:
         """Continue in another block, which is filled, and close the old one; one of them is owned at every moment."""
         old, before = self._block, self._windows
-        self._system, self._block, self._windows, self.count = system, block, windows, len(system.store.order)
-        self._plan, self.choice = plan, choice
+        self._system, self._block, self._windows, self._plan = system, block, windows, plan
+        self.count: int = len(system.store.order)
+        self.choice: Choice = choice
         self._set_terms(terms)
         if before is not None:
             before.close()
@@ -411,7 +413,8 @@ class EventSolver(Solver, CollisionLog):
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
             windows = None if new_workers else self._windows_on(block, system, choice)
         self._take(plan, terms, choice, block, system, windows)
-        self.radii, self.masses = radii, masses
+        self.radii: NDArray[np.float64] = radii
+        self.masses: NDArray[np.float64] = masses
         for name, each in self._kept.items():
             records.numbers(each)[:] = snapshot[name]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again

@@ -288,7 +288,8 @@ class SteppedSolver(Solver, Steps):
 
     def _or_too_fast(self, found: Speeds, fastest: Fastest) -> Speeds:
         """These speeds, or that of the disc that was too fast in the last command, which is told once."""
-        fast, self.too_fast = float(self._arrays["parameters"].fast), False
+        fast = float(self._arrays["parameters"].fast)
+        self.too_fast: bool = False
         return found.or_faster(disc_too_fast(fastest, fast, self.radii, has_radii(self._scene), self.frame - 1))
 
     # --- the grid
@@ -306,8 +307,9 @@ class SteppedSolver(Solver, Steps):
 
     def _begin_from(self, snapshot: SolverState) -> tuple[int, int]:
         """Take over what a snapshot says of all discs. Returns the frames and the steps that were done."""
-        self.radii, self.masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
-        self.count = len(self.radii)
+        self.radii: NDArray[np.float64] = kept_sizes(snapshot["radii"])
+        self.masses: NDArray[np.float64] = kept_sizes(snapshot["masses"])
+        self.count: int = len(self.radii)
         frames, steps = snapshot["progress"].tolist()
         self.substeps = steps // frames if frames else self._settings.substeps
         return frames, steps

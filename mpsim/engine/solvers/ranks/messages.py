@@ -107,8 +107,8 @@ class MpiRanks(Ranks):
         self._comm: Any = (self._mpi.COMM_WORLD if comm is None else comm).Dup()
         self.rank: int = self._comm.rank
         self.size: int = self._comm.size
-        self.is_root = self.rank == 0
-        self.acting = False
+        self.is_root: bool = self.rank == 0
+        self.acting: bool = False
         self.answer: Callable[[Any], Any] = lambda question: None
         self._creator = os.getpid()
         self._told, self._heard = np.zeros(4, np.int64), np.zeros(4, np.int64)

@@ -273,7 +273,7 @@ class MpiSolver(SteppedSolver):
         failures, fastest, contacts, times, tallies = zip(*told, strict=True)
         ranks.raise_any(failures)
         self._fastest = max(fastest)
-        self.too_fast = self._fastest.fraction > 0
+        self.too_fast: bool = self._fastest.fraction > 0
         counters = self._counters(np.concatenate(tallies)) if count_enabled else None
         return BatchResult(np.concatenate(times), sum(contacts), counters, too_fast=self.too_fast)
 
@@ -408,7 +408,9 @@ class MpiSolver(SteppedSolver):
         refuse_giants(self._scene, radii)
         first, own = self.count, self._subdomain.discs()
         self._half_done = True
-        self.count, self.radii, self.masses = len(radii), radii, masses
+        self.count: int = len(radii)
+        self.radii: NDArray[np.float64] = radii
+        self.masses: NDArray[np.float64] = masses
 
         def records(part: Subdomain, grid: Grid) -> NDArray[Any]:
             """Own discs, and of one rank the new ones."""
@@ -444,7 +446,8 @@ class MpiSolver(SteppedSolver):
     def change_scene(self, terms: Terms, choice: Choice) -> None:
         discs, progress = self.discs(), (self._frames, int(self._control.steps))
         if terms.origin != self._origin:
-            progress, self.substeps = (0, 0), terms.settings.substeps
+            progress = 0, 0
+            self.substeps: int = terms.settings.substeps
         self._set_terms(terms)
         self.choice, self._workers = choice, max(choice.workers) // self.ranks.size
         self._leave_part()
@@ -473,7 +476,7 @@ class MpiSolver(SteppedSolver):
         self._set_terms(terms)
         self._meet()
         refuse_giants(self._scene, np.asarray(snapshot["radii"]))
-        self.choice = choice
+        self.choice: Choice = choice
         self._leave_part()
         progress = self._begin_from(snapshot)
         names = [column.name for column in columns_of(self._scene) if column.name in snapshot]
