@@ -180,6 +180,10 @@ class Units:
     def from_si(self, value: ArrayLike, quantity: Quantity) -> float | NDArray[np.float64]:
         """A number in SI, or an array, in units of the scene: the inverse of `to_si`, with its rules. Kelvin for kT.
 
+        Args:
+            value: the number, or array, in SI.
+            quantity: what it is, as in `to_si`.
+
         >>> Units(length=0.01, mass=0.01, time=1.0).from_si(1.0, "length")
         100.0
         """

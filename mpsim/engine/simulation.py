@@ -334,7 +334,10 @@ class Simulation(ReadOnly):
         return solver.state(first, last)
 
     def nearest(self, x: float, y: float) -> int:
-        """Id of the disc whose centre is nearest to a point [length], through periodic borders too.
+        """Id of the disc whose centre is nearest to a point, through periodic borders too.
+
+        Args:
+            x, y: the point [length].
 
         Raises:
             InputError: if there is no disc, or the point is none.

@@ -763,8 +763,11 @@ def _scene_task(
         scene, name = found.scene, found.name
     for each in grid:
         if each not in RUN_FIELDS:
-            one_of = checks.must_be_one_of(f"grid[{each!r}]", each, RUN_FIELDS)
-            raise InputError(f"{one_of} To vary the scene, give a function that makes it.")
+            meant = checks.near(each, RUN_FIELDS)
+            hint = f"Did you mean {meant!r}? " if meant else ""
+            rule = f"be one of {', '.join(map(repr, RUN_FIELDS))}, where a scene is given"
+            instead = f"{hint}To vary the scene, give a function that makes it."
+            raise checks.refusal(f"grid[{each!r}]", rule, repr(each), instead)
     if title["seeded"] and scene._redraw is None:
         scene.redrawn(0)  # which raises
     run = _scene_run(None, tuple(grid), grid, how, scene)

@@ -76,10 +76,15 @@ def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
             f"{need} of address space; this process may have {limit:,} bytes, and uses "
             f"{psutil.Process().memory_info().vms:,}. {fewer} raise the limit (ulimit -v)."
         )
-    if error.errno in (errno.ENOSPC, errno.ENOMEM, errno.EFBIG):
+    if error.errno == errno.EFBIG:
+        most = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+        return SharedMemoryError(
+            f"{need} in one file; this process may make files of {most:,}. {fewer} raise the limit (ulimit -f)."
+        )
+    if error.errno in (errno.ENOSPC, errno.ENOMEM):
         return SharedMemoryError(
             f"{need}, and {_free()} ({error.strerror}). Shared memory must hold the whole block. {fewer} enlarge it "
-            f"(docker run --shm-size={-(-size // 2**20) + 1}m; mount -o remount,size=... /dev/shm; ulimit -f)."
+            f"(docker run --shm-size={-(-size // 2**20) + 1}m; mount -o remount,size=... /dev/shm)."
         )
     return SharedMemoryError(
         f"{need}, and cannot be made in /dev/shm ({error.strerror or error}; {_free()}). Shared memory must be there "
