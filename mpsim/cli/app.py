@@ -4,6 +4,7 @@ Results go to standard output, progress and errors to standard error. Exit codes
 says why, 2 wrong usage or input, 130 Ctrl-C.
 """
 
+import importlib
 import logging
 import sys
 import warnings
@@ -11,12 +12,24 @@ from typing import Any
 
 import click
 
-from mpsim.cli import misc, run, trade, view
-from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted, in_options
+from mpsim.core import late
 from mpsim.core.interpreter import ready_for_interrupts
-from mpsim.core.progress import above
 from mpsim.errors import InputError, MpsimError, SceneFileError
-from mpsim.kernels.compiling import announced_by
+
+COMMANDS = {
+    "scenes": "mpsim.cli.misc:scenes",
+    "show": "mpsim.cli.misc:show",
+    "run": "mpsim.cli.run:run",
+    "resume": "mpsim.cli.run:resume",
+    "plot": "mpsim.cli.misc:plot",
+    "animate": "mpsim.cli.misc:animate",
+    "view": "mpsim.cli.view:view",
+    "tune": "mpsim.cli.trade:tune",
+    "tradeoff": "mpsim.cli.trade:tradeoff",
+    "warmup": "mpsim.cli.misc:warmup",
+    "clean": "mpsim.cli.misc:clean",
+}
+"""Where each command is. Only the one that is called is imported: NumPy and Numba alone take half a second."""
 
 ELSEWHERE = {
     "compare": "`mpsim tradeoff SCENE` compares settings, and `mpsim view SCENE --beside event` two of them live.",
@@ -37,20 +50,28 @@ class Refused(click.ClickException):
 class Commands(click.Group):
     """A group of commands in which an error of mpsim is a sentence and exit code 1 or 2, not a traceback."""
 
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return late.named(COMMANDS[cmd_name]) if cmd_name in COMMANDS else super().get_command(ctx, cmd_name)
+
     def invoke(self, ctx: click.Context) -> Any:
-        with warnings.catch_warnings(), announced_by(Compiling(ctx.meta)):
+        terminal = importlib.import_module("mpsim.cli.terminal")
+        announced_by = late.named("mpsim.kernels.compiling:announced_by")
+        with warnings.catch_warnings(), announced_by(terminal.Compiling(ctx.meta)):
             warnings.showwarning = _show_warning
             try:
                 ready_for_interrupts()
                 return super().invoke(ctx)
-            except (KeyboardInterrupt, Interrupted) as stop:
+            except (KeyboardInterrupt, terminal.Interrupted) as stop:
                 click.echo(str(stop) or "Interrupted.", err=True)
-                ctx.exit(INTERRUPTED)
+                ctx.exit(terminal.INTERRUPTED)
             except BrokenPipeError:  # the reader of the output has closed it
                 raise
             except (MpsimError, OSError, MemoryError) as error:
                 kind = Refused if isinstance(error, InputError) else click.ClickException
-                raise kind(self._text(error, ctx.invoked_subcommand)) from error
+                raise kind(self._text(error, ctx)) from error
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -59,20 +80,23 @@ class Commands(click.Group):
             ctx.fail(f"No such command {args[0]!r}. {ELSEWHERE[args[0]]}")
         return super().resolve_command(ctx, args)
 
-    def _text(self, error: Exception, name: str | None) -> str:
+    def _text(self, error: Exception, ctx: click.Context) -> str:
         """What an error says, in the words of the command."""
         if isinstance(error, OSError) and error.filename is not None and error.strerror:
             return f"{str(error.filename)!r} must be a file or folder that can be used; it cannot ({error.strerror})."
-        text = str(error) or type(error).__name__
-        command = self.commands.get(name or "")
-        return text if command is None or isinstance(error, SceneFileError) else in_options(text, command)
+        command, text = self.get_command(ctx, ctx.invoked_subcommand or ""), str(error) or type(error).__name__
+        return text if command is None or isinstance(error, SceneFileError) else _in_options(text, command)
+
+
+def _in_options(text: str, command: click.Command) -> str:
+    return late.named("mpsim.cli.terminal:in_options")(text, command)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any) -> None:
     own, context = issubclass(category, UserWarning), click.get_current_context(silent=True)
-    words = str(message) if context is None else in_options(str(message), context.command)
+    words = str(message) if context is None else _in_options(str(message), context.command)
     text = f"Warning: {words}" if own else warnings.formatwarning(message, category, filename, lineno)
-    if not above(text):
+    if not late.named("mpsim.core.progress:above")(text):
         click.echo(text, err=True)
 
 
@@ -106,19 +130,3 @@ def main(verbose: bool) -> None:
         logging.getLogger("mpsim").addHandler(handler)
         logging.getLogger("mpsim").setLevel(logging.INFO)
         click.get_current_context().call_on_close(lambda: logging.getLogger("mpsim").removeHandler(handler))
-
-
-for command in (
-    misc.scenes,
-    misc.show,
-    run.run,
-    run.resume,
-    misc.plot,
-    misc.animate,
-    view.view,
-    trade.tune,
-    trade.tradeoff,
-    misc.warmup,
-    misc.clean,
-):
-    main.add_command(command)

@@ -16,7 +16,7 @@ from mpsim.cli.app import main
 
 pytestmark = pytest.mark.plain
 
-NAMES = sorted(main.commands)
+NAMES = main.list_commands(click.Context(main))
 
 
 # --- wrong usage and input
