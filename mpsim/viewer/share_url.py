@@ -100,7 +100,7 @@ def read(query: str) -> Link:
     >>> read("scene=/etc/passwd")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    mpsim.InputError: scene of a link must be one of 'brownian', ...; got '/etc/passwd'.
+    mpsim.InputError: scene of a link must be one of 'brazil-nut', ...; got '/etc/passwd'.
     """
     texts = _texts(query)
     if "scene" not in texts:

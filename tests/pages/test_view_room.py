@@ -25,6 +25,7 @@ def overlap(sim):
     return max(depth[~np.eye(sim.count, dtype=bool)].max(), 0.0 if found is None else found.depth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "method"), [(words, "grid") for words in CROWDED] + [("dense", "event")])
 def test_there_is_room_for_a_disc_and_for_a_wall_in_20_of_20_places(words, method):
     scene, rng = CROWDED[words](), np.random.default_rng(4)

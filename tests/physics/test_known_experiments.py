@@ -8,7 +8,7 @@ import pytest
 
 from mpsim import Oscillation, Polyline, Scene, Simulation
 
-pytestmark = pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
+pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")]
 
 FIRST_HIT = 10.2
 """The speed that the text of the scene `flipper` names."""
@@ -24,7 +24,6 @@ def gap_to_flipper(time):
     return distance - 0.2 - 0.4, away / distance, np.array([-touched[1], touched[0]]) * (time > 1.4)
 
 
-@pytest.mark.plain
 def test_the_first_flipper_gives_the_ball_the_speed_of_its_own_frame():
     low, high = 1.4, 1.6
     for _ in range(60):

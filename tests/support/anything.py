@@ -69,7 +69,7 @@ def _chosen_substeps(rng: Any, scene: mpsim.Scene, settings: dict[str, Any]) -> 
     if chosen["on_fast"] == "warn":
         return chosen
     try:
-        limits = StepLimits(scene, mpsim.Settings(**chosen), has_steps=True)
+        limits = StepLimits(scene, mpsim.Settings(**chosen))
         needed = limits.substeps_for(speeds_of(scene.velocity, scene.radii, scene), 0)
     except mpsim.TooFastError:
         return settings | {"on_fast": "warn"}

@@ -18,8 +18,8 @@ from xdist.scheduler import LoadFileScheduling
 
 PACKAGE = Path(__file__).parents[2] / "mpsim"
 
-LONG_EXAMPLES = ("tradeoff.py", "comparison.py", "series.py")
-"""Modules of mpsim whose examples run for thousands of frames."""
+LONG_EXAMPLES = ("tradeoff.py",)
+"""Modules of mpsim whose examples take long in plain Python."""
 
 PLAIN_NODE = "gw0"
 """The process of the plain files, by the name that xdist gives it."""
