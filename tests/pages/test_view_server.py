@@ -230,7 +230,7 @@ def test_it_is_asked_by_numbers_or_by_names_of_this_machine_from_its_own_page(ho
 
 def closed_after(view, *messages):
     """Code and reason of the end of a connection that sends these messages."""
-    with Visitor(view.address, visible=True, close_timeout=0.5) as page:
+    with Visitor(view.address, visible=True) as page:
         with contextlib.suppress(ConnectionClosed):
             for message in messages:
                 page.socket.send(message)
