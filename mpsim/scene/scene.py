@@ -192,8 +192,26 @@ class Scene(ReadOnly):
         """Velocities, shape (N, 2), read-only [length/time], as `position`."""
         return self._start.velocity
 
-    def _rows(self, first: int, last: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions and velocities of some discs, without those of the others where the scene is `Scene.lattice`."""
+    def rows(self, first: int, last: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions and velocities of some discs, without those of the others where the scene is `Scene.lattice`.
+
+        Args:
+            first, last: the first disc and the one after the last, 0 <= first <= last <= count.
+
+        Returns:
+            Two arrays of shape (last - first, 2) [length], [length/time]: views of arrays that were given.
+
+        Raises:
+            InputError: if the scene has no such discs.
+
+        >>> import mpsim
+        >>> scene = mpsim.Scene.lattice(count=1_000_000, packing=0.5, radius=0.5)
+        >>> position, velocity = scene.rows(500_000, 500_003)
+        >>> position.shape, bool((abs(position[:, 0] - scene.width / 2) < 1).all())
+        ((3, 2), True)
+        """
+        first = checks.whole("first", first, 0, self.count, "Give the number of a disc.")
+        last = checks.whole("last", last, first, self.count, "Give the number after that of a disc.")
         return self._start.positions(first, last), self._start.velocities(first, last)
 
     @functools.cached_property
@@ -554,9 +572,10 @@ class Scene(ReadOnly):
     ) -> Scene:
         """Equal discs near the sites of a hexagonal lattice that fills the box, with thermal velocities.
 
-        Each disc is computed from its number, so a checkpoint or another process gets the arguments instead of arrays
-        (a scene file holds arrays). Discs are numbered column by column. Each is displaced from its site at random, by
-        less than half of the gap to its neighbours, so that none overlap.
+        Each disc is computed from its number. So `rows` needs memory only for the range asked for, and a checkpoint or
+        another process gets the arguments instead of arrays (a scene file holds arrays). Discs are numbered column by
+        column. Each is displaced from its site at random, by less than half of the gap to its neighbours, so that none
+        overlap.
 
         Args:
             count: number of discs, >= 0.

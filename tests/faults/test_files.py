@@ -327,7 +327,7 @@ def test_a_kill_or_an_interrupt_at_any_line_leaves_the_old_file_or_the_new_one(f
     assert_clean(outcome)
     results = json.loads(outcome.out)
     for name, (count, olds, left, mixed) in results.items():
-        assert count > 8, f"{name}: only {count} lines, which tests little"
+        assert count > 5, f"{name}: only {count} lines, which tests little"
         assert olds > 0, f"{name}: never the old one, which tests nothing"
         assert (left > 0) == name.endswith("killed"), f"{name}: {left} drafts left"
         assert mixed == 0 or name.startswith("large")

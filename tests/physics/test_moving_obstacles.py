@@ -271,6 +271,21 @@ def test_a_container_that_moves_reflects_in_its_own_frame(contact):
         assert state.position[0] == pytest.approx([5.75 - 3 * (3 - 1.75), 3], abs=1e-9)
 
 
+def test_grains_come_to_rest_in_a_rough_container_that_turns():
+    """A disc in contact step after step may lie outside on a line that does not cross the circle."""
+    drum = Circle((4, 4), 3.5, inside=True, motion=Rotation((4, 4), rate=0.4))
+    scene = mpsim.Scene.random(
+        count=12, width=8, height=8, radius=0.4, temperature=0, gravity=(0, -1), restitution=0.5, wall_restitution=0.5,
+        friction=0.5, wall_friction=0.8, obstacles=drum, seed=1,
+    )  # fmt: skip
+    with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, method="grid")) as sim:
+        sim.run(frames=200)
+        state = sim.state
+    assert np.abs(state.spin).max() < 20
+    assert np.hypot(*(state.position - 4).T).max() < 3.1 + 0.01
+    assert np.hypot(*state.velocity.T).max() < 2
+
+
 def test_discs_outside_a_container_or_too_large_for_it_are_refused():
     for container, words in (
         (Circle((3, 6), 3, inside=True), r"position\[0\] must lie inside obstacles\[0\], a Circle; got"),

@@ -364,12 +364,13 @@ class Motion:
                 return bounce > 0
             n = -r / np.sqrt(_dot(r, r))
             if self.impact and outward > 0 and bounce < 7:
-                since = outside / (outward + np.sqrt(max(outward * outward - _dot(v, v) * outside, 0.0)))
-                if since <= self.dt:
+                crossing = outward * outward - _dot(v, v) * outside
+                since = outside / (outward + np.sqrt(max(crossing, 0.0)))
+                if crossing > 0 and since <= self.dt:
                     n = v * since - r
                     n = n / np.sqrt(_dot(n, n))
                 pull = [self.pull(i, axis) for axis in range(2)]
-                depth = -room - _dot(r, n)
+                depth = max(-room - _dot(r, n), 0.0)
                 way, inward, time = self.bounced(depth, max(-_dot(v, n), self.real(0)), -_dot(pull, n))
                 way, change = way + depth, max(inward - _dot(v, n), self.real(0))
             else:

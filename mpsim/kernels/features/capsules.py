@@ -227,12 +227,13 @@ def resolve_container(discs, i, k, capsules, radius, ax, ay, features, parameter
         approaches = impact and outward > 0 and bounce < MOST_BOUNCES - 1
         if approaches:
             gap = squared - reach * reach
-            time = gap / (outward + np.sqrt(max(outward * outward - (vx * vx + vy * vy) * gap, 0.0)))
-            if time <= dt:  # since it crossed the circle
+            crossing = outward * outward - (vx * vx + vy * vy) * gap  # below 0 if its line does not cross the circle
+            time = gap / (outward + np.sqrt(max(crossing, 0.0)))
+            if (crossing > 0.0) & (time <= dt):  # since it crossed the circle
                 nx, ny = vx * time - rx, vy * time - ry
                 length = math.sqrt(nx * nx + ny * ny)
                 nx, ny = nx / length, ny / length
-            distance = rx * nx + ry * ny
+            distance = min(rx * nx + ry * ny, reach)  # not above it by rounding
         leave_surface(discs, i, k, nx, ny, reach - distance, approaches, capsules, ax, ay, features, parameters)
     return met
 

@@ -106,7 +106,7 @@ class MpiSolver(SteppedSolver):
 
     def start(self) -> None:
         self._meet()
-        self._enter_all(self._scene._rows, given_in(self._scene), (0, 0))
+        self._enter_all(self._scene.rows, given_in(self._scene), (0, 0))
 
     def close(self) -> None:
         self._leave_part()
