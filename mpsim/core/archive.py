@@ -7,6 +7,7 @@ executed.
 import math
 import os
 import struct
+import tokenize
 import zipfile
 from collections.abc import Callable
 from typing import Any, BinaryIO, Literal, NamedTuple
@@ -108,13 +109,16 @@ def declared(file: Any, length: int, name: str, kinds: str) -> Declared:
     """The header of an array, behind which the file stands then; errors as of `read_array`."""
     if np.lib.format.read_magic(file) != (1, 0):
         raise ValueError(f"{name!r} is of another version of the .npy format")
-    shape, fortran, dtype = np.lib.format.read_array_header_1_0(file, max_header_size=MOST_HEADER)
+    try:
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(file, max_header_size=MOST_HEADER)
+    except (SyntaxError, TypeError, tokenize.TokenError) as error:  # of NumPy, for a damaged one
+        raise ValueError(f"{name!r} has a header that cannot be read ({error})") from None
     if dtype.kind not in kinds:
         raise ValueError(f"{name!r} holds {dtype}")
     rest = length - file.tell()
     if math.prod(shape) * dtype.itemsize != rest or min(shape, default=0) < 0:
         raise ValueError(f"{name!r} declares shape {shape!s:.60} of {dtype}, and has {rest} bytes")
-    return Declared(dtype, shape, "F" if fortran else "C", rest)
+    return Declared(dtype, tuple(map(int, shape)), "F" if fortran else "C", rest)
 
 
 class ArrayFile:

@@ -118,16 +118,32 @@ def _from_npy(name: str, path: Path, file: BinaryIO, length: int) -> NDArray[Any
 
 def _from_csv(name: str, path: Path) -> Numbers:
     """One row per line, after an optional line of headings."""
+    lines: dict[int, str] = {}
     try:
-        lines = [line for line in files.content(path, MOST_CSV).decode("utf-8-sig").splitlines() if line.strip(" ,\t")]
-        if lines and not any(map(_is_number, lines[0].split(","))):
-            del lines[0]
-        numbers = np.loadtxt(lines, delimiter=",", quotechar='"', comments=None, ndmin=2) if lines else np.zeros((0, 1))
+        every = files.content(path, MOST_CSV).decode("utf-8-sig").splitlines()
+        lines = {number: line for number, line in enumerate(every, 1) if line.strip(" ,\t")}
+        if (first := next(iter(lines), 0)) and not any(map(_is_number, lines[first].split(","))):
+            del lines[first]
+        rows = [*lines.values()]
+        numbers = np.loadtxt(rows, delimiter=",", quotechar='"', comments=None, ndmin=2) if rows else np.zeros((0, 1))
     except ValueError as error:  # of bytes that are no text, too
+        why = _wrong_line(lines) or str(error)
         raise InputError(
-            f"{name} must be lines of numbers with commas between them, as many in each; {path.name} is not: {error}."
+            f"{name} must be lines of numbers with commas between them, as many in each; {path.name} is not: {why}."
         ) from None
     return numbers[:, 0] if numbers.shape[1] == 1 else numbers
+
+
+def _wrong_line(lines: dict[int, str]) -> str:
+    """What is wrong in the first line, of those by number, that differs from the others; "" if none does."""
+    widths = {number: line.count(",") + 1 for number, line in lines.items()}
+    for number, line in lines.items():
+        wrong = next((cell for cell in line.split(",") if not _is_number(cell.strip(' "'))), None)
+        if wrong is not None:
+            return f"line {number} has {checks.brief(wrong)}"
+        if widths[number] != (usual := next(iter(widths.values()))):
+            return f"line {number} has {widths[number]}, and line {next(iter(widths))} has {usual}"
+    return ""
 
 
 def _is_number(cell: str) -> bool:
