@@ -79,7 +79,8 @@ class FileLock:
     """Keeps other writers from a file or folder until it is released, is collected, or the process ends.
 
     A lock of the system, by `flock`: it holds among those that ask for it, in this process and in others, hinders no
-    reader and leaves nothing behind. Without a file, or on a file system without locks, nothing is locked.
+    reader and leaves nothing behind. Without a file, or on a file system without locks, nothing is locked. Forks of the
+    process do not keep the lock: workers of a pool that outlive a killed owner would keep the next one from the file.
 
     Raises:
         OutputError: if another writer has the file.
@@ -98,6 +99,7 @@ class FileLock:
         except OSError:
             return
         self._close = weakref.finalize(self, _unlock, descriptor, os.getpid())
+        _locks.add(self)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -113,6 +115,20 @@ class FileLock:
         """Release the file. May be called again."""
         if self._close is not None:
             self._close()
+
+
+_locks: weakref.WeakSet[FileLock] = weakref.WeakSet()
+
+
+def _leave_to_owner() -> None:
+    """In a fork: close the copies of the descriptors of locks."""
+    for lock in list(_locks):
+        with contextlib.suppress(OSError):
+            lock.release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_to_owner)
 
 
 def _unlock(descriptor: int, owner: int) -> None:

@@ -5,7 +5,9 @@ import os
 import re
 import resource
 import shutil
+import signal
 import sys
+import time
 import tracemalloc
 import warnings
 from types import SimpleNamespace
@@ -415,6 +417,30 @@ def test_a_file_has_one_writer_at_a_time(path, mode):
     del out  # as a cell of a notebook leaves it
     gc.collect()
     assert refusal(path) is None
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_fork_that_outlives_a_killed_writer_does_not_keep_the_file(path):
+    """As workers of a pool do, which wait for ever."""
+    ours, theirs = os.pipe()
+    owner = os.fork()
+    if not owner:
+        out = mpsim.Trajectory.write(path)
+        if not os.fork():
+            os.write(theirs, str(os.getpid()).encode())
+            time.sleep(60)
+            os._exit(out.frames)
+        signal.pause()
+    worker = int(os.read(ours, 20))
+    try:
+        assert refusal(path) is not None, "the control"
+        os.kill(owner, signal.SIGKILL)
+        os.waitpid(owner, 0)
+        assert refusal(path) is None
+    finally:
+        os.kill(worker, signal.SIGKILL)
+        os.close(ours)
+        os.close(theirs)
 
 
 def test_where_there_are_no_locks_files_are_written_all_the_same(tmp_path, monkeypatch):
