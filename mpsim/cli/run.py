@@ -66,7 +66,11 @@ TIMINGS = "timings.csv"
 STATE = "final.npz"
 PICTURE = "final.png"
 
-_OURS = ("run.json", "checkpoint.mpsim*", "measures.csv", "averages.csv", "timings*.csv", "final.*", "plot.png")
+_OURS = (
+    RECORD, CHECKPOINT, f"{CHECKPOINT}.previous", MEASURES, AVERAGES, TIMINGS, "timings-[0-9]*.csv", STATE, PICTURE,
+    "plot.png",
+)  # fmt: skip
+"""Files of a run, which --force removes, beside its trajectory; any other stays."""
 
 
 class RunFolder:
@@ -128,6 +132,8 @@ class RunFolder:
         if found != FORMAT:
             raise InputError(f"{str(folder)!r} is of format {found}; this mpsim reads {FORMAT}. Use a newer one.")
         missing = sorted(name for name, kind in KINDS.items() if not isinstance(record.get(name), kind))
+        if "parts" not in missing and not all(map(_is_part, record["parts"])):
+            missing.append("parts with measures")
         if missing:
             raise InputError(f"{RECORD} must hold {', '.join(missing)}; that in {str(folder)!r} does not.")
         return cls(folder, record)
@@ -200,6 +206,12 @@ def part_of(sim: Simulation, report: Report, wall_seconds: float, compile_second
     }
 
 
+def _is_part(part: Any) -> bool:
+    """Whether a value of a record can be a part of a run."""
+    measures = part.get("measures") if isinstance(part, dict) else None
+    return isinstance(measures, dict) and all(isinstance(each, dict) for each in measures.values())
+
+
 def averages_of(parts: list[dict[str, Any]]) -> str:
     """The averages of all parts of a run as CSV, a line for each measure of each part; "" if none was asked for."""
     rows = [{**part, "measure": name, **values} for part in parts for name, values in part["measures"].items()]
@@ -270,7 +282,7 @@ Examples:
 @click.option(
     "--measure", "measures", type=click.Choice(NAMES), multiple=True, help="What to measure; default: the scene's own."
 )
-@click.option("--start", type=click.FloatRange(0), help="Measure only from this simulated time on.")
+@click.option("--start", type=terminal.NOT_NEGATIVE, help="Measure only from this simulated time on.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.")
 @click.option("--every", type=terminal.Whole(1), help="Write every n-th frame to the trajectory; default: the scene's.")
 @click.option(

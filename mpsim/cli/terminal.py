@@ -21,7 +21,18 @@ from mpsim.scene.settings import CONTACTS, LAWS, METHODS, MOST_WORKERS, ON_FAST,
 INTERRUPTED = 130
 """Exit code after Ctrl-C, that of a shell."""
 
-POSITIVE = click.FloatRange(0, min_open=True)
+
+class Number(click.FloatRange):
+    """A finite number in a range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{str(value)!r} must be a finite number.", param, ctx)
+        return number
+
+
+POSITIVE, NOT_NEGATIVE = Number(0, min_open=True), Number(0)
 
 
 class Share(click.ParamType):

@@ -1,7 +1,9 @@
 """`mpsim view`: a running scene, or a recorded run, on a page in the browser."""
 
+import contextlib
 import dataclasses
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +11,7 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.cli.run import RECORD, RunFolder
+from mpsim.errors import InputError
 from mpsim.features.edges import BOUNDARIES
 from mpsim.output.trajectory import READERS, ending_of
 from mpsim.scene import scenefile
@@ -77,10 +80,12 @@ def view(
     if given and (is_link or not _is_recording(scene)):
         raise click.UsageError(f"--{next(iter(given))} can be given only with the file of a trajectory. Leave it out.")
     if is_link:
-        link = share_url.read(share_url.query_of(scene))
+        with _named("SCENE, a link"):
+            link = share_url.read(share_url.query_of(scene))
         changed = {name: value for name, value in options.items() if value is not None}
         settings = dataclasses.replace(link.settings, **changed)
-        second = link.beside if beside is None else share_url.beside_of(settings, beside)
+        with _named("--beside"):
+            second = link.beside if beside is None else share_url.beside_of(settings, beside)
         where["playing"] &= "wait" not in link.seen
         live.view(link._replace(settings=settings, beside=second), name=link.scene, **where)
     elif _is_recording(scene):
@@ -88,8 +93,18 @@ def view(
     else:
         file = scenefile.load(scene)
         settings = terminal.settings_of(file, options)
-        second = None if beside is None else share_url.beside_of(settings, beside)
+        with _named("--beside"):
+            second = None if beside is None else share_url.beside_of(settings, beside)
         live.view(file.scene, settings, name=file.name, beside=second, **where)
+
+
+@contextlib.contextmanager
+def _named(part: str) -> Iterator[None]:
+    """Errors of names inside of a part of the command line, which are no options, name that part."""
+    try:
+        yield
+    except InputError as error:
+        raise click.BadParameter(str(error), param_hint=part) from None
 
 
 def _is_folder(path: str) -> bool:

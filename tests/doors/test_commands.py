@@ -27,6 +27,12 @@ REFUSED = [
     ("resume gas --frames 3 --until 2", "Give --frames or --until, not both."),
     ("run gas --every 3", "--every needs --out, the folder to write to."),
     ("run gas --dt 0", "'--dt': 0.0 is not in the range x>0."),
+    ("view ?", "for SCENE, a link: a link must have a scene, as in ?scene=gas&dt=0.005; got none. Add scene=NAME."),
+    ("view gas --beside foo", "for --beside: beside must be a method, or dt, "),
+    ("view gas --beside foo", "; got 'foo'. Use dt=0.001,passes=2."),
+    ("run gas --until nan", "'--until': 'nan' must be a finite number."),
+    ("run gas --start inf", "'--start': 'inf' must be a finite number."),
+    ("animate gas a.gif --until inf", "'--until': 'inf' must be a finite number."),
     ("run gas --frames 5.5", "'--frames': '5.5' must be a whole number >= 1."),
     ("run gas --workers 1025", "'1025' must be a whole number from 1 to 1024."),
     (

@@ -160,7 +160,13 @@ def test_a_folder_is_not_overwritten_unasked_and_one_of_something_else_never(tmp
         f"continue it: mpsim resume {out}\n",
     )
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    kept = [out / name for name in ("final.tex", "timings_of_all.csv", "checkpoint.mpsim.mine")]
+    for path in kept:
+        path.write_text("mine")
+    (out / "timings-2.csv").touch()
     assert mpsim_command("run", "gas", *SHORT, "--dt", "0.02", "--out", out, "--force").exit_code == 0
+    assert [path.read_text() for path in kept] == ["mine"] * 3
+    assert not (out / "timings-2.csv").exists()
     assert record_of(out)["settings"]["dt"] == 0.02
     assert mpsim.Trajectory(out / "trajectory.xyz")[1].time == 0.08
     (tmp_path / "thesis.tex").write_text("years")
@@ -291,6 +297,11 @@ def test_a_folder_that_is_no_run_is_refused(command, tmp_path):
         (
             '{"format": 1, "scene": "gas", "every": 1, "trajectory": "a", "parts": [], "settings": {}}',
             "run.json must hold measures, status, target; that in ",
+        ),
+        (
+            '{"format": 1, "scene": "gas", "every": 1, "trajectory": "a", "parts": [1], "settings": {}, '
+            '"measures": [], "status": "done", "target": 1}',
+            "run.json must hold parts with measures; that in ",
         ),
     ):
         (tmp_path / "run.json").write_text(text)
