@@ -176,6 +176,9 @@ def canonical(name: str, value: Any) -> Any:
         return value
     if isinstance(value, Mapping):
         return {str(each): canonical(name, part) for each, part in value.items()}
+    if dataclasses.is_dataclass(value) and not isinstance(value, type | Scene | State):  # whose repr may round numbers
+        fields = [each.name for each in dataclasses.fields(value) if each.compare]
+        return {type(value).__name__: {each: canonical(name, getattr(value, each)) for each in fields}}
     text = value.digest() if isinstance(value, Scene | State) else repr(value)
     if " at 0x" in text:
         raise InputError(

@@ -101,6 +101,15 @@ def test_any_values_are_points_and_are_handed_over_as_they_are(tmp_path):
     assert len(got) == len(values), "and nothing was called twice"
 
 
+def test_values_that_a_repr_rounds_are_different_points():
+    one, other = (Shape(np.array([side])) for side in (1.0, 1.0 + 1e-12))
+    assert repr(one) == repr(other)
+    assert [row.values["y"] for row in sweep(lambda x: {"y": x.side[0]}, {"x": [one, other]}).rows] == [
+        1.0,
+        1.0 + 1e-12,
+    ]
+
+
 def test_equal_values_are_one_point_and_objects_without_a_name_are_none():
     same = [[1, 1.0, np.int8(1), np.float32(1)], [(1, 2), [1.0, 2]], [0, -0.0], [Shape(1.0), Shape(1.0)]]
     for one, other in itertools.chain.from_iterable(map(itertools.pairwise, same)):
