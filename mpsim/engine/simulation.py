@@ -499,7 +499,7 @@ class Simulation(ReadOnly):
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         access, solver = self._access, self._open_solver()
-        measures = measures if measures is None or isinstance(measures, str) else tuple(measures)
+        measures = tuple(measures) if isinstance(measures, Iterable) and not isinstance(measures, str) else measures
         if on_ranks := self._can.on_ranks:
             given = frames, until, measures, start, checkpoint, checkpoint_every, checkpoint_seconds
             solver.ranks.assert_same_on_ranks("arguments of run", given)
@@ -782,7 +782,7 @@ class Simulation(ReadOnly):
             InputError: naming the argument, its rule and the value received; then nothing is added.
             TooFastError: as settings.on_fast says; then nothing is added either.
         """
-        place = self._place("add", position, velocity, acceleration, radius, mass, others)
+        place = self._place("add", position, velocity, acceleration, radius, mass, overlap, others)
         brought = {"acceleration": acceleration, **others}
         radii = place.solver.radii[~place.solver.absorbed] if place.scene._loses_discs else place.solver.radii
         now = place.scene, place.precision, place.solver.time, radii

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -90,7 +91,7 @@ class Emitter:
 def check_emitters(emitters: object) -> tuple[Emitter, ...]:
     """The emitters as a tuple, checked; a single one may come without a list."""
     each_of: Any = emitters
-    chosen = (each_of,) if isinstance(each_of, Emitter) else tuple(each_of)
+    chosen = tuple(each_of) if isinstance(emitters, Iterable) else (each_of,)
     if len(chosen) > MOST_VALUES:
         raise InputError(f"emitters must be at most {MOST_VALUES:,}; got {len(chosen):,}. Use fewer.")
     for index, emitter in enumerate(chosen):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import weakref
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -277,11 +278,11 @@ def owner_of(capsule: int, obstacles: tuple[Obstacle, ...]) -> int:
     return int(np.searchsorted(np.cumsum([len(each.capsules()) for each in obstacles]), capsule, side="right"))
 
 
-def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obstacle, ...]:
-    """The obstacles as a tuple, checked; a single one may come without a list."""
+def listed(obstacles: object) -> tuple[Obstacle, ...]:
+    """The obstacles as a tuple; a single one may come without a list."""
     each_of: Any = obstacles
     kinds = OBSTACLES.kinds
-    chosen = (each_of,) if isinstance(each_of, kinds) else tuple(each_of)
+    chosen = tuple(each_of) if isinstance(obstacles, Iterable) else (each_of,)
     if len(chosen) > MOST_VALUES:
         raise InputError(
             f"obstacles must be at most {MOST_VALUES:,}; got {len(chosen):,}. Use fewer: a Polyline is one."
@@ -290,6 +291,12 @@ def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obs
         if not isinstance(obstacle, (*kinds, Removed)):
             names = " or ".join(f"mpsim.{kind.__name__}" for kind in kinds)
             raise InputError(f"obstacles[{index}] must be an {names}; got {type(obstacle).__name__}.")
+    return chosen
+
+
+def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obstacle, ...]:
+    """The obstacles as `listed`, all in a box."""
+    chosen = listed(obstacles)
     ends = capsules_of(chosen)[:, :4].reshape(-1, 2)
     outside = (ends < 0).any(axis=1) | (ends[:, 0] > width) | (ends[:, 1] > height)
     if outside.any():

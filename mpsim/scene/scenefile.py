@@ -15,7 +15,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
@@ -30,7 +30,7 @@ from mpsim.errors import InputError, OutputError, SceneFileError, reason_of
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.edges import WALLED, check_boundary, wraps_of
 from mpsim.features.feature import MOST_VALUES, Feature, chosen
-from mpsim.features.obstacles import Obstacle, solid_of
+from mpsim.features.obstacles import Obstacle, listed, solid_of
 from mpsim.scene import starts
 from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene
 from mpsim.scene.settings import Settings
@@ -200,14 +200,19 @@ def of_groups(groups: Any, box: dict[str, float | None], arguments: dict[str, An
         SceneFileError: with all problems; a subclass of InputError.
     """
     reader = _Reader("Scene.groups", Path())
+    if not isinstance(groups, Iterable) or isinstance(groups, Mapping):
+        groups = [groups]
+    groups = list(groups)
+    if not all(isinstance(table, Mapping) and all(isinstance(key, str) for key in table) for table in groups):
+        instead = "Write [{'position': [(3, 3)], 'radius': 0.5}]."
+        raise checks.refusal("groups", "be a list of dictionaries, one for each", checks.brief(groups), instead)
     tables = [
         {name: np.asarray(each) if checks.dimensions(each) > 0 else each for name, each in dict(table).items()}
         for table in groups
     ]
     given = {name: value for name, value in box.items() if value is not None}
     reader.read({"schema": SCHEMA, "discs": tables, **given})
-    one = arguments.get("obstacles", ())
-    reader.arguments = arguments | {"obstacles": (one,) if isinstance(one, Obstacle) else tuple(one)}
+    reader.arguments = arguments | {"obstacles": listed(arguments.get("obstacles", ()))}
     return reader.scene()
 
 
@@ -227,6 +232,8 @@ def _find(source: Any) -> Path:
         raise InputError(f"scene must be a path that ends in .toml or one of {words}; got {checks.brief(text)}.{hint}")
     return path
 
+
+_COMMENTS = re.compile(r"^[ \t]*#[^'\"\n]*$", re.MULTILINE)  # without quotation marks, which may end a text
 
 _MANY_PARTS = re.compile(rf"(?:\.[^.=,\n\[\]{{}}]*+){{{MOST_PARTS},}}")  # in a long text, too
 
@@ -248,7 +255,7 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
         raise InputError(
             f"scene must be a file that can be read; got {checks.brief(str(path))} ({reason}).{hint}"
         ) from None
-    if _MANY_PARTS.search(text):
+    if _MANY_PARTS.search(_COMMENTS.sub("", text)):
         raise SceneFileError(label, [f"keys must have at most {MOST_PARTS} parts with dots between them; got more."])
     try:
         tables = tomllib.loads(text)

@@ -5,6 +5,7 @@
 # well, for callers without a type checker.
 
 import dataclasses
+import inspect
 import math
 import re
 import time
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from mpsim.core import checks
 from mpsim.core.machine import usable_cores
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
@@ -65,18 +67,19 @@ class Starts:
     def __init__(self, scene: Scene, given: StartsGiven = None):
         if given is None:
             given = "kind" if scene._redraw is not None else "same"
-        self.same: bool = given == "same"
+        kind = given if isinstance(given, str) else None
+        self.same: bool = kind == "same"
         self.number: int | None = None
         self._made: dict[int, Scene] = {0: scene} if isinstance(given, str) else {}
         self._make: Callable[[int], Any] = scene.redrawn
-        if given == "kind":
+        if kind == "kind":
             self.name: str = "other starts of the same kind"
             self._made[1] = scene.redrawn(1)  # which raises if there is no other
-        elif given == "same":
+        elif kind == "same":
             self.name = f"this start, each disc displaced by up to {VARIATION:g} of a diameter"
             self._make = lambda number: varied(scene, number)
         elif callable(given):
-            self.name, self._make = "starts that were given by a function", given
+            self.name, self._make = "starts that were given by a function", _of_one_number(given)
         elif isinstance(given, Sequence) and len(given) > 1 and all(isinstance(each, Scene) for each in given):
             self.name, self.number = f"the {len(given)} starts that were given", len(given)
             self._make = given.__getitem__
@@ -104,6 +107,17 @@ class Starts:
                 raise InputError(f"starts must give Scenes; for {number} it gave {type(made).__name__}.")
             self._made[number] = made
         return self._made[number]
+
+
+def _of_one_number(given: Callable[[int], Any]) -> Callable[[int], Any]:
+    try:
+        inspect.signature(given).bind(0)
+    except TypeError as error:
+        rule = "be a function of one number, from 0 on, that returns a Scene"
+        raise checks.refusal("starts", rule, f"{given!r} ({error})") from None
+    except ValueError:  # of one without a signature, as some of C are
+        pass
+    return given
 
 
 def varied(scene: Scene, seed: int) -> Scene:

@@ -33,6 +33,8 @@ def make_room(sim: Simulation, capsules: Floats) -> bool:
 
 def room_for(sim: Simulation, capsules: Floats) -> list[tuple[NDArray[np.int64], Floats]]:
     """Ids of discs that must make room for capsules, and their new places; [] if none must."""
+    if not len(capsules):
+        return []
     scene, state = sim.scene, sim.state
     numbers, radius = np.flatnonzero(state.present), sim.radii[state.present]
     low, high = scene.walls_at(sim.time)

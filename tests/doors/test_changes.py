@@ -513,6 +513,7 @@ def test_added_discs_have_ids_and_may_be_refused_where_others_are():
                 sim.add(places, np.zeros((len(places), 2)), overlap="refuse")
         assert sim.count == 6
         assert sim.add((9, 5.8), (0, 0), overlap="push").tolist() == [6]
+        assert sim.add(np.zeros((0, 2)), np.zeros((0, 2)), overlap="push").tolist() == []
         moved = sim.state.position
         assert np.hypot(*(moved[6] - moved[1])) >= 1, "disc 1 has been pushed aside"
         assert moved[[0, 3, 4, 5, 6]].tolist() == [[2, 2], [5, 2], [11.8, 4], [5, 5.2], [9, 5.8]]

@@ -277,3 +277,10 @@ def test_groups_are_those_of_a_scene_file(tmp_path):
     groups[0]["radios"], groups[1]["count"] = 1, -1
     with pytest.raises(mpsim.errors.SceneFileError, match=r"discs\[0\].radios.*\n.*discs\[1\].count must be a whole"):
         mpsim.Scene.groups(groups, width=9, height=6)
+    one = {"position": [(2, 3)], "radius": 0.5}
+    assert mpsim.Scene.groups(one, width=9, height=6).count == 1, "a single one without a list"
+    with pytest.raises(mpsim.InputError, match=r"groups must be a list of dictionaries, .*; got \[1\]\. Write"):
+        mpsim.Scene.groups([1], width=9, height=6)
+    for wrong in (5, [5]):
+        with pytest.raises(mpsim.InputError, match=r"obstacles\[0\] must be an mpsim\.FixedDisc or .*; got int"):
+            mpsim.Scene.groups([one], width=9, height=6, obstacles=wrong)

@@ -294,6 +294,7 @@ CRADLE = Scene.load("cradle")
     ("given", "text"),
     [
         ([1, 2], r"starts must be .*; got \[1, 2\]"),
+        (lambda: 3, "starts must be a function of one number, .*; got <function .*too many positional"),
         (lambda number: number, "starts must give Scenes; for 0 it gave int"),
         ("kind", "another start needs a scene that was drawn at random"),
     ],
