@@ -84,7 +84,7 @@ class Continuation(NamedTuple):
 class Feature:
     """One optional argument of Scene.
 
-    Questions with a scene are asked where the scene has it, except `of`, `is_in`, `has_columns`, `brief` and `record`.
+    Questions with a scene are asked where the scene has it, except `of`, `is_in`, `has_columns` and `brief`.
 
     Attributes:
         argument: its name, also the key in scene files and checkpoints.

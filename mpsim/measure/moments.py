@@ -1,4 +1,4 @@
-"""Sums over discs in chunks, pairs of discs, and what changes the number of discs or their energy."""
+"""Sums over discs in chunks, and pairs of discs."""
 
 import functools
 import math

@@ -347,7 +347,7 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
 def trajectory_error(state: State, reference: State, scene: Scene | None = None) -> TrajectoryDeviation:
     """Deviation of the discs from their positions in a reference state at the same time, such as the exact solver's.
 
-    Meaningful only while the motion is predictable: see `predictability.require_predictable`. Discs that are absent in
+    Meaningful only while the motion is predictable: see `require_predictable`. Discs that are absent in
     both states are left out; one that is absent in one of them counts where it left the box.
 
     Args:
