@@ -83,6 +83,8 @@ def show(found: SceneFile, folder: Path) -> None:
     images: list[Image.Image] = []
     with mpsim.Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE):
         film, large = (Picture(sim, pixels, scale=scale) for pixels in (PIXELS, STILL_PIXELS))
+        if scene.height < scene.width * 0.6:
+            film.figure.axes[-1].set_ylabel("speed")  # there is no room for the dimension
         for shown in range(number):
             if shown:
                 sim.run(frames=every, observe=promise.observers if promise else [])
