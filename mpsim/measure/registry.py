@@ -492,7 +492,8 @@ def checked(names: Iterable[str] | None, scene: Scene | None = None, count: int 
     """
     if names is None:
         return ()
-    chosen = tuple(checks.choice("measures", name, NAMES) for name in ([names] if isinstance(names, str) else names))
+    each_of = names if isinstance(names, Iterable) and not isinstance(names, str) else [names]
+    chosen = tuple(checks.choice("measures", name, NAMES) for name in each_of)
     for name in chosen:
         if scene is not None and (reason := refusal(name, scene, count)):
             raise InputError(reason)

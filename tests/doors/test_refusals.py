@@ -73,6 +73,12 @@ WHOLE = [
         "'pressure'?",
     ),
     (
+        lambda: sim().run(frames=0, measures=5),
+        "measures must be one of 'pressure', 'pressure_virial', 'pressure_xx', 'pressure_yy', "
+        "'pressure_xy', 'collision_rate', 'contact_rate', 'overlap', 'largest_overlap', 'kinetic_energy', "
+        "'temperature', 'speed_kurtosis', 'energy_drift', 'momentum_drift'; got 5.",
+    ),
+    (
         lambda: sim().kick(7, (1, 0)),
         "ids must be numbers of discs, from 0 to 1; got 7. There are 2 discs.",
     ),
