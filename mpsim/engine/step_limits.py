@@ -96,6 +96,9 @@ TOO_COARSE = 0.125
 TINY = 1e-6
 """Radius, as a fraction of the distance between neighbours, below which squares of both do not fit one float64."""
 
+VANISHING = 1e7
+"""Square of radius times speed, in smallest normal numbers, below which a warning is given."""
+
 STEP_SPACINGS = 16
 """A step of typical length should be so many spacings of coordinates long: rounding then changes it by 3 % at most."""
 
@@ -173,12 +176,25 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
             "radius. Use larger discs or a smaller box"
         )
     speed = rms_speed(scene)
-    displacement = speed * settings.dt / settings.substeps
+    square = (speed * smallest) ** 2
+    if computes_contact_times(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
+        words.append(
+            f"the square of rms speed {speed:.3g} times radius {smallest:.3g} is lost, so that times of contacts "
+            f"cannot be computed. Use other units{_or_double(precision)}"
+        )
+    dt = settings.dt / settings.substeps
+    displacement = speed * dt
     if has_steps and 0 < displacement < STEP_SPACINGS * spacing:
         effect = "most discs do not move at all" if displacement < spacing / 2 else "rounding changes each step"
         words.append(
             f"a disc of rms speed {speed:.3g} moves {displacement:.3g} in a step, {displacement / spacing:.2g} of the "
             f"distance {spacing:.3g} between coordinates: {effect}. Use larger steps, or {_finer(precision)}"
+        )
+    pull = 0.0 if scene.gravity is None else float(np.abs(scene.gravity).max())
+    if has_steps and 0 < pull * dt < float(np.finfo(precision).eps) * speed:
+        words.append(
+            f"gravity changes a velocity by {pull * dt:.3g} in a step, which is lost to rounding beside an rms speed "
+            f"of {speed:.3g}. Use larger steps{_or_double(precision)}"
         )
     return ". ".join(words) + "." if words else None
 

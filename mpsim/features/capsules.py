@@ -125,13 +125,16 @@ def _ends(capsules: Floats) -> Floats:
     return np.column_stack([capsules[:, :4].reshape(-1, 2), np.repeat(capsules[:, 4], 2)])
 
 
-def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -> Floats:
+def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -> tuple[Floats, Integers]:
     """Halves of the segments on which ends of others lie, each from such an end, to be joined by `next_ends`.
+
+    Also returns the segment of each.
 
     A wall below a floor has its end on it, as ends that differ by rounding lie on each other: neither sticks out.
     capsules: images included. lists: `cell_lists` of them. size: width and height of the box [length].
     """
     straight, found = (capsules[:, :2] != capsules[:, 2:4]).any(axis=1), [np.zeros((0, 5))]
+    segments = [np.zeros(0, np.int64)]
     if straight.any():
         ends = _ends(capsules)
         slack = 8 * np.finfo(np.float64).eps * max(size)
@@ -145,8 +148,11 @@ def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -
             on &= (place[:, :2] != line[:, :2]).any(axis=1) & (place[:, :2] != line[:, 2:4]).any(axis=1)
             for other in (line[on, :2], line[on, 2:4]):
                 half = np.column_stack([place[on, :2], other, place[on, 2]])
-                found.append(half[np.hypot(*(half[:, 2:4] - half[:, :2]).T) > slack])
-    return np.unique(np.concatenate(found), axis=0)
+                long = np.hypot(*(half[:, 2:4] - half[:, :2]).T) > slack
+                found.append(half[long])
+                segments.append(index[near][on][long])
+    halves, first = np.unique(np.concatenate(found), axis=0, return_index=True)
+    return halves, np.concatenate(segments)[first]
 
 
 def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> CellLists:

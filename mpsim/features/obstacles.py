@@ -460,13 +460,14 @@ def _listed(
     solid = images.capsule[: np.count_nonzero(~around)]
     lists = capsules.cell_lists(solid, size, scene.largest_radius)
     grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
-    every = np.concatenate([images.capsule, capsules.cut_at_ends(solid, lists, size)])  # these are not listed
+    halves, segment = capsules.cut_at_ends(solid, lists, size)  # which these lists leave out
+    every, source = np.concatenate([images.capsule, halves]), np.append(images.source, images.source[segment])
     made: dict[str, NDArray[Any]] = {"capsule": every, "next_end": capsules.next_ends(every), **grid}
     if along.any():
-        made["along"] = along[images.source]
+        made["along"] = along[source]
     if around.any():
         made["around"] = np.arange(len(solid), len(around))
-    return made, owners[images.source]
+    return made, owners[source]
 
 
 def _body(
@@ -486,7 +487,7 @@ def _body(
     width, height = (high - low).tolist()
     placed = rows - np.array([*low, *low, 0.0])
     lists = capsules.cell_lists(placed, (width, height), reach)
-    halves = capsules.cut_at_ends(placed, lists, (width, height)) + np.array([*low, *low, 0.0])
+    halves = capsules.cut_at_ends(placed, lists, (width, height))[0] + np.array([*low, *low, 0.0])
     body.low[:], body.middle[:] = low, 0.5 * (low + high)
     body.cells[:], body.per_length[:], body.margin = lists.grid, lists.per_length, margin
     every = np.concatenate([rows, halves])

@@ -125,3 +125,21 @@ def test_times_go_on_after_a_change_of_dt():
     early = np.where(frame > 12, (frame + 12) - time / 0.025, frame - time / 0.05)
     assert early.min() > -1e-9
     assert early.max() < 1 + 1e-9
+
+
+@pytest.mark.parametrize("seed", [2, 18, 38])
+def test_a_wall_on_which_another_ends_is_named_by_its_number(seed):
+    """The exact solver meets its halves, which begin at that end, too."""
+    rng = np.random.default_rng(seed)
+    start, end = rng.uniform(1, 9, 2), rng.uniform(1, 9, 2)
+    joint = start + (end - start) * rng.random()
+    walls = [mpsim.Polyline([start, end]), mpsim.Polyline([joint, rng.uniform(1, 9, 2)])]
+    one = mpsim.Scene(
+        width=10, height=10, radius=0.3, position=[(5, 5)], velocity=[rng.normal(size=2) * 3], obstacles=walls
+    )
+    seen = mpsim.Collisions()
+    with simulate(one, method="event", dt=5) as sim:
+        sim.run(frames=1, observe=seen)
+    met = seen.table["j"][seen.table["kind"] == 2]
+    assert len(met) > 0
+    assert set(met) <= {0, 1}

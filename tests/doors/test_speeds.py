@@ -303,8 +303,12 @@ def test_what_the_precision_cannot_resolve_is_told_and_a_box_far_too_large_refus
         sim.run(frames=5)
         assert sim.state.position.tolist() == slow.position.astype(np.float32).tolist(), "as is so"
     quiet(slow, dt=0.1)
-    with pytest.warns(ResolutionWarning, match="the square of the radius is lost"):
-        Simulation(pair(radius=1e-9), Settings(dt=0.1, method="event")).close()
+    for scene, settings, text in (
+        (pair(1.0, gravity=(0, -1e-15)), {"dt": 0.01, "method": "grid"}, "gravity changes a velocity by 1e-17 in a st"),
+        (pair(radius=1e-9), {"dt": 0.1, "method": "event"}, "the square of the radius is lost"),
+    ):
+        with pytest.warns(ResolutionWarning, match=text):
+            Simulation(scene, Settings(**settings)).close()
     text = r"radius must be at least 0.954 in a box of 1e\+06 x 1e\+06 in float32, .* got 0.5. Use precision='float64'"
     with pytest.raises(InputError, match=text):
         Simulation(pair(side=1e6), Settings(precision="float32"))
