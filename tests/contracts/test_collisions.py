@@ -133,10 +133,9 @@ def test_a_wall_on_which_another_ends_is_named_by_its_number(seed):
     rng = np.random.default_rng(seed)
     start, end = rng.uniform(1, 9, 2), rng.uniform(1, 9, 2)
     joint = start + (end - start) * rng.random()
+    velocity = rng.normal(size=2) * 3
     walls = [mpsim.Polyline([start, end]), mpsim.Polyline([joint, rng.uniform(1, 9, 2)])]
-    one = mpsim.Scene(
-        width=10, height=10, radius=0.3, position=[(5, 5)], velocity=[rng.normal(size=2) * 3], obstacles=walls
-    )
+    one = mpsim.Scene(width=10, height=10, radius=0.3, position=[(5, 5)], velocity=[velocity], obstacles=walls)
     seen = mpsim.Collisions()
     with simulate(one, method="event", dt=5) as sim:
         sim.run(frames=1, observe=seen)
