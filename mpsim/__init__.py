@@ -92,7 +92,6 @@ _OF_SIMULATION = ("comm", "start_method", "on_worker_death", "unguarded")
 
 late.VIEWS.update(
     scene_from_file="mpsim.scene.scenefile:load",
-    room_for="mpsim.viewer.room:room_for",
     scene_of_groups="mpsim.scene.scenefile:of_groups",
     scene_to_file="mpsim.scene.scenefile:save",
     compressed="mpsim.scene.compression:compressed",

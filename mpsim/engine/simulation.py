@@ -28,7 +28,7 @@ from mpsim.core import checks
 from mpsim.core.checks import ReadOnly
 from mpsim.core.columns import GivenColumns
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.late import named, view
+from mpsim.core.late import named
 from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import Discs, State, StateInChunks
 from mpsim.engine import changes, checkpoint, report
@@ -40,6 +40,7 @@ from mpsim.engine.journal import Changed, Journal, parameters_after, replayed
 from mpsim.engine.observers import Observer, Observers
 from mpsim.engine.parameters import Parameters, check_names, in_force, plain
 from mpsim.engine.report import Measures, Report
+from mpsim.engine.room import room_for
 from mpsim.engine.run import (
     BatchSizer,
     Beside,
@@ -793,8 +794,8 @@ class Simulation(ReadOnly):
         substeps = self._look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
         if overlap == "push":
-            rows = np.column_stack([new.position, new.position, new.radius])
-            for ids, aside in view("room_for", self, rows):
+            rows = np.column_stack([new.position, new.position, new.radius]).astype(np.float64)
+            for ids, aside in room_for(self, rows):
                 self._change_discs(changes.checked_set(place, ids, aside, None, None, {}))
         change = place.change(changes.ADD, changes.arguments_of(place.scene, new))
         with interrupts_held_back():

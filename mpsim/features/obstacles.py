@@ -322,7 +322,7 @@ class Obstacles(Feature):
     argument = "obstacles"
     kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline, Circle)
     within: ClassVar[tuple[type[Any], ...]] = (Removed, *MOTIONS)
-    exact: ClassVar[tuple[type[Any], ...]] = (*kinds, Removed)  # kinds that are nothing but their capsules
+    exact: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline, Circle, Removed)  # a further kind is refused
     examples: ClassVar[tuple[Any, ...]] = (FixedDisc((0, 0), 1), Polyline([(0, 0), (1, 0)]), Circle((0, 0), 1))
     excludes = True
     invalidates: ClassVar[tuple[Invalidation, ...]] = (

@@ -20,6 +20,7 @@ from mpsim.engine.changes import ADD, PARAMETERS, WALL
 from mpsim.engine.observers import Observer
 from mpsim.engine.parameters import OF_SETTINGS
 from mpsim.engine.report import Report
+from mpsim.engine.room import make_room
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.base import InPlace, in_place
@@ -35,7 +36,6 @@ from mpsim.studies.divergence import divergence
 from mpsim.studies.tradeoff import label
 from mpsim.studies.tune import tune
 from mpsim.viewer.gauges import MeanPressure
-from mpsim.viewer.room import make_room
 
 # --- How far two stages have come apart since their common start: distance of corresponding discs, counts, times
 

@@ -18,6 +18,7 @@ from mpsim.core import checks
 from mpsim.core.machine import usable_cores
 from mpsim.engine import parameters
 from mpsim.engine.changes import hindrance
+from mpsim.engine.room import make_room
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.methods import capabilities_of
@@ -30,7 +31,6 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import CONTACTS
 from mpsim.viewer.comparison import Mark
 from mpsim.viewer.protocol import DISC, Action, command, number, one_of
-from mpsim.viewer.room import make_room
 
 # --- The parameters that a page can change, with the values and ranges of their sliders
 

@@ -5,7 +5,7 @@ import pytest
 from support.scenes import gas
 
 import mpsim
-from mpsim.viewer.room import make_room
+from mpsim.engine.room import make_room
 
 CROWDED = {
     "gas": lambda: gas(48, 0.4),

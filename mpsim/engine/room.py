@@ -1,15 +1,21 @@
 """Room for a disc or a wall that a user puts among discs: those in the way are pushed aside, as few as possible."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features.capsules import distance, with_images
 from mpsim.features.obstacles import solid_of
 from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.placement import GAP, pushed_aside
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 Floats = NDArray[np.float64]
 
