@@ -11,7 +11,6 @@ one without a page take turns, and of their ratios the median counts, as the mac
 
 import argparse
 import contextlib
-import functools
 import io
 import json
 import os
@@ -88,9 +87,9 @@ class Album:
     """In place of a session: each picture is packed as soon as it is asked for."""
 
     def __init__(self, sim: mpsim.Simulation, server: Server):
-        self._sim, self._server = sim, server
+        self._sim, self._broadcast = sim, protocol.Broadcast(server, sim.scene)
+        self._broadcast.scale = scale_of(sim.state)
         self._asked = threading.Semaphore(0)
-        self._scale = scale_of(sim.state)
         self.seconds: list[float] = []
 
     def ask(self) -> None:
@@ -105,17 +104,14 @@ class Album:
 
     def send(self, pictures: int) -> float:
         """Hand over so many pictures; returns the processor time of each, packing and sending together [s]."""
-        scene, radii, started = self._sim.scene, b"", 0.0
-        for serial in range(1, pictures + 1):
+        started = 0.0
+        for number in range(1, pictures + 1):
             self._asked.acquire()
-            if serial == 4:  # the first ones allocate
+            if number == 4:  # the first ones allocate
                 started = time.process_time()
             before = time.thread_time()
-            header = protocol.Header(serial, 0, 0.0, scene.box, (scene.width, scene.height), self._scale)
-            radii = radii or protocol.pack_radii(scene.radii, header)
-            packed = read_in_place(self._sim, functools.partial(protocol.pack, header))
+            read_in_place(self._sim, self._broadcast.show)
             self.seconds.append(time.thread_time() - before)
-            self._server.show(protocol.SentPicture(serial, scene.capsules_at(0.0), (protocol.Stage(packed, radii),)))
         self._asked.acquire()
         return (time.process_time() - started) / (pictures - 3)
 

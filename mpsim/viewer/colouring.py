@@ -87,7 +87,7 @@ class Colouring:
         self._last = np.zeros(0)
         self._since: float | None = None
         self._has_columns: bool | None = None  # not known yet
-        self._collisions = Collisions(callback=self._collided)
+        self.log: Collisions | None = Collisions(callback=self._collided) if self.by == "collision" else None
 
     def choices(self, sim: Simulation) -> list[str]:
         """The quantities among CHOICES that this simulation has."""
@@ -100,16 +100,6 @@ class Colouring:
         """Choose the quantity that the colours show, or raise InputError if this simulation does not have it."""
         self.by = checks.choice("by of colour", by, self.choices(sim))
         self.begin()
-
-    def observers(self, every: int) -> list[Collisions]:
-        """Observers for the next run; every: frames between two observations."""
-        self._collisions.every = every
-        return [self._collisions] if self.by == "collision" else []
-
-    def end_run(self, sim: Simulation) -> None:
-        """Read the collisions since the last observation of a run that has ended."""
-        if self.by == "collision":
-            self._collisions.observe(sim, 0)
 
     def _collided(self, sim: Simulation, table: NDArray[Any]) -> None:
         self._last_of(sim.count)

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from PIL import Image
 
 from mpsim.engine.journal import Journal
@@ -27,8 +26,8 @@ from mpsim.output.animation import DPI, image_of, write_film
 from mpsim.output.drawing import PAGE, ColourScale, MovingDiscs
 from mpsim.scene import scenefile, settings
 from mpsim.scene.scene import Scene
-from mpsim.viewer.colouring import ABSORBED, FASTEST
-from mpsim.viewer.protocol import HEADER, SentPicture, Stage, unpack, unpack_radii
+from mpsim.viewer.colouring import FASTEST
+from mpsim.viewer.protocol import HEADER, SentPicture, unpack
 
 
 class Download(NamedTuple):
@@ -65,7 +64,8 @@ class Film:
         """Keep a picture, if it is time for one; now: time of a clock [s]."""
         if now < self._next:
             return
-        kind = (*HEADER.unpack_from(picture.stages[0].packed)[12:14], len(picture.stages))
+        extent = np.frombuffer(picture.stages[0].packed, HEADER, 1)["extent"][0]
+        kind = (*extent.tolist(), len(picture.stages))
         if kind != self._kind:
             self._kept.clear()
             self._kind = kind
@@ -116,21 +116,13 @@ def _drawn(pictures: Sequence[SentPicture], scene: Scene) -> Iterator[Image.Imag
     for number, stage in enumerate(stages):
         axes = figure.add_axes((number * (width + GAP) / whole, 0, width / whole, 1), facecolor=PAGE.ground)
         shades = ColourScale(0, FASTEST)
-        moving.append(MovingDiscs(axes, scene, *_discs_of(stage)[:2], shades, theme=PAGE))
+        moving.append(MovingDiscs(axes, scene, *unpack(stage)[:2], shades, theme=PAGE))
         for spine in axes.spines.values():
             spine.set_visible(False)
     for picture in pictures:
         for stage, discs in zip(picture.stages, moving, strict=True):
-            discs.show(*_discs_of(stage), unpack(stage.packed).header.walls, picture.capsules)
+            discs.show(*unpack(stage), picture.capsules)
         yield image_of(figure)
-
-
-def _discs_of(stage: Stage) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Positions, radii and colours of the discs of a stage; those of absent ones are NaN."""
-    _, position, colour = unpack(stage.packed)
-    radii = np.broadcast_to(unpack_radii(stage.radii).astype(np.float64), len(colour))
-    position[colour == ABSORBED] = np.nan
-    return position, radii, colour.astype(np.float64)
 
 
 # --- The session, the present scene, a program

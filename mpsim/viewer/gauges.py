@@ -1,7 +1,6 @@
 """The gauges beside the picture: measures of the present state, rates, pressure, overlap, collisions."""
 
 import math
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -27,9 +26,7 @@ from mpsim.measure.registry import refusal
 from mpsim.measure.statistics import Measure, ratio_average
 from mpsim.scene.scene import Scene
 
-# --- Counts pressure and largest overlap for the gauges
-#
-# Counting needs another kernel and makes frames slower, so it runs only on request.
+# --- Pressure
 
 FEWEST_FRAMES = 16
 """Least number of frames in a part of the run. The pressures of the parts are the samples of the mean."""
@@ -66,45 +63,6 @@ class MeanPressure:
         return ratio_average(totals, frames) if totals.any() else Measure(math.nan, math.nan, 0, settled=False)
 
 
-class Counting:
-    """Pressure and largest overlap since counting began, from the reports of many short runs."""
-
-    def __init__(self) -> None:
-        self.wanted: bool = False  # whether they are to be counted
-        self.forget()
-
-    def forget(self) -> None:
-        """Start afresh, for another run."""
-        self._pressure = MeanPressure()
-        self._overlap = math.nan
-        self._note: str | None = None
-
-    def measures(self, sim: Simulation) -> tuple[str, ...]:
-        """Names of the measures for the next run."""
-        if not self.wanted:
-            return ()
-        self._note = refusal("pressure", sim.scene, sim.count) or None
-        names = ("pressure", "largest_overlap")
-        return tuple(name for name in names if not refusal(name, sim.scene, sim.count))
-
-    def note(self, report: Report) -> None:
-        """Add the report of a run."""
-        self._pressure.note(report)
-        if "largest_overlap" in report.measures:
-            self._overlap = float(np.fmax(self._overlap, report.measures["largest_overlap"].value))
-
-    def numbers(self) -> dict[str, Any]:
-        """The numbers so far: pressure, NaN for few frames, its standard error [mass/time^2], overlap [diameters]."""
-        found, enough = self._pressure.read(), self._pressure.frames >= FEWEST_FRAMES
-        return {
-            "counting": self.wanted,
-            "pressure": found.value if enough else math.nan,
-            "pressure_error": found.error if enough and found.settled else math.nan,
-            "largest_overlap": self._overlap,
-            "pressure_note": self._note,
-        }
-
-
 def bulk_pressure(state: State, scene: Scene) -> float:
     """The pressure from the equation of state, at the packing and temperature of a state [mass/time^2].
 
@@ -121,104 +79,110 @@ def bulk_pressure(state: State, scene: Scene) -> float:
         return math.nan
 
 
-# --- The number of collisions since the start of a simulation, for the gauges
+# --- The gauges beside the picture: measures of the present state, and rates of the run
+#
+# A number that is not known yet, or has no meaning for the scene, is NaN or None; the page shows a dash.
 
 MOST_LOGGED = 3
 """Largest number of discs for which collisions with walls and obstacles are counted, too. They have to be logged, which
 makes frames of many discs slower."""
-
-
-class CollisionCount:
-    """Counts the collisions of a simulation since its start; it goes back to an earlier moment with the simulation."""
-
-    def __init__(self) -> None:
-        self.total: float = math.nan  # unknown
-        self._log: Collisions | None = None
-
-    def begin(self, sim: Simulation, from_start: bool) -> None:
-        """Begin to count for a simulation; from_start: whether all its frames are run here, so the total is known."""
-        self.total, self._log = 0 if from_start else math.nan, None
-        if from_start and sim.count <= MOST_LOGGED:
-            self._log = Collisions(callback=self._logged)
-
-    @property
-    def with_walls(self) -> bool:
-        """Whether collisions with walls and obstacles are counted, too."""
-        return self._log is not None
-
-    def observers(self, every: int) -> list[Collisions]:
-        """Observers for the next run; every: frames between two observations."""
-        if self._log is None:
-            return []
-        self._log.every = every
-        return [self._log]
-
-    def _logged(self, sim: Simulation, table: NDArray[Any]) -> None:
-        self.total += len(table)
-
-    def end_run(self, sim: Simulation, reports: Iterable[Report]) -> None:
-        """Add the collisions of a run that has ended, from its reports or from the log."""
-        if self._log is None:
-            self.total += sum(report.collisions for report in reports)
-        else:
-            self._log.observe(sim, 0)
-
-    def lose(self) -> None:
-        """Note that a run ended without a report: the number is unknown until the simulation goes back."""
-        self.total = math.nan
-
-    def back(self, total: float) -> None:
-        """Go back to an earlier number, with the simulation."""
-        self.total = total
-        if self._log is not None:
-            self._log = Collisions(callback=self._logged)
-
-
-# --- The gauges beside the picture: measures of the present state, and rates of the run
-#
-# A number that is not known yet, or has no meaning for the scene, is NaN or None; the page shows a dash.
 
 BINS = 8, 40  # fewest and most bins of the histogram of speeds
 FEWEST = 20  # least number of discs for which the speeds are compared with Maxwell's distribution
 
 
 class Meter:
-    """Counts frames, their computing time and collisions since the last reading."""
+    """Counts the runs of a simulation: rates since the last reading, collisions since the start, pressure and overlap.
+
+    The last two need another kernel and make frames slower, so they are counted only on request.
+
+    Attributes:
+        counting: whether pressure and overlap are counted.
+        collisions: since the start of the simulation; NaN: unknown.
+        log: observes the runs, and counts collisions with walls and obstacles, too; None: there are too many discs.
+    """
 
     def __init__(self) -> None:
+        self.counting: bool = False
+        self.collisions: float = math.nan
+        self.log: Collisions | None = None
         self.start(0.0)
+        self.forget()
+
+    def begin(self, sim: Simulation, from_start: bool) -> None:
+        """Begin to count for a simulation; from_start: whether all its frames are run here, so collisions are known."""
+        self.collisions = 0 if from_start else math.nan
+        self.log = Collisions(callback=self._logged) if from_start and sim.count <= MOST_LOGGED else None
+        self.forget()
+
+    def back(self, collisions: float) -> None:
+        """Go back to an earlier number of collisions, with the simulation."""
+        self.collisions = collisions
+        if self.log is not None:
+            self.log = Collisions(callback=self._logged)
+
+    def _logged(self, sim: Simulation, table: NDArray[Any]) -> None:
+        self.collisions += len(table)
 
     def start(self, now: float) -> None:
-        """Start afresh: the time before now does not count, because nothing ran."""
-        self._since, self._frames, self._seconds, self._collisions = now, 0, 0.0, 0
+        """Start the clock of the rates afresh: the time before now does not count, because nothing ran."""
+        self._since, self._frames, self._seconds, self._contacts = now, 0, 0.0, 0
         self._phases: NDArray[np.float64] = np.zeros((len(PHASES), 0))
+
+    def forget(self) -> None:
+        """Count pressure and overlap afresh."""
+        self._pressure = MeanPressure()
+        self._overlap = math.nan
+        self._note: str | None = None
+
+    def measures(self, sim: Simulation) -> tuple[str, ...]:
+        """Names of the measures for the next run."""
+        if not self.counting:
+            return ()
+        self._note = refusal("pressure", sim.scene, sim.count) or None
+        names = ("pressure", "largest_overlap")
+        return tuple(name for name in names if not refusal(name, sim.scene, sim.count))
 
     def note(self, report: Report) -> None:
         """Add the report of a run."""
         self._frames += report.frames
         self._seconds += float(report.frame_seconds.sum())
-        self._collisions += report.collisions
+        self._contacts += report.collisions
+        if self.log is None:
+            self.collisions += report.collisions
         phases = np.stack([report.phase_seconds[name].sum(axis=0) for name in PHASES])
         self._phases = self._phases + phases if self._phases.shape == phases.shape else phases
+        self._pressure.note(report)
+        if "largest_overlap" in report.measures:
+            self._overlap = float(np.fmax(self._overlap, report.measures["largest_overlap"].value))
 
     def read(self, count: int, now: float) -> dict[str, Any]:
-        """The rates since the last reading, and the fraction of its time that each worker spent in each phase.
+        """The numbers by name, for `protocol.text_of`; count: number of discs.
 
         frames_per_second, collisions_per_second: in real time, which includes waiting for the next frame [1/s].
         nanoseconds: computing time of a frame divided by the number of discs, without waiting [ns].
-        workers: None if nothing ran; the last phase is waiting.
+        workers: the fraction of its time that each spent in each phase, the last of which is waiting; None if nothing
+        ran. pressure: NaN for few frames [mass/time^2]. largest_overlap: in diameters.
         """
-        passed, frames, seconds, collisions = now - self._since, self._frames, self._seconds, self._collisions
+        passed, frames, seconds, contacts = now - self._since, self._frames, self._seconds, self._contacts
         phases, total = self._phases, float(self._phases.sum())
         self.start(now)
         ran, spent = frames > 0 and passed > 0, total > 0
+        pressure, enough = self._pressure.read(), self._pressure.frames >= FEWEST_FRAMES
         return {
             "frames_per_second": frames / passed if ran else math.nan,
-            "collisions_per_second": collisions / passed if ran else math.nan,
+            "collisions_per_second": contacts / passed if ran else math.nan,
             "nanoseconds": seconds * 1e9 / (frames * count) if ran and count else math.nan,
             "phases": PHASES,
             "workers": (phases / np.maximum(phases.sum(axis=0), 1e-12)).T.copy() if spent else None,
             "waiting": float(phases[-1].sum()) / total if spent else math.nan,
+            "collisions": self.collisions,
+            "with_walls": self.log is not None,
+            "counting": self.counting,
+            "pressure": pressure.value if enough else math.nan,
+            "pressure_error": pressure.error if enough and pressure.settled else math.nan,
+            "largest_overlap": self._overlap,
+            "pressure_note": self._note,
         }
 
 

@@ -3,7 +3,6 @@
 import os
 import time
 import warnings
-from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.state import State, moved_into
-from mpsim.engine.solvers.base import in_place
+from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.errors import InputError, MpsimError, TrajectoryError, TrajectoryWarning
 from mpsim.features.edges import boundary_of
 from mpsim.measure.moments import SAME_BOX, placed
@@ -25,7 +24,7 @@ from mpsim.viewer.colouring import scale_of
 from mpsim.viewer.gauges import Gauges, Meter
 from mpsim.viewer.protocol import Action, command, whole
 from mpsim.viewer.session import GAUGE_SECONDS, PICTURE_SECONDS
-from mpsim.viewer.source import Source
+from mpsim.viewer.source import Source, TimeBudget
 
 if TYPE_CHECKING:
     from mpsim.viewer.server import Pages
@@ -35,16 +34,6 @@ if TYPE_CHECKING:
 MOST_GAPS = 1000
 """Largest number of unused disc numbers in a frame, beyond as many as it has discs. If there are more, the discs are
 numbered by their order in the file."""
-
-
-@dataclass(frozen=True)
-class RecordedFrame:
-    """One frame of a recording."""
-
-    frame: int
-    time: float  # NaN if the file does not contain it
-    state: State  # all discs, ordered by number; those that the frame does not contain are absent
-    radii: NDArray[np.float64]
 
 
 class Recording:
@@ -90,8 +79,12 @@ class Recording:
         self._seen = now
         return True
 
-    def at(self, index: int) -> RecordedFrame:
-        """The frame of an index; TrajectoryError if it cannot be read, or has other periods than the first one."""
+    def at(self, index: int) -> tuple[State, InPlace]:
+        """The discs of a frame, by number; those that it does not contain are absent. A time that is unknown is NaN.
+
+        Raises:
+            TrajectoryError: if it cannot be read, or has other periods than the first one.
+        """
         try:
             frame = self._trajectory[index]
         except (OSError, IndexError) as error:
@@ -114,7 +107,7 @@ class Recording:
         radii[numbers], present[numbers] = frame.radius, True
         # Without a scene no wall is drawn, and measures take the box of the first frame, though a wall may have moved.
         state = State(position, velocity, present=present, box=None if self._corner else discs.box)
-        return RecordedFrame(frame.frame, frame.known.get("time", nan), state, radii)
+        return state, in_place(state, self.scene.box, frame.frame, frame.known.get("time", nan), radii)
 
     def close(self) -> None:
         """Close the file."""
@@ -178,10 +171,10 @@ class Playback(Source):
         self._follow = recording.follow
         self._playing = playing and not self._follow
         self._index = 0
-        self._moment: RecordedFrame | None = None  # the frame at the index, read when it is needed
-        self._shown = self._gauged = -1  # indices
+        self._moment: tuple[State, InPlace] | None = None  # the frame at the index, read when it is needed
         self._radii = np.zeros(0)
-        self._next_picture = self._next_gauges = self._next_file = 0.0
+        self._next_file = 0.0
+        self._pictures, self._readings = TimeBudget(PICTURE_SECONDS), TimeBudget(GAUGE_SECONDS)  # done for an index
         self._rate.speed = SPEED
         self._rate.note(1, 0.0)  # skipped frames take no time
 
@@ -190,7 +183,7 @@ class Playback(Source):
     def _open(self) -> None:
         self._broadcast.tell_scene(self._name, recording=self._recording.name, can_reset=True)
         self._broadcast.tell("link", {"text": None})  # a page that was opened with a link then says what to do instead
-        self._gauges = Gauges(self.scene, self._recording.at(0).state)
+        self._gauges = Gauges(self.scene, self._recording.at(0)[0])
         if self._follow:
             self._index = self._last
         self._resume()
@@ -273,55 +266,57 @@ class Playback(Source):
                 f"a recording must hold a frame; {self._name!r} holds none any more. Let the run continue."
             )
         if self._note is not None or len(self._recording) < before:
-            self._moment, self._shown, self._gauged, self._note = None, -1, -1, None
+            self._moment = self._pictures.done = self._readings.done = self._note = None
             self._tell()
         if self._follow or self._index > self._last:
             self._index, self._moment = max(self._last, 0), None
 
     def _play(self, now: float) -> None:
-        frames = self._rate.due(now) if self._rate.speed is not None else int(self._shown == self._index)
+        frames = self._rate.due(now) if self._rate.speed is not None else int(self._pictures.done == self._index)
         if frames:
             self._go(self._index + frames)
         self._playing = self._index < self._last
 
     def _look(self, now: float) -> None:
         """Make the picture and the gauges if they are due and another frame is reached."""
-        gauges = now >= self._next_gauges and self._index != self._gauged
+        gauges, picture = (
+            budget.done != self._index and not budget.wait(now) for budget in (self._readings, self._pictures)
+        )
         with self._wake:
-            picture = self._asked and now >= self._next_picture and self._index != self._shown
+            picture = picture and self._asked
         if not gauges and not picture:
             return
         if self._moment is None:
             self._moment = self._recording.at(self._index)
-        moment = self._moment
+        state, discs = self._moment
         if gauges:
-            self._gauged, self._next_gauges = self._index, now + GAUGE_SECONDS
-            self._broadcast.scale = scale_of(moment.state)
-            numbers = self._gauges.of(moment.state) | Meter().read(0, 0.0)  # nothing runs, so there are no rates
-            self._broadcast.tell("gauges", {"frame": moment.frame, "time": moment.time, **numbers})
+            with self._readings.used(self._index, now):
+                self._broadcast.scale = scale_of(state)
+                numbers = self._gauges.of(state) | Meter().read(0, 0.0)  # nothing runs, so there are no rates
+                self._broadcast.tell("gauges", {"frame": discs.frame, "time": discs.time, **numbers})
         if picture:
             with self._wake:
                 self._asked = False
-            self._shown, self._next_picture = self._index, now + PICTURE_SECONDS
-            if not np.array_equal(moment.radii, self._radii):
-                self._radii = moment.radii
+            if not np.array_equal(discs.radii, self._radii):
+                self._radii = discs.radii
                 self._broadcast.forget_radii()
-            self._broadcast.show(in_place(moment.state, self.scene.box, moment.frame, moment.time, moment.radii))
+            with self._pictures.used(self._index, now):
+                self._broadcast.show(discs)
 
     def _seconds_to_next(self) -> float | None:
         now = time.perf_counter()
         due = [self._next_file - now]
         if self._playing and self._rate.speed is not None:
             due.append(self._rate.wait(now))
-        if self._index != self._gauged:
-            due.append(self._next_gauges - now)
-        if self._asked and (self._index != self._shown or self._playing):
-            due.append(self._next_picture - now)
+        if self._index != self._readings.done:
+            due.append(self._readings.wait(now))
+        if self._asked and (self._index != self._pictures.done or self._playing):
+            due.append(self._pictures.wait(now))
         return max(min(due), 0.0)
 
     def _refused(self, error: MpsimError) -> None:
         self._playing = self._follow = False
-        self._shown = self._gauged = self._index  # a frame that cannot be read is not tried again
+        self._pictures.done = self._readings.done = self._index  # a frame that cannot be read is not tried again
         self._note = str(error)
         self._tell()
 

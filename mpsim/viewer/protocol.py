@@ -1,31 +1,14 @@
 """Messages between a simulation and its pages: pictures as bytes, all else as JSON.
 
-All numbers are little-endian. A message of bytes begins with HEADER, of 96 bytes:
-
-```text
- offset  type        what
-      0  4 bytes     "MPSV"
-      4  uint8       version of this format
-      5  uint8       kind: 1 a picture, 2 radii
-      6  uint16      stage: 0, or 1 for the second of two
-      8  uint32      serial number of the picture, by which the page acknowledges it; of radii 0
-     12  uint32      N, number of discs; of radii 1 if they are all equal
-     16  uint64      frame of the simulation
-     24  float64     simulated time
-     32  4 float64   walls now: x_low, x_high, y_low, y_high
-     64  2 float64   width and height that positions are fractions of: those of the scene
-     80  2 float64   speed of byte KNEE and of byte FASTEST
-     96  N x 2 uint16, then N x uint8: x and y, 0 to 65535, and the speed as a colour; or N x float32: radii
-```
-
-So a disc takes 5 bytes. Its colour is a byte from 0 to FASTEST, or ABSORBED for an absent disc, which is not drawn. The
-message `colours` says what the colours show.
+A message of bytes begins with HEADER. In a picture, N x 2 uint16 follow, x and y from 0 to STEPS, and N x uint8, the
+colours: a disc takes 5 bytes. A colour is from 0 to FASTEST, or ABSORBED for an absent disc, which is not drawn; the
+message `colours` says what they show. In radii, N x float32 follow, or one if all are equal. All numbers are
+little-endian.
 
 A page sends only text, of the form `{"do": NAME, ...}`, with exactly the arguments of this command. A command is
 declared once, by `command` before the method `do_NAME` that carries it out.
 """
 
-import struct
 from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -41,93 +24,72 @@ from mpsim.features.obstacles import filled_parts
 from mpsim.kernels.output import paint_places
 from mpsim.output.drawing import PAGE
 from mpsim.scene.scene import Scene
-from mpsim.viewer.colouring import SpeedScale
+from mpsim.viewer.colouring import ABSORBED, SpeedScale
 
 if TYPE_CHECKING:
     from mpsim.viewer.server import Pages
 
 MAGIC, VERSION = b"MPSV", 1
 PICTURE, RADII = 1, 2
-HEADER = struct.Struct("<4sBBHIIQd4d2d2d")
 STEPS = 65535  # number of steps across the box in which positions are sent: 0.03 pixels if the box is 1,920 pixels wide
 
-
-class Header(NamedTuple):
-    """The header of a picture; see the top of this file."""
-
-    serial: int
-    frame: int
-    time: float
-    walls: Box
-    extent: tuple[float, float]  # width and height of the scene
-    scale: SpeedScale
-    stage: int = 0
-
-
-class UnpackedPicture(NamedTuple):
-    """An unpacked picture: its header, positions, rounded to STEPS, shape (N, 2) [length], and colours, shape (N,)."""
-
-    header: Header
-    position: NDArray[np.float64]
-    colour: NDArray[np.uint8]
+HEADER = np.dtype(
+    [
+        ("magic", "S4"),
+        ("version", "u1"),  # of this format
+        ("kind", "u1"),  # PICTURE or RADII
+        ("stage", "<u2"),  # 0, or 1 for the second of two
+        ("serial", "<u4"),  # of the picture, by which the page acknowledges it; of radii 0
+        ("count", "<u4"),  # of discs, or of radii: 1 if all are equal
+        ("frame", "<u8"),
+        ("time", "<f8"),
+        ("walls", "<f8", 4),  # now: x_low, x_high, y_low, y_high
+        ("extent", "<f8", 2),  # width and height that places are fractions of: those of the scene
+        ("speeds", "<f8", 2),  # of byte KNEE and of byte FASTEST
+    ]
+)
+"""The beginning of a message of bytes, 96 bytes long; the page reads it in connection.js."""
 
 
 def pack(
-    header: Header,
     discs: InPlace,
-    periodic: tuple[bool, bool] = (False, False),
+    scene: Scene,
+    scale: SpeedScale,
     colours: NDArray[np.uint8] | None = None,
     *,
+    serial: int,
+    stage: int = 0,
     plain: bool = False,
 ) -> bytearray:
     """A picture as bytes.
 
     Args:
-        header, discs: content of the picture.
-        periodic: the axes along which discs outside the box are wrapped into it.
-        colours: colour of each disc by number, shape (N,); None: from the speeds, by header.scale.
+        discs, scene: content of the picture.
+        scale: maps speeds to colours.
+        colours: colour of each disc by number, shape (N,); None: from the speeds.
         plain: pack in Python. It takes some microseconds a disc, but loading the first kernel takes over half a second.
     """
-    count = len(discs.number)
-    packed = bytearray(HEADER.size + 5 * count)
-    packed[: HEADER.size] = _header(PICTURE, header.serial, count, header)
-    places = np.frombuffer(packed, "<u2", 2 * count, HEADER.size)
-    painted = np.frombuffer(packed, np.uint8, count, HEADER.size + 4 * count)
+    count, size, extent = len(discs.number), HEADER.itemsize, (scene.width, scene.height)
+    packed = bytearray(size + 5 * count)
+    head = (MAGIC, VERSION, PICTURE, stage, serial, count, discs.frame, discs.time, discs.box, extent)
+    np.frombuffer(packed, HEADER, 1)[0] = (*head, (scale.usual, scale.fastest))
+    places = np.frombuffer(packed, "<u2", 2 * count, size)
+    painted = np.frombuffer(packed, np.uint8, count, size + 4 * count)
     paint = getattr(paint_places, "py_func", paint_places) if plain else paint_places
-    paint(discs.x, discs.y, discs.number, *header.extent, *periodic, STEPS, places)
+    paint(discs.x, discs.y, discs.number, *extent, *scene.periodic, STEPS, places)
     if colours is None:
-        header.scale.colours(discs, out=painted, plain=plain)
+        scale.colours(discs, out=painted, plain=plain)
     else:
         painted[:] = colours
     return packed
 
 
-def _header(kind: int, serial: int, count: int, header: Header) -> bytes:
-    numbers = (*header.walls, *header.extent, header.scale.usual, header.scale.fastest)
-    return HEADER.pack(MAGIC, VERSION, kind, header.stage, serial, count, header.frame, header.time, *numbers)
-
-
-def pack_radii(radii: NDArray[np.float64], header: Header) -> bytes:
-    """Radii as bytes: all of them, or only one if they are equal. They apply to all following pictures."""
+def pack_radii(radii: NDArray[np.float64], picture: bytes | bytearray) -> bytes:
+    """Radii as bytes: all of them, or only one if they are equal. They apply to this picture and all that follow."""
     each = np.asarray(radii[:1] if len(radii) and (radii == radii[0]).all() else radii, "<f4")
-    return _header(RADII, 0, len(each), header) + each.tobytes()
-
-
-def unpack(packed: bytes | bytearray) -> UnpackedPicture:
-    """Read back a picture from `pack`."""
-    _, _, _, stage, serial, count, frame, time, x_low, x_high, y_low, y_high, width, height, *scale = (
-        HEADER.unpack_from(packed)
-    )
-    walls = (x_low, x_high, y_low, y_high)
-    header = Header(serial, frame, time, walls, (width, height), SpeedScale(*scale), stage)
-    places = np.frombuffer(packed, "<u2", 2 * count, HEADER.size).reshape(count, 2)
-    position = places * (np.array(header.extent) / STEPS)
-    return UnpackedPicture(header, position, np.frombuffer(packed, np.uint8, count, HEADER.size + 4 * count))
-
-
-def unpack_radii(packed: bytes) -> NDArray[np.float32]:
-    """Read back radii from `pack_radii`, shape (N,), or (1,) if all are equal [length]."""
-    return np.frombuffer(packed, "<f4", offset=HEADER.size)
+    header = np.frombuffer(picture, HEADER, 1).copy()
+    header["kind"], header["serial"], header["count"] = RADII, 0, len(each)
+    return header.tobytes() + each.tobytes()
 
 
 # --- commands from pages
@@ -243,6 +205,17 @@ class Stage(NamedTuple):
     radii: bytes  # the same object until the radii change
 
 
+def unpack(stage: Stage) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], Box]:
+    """Read back positions, shape (N, 2), NaN of absent discs, radii and colours, shape (N,), and the walls."""
+    header, size = np.frombuffer(stage.packed, HEADER, 1)[0], HEADER.itemsize
+    count = int(header["count"])
+    position = np.frombuffer(stage.packed, "<u2", 2 * count, size).reshape(count, 2) * (header["extent"] / STEPS)
+    colours = np.frombuffer(stage.packed, np.uint8, count, size + 4 * count)
+    position[colours == ABSORBED] = np.nan
+    radii = np.frombuffer(stage.radii, "<f4", offset=size).astype(np.float64)
+    return position, np.broadcast_to(radii, count), colours.astype(np.float64), tuple(header["walls"].tolist())
+
+
 class SentPicture(NamedTuple):
     """A picture for the pages: its number, from 1; the obstacles at its time; and one or two stages."""
 
@@ -284,14 +257,12 @@ class Broadcast:
         self._audience.show(SentPicture(self._serial, capsules, tuple(stages)))
 
     def _stage(self, stage: int, discs: InPlace, colours: NDArray[np.uint8] | None, plain: bool) -> Stage:
-        scene, count = self.scene, len(discs.number)
-        header = Header(
-            self._serial, discs.frame, discs.time, discs.box, (scene.width, scene.height), self.scale, stage
-        )
-        if stage not in self._radii or self._radii[stage][0] != count:
-            self._radii[stage] = count, pack_radii(discs.radii, header)
+        count = len(discs.number)
         fitting = None if colours is None or len(colours) != count else colours
-        return Stage(pack(header, discs, scene.periodic, fitting, plain=plain), self._radii[stage][1])
+        packed = pack(discs, self.scene, self.scale, fitting, serial=self._serial, stage=stage, plain=plain)
+        if stage not in self._radii or self._radii[stage][0] != count:
+            self._radii[stage] = count, pack_radii(discs.radii, packed)
+        return Stage(packed, self._radii[stage][1])
 
     def tell_scene(self, name: str, **more: Any) -> None:
         """Send what rarely changes: the scene, the colours of its parts, and more values from its source."""

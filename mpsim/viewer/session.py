@@ -4,6 +4,7 @@ Each picture shows the state between two frames.
 """
 
 import contextlib
+import math
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -25,7 +26,7 @@ from mpsim.viewer import export, share_url
 from mpsim.viewer.colouring import CHOICES, Colouring, scale_of
 from mpsim.viewer.comparison import Comparison, Tuning, demand_one_process
 from mpsim.viewer.edits import Interactions, Moment
-from mpsim.viewer.gauges import CollisionCount, Counting, Gauges, Meter, bulk_pressure
+from mpsim.viewer.gauges import Gauges, Meter, bulk_pressure
 from mpsim.viewer.protocol import MOST_NUMBER, Action, command, one_of, whole
 from mpsim.viewer.share_url import Link
 from mpsim.viewer.source import LOOK, MOST_STEPS, TURN, Source, TimeBudget, first_speed
@@ -55,12 +56,6 @@ SLICE_SECONDS = 3e-4
 """Processor time that a picture costs by interrupting the run, when it runs as fast as possible [s]."""
 
 LOOK_SECONDS = 0.1  # time between two checks of a simulation that the user's program may be running [s]
-
-Where = tuple[int, int, int]
-"""The moment that a picture or a reading shows: a number that grows with each change by hand, the frame, and the number
-of discs."""
-
-_NOWHERE: Where = (-1, -1, -1)  # no moment yet
 
 
 def _text(name: str, value: Any) -> str:
@@ -116,13 +111,12 @@ class Session(Source):
         self._tuning = Tuning(self._tell_tuning_later, self._apply_later)
         self._passes: list[Pass] = []  # of the next frame, while one of them is shown
         self._pass = 0
-        self._collisions, self._counting, self._meter = CollisionCount(), Counting(), Meter()
+        self._meter = Meter()
         self._marked: Moment | None = None  # which the user has marked
         self._gauges: Gauges | None = None
         self._told_dt: float | None = None
         self._colouring = Colouring(colour)
-        # moments of the last observation, picture, reading of the gauges, and comparison of both stages
-        self._last = self._shown = self._gauged = self._compared = _NOWHERE
+        self._last: object = None  # moment of the last observation
         self._pictures = TimeBudget(PICTURE_SECONDS)
         self._readings = TimeBudget(GAUGE_SECONDS)
         self._comparisons = TimeBudget(COMPARISON_SECONDS)
@@ -158,10 +152,9 @@ class Session(Source):
         self._run += 1
         state = sim.state
         self._gauges, self._broadcast.scale = Gauges(self.scene, state, self._settings.law), scale_of(state)
-        self._counting.forget()
-        self._collisions.begin(sim, from_start=self._owned)
+        self._meter.begin(sim, from_start=self._owned)
         self._colouring.begin()
-        self._shown = self._gauged = _NOWHERE
+        self._pictures.done = self._readings.done = None
         self._broadcast.forget_radii()
         self._edits.begin(sim)
         self._passes = []
@@ -243,19 +236,19 @@ class Session(Source):
 
     def _run_frames(self, frames: int) -> None:
         sim, looks = self._simulation, self._rate.frames_between_looks
-        measures = self._counting.measures(sim)
-        observers = [*self._colouring.observers(looks), *self._collisions.observers(looks)]
+        logs = [log for log in (self._colouring.log, self._meter.log) if log is not None]
+        for log in logs:
+            log.every = looks
         try:
-            reports, seconds = self._comparison.run(sim, frames, looks, self._picture, measures, observers)
+            reports, seconds = self._comparison.run(sim, frames, looks, self._picture, self._meter.measures(sim), logs)
         except BaseException:
-            self._collisions.lose()
+            self._meter.collisions = math.nan  # unknown until the simulation goes back
             raise
-        self._colouring.end_run(sim)
-        self._collisions.end_run(sim, reports)
+        for log in logs:
+            log.observe(sim, 0)  # what came after its last observation
         self._rate.note(frames, seconds)
         for report in reports:
             self._meter.note(report)
-            self._counting.note(report)
 
     def _look(self) -> None:
         """Make gauges, comparison and picture if they are due and the simulation has moved since the last ones."""
@@ -264,31 +257,33 @@ class Session(Source):
         if walls_differ or sim.settings.dt != self._told_dt:  # a wall was drawn, dt was changed, or this was undone
             self._broadcast.scene = sim.scene
             self._tell_scene(self._phase)
-        where = self._last = (self._run, sim.frame, sim.count)
-        if where != self._gauged and not self._readings.wait(now, *READING):
-            with self._readings.used(now):
-                self._gauged = where
+        self._last = self._moment_of(sim)
+        if self._last != self._readings.done and not self._readings.wait(now, *READING):
+            with self._readings.used(self._last, now):
                 self._tell_gauges(sim)
         if self._comparison.second is None:
             self._broadcast.tell_if_new("pair", self._comparison.told(sim))  # it may just have ended, and why
-        elif where != self._compared and not self._comparisons.wait(now, *COMPARING):
-            with self._comparisons.used(now):
+        elif self._last != self._comparisons.done and not self._comparisons.wait(now, *COMPARING):
+            with self._comparisons.used(self._last, now):
                 self._tell_comparison()
         self._picture()
+
+    def _moment_of(self, sim: Simulation) -> object:
+        """What a picture or a reading shows; `_run` grows with each change by hand."""
+        return self._run, sim.frame, sim.count
 
     def _picture(self) -> None:
         """Make a picture if one is asked for and due; also during a run."""
         sim, now = self._simulation, time.perf_counter()
-        where = self._last = (self._run, sim.frame, sim.count)
+        self._last = self._moment_of(sim)
         with self._wake:
             charged, self._charged = self._charged, 0.0
             asked = self._asked
         self._pictures.charge(charged)
-        if asked and where != self._shown and not self._pictures.wait(now, *self._picture_share):
+        if asked and self._last != self._pictures.done and not self._pictures.wait(now, *self._picture_share):
             with self._wake:
                 self._asked = False
-            with self._pictures.used(now):
-                self._shown = where
+            with self._pictures.used(self._last, now):
                 read_in_place(sim, self._show)
                 self._broadcast.tell_if_new("colours", self._colouring.told(sim))
             self._pictures.charge(SLICE_SECONDS if self._picture_share is FULL_SPEED else 0.0)
@@ -312,12 +307,12 @@ class Session(Source):
             due.append(self._rate.wait(now))
         if not self._owned:
             due.append(LOOK_SECONDS)
-        if self._last != self._gauged:
-            due.append(self._readings.wait(now, *READING))
-        if self._comparison.second is not None and self._last != self._compared:
-            due.append(self._comparisons.wait(now, *COMPARING))
-        if self._asked and self._last != self._shown:
-            due.append(self._pictures.wait(now, *self._picture_share))
+        work = [(self._readings, READING)]
+        if self._comparison.second is not None:
+            work.append((self._comparisons, COMPARING))
+        if self._asked:
+            work.append((self._pictures, self._picture_share))
+        due += [budget.wait(now, *limits) for budget, limits in work if budget.done != self._last]
         return min(due, default=None)
 
     cannot = "a simulation cannot {}. Send it to the server."
@@ -347,14 +342,14 @@ class Session(Source):
     @command(value=checks.truth)
     def do_count(self, value: bool) -> None:
         """Switch the counting of pressure and overlap."""
-        self._counting.wanted = value
-        self._counting.forget()
+        self._meter.counting = value
+        self._meter.forget()
 
     @command(by=one_of(CHOICES))
     def do_colour(self, by: str) -> None:
         """Choose the quantity that the colours show."""
         self._colouring.choose(by, self._demand_simulation("colour"))
-        self._shown = _NOWHERE
+        self._pictures.done = None
 
     @command()
     def do_pass(self) -> None:
@@ -374,7 +369,7 @@ class Session(Source):
                     "than the one before. Show the next one."
                 )
         else:
-            self._shown = self._run, sim.frame, sim.count
+            self._pictures.done = self._moment_of(sim)
             discs = in_place(shown.state, self.scene.box, sim.frame, sim.time, sim.radii)
             self._broadcast.show(discs, second=self._comparison.shown())
         self._tell()
@@ -383,7 +378,7 @@ class Session(Source):
     def _close_passes(self) -> None:
         """Show the simulation itself again, instead of a pass of its next frame."""
         if self._passes:
-            self._passes, self._shown = [], _NOWHERE
+            self._passes, self._pictures.done = [], None
             self._tell_pass()
 
     def _tell_pass(self) -> None:
@@ -472,7 +467,7 @@ class Session(Source):
         """Note that the simulation was changed at this frame: the energy drift is measured from here."""
         self._run += 1
         self._gauges = None
-        self._counting.forget()
+        self._meter.forget()
         self._colouring.begin()
         self._close_passes()
         self._follow_changes()
@@ -488,12 +483,12 @@ class Session(Source):
         mark = None
         with self._comparison.stage() as second:
             mark = None if second is None else second.mark()
-        return Moment(self._simulation.snapshot(), self._collisions.total, mark)
+        return Moment(self._simulation.snapshot(), self._meter.collisions, mark)
 
     def _back(self, moment: Moment) -> None:
         self._simulation.restore(moment.snapshot)
         self._broadcast.forget_radii()
-        self._collisions.back(moment.collisions)
+        self._meter.back(moment.collisions)
         with self._comparison.stage() as second:
             if second is not None and moment.second is not None:
                 second.back(moment.second)
@@ -564,7 +559,7 @@ class Session(Source):
 
     def _tell_comparison(self) -> None:
         sim = self._simulation
-        self._compared = (self._run, sim.frame, sim.count)
+        self._comparisons.done = self._moment_of(sim)
         self._broadcast.tell_if_new("pair", self._comparison.told(sim))
 
     def _tell_gauges(self, sim: Simulation) -> None:
@@ -574,6 +569,5 @@ class Session(Source):
         self._broadcast.scale = scale_of(state)
         numbers = self._gauges.of(state)
         numbers |= self._meter.read(numbers["discs"], time.perf_counter())
-        numbers |= self._counting.numbers() | {"bulk_pressure": bulk_pressure(state, sim.scene)}
-        numbers |= {"collisions": self._collisions.total, "with_walls": self._collisions.with_walls}
+        numbers |= {"bulk_pressure": bulk_pressure(state, sim.scene)}
         self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers})

@@ -149,18 +149,23 @@ class FrameRate:
 class TimeBudget:
     """Limits the fraction of a core that repeated work takes, by a pause after each use. Times are from one clock [s].
 
-    at_least: shortest time between two uses [s].
+    Args:
+        at_least: shortest time between two uses [s].
+
+    Attributes:
+        done: the moment of the simulation for which it was used last.
     """
 
     def __init__(self, at_least: float):
+        self.done: object = None
         self._at_least = at_least
         self._last = -math.inf
         self._cost = 0.0  # of the last use [s]
 
     @contextmanager
-    def used(self, now: float) -> Iterator[None]:
-        """Note a use at this moment, at the cost of this block."""
-        spent = time.thread_time()
+    def used(self, moment: object, now: float) -> Iterator[None]:
+        """Note a use for a moment of the simulation, at the cost of this block."""
+        self.done, spent = moment, time.thread_time()
         yield
         self._last, self._cost = now, time.thread_time() - spent
 
@@ -168,7 +173,7 @@ class TimeBudget:
         """Add processor time to the cost of the last use [s]."""
         self._cost += cost
 
-    def wait(self, now: float, share: float, at_most: float) -> float:
+    def wait(self, now: float, share: float = math.inf, at_most: float = math.inf) -> float:
         """Time until the next use, so that the uses take at most a share of a core; 0: now; at_most: of a pause [s]."""
         return max(self._last + min(max(self._cost / share, self._at_least), at_most) - now, 0.0)
 
