@@ -549,6 +549,7 @@ class Checkpointer:
         self._seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
         self._last = time.monotonic()
         self._frames = 0
+        self._reached = -math.inf
         self._termination = Noted(signal.SIGTERM)
 
     def __enter__(self) -> "Checkpointer":
@@ -570,8 +571,14 @@ class Checkpointer:
             return 2**62
         return self._every - done % self._every
 
-    def look(self, done: int, last: bool) -> None:
+    def look(self, done: int, reached: float, last: bool) -> None:
         """Write a checkpoint if it is time for one, or the last frame is done, or the process is to end.
+
+        Args:
+            done: frames of the run.
+            reached: time of the simulation. Where it stands still there is nothing new to write, and a write would drop
+                the window that the exact solver has in hand, again and again.
+            last: whether the run is done.
 
         Raises:
             SystemExit: with 143, after SIGTERM and its checkpoint.
@@ -579,10 +586,11 @@ class Checkpointer:
         if self._path is None:
             return
         by_frames = self._every is not None and done - self._frames >= self._every
-        by_time = self._every is None and time.monotonic() - self._last >= self._seconds
+        is_new = reached != self._reached
+        by_time = self._every is None and is_new and time.monotonic() - self._last >= self._seconds
         asked_to_end = self._any_of(self._termination.came)
         if self._any_of(by_frames or by_time) or last or asked_to_end:
             self._save(self._path)
-            self._last, self._frames = time.monotonic(), done
+            self._last, self._frames, self._reached = time.monotonic(), done, reached
         if asked_to_end:
             raise SystemExit(128 + signal.SIGTERM)

@@ -585,7 +585,7 @@ class Simulation(ReadOnly):
             if record.whole:
                 observers.observe(self, 0)
         if beside is not None and not frames:
-            beside.checkpoints.look(0, last=True)
+            beside.checkpoints.look(0, self._solver.time, last=True)
         use.in_callback = False
         while record.done < frames:
             ahead = frames - record.done
@@ -606,7 +606,7 @@ class Simulation(ReadOnly):
                     observers.take_collisions(record.take_logged(frame), frame)
                 observers.observe(self, record.collisions)
             if beside is not None:
-                beside.checkpoints.look(record.done, last=record.done == frames)
+                beside.checkpoints.look(record.done, self._solver.time, last=record.done == frames)
                 if beside.progress is not None:
                     beside.progress(record.done, frames)
                 beside.interruption.look()
@@ -652,7 +652,10 @@ class Simulation(ReadOnly):
         if averages is not None:
             most = min(most, averages.frames_to_sample(record.done))
         most = min(most, self._step_limits.frames_ahead(frame, solver.count))
-        return *self._batch_sizer.next_slice(most), until
+        workers, frames = self._batch_sizer.next_slice(most)
+        if not isinstance(solver, Steps):  # `event` ends a command in time by itself, and a window at its last frame
+            frames = min(most, MOST_FRAMES)
+        return workers, frames, until
 
     def _look_after(self, record: RunRecord, part: BatchResult) -> None:
         """Look at what has come of a command: collisions, discs at rest, too fast or pressed, and those to enter."""

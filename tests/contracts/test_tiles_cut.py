@@ -10,6 +10,7 @@ from support.selection import long_but
 from support.tiles import always_tiled, everything, first_free_place, on_tiles, tallies, windows_of
 
 import mpsim
+from mpsim.engine import run
 from mpsim.engine.solvers import event_tiles
 
 pytestmark = [pytest.mark.compiled, pytest.mark.slow, pytest.mark.timeout(300)]
@@ -120,6 +121,29 @@ def test_a_checkpoint_of_a_window_that_was_left_goes_on_with_the_same_bits(tmp_p
     with mpsim.Simulation.resume(path) as again:
         again.run(frames=FRAMES - 3)
         assert_same_bits(again.state, as_a_whole[0], "resumed")
+
+
+def test_checkpoints_by_the_clock_let_a_window_end_that_takes_longer_than_they_wait(tmp_path, as_a_whole, no_time):
+    """Each of them drops the window in hand: were there one after every command, no window would ever end."""
+    path = tmp_path / "run"
+    with on_tiles(scene_of("walls"), TILING, dt=DT) as sim:
+        sim.run(frames=FRAMES, checkpoint=path, checkpoint_seconds=1e-9)
+        assert_same_bits(sim.state, as_a_whole[0], "with a checkpoint after each window")
+    with mpsim.Simulation.resume(path) as sim:
+        assert_same_bits(sim.state, as_a_whole[0], "the last checkpoint")
+
+
+def test_windows_do_not_end_with_frames_that_nobody_watches(tmp_path, as_a_whole, monkeypatch):
+    """However slow the machine: it counted as one on which a frame takes longer than a command."""
+    monkeypatch.setattr(run, "MOST_SECONDS", 0.0)
+    played = []
+    with mpsim.Trajectory.write(tmp_path / "watched.xyz", every=1) as watcher:
+        for observer in (None, watcher):
+            with on_tiles(scene_of("walls"), TILING, dt=DT / 8) as sim:
+                sim.run(frames=8 * FRAMES, observe=observer)
+                played.append(windows_of(sim)["windows"])
+                assert_same_bits(sim.state, as_a_whole[0], f"watched: {observer}")
+    assert played[1] >= 8 * FRAMES > 4 * played[0]
 
 
 def test_a_window_that_was_left_is_forgotten_as_a_disc_enters(no_time):
