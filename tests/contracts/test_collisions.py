@@ -61,19 +61,6 @@ def test_looking_changes_no_bit_and_leaves_no_log(method):
         assert sim.array_names == bare
 
 
-def test_what_is_handed_over_is_cut_at_frames():
-    handed, every = [], 5
-    seen = mpsim.Collisions(callback=lambda sim, table: handed.append((sim.frame, table)), every=every)
-    with simulate(scene(), **EVENT) as sim:
-        sim.run(frames=FRAMES, observe=seen)
-    assert [frame for frame, _ in handed] == list(range(every, FRAMES + 1, every))
-    for frame, table in handed:
-        assert (table["frame"] > frame - every).all()
-        assert (table["frame"] <= frame).all()
-    assert (seen.table["frame"] > FRAMES - FRAMES % every).all()
-    assert np.concatenate([*(table for _, table in handed), seen.table]).tobytes() == whole("event")[0].tobytes()
-
-
 @pytest.fixture
 def room_for(monkeypatch):
     """Logs with room for so many rows of all workers together: else it takes a frame of very many collisions."""

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.compare import assert_same_bits
-from support.scenes import gas, simulate
+from support.scenes import simulate
 
 import mpsim
 
@@ -81,24 +81,6 @@ def test_a_disc_that_rounding_puts_at_the_border_is_not_off_by_a_period():
             for _ in range(3):
                 sim.run(frames=1)
                 assert abs(sim.state.unwrapped[0, 0]) < 1e-15, f"{method}: {sim.state}"
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_counts_go_on_in_pieces_and_come_back_from_a_file(method, tmp_path):
-    scene = gas(30, 0.3, boundary="periodic")
-    with simulate(scene, method=method, dt=0.1) as sim:
-        sim.run(frames=40)
-        expected = sim.state
-    with simulate(scene, method=method, dt=0.1) as sim:
-        for frames in (1, 19):
-            sim.run(frames=frames)
-        path = sim.save(tmp_path / "run")
-        saved = sim.state
-    assert np.abs(saved.image).max() > 0, "nobody has crossed a border, which tests nothing"
-    with mpsim.Simulation.resume(path) as again:
-        assert_same_bits(again.state, saved, method)
-        again.run(frames=20)
-        assert_same_bits(again.state, expected, method)
 
 
 @pytest.mark.parametrize("method", ["grid", "event"])

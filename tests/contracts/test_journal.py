@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.scenes import simulate
 from support.selection import long_but
-from support.sessions import METHODS, STEPS, play, room, stage
+from support.sessions import METHODS, STEPS, play, stage
 from support.tiles import always_tiled
 
 import mpsim
@@ -113,29 +113,6 @@ def test_a_journal_that_lacks_a_change_is_replayed_to_other_bits(tmp_path):
     assert len(journal) == len(STEPS) - 1
     with mpsim.Simulation.replay(journal) as again:
         assert again.digest() != journal.digest
-
-
-@pytest.mark.parametrize("words", ["grid", pytest.param("event as a whole", marks=pytest.mark.slow)])
-def test_walls_have_the_same_bits_in_one_run_resumed_and_replayed(words, tmp_path):
-    found, scene = [], room()
-    for workers in {1, *SEVERAL}:
-        method = "parallel" if METHODS[words]["method"] == "grid" and workers > 1 else METHODS[words]["method"]
-        with simulate(scene, dt=DT, **METHODS[words] | {"workers": workers, "method": method}) as sim:
-            for y in (5.0, 4.0):
-                sim.run(frames=9)
-                sim.add_wall([(2.0, scene.height - y), (7.0, scene.height - 2.0)], thickness=0.2)
-            sim.run(frames=1)
-            path = sim.save(tmp_path / f"run{workers}")
-            sim.run(frames=60)
-            found.append(sim.digest())
-            journal = sim.journal
-    with mpsim.Simulation.resume(path, workers=SEVERAL[0] if "naive" not in words else None) as again:
-        again.run(frames=60)
-        found += [again.digest(), mpsim.Simulation.replay(again.journal.save(tmp_path / "session.toml")).digest()]
-    assert set(found) == {journal.digest}
-    with simulate(scene, dt=DT, **METHODS[words]) as control:
-        control.run(frames=79)
-        assert control.digest() != journal.digest, "discs have met the walls"
 
 
 @pytest.mark.slow

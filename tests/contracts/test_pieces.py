@@ -1,6 +1,5 @@
 """A run in pieces, watched, or grown on the way has the bits of the run in one piece."""
 
-import dataclasses
 import time
 
 import numpy as np
@@ -52,19 +51,18 @@ def grow(method, workers, pieces, scene):
         return sim.state, len(blocks)
 
 
-def test_growth_has_the_same_bits_on_workers_also_when_they_move_to_a_larger_block():
-    pieces, scene = [1] * 20 + [5] * 10 + [40], gas(30, 0.1, seed=3)
-    expected, _ = grow("grid", 1, pieces, scene)
-    state, blocks = grow("parallel", 3, pieces, scene)
+@pytest.mark.parametrize(
+    ("method", "pieces", "packing", "on_workers"),
+    [("grid", [1] * 20 + [5] * 10 + [40], 0.1, ("parallel", 3)), ("auto", [80] * 10, 0.01, ("auto", 2))],
+)
+def test_growth_has_the_same_bits_on_workers_in_larger_blocks_and_where_auto_changes_its_method(
+    method, pieces, packing, on_workers
+):
+    scene = gas(30, packing, seed=3)
+    expected, _ = grow(method, 1, pieces, scene)
+    state, blocks = grow(*on_workers, pieces, scene)
     assert blocks > 2, "the block never grew, which tests half of it"
-    assert_same_bits(state, expected, "growth on 3 workers")
-
-
-def test_auto_changes_its_method_while_growing_and_has_the_bits_on_any_number_of_workers():
-    pieces, scene = [80] * 10, gas(30, 0.01, seed=5)
-    expected, _ = grow("auto", 1, pieces, scene)
-    state, _ = grow("auto", 2, pieces, scene)
-    assert_same_bits(state, expected, "auto on 2 workers")
+    assert_same_bits(state, expected, f"growth by {on_workers}")
 
 
 def test_discs_added_one_by_one_or_together_give_the_same_bits():
@@ -90,14 +88,3 @@ def test_the_order_of_the_discs_in_memory_does_not_matter(method, workers):
             assert memory_order(sim) != before
             sim.run(frames=4)
         assert sim.digest() == expected, "the memory order left by earlier frames has changed the result"
-
-
-def test_the_digest_notices_a_single_bit():
-    with simulate(gas(100, 0.3, seed=9), method="grid") as sim:
-        state, digest = sim.state, sim.digest()
-    for field in ("position", "velocity"):
-        array = getattr(state, field).copy()
-        array[57, 1] = np.nextafter(array[57, 1], np.inf)
-        assert dataclasses.replace(state, **{field: array}).digest() != digest
-        array[57, 1] = np.nextafter(array[57, 1], -np.inf)
-        assert dataclasses.replace(state, **{field: array}).digest() == digest

@@ -15,7 +15,6 @@ import mpsim
 pytestmark = pytest.mark.slow
 
 DEFAULT = ("bare", "doors")
-FEATURES = [name for name in CASES if name.startswith("zoo")]
 
 
 @cache
@@ -37,18 +36,20 @@ def test_ranks_find_what_one_process_finds(number, name):
     assert told_by(number, [name])[name] == alone(name)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("number", [2, 3, 4, 8])
-def test_ranks_find_what_one_process_finds_in_other_scenes(number):
-    for name, told in told_by(number, set(CASES) - set(DEFAULT) - set(FEATURES)).items():
-        assert told == alone(name), name
+OTHERS = [name for name in CASES if name not in DEFAULT]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("number", "workers"), [(2, 2), (1, 3), (3, 2), (4, 4)])
-def test_workers_of_ranks_find_it_too(number, workers):
-    for name, told in told_by(number, ["doors"], workers).items():
-        assert told == alone(name), name
+@pytest.mark.parametrize(
+    ("number", "workers", "names"),
+    [
+        *((number, 1, OTHERS) for number in (2, 3, 4, 8)),
+        *((*each, ["doors"]) for each in ((2, 2), (1, 3), (3, 2), (4, 4))),
+    ],
+    ids=str,
+)
+def test_ranks_with_any_number_of_workers_find_it_in_other_scenes(number, workers, names):
+    assert told_by(number, names, workers) == {name: alone(name) for name in names}
 
 
 WRONG = """
@@ -83,7 +84,7 @@ import sys, warnings, mpsim
 from mpi4py import MPI
 from support.ranks import CASES
 
-warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
+warnings.simplefilter("ignore")
 path, what, name = sys.argv[1:]
 case = CASES[name]()
 if what == "save":
@@ -99,7 +100,7 @@ else:
 """
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # whose disc waits
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", long_but(["bare", "everything", "rough torus", "doors"], "bare"))
 def test_a_checkpoint_goes_from_ranks_to_workers_and_back(name, tmp_path):
     case, whole = CASES[name](), alone(name)["digest"]

@@ -16,7 +16,7 @@ import json, sys, threading, warnings, numpy as np, mpsim
 from mpi4py import MPI
 from support.ranks import CASES
 
-warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
+warnings.simplefilter("ignore")
 case, comm = CASES[sys.argv[1]](), MPI.COMM_WORLD
 with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi")) as sim:
     sim.run(frames=30)
@@ -72,7 +72,7 @@ if comm.rank == 0:
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # whose disc waits
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ["rough torus", "doors"])
 def test_ranks_read_ranges_of_discs_and_what_the_first_one_does_once(name):
     raised, digest = told_by_script(2, name, script=READING)

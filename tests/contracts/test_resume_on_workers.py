@@ -4,6 +4,7 @@ import os
 import signal
 
 import pytest
+from support.checkpoints import in_parts
 from support.compare import assert_same_bits
 from support.scenes import crowd, gas, lattice, simulate, state_after
 
@@ -15,24 +16,11 @@ SETTINGS = {"dt": 0.02, "substeps": 2}
 pytestmark = pytest.mark.compiled
 
 
-def in_parts(scene, path, parts, workers, resumed_on, **settings):
-    """State after runs of so many frames, each but the first by a simulation of its own that is resumed."""
-    with simulate(scene, workers=workers, **settings) as sim:
-        sim.run(frames=parts[0])
-        sim.save(path)
-    for number, frames in zip(resumed_on, parts[1:], strict=True):
-        with mpsim.Simulation.resume(path, workers=number) as sim:
-            sim.run(frames=frames)
-            sim.save(path)
-            state = sim.state
-    return state
-
-
 @pytest.mark.parametrize("workers", [1, 3])
 def test_a_run_that_is_resumed_on_other_numbers_of_workers_has_the_same_bits(workers, tmp_path):
     scene = crowd(400, 0.8, seed=1)
     expected = state_after(scene, FRAMES, method="grid", **SETTINGS)
-    state = in_parts(scene, tmp_path / "run", (7, 6, 11), workers, (2, 1), method="parallel", **SETTINGS)
+    state = in_parts(scene, tmp_path / "run", (7, 6, 11), 2, 1, method="parallel", workers=workers, **SETTINGS)
     assert_same_bits(state, expected, f"resumed on 2 and 1 after {workers} workers")
 
 
@@ -79,7 +67,7 @@ def test_restore_keeps_the_workers_and_heals_after_the_death_of_one():
 def test_auto_goes_on_with_the_method_it_had(tmp_path):
     for scene in (gas(100, 0.5, seed=2), gas(900, 0.5, seed=2)):
         expected = state_after(scene, FRAMES, method="auto", workers=2)
-        state = in_parts(scene, tmp_path / "run", (10, 14), 2, (3,), method="auto")
+        state = in_parts(scene, tmp_path / "run", (10, 14), 3, method="auto", workers=2)
         assert_same_bits(state, expected, f"auto with {scene.count} discs")
 
 

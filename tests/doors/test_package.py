@@ -56,9 +56,9 @@ def test_each_public_door_answers_a_name_that_it_does_not_have():
     assert len(DOORS) > 100
     with mpsim.Simulation(mpsim.Scene.load("cradle"), mpsim.Settings(method="naive")) as sim:
         for name, call, own in DOORS:
-            with pytest.raises(mpsim.InputError) as caught:
+            with pytest.raises(mpsim.InputError, match="nonsense") as caught:
                 call(*([sim] if own and name.startswith("Simulation.") else own), nonsense=1)
-            assert "nonsense" in str(caught.value), name
+            assert isinstance(caught.value, TypeError) or name == "Simulation.change", "as Python raises it"
 
 
 def test_an_error_of_a_function_that_is_given_is_no_wrong_call_and_public_functions_can_be_pickled():

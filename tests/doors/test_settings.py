@@ -55,24 +55,6 @@ def test_settings_are_immutable_equal_by_value_and_have_the_documented_defaults(
         assert Settings(dt=number).dt == pytest.approx(0.01)
 
 
-UNKNOWN = [
-    (lambda: mpsim.Scene.random(count=9, radius=0.5, packing=0.2, gravty=(0, -1)), "Scene.random", "gravty", "gravity"),
-    (lambda: mpsim.Simulation(seting=None), "Simulation", "seting", "settings"),
-    (lambda: mpsim.tune(max_eror={}), "tune", "max_eror", "max_error"),
-    (lambda: Units(lenght=1), "Units", "lenght", "length"),
-]
-
-
-@pytest.mark.parametrize(
-    ("call", "what", "got", "meant"), UNKNOWN, ids=lambda each: each if isinstance(each, str) else ""
-)
-def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant(call, what, got, meant):
-    with pytest.raises(mpsim.errors.UnknownArgumentError) as caught:
-        call()
-    assert_says(caught, [f"an argument of {what} must be one of", f"got {got!r}. Did you mean {meant!r}?"])
-    assert isinstance(caught.value, TypeError), "as Python raises it"
-
-
 def test_a_value_without_its_name_and_a_setting_in_the_wrong_place_are_refused():
     for call, what, got in (
         (lambda: mpsim.Scene(10, 10), "Scene ", "width=...; got 10 alone"),

@@ -1,4 +1,4 @@
-"""Tables for people and for programs: of a trade-off, of a report in a notebook, and how an error is written."""
+"""Tables for people and for programs: of a report, as text, in pandas and in a notebook, and of a trade-off."""
 
 import csv
 import dataclasses
@@ -7,6 +7,7 @@ import io
 import json
 import math
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -76,6 +77,38 @@ def test_a_report_in_a_notebook_is_a_small_table(report):
     with simulate(gas(20, 0.2), method="event") as sim:
         assert "<th>frames</th><td>0</td>" in sim.run(frames=0)._repr_html_()
         assert "columns" not in sim.run(frames=2)._repr_html_()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_times_as_csv_are_those_of_the_report(workers, tmp_path):
+    with simulate(gas(200, 0.4), method="parallel", workers=workers) as sim:
+        report = sim.run(frames=3)
+    text = report.to_csv(tmp_path / "times.csv", first_frame=11)
+    assert (tmp_path / "times.csv").read_text() == text
+    rows = list(csv.DictReader(text.splitlines()))
+    assert [row["frame"] for row in rows] == ["11", "12", "13"]
+    assert [float(row["seconds"]) for row in rows] == report.frame_seconds.tolist()
+    for name, seconds in report.phase_seconds.items():
+        for worker in range(workers):
+            assert [float(row[f"{name.replace(' ', '_')}_{worker}"]) for row in rows] == seconds[:, worker].tolist()
+
+
+@pytest.mark.slow
+def test_the_table_of_pandas_is_that_of_csv(report, monkeypatch):
+    rows, found = list(csv.DictReader(report.to_csv().splitlines())), report.to_pandas().reset_index()
+    assert list(found.columns) == list(rows[0])
+    assert found.to_dict("records") == [{name: float(value) for name, value in row.items()} for row in rows]
+    assert found.attrs["measures"]["temperature"]["value"] == report.measures["temperature"].value
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(mpsim.errors.OutputError, match=r"a DataFrame needs the package pandas.*`, or use to_csv"):
+        report.to_pandas()
+
+
+def test_places_that_cannot_be_written_are_refused(report, tmp_path):
+    with pytest.raises(mpsim.InputError, match=r"a table of times must .*Use 'times\.csv'\."):
+        report.to_csv(tmp_path / "times.parquet")
+    with pytest.raises(mpsim.errors.OutputError, match="a table of times must be a file that can be written; got "):
+        report.to_csv(tmp_path / "none" / "times.csv")
 
 
 # --- the table of a trade-off

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from support.scenes import simulate
+from support.scenes import simulate, state_after
 
 import mpsim
 from mpsim import FixedDisc, Polyline, Scene
@@ -298,15 +298,6 @@ def run(scene, frames, **settings):
         return sim.state
 
 
-@pytest.mark.parametrize(
-    ("method", "precision"), [("naive", "float32"), ("grid", "float64"), ("grid", "float32"), ("event", "float64")]
-)
-def test_a_free_disc_moves_in_a_straight_line(method, precision):
-    state = run(scene_of([[2, 3]], [[1, 0.5]]), 192, method=method, precision=precision)
-    assert state.position.tolist() == [[2 + 3, 3 + 1.5]]
-    assert state.velocity.tolist() == [[1, 0.5]]
-
-
 def test_a_pushed_disc_repeats_its_flight_between_two_walls_exactly():
     """From wall to wall it is 7 length units, 56 frames; the frame after is spent turning round at the wall."""
     scene = scene_of([[7.5, 4]], [[-1, 0]])
@@ -349,31 +340,15 @@ def test_accelerations_of_each_disc_and_gravity_add_up():
     assert both.velocity.tolist() == [[1, 1], [0, 0], [0, 1]]
 
 
-def test_until_ends_with_the_first_frame_that_reaches_it():
-    with simulate(scene_of([[4, 4]], [[1, 0]]), dt=DT, method="grid") as sim:
-        assert sim.run(until=1.0).frames == 64
-        assert sim.run(until=1.0).frames == 0
-        assert sim.run(until=1.0 + DT / 2).frames == 1
-        assert sim.time == 65 * DT
-        assert sim.run(until=2.0).frames == 63
-    with simulate(scene_of([[4, 4]], [[1, 0]]), dt=0.1, method="grid") as sim:
-        assert sim.run(until=0.3).frames == 3, "0.3 is three frames of 0.1, whatever rounding says"
-
-
 # --- one contact
 
 SHORT = 1e-9
 """A frame in which nothing moves to speak of."""
 
 
-def after(scene, dt, frames=1, **settings):
+def after(scene, dt, **settings):
     """State after a frame."""
-    with simulate(scene, method=settings.pop("method", "naive"), dt=dt, **settings) as sim:
-        sim.run(frames=frames)
-        return sim.state
-
-
-# --- two discs
+    return state_after(scene, 1, **{"method": "naive", "dt": dt, **settings})
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])

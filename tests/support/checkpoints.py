@@ -1,5 +1,6 @@
-"""Checkpoint files as nobody should write them: any header and any arrays, with a digest that is right."""
+"""Runs that are saved and resumed; and checkpoint files as nobody should write them, with a digest that is right."""
 
+import itertools
 import json
 import warnings
 import zipfile
@@ -62,3 +63,17 @@ def two(path):
     """Two checkpoints: of frame 2, kept as the one before, and of frame 3."""
     saved(path, frames=2)
     return saved(path, frames=3)
+
+
+def in_parts(scene, path, parts, *resumed_on, **settings):
+    """State after runs of so many frames, each but the first by a resumed simulation, on these numbers of workers."""
+    with simulate(scene, **settings) as sim:
+        sim.run(frames=parts[0])
+        sim.save(path)
+    for frames, workers in itertools.zip_longest(parts[1:], resumed_on):
+        with mpsim.Simulation.resume(path, workers=workers) as sim:
+            sim.run(frames=frames)
+            sim.save(path)
+            state = sim.state
+    assert sim.frame == sum(parts)
+    return state

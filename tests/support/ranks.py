@@ -23,6 +23,7 @@ from mpsim.engine.solvers.ranks.messages import MpiRanks, library
 from mpsim.measure.registry import NAMES
 from support.processes import Outcome
 from support.scenes import gas, zoo
+from support.transforms import Units
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 TESTS = Path(__file__).parents[1]
@@ -43,28 +44,6 @@ class Case(NamedTuple):
     settings: dict[str, Any]
     frames: int = 40
     measures: tuple[str, ...] = ()
-
-
-def everything(count: int = 500) -> mpsim.Scene:
-    """All that ranks can do together: own radii, masses, accelerations, losses, obstacles, a piston."""
-    start, rng = gas(count, 0.3, seed=4), np.random.default_rng(4)
-    middle = np.array([start.width, start.height]) / 2
-    clear = (np.hypot(*(start.position - middle).T) > 2.6) & (start.position[:, 1] > 2.1)
-    position, velocity = start.position[clear], start.velocity[clear]
-    return mpsim.Scene(
-        width=start.width,
-        height=start.height,
-        position=position,
-        velocity=velocity,
-        radius=rng.choice([0.25, 0.5], len(position)),
-        mass=rng.choice([0.5, 1.0, 3.0], len(position)),
-        gravity=(0.1, -0.5),
-        acceleration=np.stack([(np.arange(len(position)) % 5 - 2) / 4, np.zeros(len(position))], axis=1),
-        restitution=0.9,
-        wall_restitution=0.8,
-        obstacles=[mpsim.FixedDisc(tuple(middle), 2.0), mpsim.Polyline([(1.0, 1.0), (start.width - 1.0, 1.5)])],
-        piston=mpsim.Piston("right", speed=-0.5, stop=0.9 * start.width),
-    )
 
 
 def corner(count: int = 300) -> mpsim.Scene:
@@ -95,54 +74,6 @@ def fast() -> mpsim.Scene:
     return mpsim.Scene(width=start.width, height=start.height, position=start.position, velocity=velocity, radius=0.5)
 
 
-def two_sizes(count: int, packing: float, seed: int) -> tuple[dict[str, Any], np.random.Generator]:
-    """Arguments of a scene of discs of two radii and two masses, and the random numbers that follow."""
-    start, rng = gas(count, packing, seed=seed), np.random.default_rng(seed)
-    arguments = {name: getattr(start, name) for name in ("width", "height", "position", "velocity")}
-    arguments |= {"radius": rng.choice([0.25, 0.5], count), "mass": rng.choice([0.5, 1.0], count)}
-    return arguments, rng
-
-
-def rough_torus() -> mpsim.Scene:
-    """Rough discs of two sizes between periodic borders."""
-    start, rng = two_sizes(500, 0.4, seed=7)
-    return mpsim.Scene(
-        **start,
-        spin=rng.normal(size=500),
-        friction=0.5,
-        tangential_restitution=0.3,
-        boundary="periodic",
-    )
-
-
-def doors() -> mpsim.Scene:
-    """Discs of two sizes that come in by two emitters and leave through two edges, and spin."""
-    start, _ = two_sizes(300, 0.3, seed=8)
-    width, height = start["width"], start["height"]
-    return mpsim.Scene(
-        **start,
-        gravity=(0.2, -0.3),
-        friction=0.3,
-        absorbing=("left", "bottom"),
-        emitters=[
-            mpsim.Emitter((width - 1.0, height - 1.0), (-2.0, 0.0), every=7, radius=0.4, mass=1.0),
-            mpsim.Emitter((1.0, height - 1.0), (2.0, 0.5), interval=0.33, radius=0.25, mass=2.0, limit=8),
-        ],
-        boundary="walls",
-    )
-
-
-def scaled(scene: mpsim.Scene, factor: float) -> mpsim.Scene:
-    """The same scene in another unit of length."""
-    return mpsim.Scene(
-        width=scene.width * factor,
-        height=scene.height * factor,
-        position=scene.position * factor,
-        velocity=scene.velocity * factor,
-        radius=scene.radius * factor,
-    )
-
-
 ALL_MEASURES = tuple(name for name in NAMES if name != "pressure_xy")
 """Those of a gas between walls."""
 
@@ -150,9 +81,14 @@ CASES = {
     "bare": lambda: Case(gas(700, 0.4, seed=3), {"dt": 0.05}, 60, ALL_MEASURES),
     "bare, in float32": lambda: Case(gas(700, 0.4, seed=3), {"dt": 0.05, "precision": "float32"}, 60, ALL_MEASURES),
     "everything": lambda: Case(
-        everything(), {"dt": 0.02, "passes": 2, "substeps": 2}, 40, ("contact_rate", "largest_overlap")
+        zoo(
+            "gravity acceleration radii masses lossy obstacles", 500, side=35.0, piston=mpsim.Piston("right", -0.5, 30)
+        ),
+        {"dt": 0.02, "passes": 2, "substeps": 2},
+        40,
+        ("contact_rate", "largest_overlap"),
     ),
-    "rough torus": lambda: Case(rough_torus(), {"dt": 0.05}, 60),
+    "rough torus": lambda: Case(zoo("periodic rough radii masses", 500, side=28.0), {"dt": 0.05}, 60),
     "heated": lambda: Case(
         gas(700, 0.4, seed=3, boundary="periodic", mass=(0.5, 2.0) * 350, thermostat=mpsim.Thermostat(1.5, 2.0)),
         {"dt": 0.05, "substeps": 2},
@@ -164,22 +100,11 @@ CASES = {
     "push": lambda: Case(gas(700, 0.6, seed=3), {"dt": 0.05, "contact": "push"}, 60),
     "corner": lambda: Case(corner(), {"dt": 0.05}, 400, ("pressure", "contact_rate")),
     "wandering": lambda: Case(wandering(), {"dt": 0.05}, 600),
-    "doors": lambda: Case(doors(), {"dt": 0.02}, 120),
-    "in a small unit": lambda: Case(scaled(gas(700, 0.4, seed=3), 2.0**-9), {"dt": 0.05}, 60),
+    "doors": lambda: Case(zoo("rough gravity radii masses absorbing emitters", 300, side=24.0), {"dt": 0.02}, 120),
+    "in a small unit": lambda: Case(Units(length=2.0**-9).scene(gas(700, 0.4, seed=3)), {"dt": 0.05}, 60),
     "fast": lambda: Case(fast(), {"dt": 0.05}, 60),
 }
 """By name; made when they are asked for."""
-
-ZOO = ("gravity", "acceleration", "radii", "masses", "lossy", "rough", "obstacles", "absorbing", "piston", "emitters")
-ZOO += ("periodic", "periodic-x rough", "periodic-y masses", "reflect")
-CASES |= {
-    f"zoo {words}": lambda words=words: Case(
-        zoo(words.replace("reflect", ""), count=60, side=12.0),
-        {"dt": 0.02, "law": "reflect" if words == "reflect" else "elastic"},
-        40,
-    )
-    for words in ZOO
-}
 
 
 def found(name: str, **settings: Any) -> dict[str, Any]:

@@ -51,24 +51,6 @@ def exact_zoo() -> mpsim.Scene:
                        wall_restitution=0.95)  # fmt: skip
 
 
-FEATURED = [("float64", "gravity and acceleration"), ("float64", "gravity"), ("float32", "acceleration")]
-"""Precision and features of the scenes that have any: each combination is a compilation of its own, some seconds. The
-default suite has the first one."""
-
-
-def features_of(words: str, count: int) -> dict[str, Any]:
-    """Arguments of a scene of so many discs for features named in words; "" for none.
-
-    Accelerations are of both signs, different from disc to disc, and exact binary values.
-    """
-    index = np.arange(count)
-    values = {
-        "gravity": (0.375, -2.0),
-        "acceleration": np.stack([(index % 7 - 3) / 2, (index % 5 - 2) / 4], axis=1),
-    }
-    return {name: value for name, value in values.items() if name in words}
-
-
 def zoo(words: str, count: int = 40, seed: int = 0, side: float = 8.0, **more: Any) -> mpsim.Scene:
     """Discs dropped anywhere in a square box with the features named in words, so that every frame is full of contacts.
 
@@ -82,7 +64,10 @@ def zoo(words: str, count: int = 40, seed: int = 0, side: float = 8.0, **more: A
         radius[: 2 if "giants" in chosen else 0] = 1.5
     periodic = ["periodic" if chosen & {"periodic", f"periodic-{axis}"} else "walls" for axis in "xy"]
     margin = np.multiply.outer(np.broadcast_to(radius, count), [word == "walls" for word in periodic])
-    features: dict[str, Any] = features_of(words, count)
+    features: dict[str, Any] = {"gravity": (0.375, -2.0)} if "gravity" in chosen else {}
+    if "acceleration" in chosen:
+        index = np.arange(count)
+        features["acceleration"] = np.stack([(index % 7 - 3) / 2, (index % 5 - 2) / 4], axis=1)
     if "masses" in chosen:
         features["mass"] = rng.choice([0.5, 1.0, 3.0], count)
     if "lossy" in chosen:
@@ -143,30 +128,6 @@ ZOO = {
     "everything rough": "rough gravity acceleration giants masses lossy obstacles absorbing piston emitters periodic-x",
 }
 """Features alone and together, by name: words for `zoo`."""
-
-SIZES = tuple([0.5] * 20 + [0.3] * 40)
-MASSES = tuple([2.0] * 30 + [0.5] * 30)
-EXACT: dict[str, dict[str, Any]] = {
-    "nothing": {},
-    "gravity": {"gravity": (0.25, -1.0)},
-    "losses": {"restitution": 0.9, "wall_restitution": 0.8},
-    "sizes and masses": {"radius": SIZES, "mass": MASSES},
-    "periodic": {"boundary": "periodic"},
-    "periodic x, sizes, masses, losses": {
-        "boundary": ("periodic", "walls"), "radius": SIZES, "mass": MASSES, "restitution": 0.9,
-    },
-    "obstacles, gravity": {
-        "obstacles": [mpsim.FixedDisc((5.0, 5.0), 0.4), mpsim.Polyline([(1.0, 2.0), (3.0, 2.5)], 0.1)],
-        "gravity": (0.25, -1.0),
-    },
-    "piston": {"piston": mpsim.Piston("right", -0.2, 8.9)},
-}  # fmt: skip
-"""Features of the exact solver alone and together, by name: arguments of a scene of 60 discs."""
-
-
-def exact_scene(name: str) -> mpsim.Scene:
-    """Discs at a packing of 0.5 without overlap, with the features that EXACT has under this name."""
-    return mpsim.Scene.random(count=60, packing=0.5, seed=3, **{"radius": 0.5, **EXACT[name]})
 
 
 def struck(**features: Any) -> mpsim.Scene:

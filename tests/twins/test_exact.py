@@ -214,7 +214,10 @@ def placed(rng, radius, size, periodic, rows):
     return np.array(found)
 
 
-def check(seeds, falls):
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("seeds", [range(10), pytest.param(range(60, 560), marks=pytest.mark.long)])
+@pytest.mark.parametrize("falls", [False, True])
+def test_random_scenes_follow_the_slow_twin(falls, seeds):
     played, kinds = 0, []
     for seed in seeds:
         scene = anywhere(seed, falls)
@@ -223,18 +226,6 @@ def check(seeds, falls):
             played, kinds = played + (found is not None), kinds + (found or [])
     assert played > 0.5 * len(seeds)
     assert min(kinds.count(kind) for kind in (0, 1, 2)) > 0.2 * len(seeds), kinds
-
-
-@pytest.mark.parametrize("falls", [False, True])
-def test_random_scenes_follow_the_slow_twin(falls):
-    check(range(10), falls)
-
-
-@pytest.mark.long
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize("falls", [False, True])
-def test_hundreds_of_random_scenes_follow_the_slow_twin(falls):
-    check(range(60, 560), falls)
 
 
 # --- what is logged, and what is measured

@@ -8,7 +8,6 @@ pytestmark = pytest.mark.long
 CHECKS = {
     "bits": "sum(map(check_stepped, range(1000, 4000))), sum(map(check_exact, range(1000, 1600)))",
     "scaling": "[check_stepped(seed) for seed in range(1000, 5000)], [check_exact(seed) for seed in range(1000, 2600)]",
-    "symmetry": "check_averages(range(1000, 1300), 0.012), [check_exact(seed) for seed in range(1000, 4000)]",
     "stepped": "check_anything(30, 8000), [check_feature(name, method=method, **kind(turn + 2))"
     " for turn, name in enumerate(ZOO) for method in METHODS]",
 }
