@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from support.refusals import assert_says
-from support.scenes import digest_after, gas, lattice, simulate
+from support.scenes import At, digest_after, gas, lattice, simulate
 
 import mpsim
 from mpsim import InputError, ThermalWalls, Thermostat
@@ -212,19 +212,6 @@ def test_a_removed_disc_takes_no_part_in_measures_and_files(tmp_path):
                 sim.run(frames=1, measures=[name])
     frames = list(mpsim.Trajectory(tmp_path / "t.xyz"))
     assert [sorted(frame.ids.tolist()) for frame in frames] == [[*range(10), *range(20, 30)]] * 2
-
-
-class At:
-    """An observer that acts in one frame of a run."""
-
-    every = 10
-
-    def __init__(self, frame, act):
-        self.frame, self.act = frame, act
-
-    def observe(self, sim, collisions):
-        if sim.frame == self.frame:
-            self.act(sim)
 
 
 def test_energy_that_was_put_in_is_no_drift():

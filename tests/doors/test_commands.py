@@ -35,10 +35,7 @@ REFUSED = [
     ("animate gas a.gif --until inf", "'--until': 'inf' must be a finite number."),
     ("run gas --frames 5.5", "'--frames': '5.5' must be a whole number >= 1."),
     ("run gas --workers 1025", "'1025' must be a whole number from 1 to 1024."),
-    (
-        "run gas --method mpi",
-        "method 'mpi' is for programs on the ranks of MPI. Give --method grid",
-    ),
+    ("run gas --method mpi", "method 'mpi' is for programs on the ranks of MPI. Give --method grid"),
     ("run gas --frames 30 --start 0.3", "--start must lie before the end of the run, at time 0.3; got 0.3"),
     ("run gsa", "got 'gsa'. Did you mean 'gas'?"),
     ("run none.toml", "scene must be a file that can be read; got 'none.toml' (No such file or directory)."),

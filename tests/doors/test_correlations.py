@@ -5,7 +5,7 @@ Most of them look at motions that are made up: an observer reads nothing of a si
 
 import numpy as np
 import pytest
-from support.scenes import gas, simulate
+from support.scenes import At, gas, simulate
 
 import mpsim
 from mpsim import Correlations
@@ -163,14 +163,8 @@ def whole():
         return gathered(found), sim.digest()
 
 
-class Ending:
-    """Ends a run in the middle."""
-
-    every = 57
-
-    def observe(self, sim, collisions):
-        if sim.frame == 57:
-            raise ZeroDivisionError
+def end(sim):
+    raise ZeroDivisionError
 
 
 def test_a_run_in_parts_gives_the_bits_of_one_and_looking_changes_none(whole):
@@ -186,7 +180,7 @@ def test_a_run_in_parts_gives_the_bits_of_one_and_looking_changes_none(whole):
 def test_averages_survive_a_run_that_ends_between_two_checkpoints(tmp_path, whole):
     first, files = correlations(path=tmp_path / "c.npz"), {"checkpoint": tmp_path / "run", "checkpoint_every": 25}
     with simulate(TORUS, **SETTINGS) as sim, pytest.raises(ZeroDivisionError):
-        sim.run(frames=80, observe=[first, Ending()], **files)
+        sim.run(frames=80, observe=[first, At(57, end)], **files)
     again = Correlations.load(tmp_path / "c.npz")
     with mpsim.Simulation.resume(tmp_path / "run") as sim:
         assert sim.frame == 50

@@ -129,13 +129,6 @@ def test_a_fast_surface_is_named_as_fast_discs_are():
         sim.run(frames=5)
 
 
-def test_measures_that_mean_nothing_where_surfaces_work_are_refused():
-    with simulate(scene_of(MOTIONS[1]), method="grid") as sim:
-        with pytest.raises(mpsim.InputError, match=r"energy_drift.*surfaces that move, which do work"):
-            sim.run(frames=2, measures="energy_drift")
-        sim.run(frames=2, measures="pressure")
-
-
 def test_added_discs_need_room_where_obstacles_are_now():
     scene = scene_of(Translation((0, 1), stop=4))
     with simulate(scene, method="grid", dt=1 / 64) as sim:

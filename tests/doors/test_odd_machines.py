@@ -33,8 +33,7 @@ def frames(path):
 
 
 @pytest.mark.parametrize(
-    ("call", "number"),
-    [("open", errno.EROFS), *((call, errno.EIO) for call in ("link", "replace", "fsync"))],
+    ("call", "number"), [("open", errno.EROFS), *((call, errno.EIO) for call in ("link", "replace", "fsync"))]
 )
 def test_whatever_a_disk_answers_while_a_checkpoint_is_saved_the_words_are_true(call, number, saved, monkeypatch):
     sim, path = saved

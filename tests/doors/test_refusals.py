@@ -27,10 +27,7 @@ def sim(**more):
 
 
 WHOLE = [
-    (
-        lambda: mpsim.Settings(dt=-1),
-        "dt must be a finite number > 0 [time]; got -1.",
-    ),
+    (lambda: mpsim.Settings(dt=-1), "dt must be a finite number > 0 [time]; got -1."),
     (
         lambda: mpsim.Settings(method="gird"),
         "method must be one of 'naive', 'grid', 'parallel', 'event', 'mpi', 'auto'; got 'gird'. Did you mean 'grid'?",
@@ -61,10 +58,7 @@ WHOLE = [
         "gravity of a Scene cannot be assigned; got (0, -9). Make another Scene; sim.change(...) changes a "
         "simulation that runs.",
     ),
-    (
-        lambda: sim().run(frames=3, until=2.0),
-        "run needs either frames or until; got frames=3, until=2.0.",
-    ),
+    (lambda: sim().run(frames=3, until=2.0), "run needs either frames or until; got frames=3, until=2.0."),
     (
         lambda: sim().run(frames=0, measures=["presure"]),
         "measures must be one of 'pressure', 'pressure_virial', 'pressure_xx', 'pressure_yy', "
@@ -78,10 +72,7 @@ WHOLE = [
         "'pressure_xy', 'collision_rate', 'contact_rate', 'overlap', 'largest_overlap', 'kinetic_energy', "
         "'temperature', 'speed_kurtosis', 'energy_drift', 'momentum_drift'; got 5.",
     ),
-    (
-        lambda: sim().kick(7, (1, 0)),
-        "ids must be numbers of discs, from 0 to 1; got 7. There are 2 discs.",
-    ),
+    (lambda: sim().kick(7, (1, 0)), "ids must be numbers of discs, from 0 to 1; got 7. There are 2 discs."),
     (
         lambda: sim().change(),
         "change needs something to change, one of gravity, restitution, wall_restitution, friction, "
@@ -117,10 +108,7 @@ WHOLE = [
         lambda: mpsim.tradeoff(scene(), [], until=1.0),
         "candidates must hold at least one Settings; got none. Leave it out for the default ones.",
     ),
-    (
-        lambda: mpsim.Simulation(None),
-        "scene must be an mpsim.Scene; got NoneType. Make one with Scene(...).",
-    ),
+    (lambda: mpsim.Simulation(None), "scene must be an mpsim.Scene; got NoneType. Make one with Scene(...)."),
 ]
 
 

@@ -214,10 +214,7 @@ def test_a_run_that_has_ended_goes_on_where_it_is_told_to_and_by_another_method_
     for words, rule in (
         ((), "is at frame 30, time 0.3; it was to go to frame 30. Say how far it is to continue: --frames or"),
         (("--until", 0.1), "is at frame 30, time 0.3; --until 0.1 is frame 10. Say how far it is to continue"),
-        (
-            ("--frames", 5, "--method", "naive"),
-            "'naive' is not one of 'grid', 'parallel'",
-        ),
+        (("--frames", 5, "--method", "naive"), "'naive' is not one of 'grid', 'parallel'"),
     ):
         refused = mpsim_command("resume", out, *words)
         assert (refused.exit_code, rule in refused.stderr) == (2, True), refused.stderr

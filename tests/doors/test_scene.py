@@ -79,6 +79,26 @@ PARTS = {
 }
 
 
+def few(**others):
+    return Scene.random(**{"count": 9, "packing": 0.5, "radius": 0.5, "seed": 1} | others)
+
+
+COMPRESSED = {
+    "packing in per cent": (lambda: few().compressed(82), ["packing must be a fraction of", "82 % is 0.82."]),
+    "packing below": (lambda: few().compressed(0.4), ["above that of the scene, 0.5", "got 0.4"]),
+    "above, of mixtures": (lambda: few(radius=[0.5, 0.4, 0.3] * 3).compressed(0.95), ["below 0.9", "got 0.95"]),
+    "no disc": (lambda: Scene(width=1, height=1, position=(), velocity=(), radius=0.1).compressed(0.5), ["discs"]),
+    "at rest": (lambda: few(temperature=0).compressed(0.7), ["velocity must not be 0", "temperature"]),
+    "too fast": (lambda: Scene(**GOOD | {"velocity": [[1e200, 0]] * 2}).compressed(0.7), ["below 1e+140", "1e+200"]),
+    "overlap": (lambda: Scene(**GOOD | {"position": [[1, 1], [1.5, 1]]}).compressed(0.6),
+                ["do not overlap", "discs 0 and 1, by 0.5", "Move them apart"]),
+    "obstacles": (lambda: few(packing=0.2, obstacles=FixedDisc((2, 2), 0.1)).compressed(0.7), ["with obstacles"]),
+    "emitters": (lambda: few(packing=0.2, emitters=Emitter((1, 1), (1, 0), interval=1)).compressed(0.7), ["emitters"]),
+    "a periodic box too small": (lambda: few(count=4, packing=0.4, boundary="periodic").compressed(0.85),
+                                 ["packing must leave a box with room for its largest disc, 2 of them", "more discs"]),
+}  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("make", "parts"),
     [
@@ -88,8 +108,12 @@ PARTS = {
         *[(lambda change=change: Scene.lattice(**{"count": 10, "radius": 0.5, "packing": 0.3} | change), parts)
           for change, parts in LATTICE.values()],
         *PARTS.values(),
+        *COMPRESSED.values(),
     ],
-    ids=[*SCENES, *(f"random: {each}" for each in RANDOM), *(f"lattice: {each}" for each in LATTICE), *PARTS],
+    ids=[
+        *SCENES, *(f"random: {each}" for each in RANDOM), *(f"lattice: {each}" for each in LATTICE), *PARTS,
+        *(f"compressed: {each}" for each in COMPRESSED),
+    ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_with_name_rule_value_and_remedy(make, parts):
     with pytest.raises(InputError) as caught:
@@ -462,10 +486,6 @@ def test_recommendations_stay_with_a_scene_are_in_no_digest_and_used_by_whoever_
 # --- compressed
 
 
-def few(**others):
-    return Scene.random(**{"count": 9, "packing": 0.5, "radius": 0.5, "seed": 1} | others)
-
-
 @pytest.mark.parametrize("boundary", ["walls", "periodic"])
 def test_compressed_discs_are_the_same_denser_and_do_not_overlap(boundary):
     sizes = np.resize([0.5, 0.4], 8)
@@ -498,27 +518,3 @@ def test_compression_has_pinned_bits_in_any_unit_and_says_where_discs_jam():
     assert_says(caught, ["packing 0.9 was not reached", "at rate=10 the discs jammed at a packing of 0.", "rate=1"])
     with pytest.raises(InputError, match="another start needs a scene that was drawn at random"):
         dense.redrawn(3)
-
-
-COMPRESSED = {
-    "packing in per cent": (lambda: few().compressed(82), ["packing must be a fraction of", "82 % is 0.82."]),
-    "packing below": (lambda: few().compressed(0.4), ["above that of the scene, 0.5", "got 0.4"]),
-    "above, of mixtures": (lambda: few(radius=[0.5, 0.4, 0.3] * 3).compressed(0.95), ["below 0.9", "got 0.95"]),
-    "no disc": (lambda: Scene(width=1, height=1, position=(), velocity=(), radius=0.1).compressed(0.5), ["discs"]),
-    "at rest": (lambda: few(temperature=0).compressed(0.7), ["velocity must not be 0", "temperature"]),
-    "too fast": (lambda: Scene(**GOOD | {"velocity": [[1e200, 0]] * 2}).compressed(0.7), ["below 1e+140", "1e+200"]),
-    "overlap": (lambda: Scene(**GOOD | {"position": [[1, 1], [1.5, 1]]}).compressed(0.6),
-                ["do not overlap", "discs 0 and 1, by 0.5", "Move them apart"]),
-    "obstacles": (lambda: few(packing=0.2, obstacles=FixedDisc((2, 2), 0.1)).compressed(0.7), ["with obstacles"]),
-    "emitters": (lambda: few(packing=0.2, emitters=Emitter((1, 1), (1, 0), interval=1)).compressed(0.7), ["emitters"]),
-    "a periodic box too small": (lambda: few(count=4, packing=0.4, boundary="periodic").compressed(0.85),
-                                 ["packing must leave a box with room for its largest disc, 2 of them", "more discs"]),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", COMPRESSED)
-def test_what_cannot_be_compressed_is_refused(case):
-    act, parts = COMPRESSED[case]
-    with pytest.raises(InputError) as caught:
-        act()
-    assert_says(caught, parts)

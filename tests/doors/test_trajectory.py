@@ -16,17 +16,7 @@ import gsd.hoomd
 import numpy as np
 import pytest
 from support.scenes import gas, simulate
-from support.trajectories import (
-    DT,
-    ENDINGS,
-    PLACES,
-    SCENES,
-    SPEEDS,
-    content,
-    killed_and_resumed,
-    pair,
-    written,
-)
+from support.trajectories import DT, ENDINGS, PLACES, SCENES, SPEEDS, content, killed_and_resumed, pair, written
 
 import mpsim
 

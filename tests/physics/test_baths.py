@@ -8,11 +8,7 @@ from support.scenes import simulate
 
 from mpsim import Scene, ThermalWalls, Thermostat, measure
 
-pytestmark = [
-    pytest.mark.plain,
-    pytest.mark.timeout(400),
-    pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),
-]
+pytestmark = [pytest.mark.plain, pytest.mark.timeout(400), pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
 
 UNLIKELY = 1.95
 """Of Kolmogorov's statistic: exceeded once in a thousand times."""
@@ -36,10 +32,7 @@ def bath_of(count, seed=1, radius=1e-4, **features):
 
 @pytest.mark.parametrize(
     ("method", "settings", "temperature"),
-    [
-        ("naive", {"dt": 1.0, "substeps": 2}, 0.25),
-        pytest.param("event", {"dt": 0.5}, 3.0, marks=pytest.mark.long),
-    ],
+    [("naive", {"dt": 1.0, "substeps": 2}, 0.25), pytest.param("event", {"dt": 0.5}, 3.0, marks=pytest.mark.long)],
 )
 def test_a_gas_relaxes_exponentially_to_the_temperature_of_the_bath(method, settings, temperature):
     """T(t) = T + (T0 - T) exp(-rate t), t without the first frame, as it acts between two frames.

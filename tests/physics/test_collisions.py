@@ -140,10 +140,7 @@ def test_a_pair_is_visited_once_so_no_contact_undoes_itself(method, precision):
 
 @pytest.mark.parametrize(
     ("boundary", "law", "method", "contact", "precision"),
-    [
-        ("walls", "elastic", "naive", "push", "float32"),
-        ("periodic", "reflect", "grid", "impact", "float64"),
-    ],
+    [("walls", "elastic", "naive", "push", "float32"), ("periodic", "reflect", "grid", "impact", "float64")],
 )
 def test_discs_at_one_point_part_in_all_directions(boundary, law, method, contact, precision):
     """More than a box 4 wide has room for in a line, at rest or with the same velocity."""

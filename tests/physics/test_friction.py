@@ -178,8 +178,7 @@ def test_the_rates_of_exchange_are_those_known():
 
 
 @pytest.mark.parametrize(
-    ("how", "beta", "restitution"),
-    [("naive", 1.0, 1.0), ("event", 0.0, 0.9), ("event", -1.0, 1.0)],
+    ("how", "beta", "restitution"), [("naive", 1.0, 1.0), ("event", 0.0, 0.9), ("event", -1.0, 1.0)]
 )
 def test_rotation_takes_energy_from_translation_at_the_known_rate(how, beta, restitution):
     ratios = []

@@ -253,8 +253,7 @@ def relaxation(method, seed, count, **settings):
 
 
 @pytest.mark.parametrize(
-    ("method", "starts", "count"),
-    [("event", 8, 6000), pytest.param("grid", 8, 3000, marks=pytest.mark.long)],
+    ("method", "starts", "count"), [("event", 8, 6000), pytest.param("grid", 8, 3000, marks=pytest.mark.long)]
 )
 def test_speeds_relax_from_equal_ones_as_boltzmann_says(method, starts, count, figures):
     """a_2 = <v^4>/(2 <v^2>^2) - 1 grows by 32/225 per collision of each disc at first: one collision at an angle t of

@@ -108,10 +108,7 @@ def test_the_mean_free_path_of_a_lorentz_gas_is_that_of_chernov(figures):
     figures.note("Lorentz", "event", "mean free path", f"{expected:.3f}", f"{mean:.3f}({error:.3f})", "no bar: fails")
 
 
-BOUNCED_ON = {
-    "slope": Polyline([(0, 0.8), (8, 1.2)], 0.2),
-    "pegs": [FixedDisc((k + 0.5, 1), 0.5) for k in range(8)],
-}
+BOUNCED_ON = {"slope": Polyline([(0, 0.8), (8, 1.2)], 0.2), "pegs": [FixedDisc((k + 0.5, 1), 0.5) for k in range(8)]}
 
 
 @pytest.mark.parametrize("name", BOUNCED_ON)

@@ -1,12 +1,10 @@
 """Comparisons whose failure names the first thing that differs."""
 
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 
 import mpsim
-from support.scenes import simulate, state_after
 
 
 def assert_same_bits(got: mpsim.State, expected: mpsim.State, note: str) -> None:
@@ -27,17 +25,6 @@ def assert_same_bits(got: mpsim.State, expected: mpsim.State, note: str) -> None
     for field in sorted(others):
         left, right = getattr(got, field), getattr(expected, field)
         assert np.array_equal(left, right), f"{note}: {field} is {left}, expected {right}"
-
-
-def assert_parallel_is_grid(scene: mpsim.Scene, frames: int = 40, workers: Any = (1, 2, 3), **settings: Any) -> None:
-    """Fail unless `parallel` has the bits of `grid` with each number of workers, or if there was no contact."""
-    settings = {"dt": 0.03, **settings}
-    expected = state_after(scene, frames, method="grid", **settings)
-    for number in workers:
-        with simulate(scene, method="parallel", workers=number, **settings) as sim:
-            contacts = sim.run(frames=frames).collisions
-            assert_same_bits(sim.state, expected, f"{scene!r}, {number} workers, {settings}")
-        assert contacts > 0, f"{scene!r}: no contacts, which tests nothing"
 
 
 def assert_inside_and_finite(state: mpsim.State, scene: mpsim.Scene, note: str) -> None:

@@ -166,6 +166,19 @@ def simulate(scene: mpsim.Scene, **settings: Any) -> mpsim.Simulation:
         return mpsim.Simulation(scene, **split({"contact": "push", **settings}))
 
 
+class At:
+    """An observer that acts in one frame of a run."""
+
+    every = 1
+
+    def __init__(self, frame, act):
+        self.frame, self.act = frame, act
+
+    def observe(self, sim, collisions):
+        if sim.frame == self.frame:
+            self.act(sim)
+
+
 def digest_after(scene: mpsim.Scene, frames: int, **settings: Any) -> str:
     """Digest of the state after so many frames."""
     with simulate(scene, **settings) as sim:

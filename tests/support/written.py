@@ -103,10 +103,7 @@ def write_checkpoints(folder: Path) -> None:
 def write_trajectories(folder: Path, *names: str) -> None:
     """The first half of a run in each format; the checkpoints of `parallel` continue them."""
     for name in names or TRAJECTORIES:
-        with (
-            SCENES[Path(name).stem].start(method="grid") as sim,
-            mpsim.Trajectory.write(folder / name, EVERY) as out,
-        ):
+        with SCENES[Path(name).stem].start(method="grid") as sim, mpsim.Trajectory.write(folder / name, EVERY) as out:
             sim.run(frames=FRAMES // 2, observe=out)
 
 

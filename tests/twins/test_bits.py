@@ -19,10 +19,7 @@ from mpsim.measure import registry
 
 FRAMES = 12
 
-pytestmark = [
-    pytest.mark.plain,
-    pytest.mark.filterwarnings("ignore::UserWarning"),
-]
+pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::UserWarning")]
 
 
 class Looker:

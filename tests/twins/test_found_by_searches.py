@@ -85,12 +85,3 @@ def test_a_virial_where_the_disc_fills_the_box_is_refused(name, height):
     scene = mpsim.Scene(width=1, height=height, position=[[0.5, 0.5]], velocity=[[0, 0]], radius=0.5)
     with simulate(scene, method="naive", dt=0.01) as sim, pytest.raises(mpsim.InputError, match="no room to move"):
         sim.run(frames=1, measures=[name])
-
-
-def test_an_exact_run_may_begin_without_discs():
-    """In plain Python it divided by their number."""
-    scene = mpsim.Scene(width=20, height=20, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), radius=0.01,
-                        emitters=mpsim.Emitter((10, 10), (20, 3), interval=0.1, limit=3))  # fmt: skip
-    with simulate(scene, method="event", dt=0.1) as sim:
-        assert sim.run(frames=8).collisions == 0
-        assert sim.count == 3

@@ -19,10 +19,7 @@ from mpsim.measure import registry
 
 FRAMES = 10
 
-pytestmark = [
-    pytest.mark.plain,
-    pytest.mark.filterwarnings("ignore::UserWarning"),
-]
+pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::UserWarning")]
 
 
 MOST_POWER = {"float32": 6, "float64": 60}

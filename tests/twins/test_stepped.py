@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.anything import anything
-from support.compare import assert_parallel_is_grid, assert_same_bits
+from support.compare import assert_same_bits
 from support.internals import scramble
 from support.scenes import ZOO, crowd, gas, simulate, zoo
 from support.twins import Twin, assert_is_its_twin
@@ -190,8 +190,7 @@ def test_no_disc_one_and_two_run_with_all_features(count, method):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ZOO)
-def test_each_feature_is_what_the_slow_twin_says_compiled_and_on_workers(name):
+def test_each_feature_is_what_the_slow_twin_says_compiled(name):
     for method in METHODS:
         for contact, precision in KINDS:
             check_feature(name, method=method, contact=contact, precision=precision)
-    assert_parallel_is_grid(zoo(ZOO[name], 400, seed=7, side=22.0), contact="impact")
