@@ -54,9 +54,10 @@ def test_workers_have_the_pinned_digests(name, pinned):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2, 3])
-def test_any_number_of_workers_has_the_pinned_digests_with_everything(workers, pinned):
+@pytest.mark.parametrize("name", ["everything", "moving, everything"])
+def test_any_number_of_workers_has_the_pinned_digests_with_everything(name, workers, pinned):
     for contact in ("push", "impact"):
-        check_parallel("everything", contact, "float64", workers, pinned)
+        check_parallel(name, contact, "float64", workers, pinned)
 
 
 def check_parallel(name, contact, precision, workers, pinned):

@@ -7,15 +7,12 @@ import ast
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support.refusals import GOOD, assert_says
 
 import mpsim
 
 pytestmark = pytest.mark.plain
-
-REST = np.zeros((2, 2))
 
 
 def scene(**more):

@@ -20,7 +20,7 @@ from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, Setti
 
 pytestmark = pytest.mark.plain
 
-NAN, INF = math.nan, math.inf
+NAN = math.nan
 
 
 # --- what is refused

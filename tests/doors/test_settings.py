@@ -24,7 +24,7 @@ from mpsim import InputError, Settings, Units
 
 pytestmark = pytest.mark.plain
 
-NAN, INF = math.nan, math.inf
+NAN = math.nan
 
 # --- settings
 

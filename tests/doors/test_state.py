@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from support.scenes import gas, simulate, zoo
+from support.scenes import ZOO, gas, simulate, zoo
 
 import mpsim
 from mpsim import InputError, Scene, Settings, State
@@ -134,13 +134,10 @@ def test_a_simulation_refuses_assignments(name):
                 copied(sim)
 
 
-EVERYTHING = "gravity acceleration giants masses lossy obstacles absorbing piston emitters periodic-x rough"
-
-
 @pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_a_checkpoint_has_every_column_and_every_argument_of_the_scene(tmp_path):
-    plain, rough = zoo("", count=12), zoo(EVERYTHING, count=12, thermostat=mpsim.Thermostat(1.0, 5.0))
+    plain, rough = zoo("", count=12), zoo(ZOO["everything rough"], count=12, thermostat=mpsim.Thermostat(1.0, 5.0))
     values = {name: getattr(rough, name) for name in inspect.signature(Scene).parameters}
     own = {"settings": Settings(passes=2), "picture_interval": 0.5, "measures": "temperature", "duration": 3.5}
     scene = Scene(**values | own)

@@ -1,12 +1,12 @@
 """The exact solver against a slow twin, collision by collision, and what is logged against what measures count."""
 
 import itertools
-import math
 
 import numpy as np
 import pytest
-from support.event_twin import Twin, gap
+from support.event_twin import Twin
 from support.scenes import simulate
+from support.transforms import features_of
 
 import mpsim
 
@@ -177,41 +177,19 @@ def anywhere(seed, falls):
         piston = mpsim.Piston(EDGES[edge], *((-speed, 4 * stop) if edge % 2 else (speed, stop)))
         walled.remove(edge)
     absorbing = [EDGES[int(rng.choice(walled))]] if walled and rng.random() < 0.3 else []
-    rows = [row for each in obstacles for row in rows_of(each)]
-    position = placed(rng, radius, size, np.array(periodic), rows)
-    if position is None:
-        return None
     count = len(radius)
     try:
-        return mpsim.Scene(
-            position=position, velocity=rng.normal(size=(count, 2)), width=size[0], height=size[1], radius=radius,
+        scene = mpsim.Scene.random(
+            count=count, seed=seed, width=size[0], height=size[1], radius=radius, obstacles=obstacles, piston=piston,
             boundary=["periodic" if each else "walls" for each in periodic], mass=rng.uniform(0.5, 3.0, count),
-            spin=rng.normal(size=count), gravity=tuple(rng.normal(size=2)) if falls else None, obstacles=obstacles,
-            piston=piston, absorbing=absorbing, restitution=float(rng.choice([1.0, 0.9])),
-            wall_restitution=float(rng.choice([1.0, 0.8])), friction=float(rng.choice([0.1, 0.3])),
-            wall_friction=float(rng.choice([0.1, 0.4])), tangential_restitution=float(rng.choice([0.0, 0.5])),
+            spin=rng.normal(size=count), gravity=tuple(rng.normal(size=2)) if falls else None, absorbing=absorbing,
+            restitution=float(rng.choice([1.0, 0.9])), wall_restitution=float(rng.choice([1.0, 0.8])),
+            friction=float(rng.choice([0.1, 0.3])), wall_friction=float(rng.choice([0.1, 0.4])),
+            tangential_restitution=float(rng.choice([0.0, 0.5])),
         )  # fmt: skip
-    except mpsim.InputError:  # too little room for the piston
+    except mpsim.InputError:
         return None
-
-
-def placed(rng, radius, size, periodic, rows):
-    """Places without overlap, or None where there is no room."""
-    found = []
-    for r in radius:
-        margin = np.where(periodic, 0.0, r)
-        for _ in range(200):
-            place = rng.uniform(margin, size - margin)
-            away = [place - other for other in found]
-            away = [each - size * np.round(each / size) * periodic for each in away]
-            clear = all(math.hypot(*each) > r + q for each, q in zip(away, radius, strict=False))
-            shifts = [np.array([a, b]) * size * periodic for a in (-1, 0, 1) for b in (-1, 0, 1)]
-            if clear and all(gap(place - shift, row, r) > 0.0 for shift in shifts for row in rows):
-                found.append(place)
-                break
-        else:
-            return None
-    return np.array(found)
+    return mpsim.Scene(**features_of(scene) | {"velocity": rng.normal(size=(count, 2))})
 
 
 @pytest.mark.timeout(1800)
