@@ -217,11 +217,6 @@ def test_what_is_refused_before_anything_runs(arguments, text):
         sweep(*arguments)
 
 
-def test_a_path_that_cannot_be_written_is_refused():
-    with pytest.raises(InputError, match=r"^path must be a file in a folder that can be written to; got '/no/such"):
-        sweep(double, {"x": [1]}, path="/no/such/folder")
-
-
 # --- sweeps that run scenes
 
 
@@ -305,6 +300,7 @@ def test_a_run_that_fails_is_a_row_and_measures_that_cannot_be_are_left_out_unle
         (SCENE, {"dt": [0.1]}, {"until": 1, "frames": 2}, "a sweep of runs must have.*got until and frames"),
         ("no.toml", {"dt": [0.1]}, {"until": 1}, "scene must be a file that can be read; got 'no.toml'"),
         (lambda count: 3, {"count": [1]}, {"until": 1}, "a function whose scenes are to be run must return"),
+        (double, {"x": [1]}, {"path": "/no/such/folder"}, "path must be a file in a folder that can be written to; "),
         (Scene.random, {"count": [1]}, {"until": 1}, "grid, .*, must give Scene.random its .*; got count .*'radius'"),
     ],
 )  # fmt: skip

@@ -4,11 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from support.compare import assert_same_bits
 from support.scenes import simulate
 
-import mpsim
-from mpsim import Emitter, FixedDisc, Polyline, Scene
+from mpsim import Scene
 
 pytestmark = pytest.mark.plain
 
@@ -87,36 +85,6 @@ def test_discs_that_meet_nobody_leave_after_the_time_to_the_nearest_edge(setting
         sim.run(until=until)
         assert not sim.absorbed.any()
     figures.note("P2", settings["method"], "of 40 discs, away at t = 20", int(gone.sum()), int(gone.sum()), "closed: 0")
-
-
-def through(**features):
-    """A stream of discs through pegs, from emitters above to an absorbing floor."""
-    pegs = [FixedDisc((x + (y % 2), y), 0.3) for x in (2, 4, 6, 8) for y in (3, 4)]
-    return Scene(width=12, height=10, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), radius=0.3,
-                 gravity=(0, -1.0), restitution=0.8, wall_restitution=0.7, absorbing="bottom",
-                 obstacles=[*pegs, Polyline([(0, 8), (3, 7)], 0.1)],
-                 emitters=[Emitter((5.1, 9.0), (0.1, 0.0), interval=1.3, limit=4),
-                           Emitter((1.5, 9.0), (0.4, 0.0), interval=1.45, limit=4)], **features)  # fmt: skip
-
-
-def test_all_that_enters_leaves_and_how_frames_are_cut_changes_no_bit(tmp_path):
-    scene = through(piston=mpsim.Piston("right", -0.05, 11.0))
-    with exactly(scene, dt=0.7) as whole:
-        whole.run(frames=40)
-        state = whole.state
-        assert whole.count == 8
-        assert whole.absorbed.all()
-        assert state.position[:, 1].tolist() == [0.3] * 8
-        assert scene._deepest(state.position, np.full(8, 0.3 - 1e-12)) is None
-    with exactly(scene, dt=0.7) as part:
-        for frames in (1, 6, 8):
-            part.run(frames=frames)
-        assert 0 < part.absorbed.sum() < part.count
-        part.save(tmp_path / "run")
-    with mpsim.Simulation.resume(tmp_path / "run") as rest:
-        assert 0 < rest.absorbed.sum() < rest.count
-        rest.run(frames=25)
-        assert_same_bits(rest.state, state, "resumed")
 
 
 def test_a_disc_added_later_finds_those_that_have_left_away():

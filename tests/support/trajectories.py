@@ -3,8 +3,6 @@
 import warnings
 from pathlib import Path
 
-import numpy as np
-
 import mpsim
 from support.scenes import ZOO, simulate, zoo
 
@@ -39,20 +37,11 @@ def killed_and_resumed(path: Path, scene: mpsim.Scene, every: int = 3, **setting
 
 
 def content(path: Path) -> list:
-    """All that a trajectory holds, to be compared."""
+    """All that a trajectory holds, to be compared; the number of each frame comes first."""
+    numbers, arrays = ("frame", "time", "box", "origin", "periodic"), ("ids", "radius", "mass")
     with mpsim.Trajectory(path) as trajectory:
         return [
-            (
-                f.frame,
-                f.time,
-                f.box,
-                f.origin,
-                f.periodic,
-                f.ids.tolist(),
-                f.radius.tolist(),
-                f.mass.tolist(),
-                f.state.digest(),
-            )
+            [*(getattr(f, name) for name in numbers), *(getattr(f, name).tolist() for name in arrays), f.state.digest()]
             for f in trajectory
         ]
 
@@ -69,19 +58,6 @@ def pair(width=10.0, position=PLACES, velocity=SPEEDS, radius=0.5, **features):
 DT = 0.02
 
 
-def several(count, seed=0):
-    """Radii and masses that are no default, and no power of two."""
-    rng = np.random.default_rng(seed)
-    return {"radius": rng.choice([0.2, 0.35, 0.5], count), "mass": rng.choice([0.3, 5.0, 7.7], count)}
-
-
-def gas_of_several(boundary="walls", piston=None, count=12):
-    rng = np.random.default_rng(3)
-    place = np.stack(np.meshgrid(np.arange(4) * 1.4 + 4.1, np.arange(3) * 1.3 + 3.3), axis=-1).reshape(-1, 2)[:count]
-    features = {"boundary": boundary, "piston": piston, **several(count)}
-    return mpsim.Scene(width=13.0, height=9.5, position=place, velocity=3 * rng.normal(size=(count, 2)), **features)
-
-
 def grown():
     """Discs of several sizes and masses enter, and leave: at first more, then fewer, at last none of the first ones."""
     emitter = mpsim.Emitter((1.0, 3.0), (9.0, 0.5), every=3, limit=25, radius=0.21, mass=0.7)
@@ -92,9 +68,9 @@ def grown():
 
 
 SCENES = {
-    "periodic": lambda: gas_of_several("periodic"),
-    "right piston": lambda: gas_of_several(piston=mpsim.Piston("right", -4.0, 11.0)),
-    "left piston": lambda: gas_of_several(piston=mpsim.Piston("left", 3.3, 2.2)),
+    "periodic": lambda: zoo("periodic radii masses", 12),
+    "right piston": lambda: zoo("radii masses", 12, piston=mpsim.Piston("right", -4.0, 6.0)),
+    "left piston": lambda: zoo("radii masses", 12, piston=mpsim.Piston("left", 3.3, 2.2)),
     "grown": grown,
     "everything": lambda: zoo(ZOO["everything"], count=10),
 }
