@@ -5,13 +5,12 @@ are taken inside the compiled loop, after compilation and a warm-up run.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.state import State
-from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import MpsimError
 from mpsim.measure.observables import kinetic_energy
@@ -43,18 +42,12 @@ class WrongAnswerError(MpsimError, AssertionError):
 
 @dataclass
 class Timing:
-    """Frame times of one method on one scene.
-
-    Attributes:
-        frame_seconds: of every measured frame [s].
-        phases: median per phase, of the coordinator [s].
-    """
+    """Frame times of one method on one scene; frame_seconds: of every measured frame [s]."""
 
     method: str
     workers: int
     discs: int
     frame_seconds: NDArray[np.float64]
-    phases: dict[str, float]
     digest: str
     bytes_per_disc: float = 0.0
 
@@ -81,7 +74,7 @@ class Fixed:
     scene: Scene
     timings: dict[str, Timing]
     states: dict[str, State]
-    distances: dict[str, float] = field(default_factory=dict)
+    distances: dict[str, float]
 
 
 @dataclass
@@ -112,17 +105,14 @@ def fixed(settings: Settings, frames: int, tick: Tick, count: int = 100) -> Fixe
             report = sim.run(frames=frames)
             states[method] = sim.state
             _check_state(sim, scene, settings)
-            timings[method] = _timing(report, scene.count, sim.digest())
+            timings[method] = Timing(method, report.workers, count, report.frame_seconds, sim.digest())
         tick(f"fixed, {method}")
     _demand_equal("grid and parallel", [timings["grid"].digest, timings["parallel"].digest])
+    late = {method: state.position for method, state in states.items()}
     apart = {
         "naive to grid after 50 frames, largest": _largest_distance(early["naive"], early["grid"]),
-        f"naive to grid after {frames} frames, largest": _largest_distance(
-            states["naive"].position, states["grid"].position
-        ),
-        f"grid to parallel after {frames} frames, largest": _largest_distance(
-            states["grid"].position, states["parallel"].position
-        ),
+        f"naive to grid after {frames} frames, largest": _largest_distance(late["naive"], late["grid"]),
+        f"grid to parallel after {frames} frames, largest": _largest_distance(late["grid"], late["parallel"]),
     }
     return Fixed(scene, timings, states, apart)
 
@@ -132,13 +122,8 @@ def growth(settings: Settings, frames: int, tick: Tick) -> dict[str, Timing]:
     full = gas(frames + 1)
     timings = {}
     for method in METHODS:
-        start = Scene(
-            width=full.width,
-            height=full.height,
-            position=full.position[:1],
-            velocity=full.velocity[:1],
-            radius=full.radius,
-        )
+        box = {"width": full.width, "height": full.height, "radius": full.radius}
+        start = Scene(position=full.position[:1], velocity=full.velocity[:1], **box)
         with Simulation(start, replace(settings, method=method)) as sim:
             reports = []
             for disc in range(1, frames + 1):
@@ -147,7 +132,7 @@ def growth(settings: Settings, frames: int, tick: Tick) -> dict[str, Timing]:
             if sim.count != frames + 1:
                 raise WrongAnswerError(f"growth by {method} ended with {sim.count} discs, not {frames + 1}.")
             seconds = np.concatenate([report.frame_seconds for report in reports])
-            timings[method] = Timing(method, reports[-1].workers, frames, seconds, {}, sim.digest())
+            timings[method] = Timing(method, reports[-1].workers, frames, seconds, sim.digest())
         tick(f"growth, {method}")
     _demand_equal("grid and parallel of growth", [timings["grid"].digest, timings["parallel"].digest])
     return timings
@@ -188,13 +173,12 @@ def scaling(settings: Settings, sizes: Sequence[int], seconds: float, tick: Tick
                 warm_up = min(max(int(0.1 * seconds / frame_time), 2), 2000)
                 sim.run(frames=warm_up)
                 report = sim.run(frames=min(max(int(seconds / frame_time), 5), 20_000))
-                timing = _timing(report, count, sim.digest())
-                timing.bytes_per_disc = report.block_bytes / count
+                memory = report.block_bytes / count
+                timings.append(Timing(method, report.workers, count, report.frame_seconds, sim.digest(), memory))
                 _check_state(sim, scene, settings)
             with Simulation(scene, replace(settings, method=method)) as sim:
                 sim.run(frames=10)
                 digests[method] = sim.digest()
-            timings.append(replace(timing, method=method))
         _demand_equal(f"grid and parallel of {count} discs", [digests["grid"], digests["parallel"]])
         tick(f"scaling, {count:,} discs")
     return timings
@@ -209,11 +193,6 @@ def crossover(timings: Sequence[Timing]) -> int | None:
             break
         answer = discs
     return answer
-
-
-def _timing(report: Report, discs: int, digest: str) -> Timing:
-    phases = {name: float(np.median(values[:, 0])) for name, values in report.phase_seconds.items()}
-    return Timing(report.method, report.workers, discs, report.frame_seconds, phases, digest)
 
 
 def _check_state(sim: Simulation, scene: Scene, settings: Settings) -> None:

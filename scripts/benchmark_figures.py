@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 from benchmark import Fixed, Repeat, Timing
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from mpsim.output.drawing import COARSE, DISC_COLOUR, FINE, STYLE, draw_discs, new_figure, plain_ticks, save_figure
@@ -21,6 +21,9 @@ WIDTH = 25
 
 SPIKE = 2.0
 """Times the median, from which a frame is a dot of its own."""
+
+WHOLE = "{x:,.0f}"
+"""Numbers of discs on an axis."""
 
 
 def fixed(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: Path) -> None:
@@ -37,21 +40,12 @@ def fixed(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: P
             axes.hist(found, edges, color=colour, alpha=0.55)
             axes.axvline(median, color=colour, linewidth=2)
             axes.axvline(mean, color=colour, linewidth=1.2, linestyle="--")
-            beyond = found[found > high]
-            slower = (
-                f"; {len(beyond)} frame{'s' * (len(beyond) != 1)} slower, up to {_time(beyond.max() * 1e-6)}"
-                if len(beyond)
-                else ""
-            )
-            word = "threads" if method == "parallel" else method
+            beyond, words = found[found > high], f"{method}: median {_time(median)}, mean {_time(mean)}"
+            if len(beyond):
+                words += f"; {len(beyond)} frame{'s' * (len(beyond) != 1)} slower, up to {_time(beyond.max())}"
             report = report_ms[method] * 1e3
-            axes.set_title(
-                f"{method}: median {_time(median * 1e-6)}, mean {_time(mean * 1e-6)}{slower}\n"
-                f"report's {word}: mean {_time(report * 1e-6)}, {report / mean:,.0f} times as long",
-                loc="left",
-                fontsize=9,
-                color=colour,
-            )
+            words += f"\nreport's {_word(method)}: mean {_time(report)}, {report / mean:,.0f} times as long"
+            axes.set_title(words, loc="left", fontsize=9, color=colour)
             axes.set_ylabel("frames", fontsize=9)
             axes.grid(False, axis="y")
         panels[-1].set(xscale="log", xlim=(low, high))
@@ -76,9 +70,8 @@ def growth(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: 
             spikes = times > SPIKE * median
             axes.fill_between(discs, low, high, color=colour, alpha=0.3, linewidth=0)
             axes.plot(discs[spikes], times[spikes], color=colour, linestyle="", marker=".", markersize=3, alpha=0.6)
-            word = "threads" if method == "parallel" else method
-            report = _time(report_ms[method] * 1e-3)
-            label = f"{method}: mean {_time(times.mean() * 1e-6)} (report's {word}: {report})"
+            report = _time(report_ms[method] * 1e3)
+            label = f"{method}: mean {_time(times.mean())} (report's {_word(method)}: {report})"
             axes.plot(discs, median, color=colour, label=label)
         most = max(len(timing.frame_seconds) for timing in timings.values())
         axes.set(
@@ -89,7 +82,7 @@ def growth(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: 
             title=f"Growth from 1 disc to {most:,}: one more after every frame",
         )
         plain_ticks(axes.yaxis)
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+        axes.xaxis.set_major_formatter(WHOLE)
         axes.legend(loc="upper left", fontsize=9)
         caption = f"line: running median of {WIDTH} frames; band: the middle 80 % of them\n"
         caption += f"dots: frames that took more than {SPIKE:g} times the median; the first frame is left out"
@@ -138,19 +131,14 @@ def scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -> Non
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(8, 6.6)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-        curves = {
-            method: sorted(
-                (t.discs, t.nanoseconds_per_disc, *_spread(t), t.workers) for t in timings if t.method == method
-            )
-            for method in METHOD_COLOURS
-        }
-        for method, points in curves.items():
-            if points:
-                discs, cost, low, high, workers = zip(*points, strict=True)
-                label = f"{method}, {max(workers)} workers" if method == "parallel" else method
+        rows: dict[str, dict[int, NDArray[np.float64]]] = {}
+        for method, colour in METHOD_COLOURS.items():
+            of = sorted((t for t in timings if t.method == method), key=lambda t: t.discs)
+            if of:
+                rows[method] = {t.discs: np.quantile(t.frame_seconds, [0.5, 0.25, 0.75]) * 1e9 / t.discs for t in of}
+                label = f"{method}, {max(t.workers for t in of)} workers" if method == "parallel" else method
                 marks = {"marker": "x", "linestyle": ":"} if method == "auto" else {"marker": "o"}
-                bars = np.abs(np.array([low, high]) - cost)
-                above.errorbar(discs, cost, bars, color=METHOD_COLOURS[method], label=label, capsize=2, **marks)
+                _bars(above, rows[method], color=colour, label=label, **marks)
         above.set(
             xscale="log",
             yscale="log",
@@ -159,28 +147,22 @@ def scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -> Non
         )
         plain_ticks(above.yaxis)
         above.legend()
-        grid, parallel = ({discs: row for discs, *row in curves[name]} for name in ("grid", "parallel"))
+        grid, parallel = rows["grid"], rows["parallel"]
         common = sorted(grid.keys() & parallel.keys())
-        speed_up = np.array([_ratio(grid[discs], parallel[discs]) for discs in common]).reshape(-1, 3)
-        bars = np.abs(speed_up[:, 1:].T - speed_up[:, 0])
-        below.errorbar(common, speed_up[:, 0], bars, color=METHOD_COLOURS["parallel"], marker="o", capsize=2)
+        speed_up = {discs: grid[discs] / parallel[discs][[0, 2, 1]] for discs in common}
+        _bars(below, speed_up, color=METHOD_COLOURS["parallel"], marker="o")
         below.axhline(1, color="black", linewidth=1)
         _mark_crossover([above, below], crossover, common)
         below.set(ylabel="speed-up of the workers\n(grid / parallel)", xlabel="discs")
-        below.set_ylim(0, max(2.2, float(speed_up.max(initial=0.0)) * 1.05))
-        below.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+        below.set_ylim(0, max(2.2, 1.05 * max(float(ratio.max()) for ratio in speed_up.values())))
+        below.xaxis.set_major_formatter(WHOLE)
         save_figure(figure, path)
 
 
-def _spread(timing: Timing) -> tuple[float, float]:
-    """Range of the cost per disc in the middle half of the frames [ns]."""
-    low, high = np.quantile(timing.frame_seconds, [0.25, 0.75]) * 1e9 / max(timing.discs, 1)
-    return float(low), float(high)
-
-
-def _ratio(one: Sequence[float], other: Sequence[float]) -> tuple[float, float, float]:
-    """The ratio of two costs, each given as median, low and high, and its ends if either is at its low or high."""
-    return one[0] / other[0], one[1] / other[2], one[2] / other[1]
+def _bars(axes: Axes, rows: Mapping[int, NDArray[np.float64]], **style: Any) -> None:
+    """Points with bars; rows: median, low and high by number of discs."""
+    middle, low, high = np.array(list(rows.values())).T
+    axes.errorbar(list(rows), middle, [middle - low, high - middle], capsize=2, **style)
 
 
 def _mark_crossover(panels: Sequence[Axes], crossover: int | None, sizes: Sequence[int]) -> None:
@@ -192,16 +174,9 @@ def _mark_crossover(panels: Sequence[Axes], crossover: int | None, sizes: Sequen
         axes.axvspan(before, crossover, color="#999999", alpha=0.2, linewidth=0)
     words = f"at every measured size from {crossover:,} discs on\nparallel is faster than grid"
     words += f"; at {before:,} it is not" if before < crossover else ""
-    side = "left" if crossover**2 < sizes[0] * sizes[-1] else "right"  # of the text, which stays inside
-    panels[-1].annotate(
-        words,
-        (crossover, 0.12),
-        xytext=(6 if side == "left" else -6, 0),
-        textcoords="offset points",
-        color="#555555",
-        fontsize=9,
-        ha=side,
-    )
+    side, shift = ("left", 6) if crossover**2 < sizes[0] * sizes[-1] else ("right", -6)  # the text stays inside
+    place = {"xytext": (shift, 0), "textcoords": "offset points", "ha": side}
+    panels[-1].annotate(words, (crossover, 0.12), color="#555555", fontsize=9, **place)
 
 
 def _running(values: NDArray[np.float64], part: float) -> NDArray[np.float64]:
@@ -210,5 +185,10 @@ def _running(values: NDArray[np.float64], part: float) -> NDArray[np.float64]:
     return np.quantile(np.lib.stride_tricks.sliding_window_view(padded, WIDTH), part, axis=1)
 
 
-def _time(seconds: float) -> str:
-    return f"{seconds * 1e3:.3g} ms" if seconds >= 1e-3 else f"{seconds * 1e6:.3g} µs"
+def _word(method: str) -> str:
+    """The report's name of a method."""
+    return "threads" if method == "parallel" else method
+
+
+def _time(microseconds: float) -> str:
+    return f"{microseconds / 1e3:.3g} ms" if microseconds >= 1e3 else f"{microseconds:.3g} µs"

@@ -8,17 +8,23 @@ printed. Only scenes that were slower by a factor of LOSS are timed again, so a 
 revision is not there, as in a clone of one commit, or cannot run these scenes, it says so and passes.
 """
 
-import argparse
+import io
 import json
+import os
+import subprocess
 import sys
-from collections.abc import Callable, Sequence
+import tarfile
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-import feature_cost
+from harness import TOP, parser_of
 
 from mpsim.errors import InputError
 
-SCENES = {
+SCENES: dict[str, dict[str, Any]] = {
     "bare, grid": {"method": "grid", "precision": "float32"},
     "bare, 2 workers": {"method": "parallel", "workers": 2, "precision": "float32"},
     "friction and gravity": {
@@ -37,97 +43,102 @@ TURNS = 3
 """Turns in each of which a scene must have lost, for the check to fail."""
 
 TIMER = """
-import json
-import warnings
+import json, sys, warnings
 import numpy as np
 import mpsim
 warnings.simplefilter("ignore")
-rng = np.random.default_rng(1)
-places = (np.arange({side}) + 0.5) * {pitch}
+places = (np.arange(100) + 0.5) * 1.4
 position = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
-velocity = rng.normal(size=position.shape)
-found = {{}}
-for name, settings in json.loads({scenes!r}).items():
-    features = settings.pop("features", {{}})
-    scene = mpsim.Scene(width={side} * {pitch}, height={side} * {pitch}, position=position, velocity=velocity,
-                        radius=0.5, **features)
-    with mpsim.Simulation(scene, mpsim.Settings(dt={dt}, **settings)) as sim:
-        sim.run(frames={warm_up})
-        medians = [float(np.median(sim.run(frames={frames}).frame_seconds)) for _ in range({rounds})]
-    found[name] = min(medians) / scene.count * 1e9
+velocity = np.random.default_rng(1).normal(size=position.shape)
+found = {}
+for name, settings in json.loads(sys.argv[1]).items():
+    features = settings.pop("features", {})
+    scene = mpsim.Scene(width=140, height=140, position=position, velocity=velocity, radius=0.5, **features)
+    with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, **settings)) as sim:
+        sim.run(frames=100)
+        medians = [float(np.median(sim.run(frames=150).frame_seconds)) for _ in range(5)]
+        found[name] = min(medians) / scene.count * 1e9, sim.digest()
 print(json.dumps(found))
 """
-"""Prints nanoseconds per disc and frame of scenes: the least of several medians, as other load only adds to it."""
+"""Prints nanoseconds per disc and frame, and digests, of scenes: the least of several medians, as other load only adds
+to it."""
 
 
-def timer_of(names: Sequence[str]) -> str:
-    """The script that times scenes of these names."""
-    return TIMER.format(
-        side=feature_cost.SIDE,
-        pitch=feature_cost.PITCH,
-        dt=feature_cost.DT,
-        warm_up=feature_cost.WARM_UP,
-        frames=feature_cost.FRAMES,
-        rounds=feature_cost.ROUNDS,
-        scenes=json.dumps({name: SCENES[name] for name in names}),
-    )
+class OtherVersionError(Exception):
+    """The other version cannot run a scene; the text is what it wrote to standard error."""
 
 
-Costs = dict[str, float]
-"""Nanoseconds per disc and frame, by the name of the scene."""
+@contextmanager
+def checkout_of(revision: str) -> Iterator[Path]:
+    """A temporary folder with the package at a git revision.
+
+    Raises:
+        InputError: if there is no such revision in this checkout, or no git.
+    """
+    try:
+        done = subprocess.run(["git", "archive", revision, "mpsim"], cwd=TOP, capture_output=True, check=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        why = error.stderr.decode().strip() if isinstance(error, subprocess.CalledProcessError) else str(error)
+        raise InputError(f"--before must be a git revision of this checkout; got {revision!r}: {why}") from None
+    with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
+        archive.extractall(folder, filter="data")
+        yield Path(folder)
 
 
-def confirmed_losses(
-    time_turn: Callable[[int, Sequence[str]], tuple[Costs, Costs]], say: Callable[[str], None]
-) -> list[str]:
-    """Names of the scenes that have lost in each of TURNS turns; every ratio is said.
+def timed(scenes: dict[str, dict[str, Any]], there: Path, turn: int) -> dict[str, tuple[float, float, bool]]:
+    """Costs of scenes here and in another checkout, one right after the other, and whether digests are equal.
 
     Args:
-        time_turn: costs here and before, of scenes of these names, in a turn of this number.
-        say: called with each line.
+        scenes: settings and features by name.
+        there: top level of the other checkout, which comes first in every other turn.
+        turn: number of the turn.
+
+    Raises:
+        OtherVersionError: if it fails there.
+        RuntimeError: if it fails here.
     """
-    suspects = list(SCENES)
+    printed = {}
+    for top in (TOP, there) if turn % 2 else (there, TOP):
+        command = [sys.executable, "-c", TIMER, json.dumps(scenes)]
+        environment = {**os.environ, "PYTHONPATH": str(top)}
+        run = subprocess.run(command, cwd=top, env=environment, capture_output=True, text=True, check=False)
+        if run.returncode:
+            raise (OtherVersionError if top == there else RuntimeError)(run.stderr.strip())
+        printed[top] = json.loads(run.stdout)
+    pairs = ((name, printed[TOP][name], printed[there][name]) for name in scenes)
+    return {name: (here[0], before[0], here[1] == before[1]) for name, here, before in pairs}
+
+
+def losses(there: Path) -> list[str]:
+    """Names of the scenes that have lost in each of TURNS turns; every ratio is printed."""
+    suspects = SCENES
     for turn in range(TURNS):
-        here, before = time_turn(turn, suspects)
-        for name in suspects:
-            ratio = here[name] / before[name]
-            say(f"turn {turn + 1}: {name}: {here[name]:.2f} ns per disc and frame, {ratio:.2f} of {before[name]:.2f}")
-        suspects = [name for name in suspects if here[name] / before[name] >= LOSS]
+        costs = timed(suspects, there, turn)
+        for name, (here, before, _) in costs.items():
+            print(f"turn {turn + 1}: {name}: {here:.2f} ns per disc and frame, {here / before:.2f} of {before:.2f}")
+        suspects = {name: SCENES[name] for name, (here, before, _) in costs.items() if here / before >= LOSS}
         if not suspects:
             break
-    return suspects
-
-
-def compare(here: Path, there: Path, say: Callable[[str], None]) -> list[str]:
-    """`confirmed_losses` of one checkout against another."""
-
-    def time_turn(turn: int, names: Sequence[str]) -> tuple[Costs, Costs]:
-        printed = feature_cost.one_turn(timer_of(names), here, there, turn)
-        return json.loads(printed[0]), json.loads(printed[1])
-
-    return confirmed_losses(time_turn, say)
-
-
-def check(here: Path, revision: str, say: Callable[[str], None]) -> int:
-    """Exit code: 1 where a scene has lost for certain."""
-    try:
-        with feature_cost.checkout_of(revision) as there:
-            losses = compare(here, there, say)
-    except InputError as error:
-        say(f"nothing to compare with: {error}")
-        return 0
-    except feature_cost.OtherVersionError as error:
-        say(f"nothing to compare with: {revision} cannot run these scenes: {str(error).splitlines()[-1]}")
-        return 0
-    for name in losses:
-        say(f"{name}: slower by {LOSS} or more than {revision} in {TURNS} turns out of {TURNS}.")
-    return 1 if losses else 0
+    return list(suspects)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Exit code: 1 where a scene has lost for certain."""
+    parser = parser_of(__doc__)
     parser.add_argument("--before", default="HEAD~1", metavar="REVISION", help="default: HEAD~1, the commit before")
-    return check(feature_cost.TOP, parser.parse_args().before, print)
+    revision = parser.parse_args().before
+    try:
+        with checkout_of(revision) as there:
+            lost = losses(there)
+    except InputError as error:
+        print(f"nothing to compare with: {error}")
+        return 0
+    except OtherVersionError as error:
+        print(f"nothing to compare with: {revision} cannot run these scenes: {str(error).splitlines()[-1]}")
+        return 0
+    for name in lost:
+        print(f"{name}: slower by {LOSS} or more than {revision} in {TURNS} turns out of {TURNS}.")
+    return 1 if lost else 0
 
 
 if __name__ == "__main__":

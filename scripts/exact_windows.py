@@ -93,20 +93,13 @@ class Found(NamedTuple):
         return ~(self.here & (self.bits == truth.bits).all(axis=1))
 
 
-class Work(NamedTuple):
-    """Of a window: whether all tiles agree, events in their own cells, and impacts of two discs among them."""
-
-    agreed: bool
-    events: int
-    impacts: int
-
-
 class Tiles:
     """The tiles of a simulation by the exact solver without fields, which is divided and has run for a frame."""
 
     def __init__(self, sim: mpsim.Simulation):
-        _, box, features = _solver_of(sim)._system
-        self._arguments: TileArguments = arguments_of(_solver_of(sim)._block.arrays, features, box)
+        solver = _solver_of(sim)
+        _, box, features = solver._system
+        self._arguments: TileArguments = arguments_of(solver._block.arrays, features, box)
 
     @property
     def cells(self) -> tuple[int, int]:
@@ -120,8 +113,8 @@ class Tiles:
         tiles = self._arguments.shared.tiles
         return np.stack([tiles["own_first"], tiles["own_first"] + tiles["own"]], axis=1)
 
-    def play(self, length: float, halo: int) -> Work:
-        """Play a window of such a length [time], with a halo of so many cells."""
+    def play(self, length: float, halo: int) -> tuple[bool, int]:
+        """Play a window of such a length [time], with a halo of so many cells: do tiles agree, and their own events."""
         return self._play(self._planned(length, halo))
 
     def all_events(self, length: float, halo: int) -> int:
@@ -130,7 +123,7 @@ class Tiles:
         tiles = planned.shared.tiles  # each has its halo for its own, so that all counts
         first, end = np.maximum(self.edges[:, 0] - halo, 0), np.minimum(self.edges[:, 1] + halo, self.cells)
         tiles["own_first"], tiles["own"] = first, end - first
-        return self._play(planned).events
+        return self._play(planned)[1]
 
     def of_tile(self, number: int, length: float, halo: int) -> Found:
         """What a tile and its halo hold at the end of such a window."""
@@ -158,9 +151,9 @@ class Tiles:
         return self._arguments._replace(shared=shared._replace(plan=plan, times=times, tiles=shared.tiles.copy()))
 
     @staticmethod
-    def _play(planned: TileArguments) -> Work:
-        agreed, shared = play_all(*planned), planned.shared
-        return Work(bool(agreed), int(shared.counts[0].events), int(shared.counted[0, 0].collisions))
+    def _play(planned: TileArguments) -> tuple[bool, int]:
+        agreed = play_all(*planned)
+        return bool(agreed), int(planned.shared.counts[0].events)
 
     @staticmethod
     def _read(planned: TileArguments) -> Found:

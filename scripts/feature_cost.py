@@ -1,30 +1,21 @@
-"""Cost of each feature of a scene per disc and frame, and of the bare scene compared with another version."""
+"""Cost of each feature of a scene per disc and frame."""
 
-import io
-import os
-import subprocess
-import sys
-import tarfile
-import tempfile
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
 import numpy as np
-from benchmark import DT, WrongAnswerError
+from benchmark import WrongAnswerError
+from harness import by_turns, table
 
 from mpsim.engine.observers import Collisions
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import FastWarning, InputError
+from mpsim.errors import FastWarning
 from mpsim.features import FixedDisc, Piston, Polyline, ThermalWalls, Thermostat
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-
-TOP = Path(__file__).parents[1]
-"""Top level of this checkout."""
 
 SIDE = 100
 """Number of discs along each side of the square lattice from which the scenes start."""
@@ -72,23 +63,6 @@ OBSERVED = "collisions observed"
 that its time is not in here."""
 
 
-@dataclass(frozen=True)
-class FeatureCost:
-    """Cost of one scene.
-
-    Attributes:
-        name: of the feature.
-        nanoseconds: per disc and frame.
-        arrays: names of the arrays in the shared block that the bare scene lacks.
-        bytes_per_disc: of the block.
-    """
-
-    name: str
-    nanoseconds: float
-    arrays: tuple[str, ...]
-    bytes_per_disc: float
-
-
 def scene(name: str, **features: Any) -> Scene:
     """10,000 discs of radius 0.5 on a lattice, packing 0.40, with thermal velocities and the given features."""
     rng = np.random.default_rng(1)
@@ -123,42 +97,39 @@ def polydisperse(spread: int) -> Scene:
     return Scene.random(count=SIDE**2, packing=0.5, radius=radius if spread > 1 else 0.5, seed=3)
 
 
-def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[FeatureCost]:
-    """Time every scene by `grid`, in turns, and check the final states.
+def feature_costs(settings: Settings, tick: Callable[[str], None]) -> str:
+    """A table in Markdown: every scene by `grid`, timed in turns; the final states are checked.
 
     Raises:
         WrongAnswerError: if a disc was lost, left the box, or is not finite.
     """
     simulations: dict[str, Simulation] = {}
     observers = {OBSERVED: Collisions(callback=lambda _, table: None, every=FRAMES)}
-    try:
+
+    def cost(name: str) -> float:
+        tick(f"timing {name}")
+        report = simulations[name].run(frames=FRAMES, observe=observers.get(name))
+        return float(np.median(report.frame_seconds)) / simulations[name].count * 1e9
+
+    with ExitStack() as stack:
         for name, each in {**scenes(), OBSERVED: scene(OBSERVED)}.items():
             tick(f"compiling {name}")
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", FastWarning)  # of discs a sixteenth as large: only times are wanted
-                simulations[name] = Simulation(each, settings)
+                simulations[name] = stack.enter_context(Simulation(each, settings))
                 simulations[name].run(frames=WARM_UP, observe=observers.get(name))
-        best = dict.fromkeys(simulations, np.inf)
-        for turn in range(ROUNDS):
-            tick(f"round {turn + 1}")
-            for name, sim in simulations.items():
-                seconds = float(np.median(sim.run(frames=FRAMES, observe=observers.get(name)).frame_seconds))
-                best[name] = min(best[name], seconds / sim.count * 1e9)
+        costs = {
+            name: min(found) for name, found in by_turns({n: partial(cost, n) for n in simulations}, ROUNDS).items()
+        }
         for name, sim in simulations.items():
             _check(name, sim)
-        bare = set(simulations["bare"].array_names)
-        return [
-            FeatureCost(
-                name,
-                best[name],
-                families(each for each in sim.array_names if each not in bare),
-                sim.run(frames=0, observe=observers.get(name)).block_bytes / sim.count,
-            )
-            for name, sim in simulations.items()
-        ]
-    finally:
-        for sim in simulations.values():
-            sim.close()
+        bare, rows = set(simulations["bare"].array_names), []
+        for name, sim in simulations.items():
+            own = families(each for each in sim.array_names if each not in bare)
+            size = sim.run(frames=0, observe=observers.get(name)).block_bytes / sim.count
+            times = f"{costs[name]:.2f}", f"{costs[name] / costs['bare']:.2f}"
+            rows.append((name, *times, f"{size:.0f}", ", ".join(own) or "none"))
+    return table(("scene", "ns per disc and frame", "over bare", "bytes per disc", "arrays of its own"), rows)
 
 
 def families(arrays: Iterable[str]) -> tuple[str, ...]:
@@ -174,80 +145,3 @@ def _check(name: str, sim: Simulation) -> None:
     inside = (state.position >= low - slack) & (state.position <= high + slack)
     if not (inside.all() and np.isfinite(state.velocity).all() and sim.count == sim.scene.count):
         raise WrongAnswerError(f"{name}: the state is not whole after {sim.frame} frames")
-
-
-TIMER = """
-import numpy as np, mpsim
-rng = np.random.default_rng(1)
-places = (np.arange({side}) + 0.5) * {pitch}
-position = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
-scene = mpsim.Scene(width={side} * {pitch}, height={side} * {pitch}, position=position,
-                    velocity=rng.normal(size=position.shape), radius=0.5)
-with mpsim.Simulation(scene, mpsim.Settings(dt={dt}, method="grid", precision="{precision}")) as sim:
-    sim.run(frames={warm_up})
-    best = min(float(np.median(sim.run(frames={frames}).frame_seconds)) for _ in range({rounds}))
-    print(best / scene.count * 1e9, sim.digest())
-"""
-
-
-class OtherVersionError(Exception):
-    """The other version cannot run a script; the text is what it wrote to standard error."""
-
-
-def bare_beside(folder: Path, settings: Settings, turns: int, tick: Callable[[str], None]) -> tuple[list[float], bool]:
-    """Cost of the bare scene here over that of another checkout, once per turn, and whether the digests are equal.
-
-    Args:
-        folder: top level of the other checkout.
-        settings: of which the precision is used.
-        turns: number of turns, each a new process of either version, one right after the other.
-    """
-    script = TIMER.format(
-        side=SIDE, pitch=PITCH, dt=DT, precision=settings.precision, warm_up=WARM_UP, frames=FRAMES, rounds=ROUNDS
-    )
-    ratios, equal = [], True
-    for turn in range(turns):
-        tick(f"turn {turn + 1}")
-        here, there = (output.split() for output in one_turn(script, TOP, folder, turn))
-        ratios.append(float(here[0]) / float(there[0]))
-        equal &= here[1] == there[1]
-    return ratios, equal
-
-
-def one_turn(script: str, here: Path, there: Path, turn: int) -> tuple[str, str]:
-    """What a script prints in two checkouts, one right after the other, `there` first in every other turn.
-
-    Raises:
-        OtherVersionError: if it fails there.
-        RuntimeError: if it fails here.
-    """
-    printed = {}
-    for top in (here, there) if turn % 2 else (there, here):
-        environment = {**os.environ, "PYTHONPATH": str(top)}
-        run = subprocess.run(
-            [sys.executable, "-c", script], cwd=top, env=environment, capture_output=True, text=True, check=False
-        )
-        if run.returncode:
-            raise (OtherVersionError if top == there else RuntimeError)(run.stderr.strip())
-        printed[top] = run.stdout
-    return printed[here], printed[there]
-
-
-@contextmanager
-def checkout_of(revision: str) -> Iterator[Path]:
-    """A temporary folder with the package at a git revision.
-
-    Raises:
-        InputError: if there is no such revision in this checkout, or no git.
-    """
-    command = ["git", "archive", revision, "mpsim"]
-    try:
-        done = subprocess.run(command, cwd=TOP, capture_output=True, check=False)
-        why = done.stderr.decode().strip() if done.returncode else ""
-    except OSError as error:
-        done, why = None, str(error)
-    if done is None or done.returncode:
-        raise InputError(f"--before must be a git revision of this checkout; got {revision!r}: {why}")
-    with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
-        archive.extractall(folder, filter="data")
-        yield Path(folder)

@@ -9,7 +9,6 @@ python scripts/run_calibration.py --docs docs/accuracy.md  the same, and renew i
 python scripts/run_calibration.py --full                   400 starts, and runs ten times as long
 """
 
-import argparse
 import sys
 import time
 import warnings
@@ -17,13 +16,13 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import harness
 import numpy as np
-from pages import fill_page, made_by
-from rich.console import Console
-from run_bench import machine
+from harness import exit_code, fill_page, made_by, parser_of, say
 
 import mpsim
 from mpsim.core.machine import usable_cores
@@ -66,8 +65,6 @@ NAMES = (
     "speed_kurtosis",
 )
 
-console = Console()
-
 
 class Cell(NamedTuple):
     """One kind of run. collisions: of each disc."""
@@ -80,9 +77,8 @@ class Cell(NamedTuple):
 
 def measured(cell: Cell, seed: int) -> dict[str, Measure]:
     """The measures of one run from one random start."""
-    scene = mpsim.Scene.random(
-        count=COUNT, packing=cell.packing, radius=0.5, seed=seed, boundary=BOUNDARIES[cell.boundary]
-    )
+    boundary = BOUNDARIES[cell.boundary]
+    scene = mpsim.Scene.random(count=COUNT, packing=cell.packing, radius=0.5, seed=seed, boundary=boundary)
     rate = reference.enskog_rate(cell.packing)
     dt = STEPS[cell.packing] if cell.method == "grid" else cell.collisions / rate / FRAMES
     names = [name for name in NAMES if name != "pressure_xy" or cell.boundary == "periodic"]
@@ -108,10 +104,8 @@ def ratio(found: Sequence[Measure]) -> tuple[float, float]:
 def text_of(found: Sequence[Measure]) -> tuple[str, bool | None]:
     """A cell of the table, and whether it is right; None where nothing is claimed."""
     value, share = ratio(found)
-    unsettled = f" ({100 * share:.0f} %)" if share else ""
-    if np.isnan(value):
-        return f"none{unsettled}", None
-    return f"{value:.2f}{unsettled}", RIGHT[0] <= value <= RIGHT[1]
+    text = ("none" if np.isnan(value) else f"{value:.2f}") + (f" ({100 * share:.0f} %)" if share else "")
+    return text, None if np.isnan(value) else RIGHT[0] <= value <= RIGHT[1]
 
 
 def row(cell: Cell, seeds: int, pool: ProcessPoolExecutor) -> list[tuple[str, bool | None]]:
@@ -121,40 +115,34 @@ def row(cell: Cell, seeds: int, pool: ProcessPoolExecutor) -> list[tuple[str, bo
     wrong = [name for name, (_, good) in texts.items() if good is False]
     if wrong:
         runs += pool.map(partial(measured, cell), range(seeds, AGAIN * seeds), chunksize=5)
-        decided = {name: text_of([run[name] for run in runs]) for name in runs[0]}
-        texts |= {name: (f"{decided[name][0]}*", decided[name][1]) for name in wrong}
+        decided = {name: text_of([run[name] for run in runs]) for name in wrong}
+        texts |= {name: (f"{text}*", good) for name, (text, good) in decided.items()}
     return [texts.get(name, ("", None)) for name in NAMES]
 
 
-def table(seeds: int, lengths: dict[str, float], pool: ProcessPoolExecutor) -> list[str]:
-    """Markdown rows, and a line that counts those that are right."""
-    lines = [
-        f"| method | packing | box | run | {' | '.join(name.replace('_', ' ') for name in NAMES)} |",
-        f"|{'---|' * (4 + len(NAMES))}",
-    ]
-    right = []
+def table(seeds: int, lengths: dict[str, float], pool: ProcessPoolExecutor) -> tuple[str, str]:
+    """The table with its explanation, and a sentence that counts the ratios that are right."""
+    rows, right = [], []
     for method, of_method in METHODS.items():
-        for packing in PACKINGS:
-            for boundary in BOUNDARIES:
-                for length in [name for name in lengths if name in of_method or name == "longest"]:
-                    started = time.perf_counter()
-                    cell = Cell(method, packing, boundary, lengths[length])
-                    texts = row(cell, seeds, pool)
-                    right += [good for _, good in texts if good is not None]
-                    line = f"| {method} | {packing} | {boundary} | {length} | {' | '.join(text for text, _ in texts)} |"
-                    lines.append(line)
-                    console.print(f"{line} {time.perf_counter() - started:.1f} s", highlight=False, markup=False)
+        chosen = [name for name in lengths if name in of_method or name == "longest"]
+        for packing, boundary, length in product(PACKINGS, BOUNDARIES, chosen):
+            started = time.perf_counter()
+            texts = row(Cell(method, packing, boundary, lengths[length]), seeds, pool)
+            right += [good for _, good in texts if good is not None]
+            rows.append((method, packing, boundary, length, *(text for text, _ in texts)))
+            say(f"{' | '.join(map(str, rows[-1]))}: {time.perf_counter() - started:.1f} s")
+    heads = ("method", "packing", "box", "run", *(name.replace("_", " ") for name in NAMES))
     noise = 100 / np.sqrt(2 * (seeds - 1))
-    lines += [
-        "",
+    text = (
+        f"{harness.table(heads, rows)}\n\n"
         f"Short runs have {lengths['short']:g} collisions per disc, long runs {lengths['long']:g}. In brackets: the "
         f"fraction of runs that are not settled and were left out; none: nearly all were left out; *: from "
-        f"{AGAIN * seeds} starts, because {seeds} gave a ratio beyond the bounds.",
-        "",
+        f"{AGAIN * seeds} starts, because {seeds} gave a ratio beyond the bounds."
+    )
+    return text, (
         f"{COUNT} discs, {seeds} starts of each kind, so each ratio is known to {noise:.0f} %: {sum(right)} of "
-        f"{len(right)} ratios lie between {RIGHT[0]} and {RIGHT[1]}.",
-    ]
-    return lines
+        f"{len(right)} ratios lie between {RIGHT[0]} and {RIGHT[1]}."
+    )
 
 
 BATHS: dict[str, dict[str, Any]] = {
@@ -196,29 +184,24 @@ def of_both(found: Sequence[Measure]) -> tuple[str, bool | None]:
     return text if np.isnan(value) else f"{text}: {value:.2f}", good
 
 
-def table_of_baths(seeds: int, pool: ProcessPoolExecutor) -> list[str]:
-    """Markdown rows, and a line that counts those that are right."""
-    lines = [f"| bath | memories | {' | '.join(IN_BATHS).replace('_', ' ')} |", f"|{'---|' * (2 + len(IN_BATHS))}"]
-    right = []
-    for name, features in BATHS.items():
-        for memories in MEMORIES:
-            runs = list(pool.map(partial(in_bath, features, memories), range(seeds), chunksize=5))
-            texts = {each: of_both([run[each] for run in runs]) for each in runs[0]}
-            right += [good for _, good in texts.values() if good is not None]
-            lines.append(f"| {name} | {memories} | {' | '.join(texts.get(each, ('',))[0] for each in IN_BATHS)} |")
-            console.print(lines[-1], highlight=False, markup=False)
-    return [
-        *lines,
-        "",
-        "After the colon: the ratio of the runs that are not settled.",
-        "",
+def table_of_baths(seeds: int, pool: ProcessPoolExecutor) -> tuple[str, str]:
+    """The table with its explanation, and a sentence that counts the ratios that are right."""
+    rows, right = [], []
+    for (name, features), memories in product(BATHS.items(), MEMORIES):
+        runs = list(pool.map(partial(in_bath, features, memories), range(seeds), chunksize=5))
+        texts = {each: of_both([run[each] for run in runs]) for each in runs[0]}
+        right += [good for _, good in texts.values() if good is not None]
+        rows.append((name, memories, *(texts.get(each, ("",))[0] for each in IN_BATHS)))
+        say(" | ".join(map(str, rows[-1])))
+    heads = ("bath", "memories", *(name.replace("_", " ") for name in IN_BATHS))
+    return f"{harness.table(heads, rows)}\n\nAfter the colon: the ratio of the runs that are not settled.", (
         f"{COUNT // 4} discs at packing 0.2, {seeds} starts of each kind: of the settled ones {sum(right)} of "
-        f"{len(right)} ratios lie between {RIGHT[0]} and {RIGHT[1]}.",
-    ]
+        f"{len(right)} ratios lie between {RIGHT[0]} and {RIGHT[1]}."
+    )
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("--full", action="store_true")
     parser.add_argument("--seeds", type=int)
     parser.add_argument("--baths", action="store_true", help="those with heat baths alone")
@@ -227,17 +210,13 @@ def main() -> int:
     seeds = options.seeds or (400 if options.full else 100)
     lengths = LENGTHS | ({"longest": 20_000.0} if options.full else {})
     with ProcessPoolExecutor(usable_cores()) as pool:
-        tables = {} if options.baths else {"table": table(seeds, lengths, pool)}
-        tables["baths"] = table_of_baths(seeds, pool)
-    for lines in tables.values():
-        console.print(lines[-1], highlight=False)
+        found = {} if options.baths else {"table": table(seeds, lengths, pool)}
+        found["baths"] = table_of_baths(seeds, pool)
+    for text, counted in found.values():
+        say(f"{text}\n\n{counted}")
     if options.docs is not None:
-        made = made_by(machine())
-        fill_page(
-            options.docs, "run_calibration", {name: f"{lines[-1]}\n\n{made}" for name, lines in tables.items()}, {}
-        )
-    return 0
+        fill_page(options.docs, {name: f"{counted}\n\n{made_by()}" for name, (_, counted) in found.items()})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

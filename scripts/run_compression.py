@@ -8,15 +8,14 @@ python scripts/run_compression.py --docs docs/howto/dense-starts.md  the same, a
 python scripts/run_compression.py --counts 100 --rates 0.1           a second
 """
 
-import argparse
 import re
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from pages import fill_page, made_by
-from run_bench import machine
+from harness import exit_code, fill_page, made_by, parser_of, say, table
 
 import mpsim
 
@@ -26,7 +25,7 @@ KINDS = {"equal": (0.5, 0.8), "1 : 1.4": (0.7, 0.82)}
 ALL = 0.906
 """Packing that is asked for so that discs jam: below that of the perfect crystal of equal discs."""
 
-HEAD = ["| discs | | rate | time to packing | | jammed at | time |", "|---|---|---|---|---|---|---|"]
+HEADS = ("discs", "", "rate", "time to packing", "", "jammed at", "time")
 
 
 def start(count: int, other: float) -> mpsim.Scene:
@@ -53,7 +52,7 @@ def in_words(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds >= 100 else f"{seconds:.2g} s"
 
 
-def rows(counts: list[int], rates: list[float]) -> Iterator[str]:
+def rows(counts: list[int], rates: list[float]) -> Iterator[tuple[str, ...]]:
     """Rows of the table."""
     for kind, (other, packing) in KINDS.items():
         for count in counts:
@@ -62,26 +61,24 @@ def rows(counts: list[int], rates: list[float]) -> Iterator[str]:
             for rate in rates:
                 before, first = compressed(scene, packing, rate)
                 jammed, second = compressed(scene, ALL, rate)
-                to = f"{packing:g} | {in_words(first)}" if before is None else f"{packing:g} | jammed"
+                to = in_words(first) if before is None else "jammed"
                 end = f"not, {ALL:g} reached" if jammed is None else f"{jammed:.4f}"
-                yield f"| {kind} | {count:,} | {rate:g} | {to} | {end} | {in_words(second)} |"
+                row = kind, f"{count:,}", f"{rate:g}", f"{packing:g}", to, end, in_words(second)
+                say(f"| {' | '.join(row)} |")
+                yield row
 
 
 def main() -> None:
     """The table, on the screen and in the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--counts", type=int, nargs="+", default=[100, 1000, 5000], help="numbers of discs")
     parser.add_argument("--rates", type=float, nargs="+", default=[0.1, 0.01, 0.001], help="rates of growth")
     parser.add_argument("--docs", type=Path, help="page whose table is renewed")
     options = parser.parse_args()
-    table = list(HEAD)
-    for row in rows(options.counts, options.rates):
-        print(row, flush=True)
-        table.append(row)
+    text = f"{table(HEADS, rows(options.counts, options.rates))}\n\n{made_by()}"
     if options.docs:
-        text = "\n".join([*table, "", made_by(machine())])
-        fill_page(options.docs, "run_compression", {"table": text}, {})
+        fill_page(options.docs, {"table": text})
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code(main))

@@ -4,7 +4,6 @@ python scripts/run_docs_figures.py                       under results/docs/
 python scripts/run_docs_figures.py --out docs/pictures   as the pages show them
 """
 
-import argparse
 import re
 import sys
 import tempfile
@@ -16,6 +15,7 @@ from typing import Any
 import grimp
 import matplotlib
 import numpy as np
+from harness import DOCS, TOP, make_folder, parser_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
@@ -28,8 +28,6 @@ from mpsim.output.animation import DPI, Picture
 from mpsim.output.drawing import STYLE, draw_discs, new_figure
 from mpsim.output.figures import PHASE_COLOURS, usual_phases
 from mpsim.scene.scenefile import load
-
-PAGES = Path(__file__).parents[1] / "docs"
 
 WORKERS = (("#0072B2", "#7CC4EC"), ("#D55E00", "#F0B84B"))
 """Two shades for each worker, so that brackets beside each other differ."""
@@ -75,11 +73,9 @@ def passes(path: Path) -> None:
             colours[column : column + 2] = WORKERS[column >= half][number % 2]
         draw_discs(panel, scene.position, scene, [colours[column] for column in column_of])
         for column in brackets:
-            width = (min(column + 2, grid.columns) - column) * wide
-            shade = Rectangle((column * wide, 0), width, scene.height, color=colours[column], alpha=0.25, zorder=0.5)
-            outline = Rectangle((column * wide, 0), width, scene.height, fill=False, linewidth=2.2, zorder=4)
-            panel.add_patch(shade)
-            panel.add_patch(outline)
+            place = (column * wide, 0), (min(column + 2, grid.columns) - column) * wide, scene.height
+            panel.add_patch(Rectangle(*place, color=colours[column], alpha=0.25, zorder=0.5))
+            panel.add_patch(Rectangle(*place, fill=False, linewidth=2.2, zorder=4))
         cells(panel, scene, grid, columns_only=True)
         panel.set_title(f"{'odd' if first else 'even'} columns: {', '.join(map(str, brackets))}")
         belongs = f"columns 0 to {half - 1} belong to worker 0, {half} to {grid.columns - 1} to worker 1"
@@ -147,7 +143,7 @@ def frame(path: Path) -> None:
 
 def funnel(path: Path) -> None:
     """The scene that the tutorial's last page writes, as it is after the run there."""
-    text = (PAGES / "tutorial" / "5-your-own-scene.md").read_text()
+    text = (DOCS / "tutorial" / "5-your-own-scene.md").read_text()
     file, until = re.search(r"```toml\n(.*?)```", text, re.DOTALL), re.search(r"run\(until=([\d.]+)\)", text)
     if not (file and until):
         raise ValueError("the tutorial's last page must hold a scene file and run it until a time")
@@ -165,7 +161,7 @@ def funnel(path: Path) -> None:
 
 def floors(path: Path) -> None:
     """The packages of mpsim, each above those that it imports: an arrow for each pair, as wide as imports are many."""
-    contracts = tomllib.loads((PAGES.parent / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    contracts = tomllib.loads((TOP / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     names: list[str] = next(each["layers"] for each in contracts if each["type"] == "layers")
     graph = grimp.build_graph("mpsim")
     modules = {name: sorted(m for m in graph.modules if f"{m}.".startswith(f"mpsim.{name}.")) for name in names}
@@ -223,26 +219,17 @@ def heap(path: Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-PICTURES = {
-    "floors": floors,
-    "passes": passes,
-    "neighbours": neighbours,
-    "frame": frame,
-    "funnel": funnel,
-    "heap": heap,
-    "window": window,
-}
+PICTURES = {each.__name__: each for each in (floors, passes, neighbours, frame, funnel, heap, window)}
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("pictures", nargs="*", metavar="PICTURE", help=f"{', '.join(PICTURES)}; default: all")
     parser.add_argument("--out", type=Path, default=Path("results/docs"))
     options = parser.parse_args()
-    unknown = set(options.pictures) - PICTURES.keys()
-    if unknown:
+    if unknown := set(options.pictures) - PICTURES.keys():
         parser.error(f"no picture is called {', '.join(sorted(unknown))}; there are {', '.join(PICTURES)}")
-    options.out.mkdir(parents=True, exist_ok=True)
+    make_folder(options.out)
     for name in options.pictures or PICTURES:
         with matplotlib.rc_context(fname=STYLE):
             PICTURES[name](options.out / f"{name}.png")

@@ -9,7 +9,6 @@ halos    events simulated twice, and how often tiles disagree, by width of the h
 cradle   windows repeated because an impact crosses all tiles at once: the scene and the table of the tutorial's page
 """
 
-import argparse
 import contextlib
 import re
 import sys
@@ -17,17 +16,14 @@ import time
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from exact_windows import Tiles, divided, windows_of
-from pages import begin_page, fill_blocks, made_by
-from rich.console import Console
-from run_bench import machine
+from harness import DOCS, by_turns, exit_code, fill_page, made_by, parser_of, say, table, with_quartiles
+from numpy.typing import NDArray
 
 import mpsim
 
-DOCS = Path(__file__).parents[1] / "docs"
 PAGES = {
     "table": DOCS / "exact.md",
     "halos": DOCS / "exact.md",
@@ -50,15 +46,6 @@ TILINGS = ((1, 1), (1, 2), (1, 3), (2, 2))
 """Columns and rows of tiles on which the cradle is played."""
 
 
-class Rate(NamedTuple):
-    """Of one turn: collisions per second, windows, those of them played again, and by one worker for all."""
-
-    collisions: float
-    windows: int
-    again: int
-    as_one: int
-
-
 class Runner:
     """A simulation that goes on, turn by turn."""
 
@@ -71,12 +58,11 @@ class Runner:
         self.sim.run(frames=4)
         self.frames = max(int(SECONDS * 2 / (time.perf_counter() - began)), 1)
 
-    def turn(self) -> Rate:
-        """Run for about SECONDS."""
+    def turn(self) -> tuple[float, NDArray[np.int64]]:
+        """Run for about SECONDS: millions of collisions per second, and `windows_of` these."""
         before, began = windows_of(self.sim), time.perf_counter()
         collisions = self.sim.run(frames=self.frames).collisions
-        found = windows_of(self.sim) - before
-        return Rate(collisions / (time.perf_counter() - began), *found.tolist())
+        return collisions / (time.perf_counter() - began) / 1e6, windows_of(self.sim) - before
 
 
 def gas(discs: int) -> mpsim.Scene:
@@ -84,43 +70,30 @@ def gas(discs: int) -> mpsim.Scene:
     return mpsim.Scene.lattice(count=discs, packing=0.4, radius=0.5, temperature=1.0, seed=1)
 
 
-def rows(discs: int, workers: list[int]) -> list[str]:
-    """A row of the table for each kind."""
-    scene = gas(discs)
-    kinds = {"undivided": (1, False)} | {f"{each} worker{'s' * (each > 1)}": (each, True) for each in workers}
-    runners = {name: Runner(scene, *kind) for name, kind in kinds.items()}
-    rates: dict[str, list[Rate]] = {name: [] for name in kinds}
-    for _ in range(TURNS):
-        for name, runner in runners.items():
-            rates[name].append(runner.turn())
-    for runner in runners.values():
-        runner.sim.close()
-    alone = np.array([rate.collisions for rate in rates["undivided"]])
-    lines = []
-    for name, each in rates.items():
-        millions = np.array([rate.collisions for rate in each]) / 1e6
-        low, middle, high = np.percentile(millions, [25, 50, 75])
-        windows, again = (sum(values) for values in list(zip(*each, strict=True))[1:3])
-        ratio = np.median(millions * 1e6 / alone)
-        lines.append(
-            f"| {discs:,} | {name} | {middle:.2f} ({low:.2f} to {high:.2f}) | {ratio:.2f} | {windows} | {again} |"
-        )
-    return lines
-
-
-def table(discs: Sequence[int], workers: list[int]) -> list[str]:
+def rates(sizes: Sequence[int], workers: list[int]) -> str:
     """Collisions per second."""
-    lines = [
-        "| discs | | million collisions per second | relative to undivided | windows | repeated |",
-        "|---|---|---|---|---|---|",
-    ]
-    return lines + [line for each in discs for line in rows(each, workers)]
+    rows = []
+    for discs in sizes:
+        scene = gas(discs)
+        kinds = {"undivided": (1, False)} | {f"{each} worker{'s' * (each > 1)}": (each, True) for each in workers}
+        runners = {name: Runner(scene, *kind) for name, kind in kinds.items()}
+        found = by_turns({name: runner.turn for name, runner in runners.items()}, TURNS)
+        for runner in runners.values():
+            runner.sim.close()
+        alone = np.array([rate for rate, _ in found["undivided"]])
+        for name, turns in found.items():
+            millions = np.array([rate for rate, _ in turns])
+            windows, again, _ = np.sum([counts for _, counts in turns], axis=0)
+            ratio = np.median(millions / alone)
+            rows.append((f"{discs:,}", name, with_quartiles(millions), f"{ratio:.2f}", windows, again))
+    heads = ("discs", "", "million collisions per second", "relative to undivided", "windows", "repeated")
+    return table(heads, rows)
 
 
 # --- counts -------------------------------------------------------------------------------------------------------
 
 
-def halo_rows(discs: int) -> list[str]:
+def halo_rows(discs: int) -> list[list[str]]:
     """What halos do twice, and of how many windows tiles did not agree: a row for each length."""
     number = max(IN_WINDOWS // discs, 2)
     differed = np.zeros((len(LENGTHS), len(HALOS)), int)
@@ -129,27 +102,23 @@ def halo_rows(discs: int) -> list[str]:
         found = sim.run(frames=20)
         once = found.frames * 0.25 * discs / found.collisions  # the time in which collisions are as many as discs
         tiles = Tiles(sim)
-        own = tiles.play(once, HALOS[0]).events
+        own = tiles.play(once, HALOS[0])[1]
         twice = [tiles.all_events(once, halo) / own - 1 for halo in HALOS]
         for _ in range(number):
             sim.run(frames=4)
             for place, length in enumerate(LENGTHS):
-                differed[place] += [not tiles.play(length * once, halo).agreed for halo in HALOS]
+                differed[place] += [not tiles.play(length * once, halo)[0] for halo in HALOS]
         tiled = f"{discs:,} discs, {len(tiles.edges)} tiles, {number} windows"
-    lines = [f"| {tiled} | events simulated twice | {' | '.join(f'{each:.1%}' for each in twice)} |"]
+    rows = [[tiled, "events simulated twice", *(f"{each:.1%}" for each in twice)]]
     for length, counts in zip(LENGTHS, differed, strict=True):
-        shares = " | ".join(f"{count / number:.1%}" if count else "0" for count in counts)
-        lines.append(f"| | {length:g} | {shares} |")
-    return lines
+        rows.append(["", f"{length:g}", *(f"{count / number:.1%}" if count else "0" for count in counts)])
+    return rows
 
 
-def halos(discs: Sequence[int]) -> list[str]:
+def halos(sizes: Sequence[int]) -> str:
     """Shares of windows in which tiles differ, by width of the halo."""
-    return [
-        f"| | collisions / discs | {' | '.join(f'halo {halo}' for halo in HALOS)} |",
-        "|---" * (len(HALOS) + 2) + "|",
-        *(line for each in discs for line in halo_rows(each)),
-    ]
+    heads = ("", "collisions / discs", *(f"halo {halo}" for halo in HALOS))
+    return table(heads, [row for discs in sizes for row in halo_rows(discs)])
 
 
 def cradle_of(page: Path) -> mpsim.Scene:
@@ -162,23 +131,21 @@ def cradle_of(page: Path) -> mpsim.Scene:
     return names["cradle"]
 
 
-def cradle(scene: mpsim.Scene) -> list[str]:
+def cradle(scene: mpsim.Scene) -> str:
     """Windows of a scene in which a blow crosses all tiles at once."""
-    lines = ["| tiles | windows | repeated in halves | simulated by one worker | digest |", "|---|---|---|---|---|"]
+    rows = []
     for tiling in TILINGS:
         with divided(*tiling):
             sim = mpsim.Simulation(scene, mpsim.Settings(dt=0.05, method="event", workers=1))
         with sim:
             sim.run(frames=40)
-            lines.append(
-                f"| {tiling[0]} x {tiling[1]} | {' | '.join(map(str, windows_of(sim)))} | {sim.digest()[:8]} |"
-            )
-    return lines
+            rows.append((f"{tiling[0]} x {tiling[1]}", *windows_of(sim), sim.digest()[:8]))
+    return table(("tiles", "windows", "repeated in halves", "simulated by one worker", "digest"), rows)
 
 
-def main() -> int:
+def main() -> None:
     """Measure, and write the tables into their pages."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("tables", nargs="*", metavar="TABLE", help=f"{', '.join(PAGES)}; default: all")
     parser.add_argument("--discs", type=int, nargs="+", help="default: 1,000 to 1,000,000; of halos 100,000")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
@@ -188,18 +155,15 @@ def main() -> int:
         parser.error(f"no table is called {', '.join(sorted(unknown))}; there are {', '.join(PAGES)}")
     warnings.simplefilter("ignore")
     make = {
-        "table": lambda: table(options.discs or (1_000, 10_000, 100_000, 1_000_000), options.workers),
+        "table": lambda: rates(options.discs or (1_000, 10_000, 100_000, 1_000_000), options.workers),
         "halos": lambda: halos(options.discs or (100_000,)),
         "cradle": lambda: cradle(cradle_of(PAGES["cradle"])),
     }
     for name in options.tables or PAGES:
-        text = "\n".join([*make[name](), "", made_by(machine())])
-        Console(soft_wrap=True, highlight=False).print(text, markup=False)
-        page = options.page or PAGES[name]
-        begin_page(page, "run_exact", name)
-        fill_blocks(page, "run_exact", {name: text})
-    return 0
+        text = f"{make[name]()}\n\n{made_by()}"
+        say(text)
+        fill_page(options.page or PAGES[name], {name: text})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

@@ -5,7 +5,6 @@ python scripts/run_gallery.py hopper galton      some of them
 python scripts/run_gallery.py --out docs/gallery --page docs/gallery.md
 """
 
-import argparse
 import sys
 import time
 import warnings
@@ -14,10 +13,10 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from gallery_marks import INK, MARKS, Mark
+from harness import exit_code, make_folder, parser_of, say
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from PIL import Image
-from rich.console import Console
 
 import mpsim
 from mpsim.output.animation import Picture
@@ -47,16 +46,6 @@ STILL_PIXELS = 400
 SIZE = 500_000
 """Largest size of an animation [bytes]: all of them together are loaded with one page."""
 
-console = Console()
-
-
-def frames_between(found: SceneFile, settings: mpsim.Settings) -> int:
-    """Frames of the simulation between two pictures."""
-    every = frames_between_pictures(found.scene, settings) or 1
-    if found.name in WHOLE and found.scene.duration:
-        every = max(every, round(found.scene.duration / settings.dt / (PICTURES - 1)))
-    return every
-
 
 def scale_of_run(found: SceneFile, pictures: int, every: int) -> ColourScale:
     """The scale of the speeds of all pictures, with a number of frames between two: the run is simulated for it."""
@@ -72,9 +61,10 @@ def scale_of_run(found: SceneFile, pictures: int, every: int) -> ColourScale:
 
 def show(found: SceneFile, folder: Path) -> None:
     """Write <name>.gif, and <name>.png: the last picture where the whole is shown, else one of the course."""
-    scene, settings = found.scene, settings_for(found.scene, None)
-    every = frames_between(found, settings)
-    number = PICTURES
+    scene, settings, number = found.scene, settings_for(found.scene, None), PICTURES
+    every = frames_between_pictures(scene, settings) or 1
+    if found.name in WHOLE and scene.duration:
+        every = max(every, round(scene.duration / settings.dt / (PICTURES - 1)))
     if scene.duration:
         number = min(number, int(scene.duration / (every * settings.dt) + 1e-9) + 1)
     still = number - 1 if found.name in WHOLE else round(STILLS.get(found.name, 0.67) * number)
@@ -90,10 +80,8 @@ def show(found: SceneFile, folder: Path) -> None:
                 sim.run(frames=every, observe=promise.observers if promise else [])
             images.append(drawn(film, sim, promise, mark))
             if shown == still:
-                image = drawn(large, sim, promise, mark)
-                image.quantize(palette=palette(256), dither=Image.Dither.NONE).save(
-                    folder / f"{found.name}.png", optimize=True
-                )
+                image = drawn(large, sim, promise, mark).quantize(palette=palette(256), dither=Image.Dither.NONE)
+                image.save(folder / f"{found.name}.png", optimize=True)
     save(images, folder / f"{found.name}.gif")
 
 
@@ -142,38 +130,29 @@ def page(scenes: list[SceneFile], folder: str) -> str:
     ]
     for found in scenes:
         lines += [f"## {found.title}", "", f"![{found.title}, moving]({folder}/{found.name}.gif)", ""]
-        lines += [f"`{found.name}` ([still]({folder}/{found.name}.png)): {oneline(found.look_for)}", ""]
+        lines += [f"`{found.name}` ([still]({folder}/{found.name}.png)): {' '.join(found.look_for.split())}", ""]
     return "\n".join(lines)
 
 
-def oneline(text: str) -> str:
-    return " ".join(text.split())
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", nargs="*", help="names; default: all")
     parser.add_argument("--out", type=Path, default=Path("results/gallery"))
     parser.add_argument("--page", type=Path, help="also write the page of the docs to this file")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    try:
-        scenes = [load(name) for name in options.scenes or names()]
-    except mpsim.MpsimError as error:
-        console.print(f"run_gallery: {error}", style="red", highlight=False, soft_wrap=True)
-        return 2
+    make_folder(options.out)
+    scenes = [load(name) for name in options.scenes or names()]
     for found in scenes:
         started = time.perf_counter()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
             show(found, options.out)
         size = sum((options.out / f"{found.name}.{ending}").stat().st_size for ending in ("gif", "png")) / 1000
-        console.print(f"{found.name}: {time.perf_counter() - started:.1f} s, {size:.0f} kB", highlight=False)
+        say(f"{found.name}: {time.perf_counter() - started:.1f} s, {size:.0f} kB")
     if options.page:
         folder = options.out.relative_to(options.page.parent)
         options.page.write_text(page(scenes, str(folder)))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

@@ -7,7 +7,7 @@ Times are per disc, and in frames of this machine on two workers: float32, packi
 the largest resident set meanwhile, shared memory included, beyond what Python and mpsim take.
 """
 
-import argparse
+import re
 import sys
 import tempfile
 import time
@@ -17,16 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pages import begin_page, fill_blocks, made_by
-from rich.console import Console
-from run_bench import machine
+import psutil
+from harness import DOCS, exit_code, fill_page, made_by, parser_of, say, table
 
 import mpsim
 from mpsim.output.frames import frame_of
 from mpsim.output.gsd import GsdWriter
 from mpsim.output.xyz import XyzWriter
 
-PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
+PAGE = DOCS / "performance.md"
 
 FRAMES = 20
 
@@ -42,27 +41,18 @@ class Meter:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self.peaks: dict[str, int] = {}
-        self._base = _resident("VmRSS")
+        self._base = psutil.Process().memory_info().rss
 
     def of(self, name: str, step: Callable[[], Any]) -> Any:
         """Do a step; what it returns."""
-        _forget_peak()
+        Path("/proc/self/clear_refs").write_text("5")  # from now on VmHWM is the largest resident set from here (Linux)
         begun = time.perf_counter()
         result = step()
         self.seconds[name] = time.perf_counter() - begun
-        self.peaks[name] = _resident("VmHWM") - self._base
+        peak = re.search(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())
+        assert peak is not None
+        self.peaks[name] = 1024 * int(peak[1]) - self._base
         return result
-
-
-def _resident(field: str) -> int:
-    """A field of this process' status in bytes."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(f"{field}:"))
-
-
-def _forget_peak() -> None:
-    """From now on VmHWM is the largest resident set from here (Linux)."""
-    Path("/proc/self/clear_refs").write_text("5")
 
 
 def measure(discs: int, folder: Path, meter: Meter) -> tuple[float, int]:
@@ -99,44 +89,31 @@ def measure(discs: int, folder: Path, meter: Meter) -> tuple[float, int]:
     return frame, block
 
 
-def table(discs: int, frame: float, block: int, meter: Meter) -> str:
-    """The table, in Markdown."""
-    lines = [
-        f"{discs:,} discs; a frame takes {frame / discs * 1e9:.1f} ns per disc on two workers, and the block has "
-        f"{block / discs:.0f} bytes per disc.\n",
-        "| | µs per disc | frames | peak memory, bytes per disc |",
-        "|---|---|---|---|",
-    ]
-    for name, seconds in meter.seconds.items():
-        lines.append(
-            f"| {name} | {seconds / discs * 1e6:.3f} | {seconds / frame:.1f} | {meter.peaks[name] / discs:.0f} |"
-        )
-    return "\n".join(lines)
-
-
-def main() -> int:
+def main() -> None:
     """Measure, and write the table into the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--discs", type=int, default=10_000_000)
     parser.add_argument("--page", type=Path, default=PAGE, help=f"default: {PAGE.name} of the docs")
     options = parser.parse_args()
-    console = Console(soft_wrap=True, highlight=False)
     for kind in (mpsim.FastWarning, mpsim.errors.ResolutionWarning):  # of float32, which this is about
         warnings.simplefilter("ignore", kind)
+    discs = options.discs
     with tempfile.TemporaryDirectory(dir=options.page.parent) as name:
-        try:
-            measure(1000, Path(name), Meter())  # so that nothing is compiled or imported in the times
-            meter = Meter()
-            frame, block = measure(options.discs, Path(name), meter)
-        except (mpsim.MpsimError, OSError) as error:
-            console.print(f"run_large: {error}", style="red")
-            return 2 if isinstance(error, mpsim.InputError) else 1
-    text = table(options.discs, frame, block, meter)
-    console.print(text)
-    begin_page(options.page, "run_large", "table")
-    fill_blocks(options.page, "run_large", {"table": f"{text}\n\n{made_by(machine())}"})
-    return 0
+        measure(1000, Path(name), Meter())  # so that nothing is compiled or imported in the times
+        meter = Meter()
+        frame, block = measure(discs, Path(name), meter)
+    rows = (
+        (step, f"{seconds / discs * 1e6:.3f}", f"{seconds / frame:.1f}", f"{meter.peaks[step] / discs:.0f}")
+        for step, seconds in meter.seconds.items()
+    )
+    text = (
+        f"{discs:,} discs; a frame takes {frame / discs * 1e9:.1f} ns per disc on two workers, and the block has "
+        f"{block / discs:.0f} bytes per disc.\n\n"
+        f"{table(('', 'µs per disc', 'frames', 'peak memory, bytes per disc'), rows)}\n\n{made_by()}"
+    )
+    say(text)
+    fill_page(options.page, {"table": text})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

@@ -8,15 +8,13 @@ Nishikawa, Hoellmer, Carillo, Maggs and Krauth (J. Chem. Phys. 157, 234111, 2022
 repository. The start is a lattice, which melts first; pieces of the run before the stationary part are left out.
 """
 
-import argparse
 import json
 import math
 import sys
 import time
 from pathlib import Path
 
-from pages import fill_blocks, made_by
-from run_bench import machine
+from harness import DOCS, exit_code, fill_page, made_by, parser_of, say, table
 
 import mpsim
 from mpsim.measure import Measure, equilibration, hexatic_order
@@ -27,8 +25,6 @@ PIECE = 2.0
 
 KEEP = 50
 """Pieces between two checkpoints."""
-
-DOCS = Path(__file__).parents[1] / "docs" / "validation.md"
 
 
 def begin(folder: Path) -> tuple[mpsim.Simulation, list[dict[str, float]]]:
@@ -67,30 +63,29 @@ def words(pieces: list[dict[str, float]]) -> str:
     deviation = (mean.value - PUBLISHED.value) / math.hypot(mean.error, PUBLISHED.error)
     orders = [piece["hexatic"] for piece in pieces if "hexatic" in piece]
     later = orders[len(orders) // 2 :]
+    what = f"P (2R)²/kT, {COUNT:,} discs, box 1 : 1, packing {PACKING}"
+    row = what, "Li 2022", PUBLISHED, mean, f"{deviation:+.1f}"
     return (
-        "| | source | expected | found | deviation |\n|---|---|---|---|---:|\n"
-        f"| P (2R)²/kT, {COUNT:,} discs, box 1 : 1, packing {PACKING} | Li 2022 | {PUBLISHED} | {mean} | "
-        f"{deviation:+.1f} |\n\n"
+        f"{table(('', 'source', 'expected', 'found', 'deviation'), [row], right=1)}\n\n"
         f"One run of length {last:,.0f} (in units of 2R √(m/kT)), of which the first {first - PIECE:,.0f} are left "
         f"out. The global hexatic order |ψ₆| fell from that of a lattice to between {min(later):.2f} and "
         f"{max(later):.2f} in the second half of the run."
     )
 
 
-def main() -> int:
+def main() -> None:
     """Run, print, and renew the page if asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--minutes", type=float, default=15.0, help="of one core (default: 15)")
     parser.add_argument("--out", type=Path, default=Path("results/melting"), help="default: results/melting")
     parser.add_argument("--docs", action="store_true", help="write the result into docs/validation.md")
     options = parser.parse_args()
     pieces = simulate(options.out, options.minutes)
-    text = f"{words(pieces)}\n\n{made_by(machine())}"
-    print(text)
+    text = f"{words(pieces)}\n\n{made_by()}"
+    say(text)
     if options.docs:
-        fill_blocks(DOCS, "run_melting", {"row": text})
-    return 0
+        fill_page(DOCS / "validation.md", {"row": text})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

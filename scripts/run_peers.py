@@ -17,19 +17,16 @@ import time
 from pathlib import Path
 from typing import Any
 
+from harness import DOCS, TOP, exit_code, machine, make_folder, parser_of
 from peers import page
 from peers.client import FailedError
 from peers.registry import PEERS
 from peers.study import Asked, Study
 from peers.turns import Effort
 from rich.console import Console
-from run_bench import machine, make_folder
 
-import mpsim
-
-TOP = Path(__file__).parents[1]
 WORK = TOP / "results" / "peers"
-PAGE = TOP / "docs" / "peers.md"
+PAGE = DOCS / "peers.md"
 
 COUNTS = (100, 1_000, 10_000, 100_000, 1_000_000)
 PACKINGS = (0.1, 0.4, 0.7)
@@ -40,13 +37,8 @@ QUICK_PEERS = ("cpp", "numba", "mpsim-push", "mpsim-event", "numpy")
 console = Console(stderr=True)
 
 
-def arguments(words: list[str] | None = None) -> argparse.Namespace:
-    """Options of the command line.
-
-    Args:
-        words: the command line without the program; None: that of this process.
-    """
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def arguments() -> argparse.Namespace:
+    parser = parser_of(__doc__)
     parser.add_argument("--peers", nargs="+", choices=tuple(PEERS), metavar="NAME", help=f"{', '.join(PEERS)} (all)")
     parser.add_argument("--counts", nargs="+", type=int, help=f"numbers of discs (default: {_words(COUNTS)})")
     parser.add_argument("--packings", nargs="+", type=float, help=f"default: {_words(PACKINGS)}")
@@ -61,7 +53,7 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--again", action="store_true", help="measure nothing")
     parser.add_argument("--page", type=Path, help="default: docs/peers.md, of --quick results/peers/peers.md")
     parser.add_argument("--work", type=Path, default=WORK, help="for starts, messages and the record of what was found")
-    return parser.parse_args(words)
+    return parser.parse_args()
 
 
 def _words(numbers: tuple[float, ...]) -> str:
@@ -103,25 +95,25 @@ def measured(options: argparse.Namespace, record_file: Path) -> dict[str, Any]:
         return study.run()
 
 
-def main(words: list[str] | None = None) -> int:
+def main() -> int:
     """Measure and write; returns the exit status."""
-    options = arguments(words)
+    options = arguments()
     begun = time.perf_counter()
     target = options.page or (options.work / "peers.md" if options.quick else PAGE)
+    make_folder(options.work)
+    record_file = options.work / ("quick.json" if options.quick else "peers.json")
     try:
-        make_folder(options.work)
-        record_file = options.work / ("quick.json" if options.quick else "peers.json")
         record = json.loads(record_file.read_text()) if options.again else measured(options, record_file)
-        page.write(record, target, TOP / "README.md" if target == PAGE else None)
     except KeyboardInterrupt:
         console.print("Interrupted; what was measured is in the record, and --again writes the page from it.")
         return 130
-    except (mpsim.MpsimError, FailedError, OSError) as error:
+    except FailedError as error:
         console.print(f"run_peers: {error}", style="red", highlight=False, soft_wrap=True)
-        return 2 if isinstance(error, mpsim.InputError | OSError) else 1
+        return 1
+    page.write(record, target, TOP / "README.md" if target == PAGE else None)
     console.print(f"{time.perf_counter() - begun:.1f} s; the page is {target}", highlight=False, soft_wrap=True)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

@@ -11,16 +11,15 @@ call is timed. The others then share its runs of the reference, and the three ch
 under results/promise/, scene by scene; an interrupted call continues where it stopped.
 """
 
-import argparse
 import json
+import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from pages import fill_page, made_by
-from promise_scenes import CASES, Case
-from run_bench import machine
+import harness
+from harness import exit_code, fill_page, made_by, make_folder, parser_of, say
+from promise_scenes import BY_COLLISIONS, CASES
 
 import mpsim
 from mpsim.core.text import with_error
@@ -44,8 +43,7 @@ LEAST, MOST = 8, 64
 """Runs of a check at least and at most."""
 
 
-@dataclass(frozen=True)
-class Asked:
+class Asked(NamedTuple):
     """A scene, its starts, the measure of which errors are asked, and seconds for an answer and for its check."""
 
     scene: mpsim.Scene
@@ -62,10 +60,8 @@ def cases() -> dict[str, Asked]:
     for name in scenefile.names():
         scene = mpsim.Scene.load(name)
         found[name] = Asked(scene, None, next(each for each in BUDGETS if each in available(scene)), *named)
-    for case in CASES:
-        assert isinstance(case, Case)
-        assert case.name not in found
-        found[case.name] = Asked(case.make(0), case.make, case.measure, *generated)
+    for name, make in CASES.items():
+        found[name] = Asked(make(0), make, "collision_rate" if name in BY_COLLISIONS else "pressure", *generated)
     return found
 
 
@@ -110,26 +106,24 @@ def check(run: Ensemble, settings: mpsim.Settings, asked: Asked, budget: float) 
     return {"checked": error.value, "checked_error": error.error, "runs": number, "inside": bool(inside)}
 
 
-def table(results: dict[str, dict[str, Any]]) -> str:
+def table(results: dict[str, dict[str, Any]]) -> tuple[str, str]:
     """All answers as a table in Markdown, and what they come to."""
-    lines = ["| scene | error of | 10 % | 3 % | 1 % |", "|---|---|---|---|---|"]
-    for name, rows in results.items():
-        cells = [cell(row) for row in rows["rows"]]
-        lines.append(f"| {name} | {rows['rows'][0]['measure'].replace('_', ' ')} | {' | '.join(cells)} |")
+    lines = [
+        (name, found["rows"][0]["measure"].replace("_", " "), *map(cell, found["rows"]))
+        for name, found in results.items()
+    ]
     every = [row for rows in results.values() for row in rows["rows"]]
     verified = [row for row in every if row["verdict"] == "verified"]
     inside, spread = (sum(row[key] for row in verified) for key in ("inside", "spread"))
     exact = sum(row["verdict"] == "exact" for row in every)
     first = {name: rows["rows"][-1]["seconds"] for name, rows in results.items() if name in scenefile.names()}
-    lines += [
-        "",
+    return harness.table(("scene", "error of", "10 %", "3 %", "1 %"), lines), (
         f"{len(every)} answers on {len(results)} scenes: {len(verified)} verified, {exact} exact, "
         f"{len(every) - len(verified) - exact} refused with a reason. Of the verified ones {inside} "
         f"({inside / max(len(verified), 1):.0%}) were inside their budget plus two standard errors when checked by "
         f"fresh ensembles; {len(verified) - spread} had no spread. By itself `tune` took for 1 % on named scenes [s]: "
-        f"{', '.join(f'{name} {seconds:.0f}' for name, seconds in first.items())}.",
-    ]
-    return "\n".join(lines)
+        f"{', '.join(f'{name} {seconds:.0f}' for name, seconds in first.items())}."
+    )
 
 
 def cell(row: dict[str, Any]) -> str:
@@ -139,11 +133,8 @@ def cell(row: dict[str, Any]) -> str:
         return f"{row['settings']}: {with_error(100 * row['checked'], 100 * row['checked_error'])} %{mark}"
     if row["verdict"] == "exact":
         return "event (exact)"
-    reason = row["words"].split(": ", 1)[-1]
-    for words, short in REASONS.items():
-        if words in reason or words in row["words"]:
-            return f"refused: {short}"
-    return f"refused: {reason[:60]}"
+    reasons = [short for words, short in REASONS.items() if words in row["words"]]
+    return f"refused: {reasons[0] if reasons else row['words'].split(': ', 1)[-1][:60]}"
 
 
 REASONS = {
@@ -159,7 +150,7 @@ REASONS = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", nargs="*", help="names; default: all")
     parser.add_argument("--fresh", action="store_true", help="forget what earlier calls have kept")
     parser.add_argument("--out", type=Path, default=Path("results/promise"))
@@ -169,7 +160,7 @@ def main() -> None:
     unknown = sorted(set(given.scenes) - set(every))
     if unknown:
         parser.error(f"no such scene: {', '.join(unknown)}. Choose from {', '.join(every)}.")
-    given.out.mkdir(parents=True, exist_ok=True)
+    make_folder(given.out)
     results: dict[str, dict[str, Any]] = {}
     for name, asked in every.items():
         file = given.out / f"{name.replace(' ', '_').replace(',', '')}.json"
@@ -184,12 +175,12 @@ def main() -> None:
         results[name] = {"rows": rows, "digest": asked.scene.digest()}
         file.write_text(json.dumps(results[name], indent=1))
         kept.unlink(missing_ok=True)
-        print(name, *(f"  {cell(row)}  [{row['seconds']:.0f} s]" for row in rows), sep="\n", flush=True)
-    text = table(results)
-    print(text)
+        say("\n".join([name, *(f"  {cell(row)}  [{row['seconds']:.0f} s]" for row in rows)]))
+    text, counted = table(results)
+    say(f"{text}\n\n{counted}")
     if given.docs is not None:
-        fill_page(given.docs, "run_promise", {"results": f"{text.splitlines()[-1]}\n\n{made_by(machine())}"}, {})
+        fill_page(given.docs, {"results": f"{counted}\n\n{made_by()}"})
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code(main))

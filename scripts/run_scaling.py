@@ -8,30 +8,28 @@ Frames of one number of discs are timed in turns, so that other load falls on ea
 what the model takes from the measurement, and what it leaves out.
 """
 
-import argparse
 import math
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import NamedTuple
 
 import numba
 import numpy as np
+from harness import DOCS, by_turns, exit_code, fill_page, made_by, parser_of, say, table
 from numpy.typing import NDArray
-from pages import begin_page, fill_blocks, made_by
-from rich.console import Console
-from run_bench import machine
 
 import mpsim
 from mpsim.core.machine import usable_cores
 from mpsim.engine.solvers.grid import shares_of
 
-PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
+PAGE = DOCS / "performance.md"
 
 EACH = 100_000
 """Discs of each worker in weak scaling."""
@@ -46,6 +44,9 @@ FEW = 64
 LARGEST_OF = {1: 0.0, 2: 0.564, 4: 1.029, 8: 1.424, 16: 1.766, 32: 2.070, 64: 2.344}
 """Mean of the largest of so many normal numbers, in standard deviations (Harter, Biometrika 48, 151, 1961, table 1)."""
 
+HEADS = ("discs", "workers", "ns a disc and frame", "efficiency", "waiting", "model: efficiency")
+Row = tuple[str, ...]
+
 LINE = 64
 """Bytes of a cache line."""
 
@@ -53,8 +54,7 @@ TOUCHED = 5 * 4
 """Bytes of a disc that the even or odd pass at a border reads or writes: place, velocity, number, in float32."""
 
 
-@dataclass(frozen=True)
-class Timing:
+class Timing(NamedTuple):
     """Frames of a scene on so many workers.
 
     Attributes:
@@ -71,8 +71,7 @@ class Timing:
     column: NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Model:
+class Model(NamedTuple):
     """The time of a frame on more workers than there are cores to measure it.
 
     Work as on one process, of the worker with the most discs, as columns are dealt whole; what its contacts take
@@ -108,14 +107,9 @@ class Model:
         mean = discs / workers
         barriers = self.barriers * workers / 2 if workers > 1 else 0.0
         work = self.work * mean * share + LARGEST_OF[workers] * self.spread * math.sqrt(mean)
-        return work + barriers + self.fetched(workers) * self.line
-
-    def fetched(self, workers: int) -> float:
-        """Lines of a frame that a worker takes from its neighbours: a column at its right border, its own at the left.
-
-        With two workers each has one border, with more than two most have both.
-        """
-        return self.lines * min(workers - 1, 2)
+        # From its neighbours a worker takes a column at its right border, and its own at the left: with two workers
+        # each has one border, with more than two most have both.
+        return work + barriers + self.lines * min(workers - 1, 2) * self.line
 
 
 def largest_share(column: NDArray[np.int64], workers: int) -> float:
@@ -126,32 +120,27 @@ def largest_share(column: NDArray[np.int64], workers: int) -> float:
 
 
 def time_frames(discs: int, workers: Sequence[int]) -> list[Timing]:
-    """Frames of as many discs on each number of workers, in turns."""
+    """Frames of as many discs on each number of workers, in turns; one worker is `grid`."""
     scene = mpsim.Scene.random(count=discs, packing=0.4, radius=0.5, temperature=1.0, seed=1)
-    frames = [max(int(TURN * number / discs), 3) for number in workers]
     with ExitStack() as stack:
-        runs = [stack.enter_context(mpsim.Simulation(scene, settings_for(number))) for number in workers]
-        for sim, number in zip(runs, frames, strict=True):
-            sim.run(frames=number)
-        found: list[list[tuple[float, float]]] = [[] for _ in runs]
-        for _ in range(TURNS):
-            for sim, number, times in zip(runs, frames, found, strict=True):
-                report = sim.run(frames=number)
-                waits = report.phase_seconds["wait"].mean(axis=1)
-                times.append((float(np.median(report.frame_seconds)), float(np.median(waits))))
-        medians = [np.median(times, axis=0) for times in found]
-        column = runs[0].columns().of_disc
-    return [
-        Timing(discs, number, float(seconds), float(wait), column)
-        for number, (seconds, wait) in zip(workers, medians, strict=True)
-    ]
+        sims: dict[int, mpsim.Simulation] = {}
+        runs: dict[str, Callable[[], tuple[float, float]]] = {}
+        for number in workers:
+            method, several = ("grid", None) if number == 1 else ("parallel", number)
+            settings = mpsim.Settings(dt=0.02, precision="float32", method=method, workers=several)
+            sims[number] = stack.enter_context(mpsim.Simulation(scene, settings))
+            runs[str(number)] = partial(_turn, sims[number], max(int(TURN * number / discs), 3))
+        by_turns(runs, 1)
+        medians = [np.median(times, axis=0) for times in by_turns(runs, TURNS).values()]
+        column = sims[workers[0]].columns().of_disc
+    times = zip(workers, medians, strict=True)
+    return [Timing(discs, number, float(seconds), float(wait), column) for number, (seconds, wait) in times]
 
 
-def settings_for(workers: int) -> mpsim.Settings:
-    """Of a run on so many workers; one process is `grid`."""
-    if workers == 1:
-        return mpsim.Settings(dt=0.02, method="grid", precision="float32")
-    return mpsim.Settings(dt=0.02, method="parallel", workers=workers, precision="float32")
+def _turn(sim: mpsim.Simulation, frames: int) -> tuple[float, float]:
+    """Time of a frame, and of waiting in it, on average over the workers [s]: medians."""
+    report = sim.run(frames=frames)
+    return float(np.median(report.frame_seconds)), float(np.median(report.phase_seconds["wait"].mean(axis=1)))
 
 
 def barriers_of_a_frame() -> float:
@@ -194,9 +183,9 @@ def seconds_of_a_line(one: int, other: int) -> float:
     return max(float(first - again), 0.0) / 1000
 
 
-def strong(sizes: Sequence[int], most: int, barriers: float, line: float) -> list[str]:
+def strong(sizes: Sequence[int], most: int, barriers: float, line: float) -> list[Row]:
     """Rows of the table for fixed numbers of discs."""
-    rows: list[str] = []
+    rows: list[Row] = []
     for discs in sizes:
         timings = time_frames(discs, powers(min(most, usable_cores())))
         model = Model.of(timings[0], timings[1], barriers, line) if len(timings) > 1 else None
@@ -208,33 +197,24 @@ def strong(sizes: Sequence[int], most: int, barriers: float, line: float) -> lis
     return rows
 
 
-def weak(most: int) -> list[str]:
+def weak(most: int) -> list[Row]:
     """Rows of the table for as many discs a worker, as far as there are cores."""
-    first = time_frames(EACH, (1,))[0]
-    rows: list[str] = []
-    for workers in powers(min(most, usable_cores())):
-        timing = first if workers == 1 else time_frames(EACH * workers, (workers,))[0]
-        rows.append(row(timing.discs, workers, first.seconds * workers, timing, None))
-    return rows
+    timings = [time_frames(EACH * workers, (workers,))[0] for workers in powers(min(most, usable_cores()))]
+    one = timings[0].seconds
+    return [row(timing.discs, timing.workers, one * timing.workers, timing, None) for timing in timings]
 
 
-def row(
-    discs: int,
-    workers: int,
-    one: float,
-    timing: Timing | None,
-    predicted: float | None,
-) -> str:
+def row(discs: int, workers: int, one: float, timing: Timing | None, predicted: float | None) -> Row:
     """A row of the table. one: the time of a frame of as many discs on one process, or so many times fewer's [s]."""
 
     def efficiency(seconds: float | None) -> str:
         return "" if seconds is None else f"{one / seconds / workers:.2f}"
 
-    measured = " | | "
+    measured = ("", "", "")
     if timing is not None:
         waited = 100 * timing.wait / timing.seconds
-        measured = f"{timing.seconds / discs * 1e9:.2f} | {efficiency(timing.seconds)} | {waited:.0f} %"
-    return f"| {discs:,} | {workers} | {measured} | {efficiency(predicted)} |"
+        measured = f"{timing.seconds / discs * 1e9:.2f}", efficiency(timing.seconds), f"{waited:.0f} %"
+    return f"{discs:,}", str(workers), *measured, efficiency(predicted)
 
 
 def powers(most: int) -> list[int]:
@@ -242,42 +222,29 @@ def powers(most: int) -> list[int]:
     return [2**power for power in range(most.bit_length())]
 
 
-HEAD = [
-    "| discs | workers | ns a disc and frame | efficiency | waiting | model: efficiency |",
-    "|---|---|---|---|---|---|",
-]
-
-
-def main() -> int:
+def main() -> None:
     """Measure, and write the tables into the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--discs", type=int, nargs="+", default=[100_000, 1_000_000, 10_000_000])
     parser.add_argument("--workers", type=int, default=16, choices=list(LARGEST_OF), help="most of them; default: 16")
     parser.add_argument("--page", type=Path, default=PAGE, help=f"default: {PAGE.name} of the docs")
     options = parser.parse_args()
     if min(options.discs) < options.workers:
         parser.error(f"argument --discs: must be at least {options.workers}, a disc for each worker")
-    console = Console(soft_wrap=True, highlight=False)
     for kind in (mpsim.FastWarning, mpsim.errors.ResolutionWarning):  # of float32, which this is about
         warnings.simplefilter("ignore", kind)
-    try:
-        barriers = line = 0.0
-        if usable_cores() > 1:
-            barriers, line = barriers_of_a_frame(), seconds_of_a_line(*sorted(os.sched_getaffinity(0))[:2])
-        strongly, weakly = strong(options.discs, options.workers, barriers, line), weak(options.workers)
-    except mpsim.MpsimError as error:
-        console.print(f"run_scaling: {error}", style="red")
-        return 2 if isinstance(error, mpsim.InputError) else 1
-    said = (
+    barriers = line = 0.0
+    if usable_cores() > 1:
+        barriers, line = barriers_of_a_frame(), seconds_of_a_line(*sorted(os.sched_getaffinity(0))[:2])
+    strongly, weakly = strong(options.discs, options.workers, barriers, line), weak(options.workers)
+    text = (
+        f"Strong scaling:\n\n{table(HEADS, strongly)}\n\nWeak scaling:\n\n{table(HEADS, weakly)}\n\n"
         f"Barriers of a frame on two workers: {barriers * 1e6:.2f} µs; a line of another core's cache: "
-        f"{line * 1e9:.0f} ns. {made_by(machine())}"
+        f"{line * 1e9:.0f} ns. {made_by()}"
     )
-    text = "\n".join(["Strong scaling:\n", *HEAD, *strongly, "\nWeak scaling:\n", *HEAD, *weakly, f"\n{said}"])
-    console.print(text, markup=False)
-    begin_page(options.page, "run_scaling", "table")
-    fill_blocks(options.page, "run_scaling", {"table": text})
-    return 0
+    say(text)
+    fill_page(options.page, {"table": text})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

@@ -19,21 +19,16 @@ from pathlib import Path
 
 import stability
 import stability_map
-from pages import fill_page, made_by
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from run_bench import machine, make_folder
+from harness import console, exit_code, fill_page, machine, made_by, make_folder, parser_of, progress_bar, say
 from stability import AXES
 
 import mpsim
 from mpsim.engine import step_limits
 from mpsim.engine.solvers import speeds
 
-console = Console()
-
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     axes = [*AXES, stability.MAP]
     parser.add_argument("--only", nargs="+", choices=axes, metavar="AXIS", help=", ".join(axes))
     parser.add_argument("--full", action="store_true", help="also the long trials")
@@ -57,9 +52,7 @@ def cost() -> None:
                 speeds.speeds_of(sim.state.velocity, scene.radii, scene)
                 looks.append(time.perf_counter() - started)
         look, every = statistics.median(looks), step_limits.StepLimits(scene, sim.settings).frames_ahead(0, count)
-        console.print(
-            f"{count:,} discs: a frame {frame:.3g} s, a look {look:.3g} s, {look / every / frame:.2%} of a run"
-        )
+        say(f"{count:,} discs: a frame {frame:.3g} s, a look {look:.3g} s, {look / every / frame:.2%} of a run")
 
 
 def draw(kept: Path, out: Path) -> None:
@@ -74,14 +67,11 @@ def run(options: argparse.Namespace) -> int:
     """Run the trials, write everything; 1 if an outcome is forbidden."""
     make_folder(options.out)
     chosen = stability.trials(options.only, options.full)
-    columns = (TextColumn("{task.description:36.36}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
+    with progress_bar() as progress:
         task = progress.add_task("starting", total=len(chosen))
-
-        def tick(done: int, of: int, what: str) -> None:
-            progress.update(task, completed=done, total=of, description=what)
-
-        outcomes = stability.run_trials(chosen, options.workers, tick)
+        outcomes = stability.run_trials(
+            chosen, options.workers, lambda words: progress.update(task, advance=1, description=words)
+        )
     machine_now = machine()
     kept = stability.to_json(outcomes, machine=machine_now)
     (options.out / "stability.json").write_text(kept)
@@ -89,11 +79,11 @@ def run(options: argparse.Namespace) -> int:
     table, worst = stability.counts_table(outcomes), stability.findings_table(outcomes)
     made = made_by(machine_now)
     (options.out / "stability.md").write_text(f"{table}\n\n{worst}\n\n{made}\n")
-    for text in (table, worst):
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
+    say(table)
+    say(worst)
     if options.docs:
         pictures = {picture.name: picture for picture in options.out.glob("*.png")}
-        fill_page(options.docs, "run_stability", {"counts": table, "findings": worst, "made": made}, pictures)
+        fill_page(options.docs, {"counts": table, "findings": worst, "made": made}, pictures)
         (options.docs.with_suffix("") / "outcomes.json.gz").write_bytes(gzip.compress(kept.encode(), mtime=0))
     found = stability.counts(outcomes)
     return int(any(found[kind] for kind in stability.FORBIDDEN))
@@ -108,14 +98,10 @@ def main() -> int:
     if options.draw:
         draw(options.draw, options.out)
         return 0
-    try:
-        code = run(options)
-    except (mpsim.MpsimError, OSError) as error:
-        console.print(f"run_stability: {error}", style="red", highlight=False, soft_wrap=True)
-        return 2
+    code = run(options)
     console.print(f"{time.perf_counter() - started:.1f} s; all is in {options.out}/")
     return code
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

@@ -18,15 +18,12 @@ import signal
 import sys
 import time
 from concurrent.futures import Executor, ProcessPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from pages import fill_page, made_by
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from run_bench import machine, make_folder
-from tradeoff_answers import Effort, SavedAnswers, answers
+from harness import console, exit_code, fill_page, made_by, make_folder, parser_of, progress_bar, say
+from rich.progress import Progress
+from tradeoff_answers import push_against_tuned, where_exact_is_cheaper
 from tradeoff_figures import markdown_table, save
 
 import mpsim
@@ -36,8 +33,7 @@ COUNT = 200
 SEED = 1
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """A scene by packing fraction, weight m g L [kT] (0: no gravity), and length of a run [time]."""
 
     packing: float
@@ -69,11 +65,9 @@ LONGER = 4
 LEAVE_CTRL_C = (signal.SIGINT, signal.SIG_IGN)
 """Processes that compute leave Ctrl-C to the one that started them."""
 
-console = Console()
-
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", nargs="*", metavar="scene", help=f"{', '.join(SCENES)} (default: all)")
     parser.add_argument("--full", action="store_true", help="longer runs and more of them")
     parser.add_argument("--fresh", action="store_true", help="forget what earlier calls have kept")
@@ -90,11 +84,11 @@ def arguments() -> argparse.Namespace:
 
 def scene_of(place: Place) -> mpsim.Scene:
     """The scene, at kT = 1, settled under its gravity."""
-    scene = mpsim.Scene.random(count=COUNT, packing=place.packing, radius=0.5, seed=SEED)
+    gas: Any = {"count": COUNT, "packing": place.packing, "radius": 0.5, "seed": SEED}
+    scene = mpsim.Scene.random(**gas)
     if not place.weight:
         return scene
-    gravity = (0.0, -place.weight / scene.height)
-    scene = mpsim.Scene.random(count=COUNT, packing=place.packing, radius=0.5, seed=SEED, gravity=gravity)
+    scene = mpsim.Scene.random(**gas, gravity=(0.0, -place.weight / scene.height))
     for _ in range(20):  # falling heats: cool to kT = 1 again and again
         with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=5.0)) as sim:
             sim.run(frames=1)
@@ -126,26 +120,23 @@ def table_of(
     kept = folder / ("runs-full.json" if options.full else "runs.json")
     if options.fresh:
         kept.unlink(missing_ok=True)
-    costs = costs_taken(kept) if options.retime else {}
+    costs = costs_taken(kept) if options.retime and kept.exists() else {}
     task = progress.add_task(name, total=1)
 
     def tick(done: int, of: int, what: str) -> None:
         progress.update(task, completed=done, total=of, description=f"{name}: {what}")
 
     longer, replicas = (LONGER, FULL_REPLICAS) if options.full else (1, REPLICAS)
-    table = mpsim.tradeoff(
-        scene, until=place.until * longer, replicas=replicas, executor=pool, path=kept, progress=tick
-    )
+    how: dict[str, Any] = {"until": place.until * longer, "replicas": replicas, "path": kept}
+    table = mpsim.tradeoff(scene, **how, executor=pool, progress=tick)
     if costs:
         keep_lower(kept, costs)
-        table = mpsim.tradeoff(scene, until=place.until * longer, replicas=replicas, path=kept)
+        table = mpsim.tradeoff(scene, **how)
     return table
 
 
 def costs_taken(path: Path) -> dict[str, Any]:
     """Take the costs out of a file of finished runs, and return them."""
-    if not path.exists():
-        return {}
     kept = json.loads(path.read_text())
     costs = {key: kept["results"].pop(key) for key in list(kept["results"]) if key.startswith("cost ")}
     path.write_text(json.dumps(kept))
@@ -172,57 +163,49 @@ def write(table: mpsim.Tradeoff, words: str, made: str, folder: Path) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """All that was asked for."""
-    made = made_by(machine())
-    columns = (TextColumn("{task.description:36}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    made = made_by()
     found: dict[str, mpsim.Tradeoff] = {}
-    scenes: dict[str, mpsim.Scene] = {}
     # Processes, whose short runs do not wait for each other's Python as threads would; idle while costs are taken.
     pool = ProcessPoolExecutor(usable_cores(), multiprocessing.get_context("forkserver"), signal.signal, LEAVE_CTRL_C)
-    with pool, Progress(*columns, console=console) as progress:
+    with pool, progress_bar() as progress:
         for name in options.scenes or SCENES:
             folder = options.out / name
             make_folder(folder)
-            scenes[name] = scene_of(SCENES[name])
-            words = description(scenes[name], SCENES[name])
-            found[name] = table_of(name, scenes[name], options, pool, progress)
+            scene = scene_of(SCENES[name])
+            words = description(scene, SCENES[name])
+            found[name] = table_of(name, scene, options, pool, progress)
             write(found[name], words, made, folder)
-            console.print(f"{name}. {words}", highlight=False, soft_wrap=True)
-            console.print(str(found[name]), highlight=False, markup=False, soft_wrap=True)
+            say(f"{name}. {words}")
+            say(str(found[name]))
         progress.add_task("pictures", total=None)
         list(pool.map(save, found.values(), [options.out / name for name in found]))
         if not (options.answers or options.docs or options.full):
             return
-        task = progress.add_task("answers", total=None)
-
-        def tick(what: str) -> None:
-            progress.update(task, description=f"answers: {what}")
-
-        kept = SavedAnswers(options.out / "answers.json", options.fresh or options.retime)
-        found_answers = answers(found, scenes, kept, Effort(full=options.full), tick)
-    text = "\n\n".join(found_answers.values())
+        progress.add_task("answers", total=None)
+        answers = {
+            "push": push_against_tuned(options.out / "answers.json", options.full, options.fresh or options.retime),
+            "exact": where_exact_is_cheaper(found),
+        }
+    text = "\n\n".join(answers.values())
     (options.out / "answers.md").write_text(f"{text}\n\n{made}\n")
-    console.print(text, highlight=False, markup=False, soft_wrap=True)
+    say(text)
     if options.docs:
-        blocks = {name: text.split("\n\n", 1)[1] for name, text in found_answers.items()} | {"made": made}
         shown = {name: options.out / source for name, source in SHOWN.items() if (options.out / source).exists()}
-        fill_page(options.docs, "run_tradeoff", blocks, shown)
+        fill_page(options.docs, answers | {"made": made}, shown)
 
 
 def main() -> int:
     options = arguments()
     started = time.perf_counter()
+    make_folder(options.out)
     try:
-        make_folder(options.out)
         run(options)
     except KeyboardInterrupt:
         console.print("Interrupted; the same call, without --fresh, continues from what is finished.")
         return 130
-    except (mpsim.MpsimError, OSError) as error:
-        console.print(f"run_tradeoff: {error}", style="red", highlight=False, soft_wrap=True)
-        return 2 if isinstance(error, mpsim.InputError | OSError) else 1
     console.print(f"{time.perf_counter() - started:.1f} s; all is in {options.out}/")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

@@ -6,7 +6,6 @@ python scripts/run_two_stages.py --sizes FOLDER     each moment at 390, 1280 and
 Needs Playwright and Chromium.
 """
 
-import argparse
 import contextlib
 import io
 import sys
@@ -14,8 +13,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from harness import DOCS, parser_of, say
 from playwright.sync_api import Page
-from rich.console import Console
 from run_view import WIDTHS, chromium
 
 import mpsim
@@ -38,8 +37,6 @@ TALL = 1248
 
 TUTORIAL = {("first", 1280), ("parted", 1280), ("parted", 390)}
 """Pictures that the tutorial shows: moment and width."""
-
-console = Console()
 
 
 def wait_for(page: Page, what: str, condition: Callable[[], bool]) -> None:
@@ -99,10 +96,10 @@ def take(view: mpsim.View, page: Page, folder: Path, width: int, moments: set[st
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--sizes", type=Path, metavar="FOLDER")
     options = parser.parse_args()
-    folder = options.sizes or Path("docs/pictures")
+    folder = options.sizes or DOCS / "pictures"
     folder.mkdir(parents=True, exist_ok=True)
     wanted = {(moment, width) for moment in MOMENTS for width in WIDTHS} if options.sizes else TUTORIAL
     file = scenefile.load("gas")
@@ -114,7 +111,7 @@ def main() -> int:
         for width in sorted({width for _, width in wanted}):
             page = browser.new_page(viewport={"width": width, "height": WIDTHS[width]})
             for path in take(view, page, folder, width, {moment for moment, each in wanted if each == width}):
-                console.print(f"written: {path}", highlight=False)
+                say(f"written: {path}")
             page.close()
     return 0
 

@@ -8,7 +8,6 @@ Groups: dense (pressures of Li et al. 2022), state (equation of state), two (two
 (velocity autocorrelation and diffusion). Rows go to --out as soon as a group is done.
 """
 
-import argparse
 import dataclasses
 import json
 import math
@@ -16,15 +15,13 @@ import sys
 import time
 from pathlib import Path
 
-from pages import begin_page, fill_blocks, made_by
-from rich.console import Console
-from run_bench import machine
+import harness
+from harness import DOCS, exit_code, fill_page, made_by, parser_of, say
 from validation_rows import GROUPS, Row
 from validation_theory import chi2_probability
 
 from mpsim.measure import Measure
 
-DOCS = Path(__file__).parents[1] / "docs"
 FAR = 5.0
 """Standard errors by which a control must be off."""
 
@@ -37,10 +34,10 @@ def measured(names: list[str], share: float, out: Path) -> tuple[dict[str, list[
     out.parent.mkdir(parents=True, exist_ok=True)
     for name in names:
         began = time.process_time()
-        rows = [dataclasses.asdict(row) for row in GROUPS[name](share)]
-        kept[name] = {"rows": rows, "seconds": time.process_time() - began}
+        rows = list(GROUPS[name](share))
+        kept[name] = {"rows": list(map(dataclasses.asdict, rows)), "seconds": time.process_time() - began}
         out.write_text(json.dumps(kept, indent=1))
-        Console(soft_wrap=True, highlight=False).print(table([row_of(row) for row in rows]), markup=False)
+        say(table(rows))
     groups = {name: [row_of(row) for row in kept[name]["rows"]] for name in GROUPS if name in kept}
     return groups, sum(kept[name]["seconds"] for name in groups)
 
@@ -53,11 +50,11 @@ def row_of(values: dict) -> Row:
 
 def table(rows: list[Row]) -> str:
     """Markdown, a line for each."""
-    lines = ["| | source | expected | found | deviation |", "|---|---|---|---|---:|"]
+    cells = []
     for row in rows:
         expected = row.expected if row.expected.error else f"{row.expected.value:.6g}"
-        lines.append(f"| {row.what} | {row.source} | {expected} | {row.found} | {row.deviation:+.1f} |")
-    return "\n".join(lines)
+        cells.append((row.what, row.source, expected, row.found, f"{row.deviation:+.1f}"))
+    return harness.table(("", "source", "expected", "found", "deviation"), cells, right=1)
 
 
 def summary(rows: list[Row]) -> str:
@@ -74,15 +71,14 @@ def summary(rows: list[Row]) -> str:
         words += f" Left out because their errors are not settled: {left}."
     controls = [abs(row.deviation) for row in rows if row.control]
     if controls:
-        words += (
-            f" Controls that deviate by more than {FAR:g}: {sum(each > FAR for each in controls)} of {len(controls)}."
-        )
+        far = sum(each > FAR for each in controls)
+        words += f" Controls that deviate by more than {FAR:g}: {far} of {len(controls)}."
     return words
 
 
-def main() -> int:
+def main() -> None:
     """Measure, and write the tables into the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--only", nargs="+", choices=GROUPS, default=list(GROUPS), metavar="GROUP")
     parser.add_argument("--out", type=Path, default=Path("results/validation/rows.json"))
@@ -90,16 +86,14 @@ def main() -> int:
     options = parser.parse_args()
     groups, seconds = measured(options.only, QUICK if options.quick else 1.0, options.out)
     rows = [row for group in groups.values() for row in group]
-    words = f"{summary(rows)}\n\n{made_by(machine())} It took {math.ceil(seconds / 60)} minutes of one core."
-    Console(soft_wrap=True, highlight=False).print(words, markup=False)
+    words = f"{summary(rows)}\n\n{made_by()} It took {math.ceil(seconds / 60)} minutes of one core."
+    say(words)
     page = options.page or (None if options.quick else DOCS / "validation.md")
     if page is not None:
         blocks = {"controls": table([row for row in rows if row.control]), "summary": words}
         blocks |= {name: table([row for row in group if not row.control]) for name, group in groups.items()}
-        begin_page(page, "run_validation", "summary")
-        fill_blocks(page, "run_validation", blocks)
-    return 0
+        fill_page(page, blocks)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

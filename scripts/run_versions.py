@@ -10,7 +10,6 @@ pyproject.toml, the newest are what uv chooses. Ends with 1 if something could n
 digests differ that must not. What the tests print is kept under results/versions/.
 """
 
-import argparse
 import json
 import os
 import re
@@ -23,10 +22,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import harness
+from harness import TOP, fill_page, parser_of
 from packaging.requirements import Requirement
-from pages import fill_page
 
-TOP = Path(__file__).parents[1]
 OUT = TOP / "results" / "versions"
 TESTS = ("tests/doors", "tests/contracts")
 KINDS = ("lowest", "newest")
@@ -39,14 +38,8 @@ PEERS = "peers"
 """The extra of engines that mpsim is compared with, by scripts/run_peers.py alone: nothing here depends on them."""
 
 SCENES = (
-    "bare",
-    "periodic",
-    "sub-steps where fast",
-    "everything",
-    "everything rough",
-    "everything exact",
-    "stream exact",
-)
+    "bare", "periodic", "sub-steps where fast", "everything", "everything rough", "everything exact", "stream exact",
+)  # fmt: skip
 """Scenes of tests/support/goldens.py whose digests are compared."""
 
 
@@ -97,8 +90,7 @@ def constraints(python: str, kind: str) -> list[str]:
 
 def output_of(command: list[Any], **options: Any) -> str:
     """What a command prints, which has to succeed."""
-    words = [str(word) for word in command]
-    return subprocess.run(words, cwd=TOP, capture_output=True, text=True, check=True, **options).stdout
+    return subprocess.run(command, cwd=TOP, capture_output=True, text=True, check=True, **options).stdout
 
 
 def cell(python: str, kind: str, tests: list[str]) -> dict[str, Any]:
@@ -117,19 +109,12 @@ def cell(python: str, kind: str, tests: list[str]) -> dict[str, Any]:
         digests = output_of([inside, "-m", "support.goldens", *SCENES], env=variables)
         started = time.monotonic()
         command = [inside, "-m", "pytest", "-p", "no:cacheprovider", "-n", "2", *tests]
-        words = [str(word) for word in command]
-        done = subprocess.run(words, cwd=TOP, capture_output=True, text=True, check=False, env=variables)
+        done = subprocess.run(command, cwd=TOP, capture_output=True, text=True, check=False, env=variables)
         seconds = time.monotonic() - started
     (OUT / f"{python}-{kind}.log").write_text(done.stdout + done.stderr)
     numbers = {name: int(number) for number, name in re.findall(r"(\d+) (passed|failed|skipped|error)", done.stdout)}
-    return {
-        "kind": kind,
-        "versions": versions,
-        "digests": digests,
-        **numbers,
-        "seconds": seconds,
-        "code": done.returncode,
-    }
+    kept = {"kind": kind, "versions": versions, "digests": digests, "seconds": seconds, "code": done.returncode}
+    return kept | numbers
 
 
 def disagree(cells: list[dict[str, Any]]) -> bool:
@@ -142,28 +127,27 @@ def table(cells: list[dict[str, Any]], tests: list[str]) -> str:
     """All cells as a table in Markdown, and what they come to."""
     names = list(lower_bounds(pythons()[0], extras=False))
     head = ["Python", "", *names, "passed", "failed", "skipped", "minutes", "digests"]
-    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    rows = []
     marks = list(dict.fromkeys(found["digests"] for found in cells))
     for found in cells:
         versions = [found["versions"][name] for name in ("python", *names)]
         numbers = [found.get(name, 0) for name in ("passed", "failed", "skipped")]
         ends = [f"{found['seconds'] / 60:.1f}", "ABCDEFGHIJKL"[marks.index(found["digests"])]]
-        lines.append(f"| {' | '.join(map(str, [versions[0], found['kind'], *versions[1:], *numbers, *ends]))} |")
-    commit = output_of(["git", "describe", "--always", "--dirty"]).strip()
-    said = [
-        f"Tests: `{' '.join(tests)}`, at commit {commit}. Digests of {len(SCENES)} scenes, with and without features:"
-    ]
-    said.append("the same letter means the same bits.")
+        rows.append([versions[0], found["kind"], *versions[1:], *numbers, *ends])
+    said = (
+        f"Tests: `{' '.join(tests)}`, at commit {harness.commit()}. Digests of {len(SCENES)} scenes, with and without "
+        "features: the same letter means the same bits."
+    )
     if len(marks) == 1:
-        said.append("All are the same, whatever the version of the compiler. This is a finding, not a promise.")
+        said += " All are the same, whatever the version of the compiler. This is a finding, not a promise."
     if disagree(cells):
-        said.append("**Digests differ that must not.**")
-    return "\n".join([*lines, "", " ".join(said)])
+        said += " **Digests differ that must not.**"
+    return f"{harness.table(head, rows)}\n\n{said}"
 
 
 def main() -> int:
     every = [f"{python}-{kind}" for python in pythons() for kind in KINDS]
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("cells", nargs="*", default=every, help=f"of {', '.join(every)}; default: all")
     parser.add_argument("--tests", nargs="+", default=list(TESTS))
     parser.add_argument("--long", action="store_true", help="also the tests marked long")
@@ -184,7 +168,7 @@ def main() -> int:
     text = table(cells, tests)
     print(text)
     if given.docs is not None:
-        fill_page(given.docs, "run_versions", {"table": text}, {})
+        fill_page(given.docs, {"table": text})
     return int(disagree(cells) or any(found["code"] for found in cells))
 
 

@@ -3,18 +3,19 @@
 import json
 import math
 import multiprocessing
-import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import product
-from multiprocessing.connection import wait
+from queue import Queue
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from harness import table
 
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
@@ -74,9 +75,8 @@ class Axis:
 
 def gas(count: int = 100, packing: float = 0.3, speed: float = 1.0, scale: float = 1.0, **more: Any) -> Scene:
     """Discs of radius scale / 2 at random, with a root mean square speed."""
-    return Scene.random(
-        count=count, packing=packing, radius=RADIUS * scale, temperature=speed * speed / 2, seed=SEED, **more
-    )
+    kind: Any = {"radius": RADIUS * scale, "temperature": speed * speed / 2, "seed": SEED}
+    return Scene.random(count=count, packing=packing, **kind, **more)
 
 
 def step_for(fraction: float, speed: float = 1.0, radius: float = RADIUS) -> float:
@@ -149,32 +149,18 @@ def _far(ratio: float) -> Case:
     """A small gas in the far corner of a box `ratio` radii wide, where coordinates have the lowest resolution."""
 
     def scene() -> Scene:
-        near = gas(30)
-        side = ratio * RADIUS
-        return Scene(
-            width=side,
-            height=side,
-            position=side - near.width + near.position,
-            velocity=near.velocity,
-            radius=RADIUS,
-        )
+        near, side = gas(30), ratio * RADIUS
+        position = side - near.width + near.position
+        return Scene(width=side, height=side, position=position, velocity=near.velocity, radius=RADIUS)
 
     return Case(scene, step_for(0.05), 60)
 
 
 def _aspect(aspect: float) -> Case:
     height = 4.0
-
-    def scene() -> Scene:
-        count = int(min(aspect * height * height * 0.3 / (math.pi * RADIUS**2), 300))
-        return gas_in(count, height * aspect, height)
-
-    return Case(scene, step_for(0.05), 400)
-
-
-def gas_in(count: int, width: float, height: float) -> Scene:
-    """A gas in a box of given size."""
-    return Scene.random(count=count, width=width, height=height, radius=RADIUS, temperature=0.5, seed=SEED)
+    count = int(min(aspect * height * height * 0.3 / (math.pi * RADIUS**2), 300))
+    box: Any = {"count": count, "width": height * aspect, "height": height, "radius": RADIUS}
+    return Case(partial(Scene.random, temperature=0.5, seed=SEED, **box), step_for(0.05), 400)
 
 
 def _unit_of_time(speed: float) -> Case:
@@ -194,9 +180,9 @@ def _radii(ratio: float) -> Case:
 
 def _masses(ratio: float) -> Case:
     def scene() -> Scene:
-        mass = np.where(np.arange(100) % 2, 1.0, ratio)
         even = gas(100, boundary="periodic")
         box: Any = {"width": even.width, "height": even.height, "radius": RADIUS, "boundary": "periodic"}
+        mass = np.where(np.arange(100) % 2, 1.0, ratio)
         return Scene(position=even.position, velocity=even.velocity, mass=mass, **box)
 
     return Case(scene, step_for(0.02), 1000, compares=False)
@@ -215,38 +201,27 @@ def _corner(acceleration: float) -> Case:
     return Case(scene, dt, 2000, conserves=False, compares=False, rests=True)
 
 
-def _places(kind: str) -> Case:
-    return Case(partial(degenerate_start, kind), step_for(0.05), 400, compares=False)
-
-
 _SIDE = 12.0
+_SITES = np.stack(np.divmod(np.arange(36), 6), axis=1).astype(float)
+
+PLACES = {
+    "one point": np.full((36, 2), _SIDE / 2),
+    "one corner": np.full((36, 2), RADIUS),
+    "one line": np.stack([np.linspace(RADIUS, _SIDE - RADIUS, 36), np.full(36, _SIDE / 2)], axis=1),
+    "one cell": _SIDE / 2 + 0.01 * _SITES,
+    "cell edges": 1.0 + 2 * _SITES - (_SITES == 5) * 0.5,
+    "wall edges": np.where(_SITES % 2 == 0, RADIUS, _SIDE - RADIUS),
+    "touching": RADIUS + _SITES,
+    "pairs in one place": np.repeat(1.0 + RADIUS + 2 * _SITES[:18], 2, axis=0),
+}
+"""Centres of 36 discs by name: coinciding, aligned or touching, or on the edges of cells and walls."""
 
 
-def _degenerate_positions() -> dict[str, NDArray[np.float64]]:
-    """Centres of 36 discs: coinciding, aligned or touching, or on the edges of cells and walls."""
-    count, side = 36, _SIDE
-    site = np.stack(np.divmod(np.arange(count), 6), axis=1).astype(float)
-    places = {
-        "one point": np.full((count, 2), side / 2),
-        "one corner": np.full((count, 2), RADIUS),
-        "one line": np.stack([np.linspace(RADIUS, side - RADIUS, count), np.full(count, side / 2)], axis=1),
-        "one cell": side / 2 + 0.01 * site,
-        "cell edges": 1.0 + 2 * site - (site == 5) * 0.5,
-        "wall edges": np.where(site % 2 == 0, RADIUS, side - RADIUS),
-        "touching": RADIUS + site,
-        "pairs in one place": np.repeat(1.0 + RADIUS + 2 * site[:18], 2, axis=0),
-    }
-    return {kind: np.clip(position, RADIUS, side - RADIUS) for kind, position in places.items()}
-
-
-PLACES = tuple(_degenerate_positions())
-
-
-def degenerate_start(kind: str) -> Scene:
-    """A special start, one of PLACES: discs in one point, in a line, touching, ...."""
-    position = _degenerate_positions()[kind]
-    velocity = np.where(np.arange(len(position))[:, None] % 2, [1.0, -0.5], [-1.0, 0.5])
-    return Scene(width=_SIDE, height=_SIDE, position=position, velocity=velocity, radius=RADIUS)
+def _places(kind: str) -> Case:
+    position = np.clip(PLACES[kind], RADIUS, _SIDE - RADIUS)
+    velocity = np.where(np.arange(36)[:, None] % 2, [1.0, -0.5], [-1.0, 0.5])
+    box: Any = {"width": _SIDE, "height": _SIDE, "radius": RADIUS}
+    return Case(partial(Scene, position=position, velocity=velocity, **box), step_for(0.05), 400, compares=False)
 
 
 def _drift(frames: float) -> Case:
@@ -257,13 +232,7 @@ def _numbers(text: str) -> Case:
     """A small scene with one number at the limit of floating point."""
     name, value = text.split("=")
     number = float(value)
-    near: Any = {
-        "width": 6.0,
-        "height": 6.0,
-        "position": [[2, 3], [3.5, 3]],
-        "velocity": [[1, 0], [-1, 0]],
-        "radius": 0.5,
-    }
+    near: Any = {"width": 6.0, "height": 6.0, "position": [[2, 3], [3.5, 3]], "velocity": [[1, 0], [-1, 0]]}
     changes: dict[str, Any] = {
         "velocity": {"velocity": [[number, 0], [-number, 0]]},
         "one velocity": {"velocity": [[number, 0], [1, 0]]},
@@ -274,43 +243,21 @@ def _numbers(text: str) -> Case:
         "dt": {},
     }[name]
     dt = number if name == "dt" else 0.01
-    # Where only a unit has changed, the step scales with it.
-    if name == "velocity" and number < 1:
+    if name == "velocity" and number < 1:  # only a unit has changed, with which the step scales
         dt = 0.01 / max(number, 1e-300)
-    return Case(
-        lambda: Scene(**{**near, **changes}),
-        dt,
-        100,
-        conserves=name != "gravity",
-        compares=name not in ("mass", "gravity"),
-    )
+    scene = partial(Scene, **{"radius": 0.5, **near, **changes})
+    return Case(scene, dt, 100, conserves=name != "gravity", compares=name not in ("mass", "gravity"))
 
 
-NUMBERS = (
-    "velocity=1e-320",
-    "velocity=1e-40",
-    "one velocity=1e18",
-    "one velocity=1e30",
-    "one velocity=1e150",
-    "one velocity=1e300",
-    "mass=1e-320",
-    "mass=1e-30",
-    "mass=1e38",
-    "mass=1e300",
-    "gravity=1e-320",
-    "gravity=1e-12",
-    "gravity=1e15",
-    "gravity=1e300",
-    "radius=1e-320",
-    "radius=1e-20",
-    "radius=1e-9",
-    "box=1e8",
-    "box=1e200",
-    "dt=1e-320",
-    "dt=1e-30",
-    "dt=1e30",
-    "dt=1e300",
-)
+NUMBERS = {
+    "velocity": ("1e-320", "1e-40"),
+    "one velocity": ("1e18", "1e30", "1e150", "1e300"),
+    "mass": ("1e-320", "1e-30", "1e38", "1e300"),
+    "gravity": ("1e-320", "1e-12", "1e15", "1e300"),
+    "radius": ("1e-320", "1e-20", "1e-9"),
+    "box": ("1e8", "1e200"),
+    "dt": ("1e-320", "1e-30", "1e30", "1e300"),
+}
 
 AXES = {
     axis.name: axis
@@ -336,9 +283,14 @@ AXES = {
         Axis("masses", "lightest over heaviest mass", (1.0, 1e-3, 1e-6, 1e-9), _masses),
         Axis("restitution", "restitution of discs and walls", (0.0, 0.1, 0.5, 0.9, 1.0), _restitution),
         Axis("gravity", "gravity towards one corner", (1e-3, 1.0, 1e3, 1e6), _corner),
-        Axis("places", "special starts: discs in one point, in a line, in pairs, ...", PLACES, _places),
+        Axis("places", "special starts: discs in one point, in a line, in pairs, ...", tuple(PLACES), _places),
         Axis("drift", "frames of a gas of 10 discs", (1e3, 1e4, 1e5), _drift, (1e6,)),
-        Axis("numbers", "one number near the limits of floating point", NUMBERS, _numbers),
+        Axis(
+            "numbers",
+            "one number near the limits of floating point",
+            tuple(f"{name}={value}" for name, values in NUMBERS.items() for value in values),
+            _numbers,
+        ),
     )
 }
 
@@ -349,9 +301,11 @@ PACKINGS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.8, 0.85, 0.88, 0.9)
 
 # --- Trials of the stability map: outcomes of every method, contact, law and precision on extreme scenes
 #
-# correct all errors are within TOLERANCE, with or without a warning degraded an error is larger, and a warning was
-# raised before or during the run refused an exception of mpsim names the limit and the remedy Forbidden: not finite, a
-# disc lost or outside the box, a hang, a crash, and degraded without a warning ("silent").
+# correct    all errors are within TOLERANCE, with or without a warning
+# degraded   an error is larger, and a warning was raised before or during the run
+# refused    an exception of mpsim names the limit and the remedy
+#
+# Forbidden: not finite, a disc lost or outside the box, a hang, a crash, and degraded without a warning ("silent").
 
 KINDS = ("correct", "degraded", "refused")
 FORBIDDEN = ("not finite", "lost", "hang", "crash", "silent")
@@ -460,21 +414,16 @@ class Outcome:
 
 def trials(axes: Iterable[str] | None = None, full: bool = False) -> list[Trial]:
     """All trials along some axes (None: all axes, and the map of steps and packings)."""
-    names = [*AXES, MAP] if axes is None else list(axes)
     found = []
-    for name in names:
+    for name in axes or [*AXES, MAP]:
         if name == MAP:
             found += [Trial(MAP, pair, row) for row in MAP_ROWS for pair in product(STEP_FRACTIONS, PACKINGS)]
             continue
         axis = AXES[name]
         values = sorted(axis.values + axis.full) if full and axis.full else axis.values
-        found += [Trial(name, value, row) for value in values for row in ROWS if _sensible(name, value, row)]
-    return found
-
-
-def _sensible(axis: str, value: Any, row: Row) -> bool:
-    """Whether a trial is feasible: not all pairs of a million discs."""
-    return not (axis == "count" and value > 5000 and row.method == "naive")
+        found += [Trial(name, value, row) for value in values for row in ROWS]
+    # All pairs of a million discs would take too long.
+    return [each for each in found if each.axis != "count" or each.value <= 5000 or each.row.method != "naive"]
 
 
 def attempt(trial: Trial) -> Outcome:
@@ -534,20 +483,16 @@ def _violation(scene: Scene, state: State, precision: str) -> tuple[str, str] | 
     slack = 4 * float(np.finfo(precision).eps) * max(scene.width, scene.height)
     outside = ((state.position < low - slack) | (state.position > high + slack)).any(axis=1)
     if outside.any():
-        return (
-            "lost",
-            f"disc {int(outside.argmax())} is outside the box, at {state.position[outside.argmax()].tolist()}",
-        )
+        disc = int(outside.argmax())
+        return "lost", f"disc {disc} is outside the box, at {state.position[disc].tolist()}"
     return None
 
 
 def _errors(trial: Trial, case: Case, scene: Scene, start: State, end: State, collisions: int) -> dict[str, float]:
-    row = trial.row
-    masses = scene.masses / scene.masses.max(initial=np.finfo(float).tiny)
-    errors = {}
     if not scene.count:
-        return errors
-    errors |= _conserved(case, scene, start, end, masses, row)
+        return {}
+    row = trial.row
+    errors = _conserved(case, scene, start, end, scene.masses / scene.masses.max(), row)
     depth = overlap(end, scene).largest if scene.count < 10_000 else 0.0
     errors["overlap"] = depth / (2 * scene.smallest_radius)
     if not case.compares or row.law != "elastic" or capabilities_of(row.settings(case.dt)).is_exact:
@@ -621,88 +566,40 @@ def _judge(outcome: Outcome) -> None:
 
 # --- many trials, in processes of their own: a hang or crash must not affect the others
 
-Progress = Callable[[int, int, str], None] | None
 
-
-def run_trials(chosen: Sequence[Trial], workers: int = 2, progress: Progress = None) -> list[Outcome]:
-    """Outcomes of trials, in their order.
-
-    Args:
-        chosen: see `trials`.
-        workers: processes.
-        progress: called as progress(done, of, what).
-    """
-    context = multiprocessing.get_context("spawn")
-    waiting, found = list(enumerate(chosen))[::-1], {}
-    processes: list[_TrialProcess] = []
-    try:
-        while waiting or any(each.busy for each in processes):
-            while len(processes) < workers:
-                processes.append(_TrialProcess(context))
-            for each in processes:
-                if not each.busy and waiting:
-                    each.give(*waiting.pop())
-            wait([each.pipe for each in processes if each.busy], timeout=1.0)
-            for each in list(processes):
-                if each.busy and (outcome := each.result()) is not None:
-                    found[each.number] = outcome
-                    each.busy = False
-                    if outcome.kind in ("hang", "crash"):
-                        each.end()
-                        processes.remove(each)
-                    if progress is not None:
-                        progress(len(found), len(chosen), f"{outcome.axis} {outcome.value}")
-    finally:
-        for each in processes:
-            each.end()
-    return [found[number] for number in range(len(chosen))]
-
-
-class _TrialProcess:
-    """A process that runs one trial after the other."""
-
-    def __init__(self, context: Any):
-        self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_attempt_each, args=(theirs,))
-        self.process.start()
-        theirs.close()
-        self.busy, self.number = False, -1
-
-    def give(self, number: int, trial: Trial) -> None:
-        self.number, self.trial, self.busy = number, trial, True
-        self._end = time.monotonic() + HANG_SECONDS
-        self.pipe.send(trial)
-
-    def result(self) -> Outcome | None:
-        """The outcome, if the trial has ended, crashed or hung; else None."""
-        failed = Outcome(self.trial.axis, self.trial.value, self.trial.row.label)
+def run_trials(chosen: Sequence[Trial], workers: int, progress: Callable[[str], None]) -> list[Outcome]:
+    """Outcomes of trials, in their order; `progress` is called with the words for each that has ended."""
+    pools: Queue[ProcessPoolExecutor] = Queue()
+    for _ in range(workers):
+        pools.put(_process())
+    with ThreadPoolExecutor(workers) as threads:
         try:
-            if self.pipe.poll():
-                return self.pipe.recv()
-        except (EOFError, ConnectionError):
-            self.process.join(5)
-            failed.kind, failed.text = "crash", f"its process ended with exit code {self.process.exitcode}"
-            return failed
-        if time.monotonic() > self._end:
-            failed.kind, failed.text = "hang", "no end in sight"
-            return failed
-        return None
-
-    def end(self) -> None:
-        self.pipe.close()
-        self.process.join(0.5)
-        if self.process.is_alive():
-            self.process.kill()
-        self.process.join()
+            return list(threads.map(partial(_tried, pools=pools, progress=progress), chosen))
+        finally:
+            threads.shutdown(cancel_futures=True)
+            while not pools.empty():
+                pools.get().shutdown()
 
 
-def _attempt_each(pipe: Any) -> None:
-    """The main function of such a process."""
+def _process() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+
+
+def _tried(trial: Trial, pools: Queue[ProcessPoolExecutor], progress: Callable[[str], None]) -> Outcome:
+    """The outcome of a trial in one of the processes, which is replaced if it has crashed or hangs."""
+    pool = pools.get()
     try:
-        while True:
-            pipe.send(attempt(pipe.recv()))
-    except (EOFError, ConnectionError, KeyboardInterrupt):
-        return
+        outcome = pool.submit(attempt, trial).result(timeout=HANG_SECONDS)
+    except (BrokenProcessPool, TimeoutError) as error:
+        kind, text = ("hang", "no end in sight") if isinstance(error, TimeoutError) else ("crash", str(error))
+        outcome = Outcome(trial.axis, trial.value, trial.row.label, kind, text=text)
+        for process in (pool._processes or {}).values():
+            process.kill()
+        pool.shutdown()
+        pool = _process()
+    pools.put(pool)
+    progress(f"{trial.axis} {trial.value}")
+    return outcome
 
 
 def counts(outcomes: Iterable[Outcome]) -> dict[str, int]:
@@ -724,17 +621,12 @@ def from_json(text: str) -> list[Outcome]:
 
 def counts_table(outcomes: Sequence[Outcome]) -> str:
     """Counts of outcomes by axis, in Markdown."""
-    lines = [
-        "| axis | trials | " + " | ".join((*KINDS, *FORBIDDEN)) + " |",
-        "|---" * (2 + len(KINDS) + len(FORBIDDEN)) + "|",
-    ]
-    names = list(dict.fromkeys(outcome.axis for outcome in outcomes))
-    for name in [*names, "all"]:
+    rows = []
+    for name in [*dict.fromkeys(outcome.axis for outcome in outcomes), "all"]:
         chosen = [outcome for outcome in outcomes if name in ("all", outcome.axis)]
-        found = counts(chosen)
         title = {MAP: "steps and packings", "all": "**all**"}.get(name) or AXES[name].title
-        lines.append(f"| {title} | {len(chosen)} | " + " | ".join(str(found[kind]) for kind in found) + " |")
-    return "\n".join(lines)
+        rows.append((title, len(chosen), *counts(chosen).values()))
+    return table(("axis", "trials", *KINDS, *FORBIDDEN), rows)
 
 
 def findings_table(outcomes: Sequence[Outcome]) -> str:
@@ -743,12 +635,12 @@ def findings_table(outcomes: Sequence[Outcome]) -> str:
     for outcome in outcomes:
         if outcome.kind != "correct" and outcome.axis != MAP:
             groups.setdefault((outcome.axis, str(outcome.value), outcome.kind), []).append(outcome)
-    lines = ["| axis | value | outcome | rows | largest error, or the message |", "|---|---|---|---|---|"]
-    for (axis, value, kind), group in groups.items():
+    rows = []
+    for key, group in groups.items():
         warned = ", ".join(sorted({name for outcome in group for name in outcome.told}))
         worst = max(group, key=lambda outcome: outcome.errors.get(outcome.worst, 0.0))
         text = f"{worst.worst} {worst.errors.get(worst.worst, 0.0):.2g} ({worst.row}); warned: {warned}"
         if worst.text:
             text = worst.text if len(worst.text) < 160 else f"{worst.text[:157]}..."
-        lines.append(f"| {axis} | {value} | {kind} | {len(group)} | {text} |")
-    return "\n".join(lines)
+        rows.append((*key, len(group), text))
+    return table(("axis", "value", "outcome", "rows", "largest error, or the message"), rows)

@@ -15,7 +15,7 @@ from stability import AXES, FORBIDDEN, MAP, MAP_ROWS, PACKINGS, STEP_FRACTIONS, 
 
 from mpsim.output.drawing import STYLE, new_figure, save_figure
 
-LEVELS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, math.inf)
+LEVELS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 1e300)
 """Borders between colours: an error as a multiple of its tolerance. Up to 1 is correct."""
 
 COLOURS = ("#08306B", "#2171B5", "#6BAED6", "#FEE391", "#FE9929", "#CC4C02")
@@ -32,19 +32,17 @@ WIDTH, ROW, LETTER, TEXT = 7.5, 0.2, 0.08, 9
 REFUSED, BAD, NOTHING = "#BBBBBB", "#000000", "#FFFFFF"
 
 
-def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
-    """One picture for each axis that was tried, and one of steps and packings; returns the files."""
-    made = []
+def save(outcomes: Sequence[Outcome], folder: Path) -> None:
+    """One picture for each axis that was tried, and one of steps and packings."""
     for name in dict.fromkeys(outcome.axis for outcome in outcomes):
         chosen = [outcome for outcome in outcomes if outcome.axis == name]
-        path = folder / f"{name}.png"
         with matplotlib.rc_context(fname=STYLE):
-            _draw_pairs(chosen, path) if name == MAP else _draw_axis(name, chosen, path)
-        made.append(path)
-    return made
+            figure = _pairs(chosen) if name == MAP else _along(name, chosen)
+            _explain(figure)
+            save_figure(figure, folder / f"{name}.png")
 
 
-def _draw_axis(name: str, outcomes: Sequence[Outcome], path: Path) -> None:
+def _along(name: str, outcomes: Sequence[Outcome]) -> Figure:
     """Rows of settings against values along the axis, in panels of at most MOST_VALUES, one below the other."""
     values = list(dict.fromkeys(_text(outcome.value) for outcome in outcomes))
     rows = list(dict.fromkeys(outcome.row for outcome in outcomes))
@@ -61,24 +59,22 @@ def _draw_axis(name: str, outcomes: Sequence[Outcome], path: Path) -> None:
         panel.set_xticks(range(len(shown)), shown, rotation=90 if max(map(len, values)) > 5 else 0)
         panel.set_yticks(range(len(rows)), rows)
     panels[-1].set_xlabel(AXES[name].title)
-    _finish(figure, path)
+    return figure
 
 
-def _draw_pairs(outcomes: Sequence[Outcome], path: Path) -> None:
+def _pairs(outcomes: Sequence[Outcome]) -> Figure:
     """A panel for each row of settings: packing against the displacement in a step."""
     figure = new_figure(WIDTH, 1.0 + len(MAP_ROWS) * (ROW * len(PACKINGS) + 0.75))
     by_place = {(outcome.row, *map(float, outcome.value)): outcome for outcome in outcomes}
     panels = _panels(figure, len(MAP_ROWS))
     for panel, row in zip(panels, MAP_ROWS, strict=True):
-        table = [
-            [by_place.get((row.label, part, packing)) for part in STEP_FRACTIONS] for packing in reversed(PACKINGS)
-        ]
-        _cells(panel, table)
+        down = [[by_place.get((row.label, part, packing)) for part in STEP_FRACTIONS] for packing in PACKINGS[::-1]]
+        _cells(panel, down)
         panel.set_xticks(range(len(STEP_FRACTIONS)), map(_text, STEP_FRACTIONS))
         panel.set_yticks(range(len(PACKINGS)), map(_text, reversed(PACKINGS)))
         panel.set(ylabel="packing fraction", title=row.label)
     panels[-1].set_xlabel(AXES["step"].title)
-    _finish(figure, path)
+    return figure
 
 
 def _panels(figure: Figure, count: int) -> list[Axes]:
@@ -86,16 +82,15 @@ def _panels(figure: Figure, count: int) -> list[Axes]:
     panels = list(figure.subplots(count, 1, squeeze=False).flat)
     for panel in panels:
         panel.tick_params(labelsize=TEXT, length=2)
-        panel.xaxis.label.set_size(TEXT + 1)
-        panel.yaxis.label.set_size(TEXT + 1)
-        panel.title.set_size(TEXT + 1)
+        for text in (panel.xaxis.label, panel.yaxis.label, panel.title):
+            text.set_size(TEXT + 1)
     return panels
 
 
 def _cells(axes: Axes, table: Sequence[Sequence[Outcome | None]]) -> None:
     """Colour each outcome; mark refused ones by R, warnings by !, forbidden ones by X."""
     levels = np.array([[_excess(outcome) for outcome in row] for row in table])
-    norm = BoundaryNorm([*LEVELS[:-1], 1e300], len(COLOURS))
+    norm = BoundaryNorm(LEVELS, len(COLOURS))
     axes.imshow(levels, cmap=ListedColormap(COLOURS), norm=norm, aspect="auto", interpolation="nearest")
     axes.grid(visible=False)
     for y, row in enumerate(table):
@@ -103,8 +98,7 @@ def _cells(axes: Axes, table: Sequence[Sequence[Outcome | None]]) -> None:
             mark, colour, face = _mark(outcome)
             if face is not None:
                 axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, color=face, linewidth=0))
-            if mark:
-                axes.text(x, y, mark, ha="center", va="center", color=colour, fontsize=TEXT)
+            axes.text(x, y, mark, ha="center", va="center", color=colour, fontsize=TEXT)
 
 
 def _mark(outcome: Outcome | None) -> tuple[str, str, str | None]:
@@ -125,22 +119,13 @@ def _excess(outcome: Outcome | None) -> float:
     return min(outcome.errors[outcome.worst] / TOLERANCE[outcome.worst], 1e299)
 
 
-def _finish(figure: Figure, path: Path) -> None:
-    """Legend and title above the panels; written to the file."""
+def _explain(figure: Figure) -> None:
+    """Legend and title above the panels."""
     patches = [Patch(color=colour, label=word) for colour, word in zip(COLOURS, WORDS, strict=True)]
-    patches.append(Patch(color=REFUSED, label="R: refused"))
-    patches.append(Patch(color=BAD, label="X: forbidden"))
+    patches += [Patch(color=REFUSED, label="R: refused"), Patch(color=BAD, label="X: forbidden")]
     title = "Largest error, as a multiple of its limit; !: with a warning"
-    figure.legend(
-        handles=patches,
-        loc="outside upper center",
-        ncols=4,
-        fontsize=TEXT,
-        handlelength=1.2,
-        title=title,
-        title_fontsize=TEXT + 2,
-    )
-    save_figure(figure, path)
+    style = {"fontsize": TEXT, "handlelength": 1.2, "title_fontsize": TEXT + 2}
+    figure.legend(handles=patches, loc="outside upper center", ncols=4, title=title, **style)
 
 
 def _text(value: Any) -> str:

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import harness
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
@@ -16,7 +16,6 @@ from mpsim import Settings, Tradeoff
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.output.drawing import STYLE, new_figure, save_figure
 from mpsim.output.tables import UNITS, cells, header, reasons, title
-from mpsim.studies.deviations import Deviation
 from mpsim.studies.tradeoff import Row
 
 ASIDE = ("ran", "bytes per disc", "energy drift", "momentum drift")  # columns that a page does without
@@ -26,13 +25,13 @@ def markdown_table(table: Tradeoff) -> str:
     """The table for a page of the docs, with the exact solver and what "auto" has chosen."""
     heads = header(table)
     kept = [column for column, head in enumerate(heads) if not head.startswith(ASIDE)]
-    lines = [f"| {' | '.join(heads[column] for column in kept)} |", f"|{'---|' * len(kept)}"]
+    rows = []
     for row in table.rows:
         if row.settings.method in ("auto", "event"):
             texts = [" ".join(cell.split()).replace("|", "\\|") for cell in cells(row, table.measures)]
             texts += [""] * (len(heads) - len(texts))
-            lines.append(f"| {' | '.join(texts[column] for column in kept)} |")
-    return "\n".join([*lines, "", title(table), *reasons(table)])
+            rows.append([texts[column] for column in kept])
+    return "\n".join([harness.table([heads[column] for column in kept], rows), "", title(table), *reasons(table)])
 
 
 FAMILIES = {
@@ -51,22 +50,13 @@ GREY = "#B0B0B0"
 ZERO = 0.03  # position of errors of exactly 0, as a fraction of the width: a logarithmic axis has none for them
 BAND = 0.06  # fraction of the width, at the left, that is kept for them
 
-FINE, MIDDLE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0), (1.0, 2.0, 5.0)
-"""Numbers written within a decade on an axis that covers less than NARROW, or less than WIDE, decades."""
-
-NARROW, WIDE = 0.75, 2.5
-
-PLAIN = (1e-3, 1e5)  # numbers between these are written without powers of ten
+WIDE = 2.5  # decades from which on an axis has powers of ten alone
 
 COST = "cost [ns per disc and unit of time]"
 
 
 def family(settings: Settings) -> str:
-    """The family in FAMILIES to which settings belong, or their name if they belong to none.
-
-    >>> family(Settings(passes=2)), family(Settings(precision="float32", contact="push"))
-    ('impact x2', 'float32')
-    """
+    """The family in FAMILIES to which settings belong, or their name if they belong to none."""
     if not capabilities_of(settings).has_steps:
         return settings.method
     if settings.precision == "float32":
@@ -77,11 +67,7 @@ def family(settings: Settings) -> str:
 
 
 def short_label(settings: Settings) -> str:
-    """The settings in the fewest words that distinguish them from others in a picture.
-
-    >>> short_label(Settings(dt=0.05)), short_label(Settings(dt=0.1, substeps=2, method="naive"))
-    ('impact 0.05', 'impact 0.1/2, naive')
-    """
+    """The settings in the fewest words that distinguish them from others in a picture, such as impact 0.1/2."""
     if not capabilities_of(settings).has_steps:
         return settings.method
     step = f"{settings.dt:.3g}" + (f"/{settings.substeps}" if settings.substeps > 1 else "")
@@ -96,18 +82,10 @@ def frontier(table: Tradeoff, measure: str) -> Figure:
     The Pareto front, settings that no other beats on both cost and accuracy, is coloured and labelled (the number is
     dt); other settings are grey. For an error that is not resolved, an arrow points left from its bound (value and two
     standard errors). Errors of exactly 0 are in the band at the left.
-
-    Args:
-        table: of `mpsim.tradeoff`.
-        measure: name of one of its errors.
-
-    Raises:
-        InputError: if the table has no such measure.
     """
     front = table.frontier(measure)
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(8, 6)
-        FigureCanvasAgg(figure)
         axes = figure.add_subplot()
         draw(axes, table, measure, front)
         axes.set(xlabel=axis_label(measure), ylabel=COST)
@@ -123,7 +101,6 @@ def overview(table: Tradeoff) -> Figure:
     rows = -(-len(table.measures) // columns)
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(1 + 3.4 * columns, 1.3 + 2.7 * rows)
-        FigureCanvasAgg(figure)
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
         for panel, measure in zip(panels.flat, table.measures, strict=False):
             draw(panel, table, measure, table.frontier(measure), size=4)
@@ -137,14 +114,11 @@ def overview(table: Tradeoff) -> Figure:
     return figure
 
 
-def save(table: Tradeoff, folder: str | Path) -> list[Path]:
-    """Write frontier_<measure>.png for every error of a table, and overview.png; returns their paths."""
-    folder = Path(folder)
-    pictures = {f"frontier_{measure}.png": frontier(table, measure) for measure in table.measures}
-    pictures["overview.png"] = overview(table)
-    for name, figure in pictures.items():
-        save_figure(figure, folder / name)
-    return [folder / name for name in pictures]
+def save(table: Tradeoff, folder: Path) -> None:
+    """Write frontier_<measure>.png for every error of a table, and overview.png."""
+    for measure in table.measures:
+        save_figure(frontier(table, measure), folder / f"frontier_{measure}.png")
+    save_figure(overview(table), folder / "overview.png")
 
 
 def _title(table: Tradeoff) -> str:
@@ -215,11 +189,10 @@ def _band(axes: Axes, exact: Sequence[Row]) -> float:
 def _ticks(axis: Axis, low: float, high: float) -> None:
     """Few enough numbers to be read, without powers of ten if people would not write them."""
     decades = float(np.log10(high / low))
-    steps = FINE if decades < NARROW else MIDDLE if decades < WIDE else (1.0,)
-    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1, max(round(decades / 6), 1))
-    values = [step * 10.0**power for power in powers for step in steps]
-    values = [value for value in values if low <= value <= high]
-    axis.set_major_locator(FixedLocator(values))
+    steps = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0) if decades < 0.75 else (1.0, 2.0, 5.0) if decades < WIDE else (1.0,)
+    powers = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1, max(round(decades / 6), 1))
+    values = np.outer(10.0**powers, steps).ravel()
+    axis.set_major_locator(FixedLocator(values[(low <= values) & (values <= high)].tolist()))
     axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
     axis.set_minor_formatter(NullFormatter())
     if decades > WIDE:
@@ -227,11 +200,11 @@ def _ticks(axis: Axis, low: float, high: float) -> None:
 
 
 def _number(value: float) -> str:
-    if PLAIN[0] <= value <= PLAIN[1]:
+    if 1e-3 <= value <= 1e5:
         return f"{value:,.6g}"
-    power = int(np.floor(np.log10(value) + 1e-9))
-    first = round(value / 10.0**power, 6)
-    return f"$10^{{{power}}}$" if first == 1 else f"${first:g}\\cdot 10^{{{power}}}$"
+    first, power = f"{value:.0e}".split("e")
+    times = "" if first == "1" else f"{first}\\cdot "
+    return f"${times}10^{{{int(power)}}}$"
 
 
 def _step_line(axes: Axes, front: Sequence[Row], measure: str) -> None:
@@ -259,20 +232,13 @@ def _point(axes: Axes, row: Row, measure: str, look: tuple[str, str, float]) -> 
         style |= {"transform": axes.get_yaxis_transform(), "clip_on": False}
         axes.plot([ZERO], [cost], **{key: value for key, value in style.items() if key != "elinewidth"})
         return
-    deviation = row.errors[measure]
-    if deviation.resolved:
-        low, high = _bar(deviation, _scale(measure))
-        axes.errorbar([error], [cost], bars, [[error - low], [high - error]], **style)
+    if row.errors[measure].resolved:
+        noise = row.errors[measure].error * _scale(measure)
+        axes.errorbar([error], [cost], bars, [[min(noise, 0.9 * error)], [noise]], **style)
         return
     axes.errorbar([error], [cost], bars, **style, markerfacecolor="white")
     arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 1, "shrinkA": 0, "shrinkB": size / 2}
     axes.annotate("", (error, cost), (-2.6 * size, 0), textcoords="offset points", arrowprops=arrow)
-
-
-def _bar(deviation: Deviation, scale: float) -> tuple[float, float]:
-    """Ends of an error bar, one standard error each way, above 0."""
-    error, noise = abs(deviation.value) * scale, deviation.error * scale
-    return max(error - noise, 0.1 * error), error + noise
 
 
 def _legend(rows: Sequence[Row]) -> list[Line2D]:

@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import validation_theory as theory
@@ -103,9 +104,8 @@ def pressure(
             sim.run(frames=frames // 8)
             found.append(sim.run(frames=frames, measures=["pressure"]).measures["pressure"])
     mean = combined(found)
-    return Measure(
-        mean.value / temperature + 1 / (width * height), mean.error / temperature, mean.samples, mean.settled
-    )
+    value = mean.value / temperature + 1 / (width * height)
+    return Measure(value, mean.error / temperature, mean.samples, mean.settled)
 
 
 def dense(share: float) -> Rows:
@@ -114,12 +114,7 @@ def dense(share: float) -> Rows:
     for (count, shape, packing), published in PRESSURES.items():
         what = f"P (2R)²/kT, {count} discs, box {shape}, packing {packing}"
         yield Row(what, LI, known(*published), found[count, shape, packing])
-    yield from dense_controls(share, found[72, "1 : 1", 0.65])
-
-
-def dense_controls(share: float, square: Measure) -> Rows:
-    """What is wrong with 72 discs in a square box at packing 0.65."""
-    published = known(*PRESSURES[72, "1 : 1", 0.65])
+    square, published = found[72, "1 : 1", 0.65], known(*PRESSURES[72, "1 : 1", 0.65])
     yield Row("72 discs at packing 0.65, as if published for 0.652", LI, known(*DENSER), square, control=True)
     other = known(*PRESSURES[72, "1 : √3/2", 0.65])
     yield Row("box 1 : 1, as if published for 1 : √3/2", LI, other, square, control=True)
@@ -177,9 +172,8 @@ def haff(share: float) -> Rows:
     for restitution, count, until in ((0.99, 1024, 105.0), (0.95, 256, 25.0)):
         values = []
         for seed in range(starts):
-            scene = mpsim.Scene.random(
-                count=count, packing=packing, radius=0.5, seed=seed, boundary="periodic", restitution=restitution
-            )
+            gas: Any = {"count": count, "packing": packing, "radius": 0.5, "boundary": "periodic"}
+            scene = mpsim.Scene.random(seed=seed, restitution=restitution, **gas)
             settings = mpsim.Settings(dt=5 / nu, method="event", workers=1)
             with warnings.catch_warnings(), mpsim.Simulation(scene, settings) as sim:
                 roots = []
@@ -196,14 +190,14 @@ def haff(share: float) -> Rows:
             yield Row("the same for restitution 0.989", "Haff 1983", known(other), found, control=True)
 
 
-def correlations(packing: float, every: float, looks: float, count: int = COUNT, seed: int = 0) -> mpsim.Correlations:
-    """Averages over so many looks, one each `every` mean free times."""
-    scene = mpsim.Scene.random(count=count, packing=packing, radius=0.5, seed=seed, boundary="periodic")
+def correlations(packing: float, every: float, samples: float, seed: int = 0) -> mpsim.Correlations:
+    """Averages over n samples, one each `every` mean free times."""
+    scene = mpsim.Scene.random(count=COUNT, packing=packing, radius=0.5, seed=seed, boundary="periodic")
     step = every / reference.enskog_rate(packing)
     found = mpsim.Correlations()
     with mpsim.Simulation(scene, mpsim.Settings(dt=step, method="event", workers=1)) as sim:
         sim.run(frames=math.ceil(20 / every))
-        sim.run(frames=max(round(looks), 100), observe=found)
+        sim.run(frames=max(round(samples), 100), observe=found)
     return found
 
 
@@ -222,25 +216,19 @@ def motion(share: float) -> Rows:
             yield Row("the same, with 2 % more collisions", "Enskog", wrong, found, control=True)
     dilute = 0.005
     velocity = correlations(dilute, 0.2, share * 2e4, seed=1).velocity
-    ratio = Measure(
-        velocity[5].value / velocity[0].value, velocity[5].error / velocity[0].value, 1, velocity[5].settled
-    )
+    start, later = velocity[0].value, velocity[5]
+    ratio = Measure(later.value / start, later.error / start, 1, later.settled)
     decayed = known(theory.decay(velocity.lag[5] * theory.transfer_rate(dilute, COUNT)))
     yield Row(f"<v(t)·v>/<v²> after one mean free time, packing {dilute}", "Boltzmann", decayed, ratio)
     yield Row("the same, as one exponential", "Boltzmann", known(math.exp(-1.0)), ratio, control=True)
     constant = correlations(dilute, 0.2, share * 4e4, seed=2).diffusion()
     first = reference.enskog_diffusion(dilute)
     tail = 1 / (8 * math.pi * 4 * dilute / math.pi * 2 * first)
-    yield Row(
-        f"diffusion constant, packing {dilute}", "Boltzmann", known(first * theory.diffusion_factor(), tail), constant
-    )
+    expected = known(first * theory.diffusion_factor(), tail)
+    yield Row(f"diffusion constant, packing {dilute}", "Boltzmann", expected, constant)
 
 
 GROUPS: dict[str, Callable[[float], Rows]] = {
-    "dense": dense,
-    "state": state,
-    "two": two_discs,
-    "haff": haff,
-    "motion": motion,
-}
+    "dense": dense, "state": state, "two": two_discs, "haff": haff, "motion": motion,
+}  # fmt: skip
 """By the name of the command line."""

@@ -4,7 +4,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
-from pages import fill_blocks
+from harness import fill_page, table
 
 from mpsim.core.text import with_error
 from peers import accuracy, pictures, tables
@@ -17,7 +17,6 @@ BUSY = (
 )
 
 FRAMES, ERRORS = "peers-frames.png", "peers-errors.png"
-TOOL = "run_peers"
 
 INTRODUCTION = """# Peers
 
@@ -72,7 +71,7 @@ def text(record: dict[str, Any]) -> str:
         lines += [errors_text(record)]
         lines += [f"![Error of the pressure against the step, and costs at given errors](pictures/{ERRORS})", ""]
         lines += [*tables.accuracy_rows(record), ""]
-    lines += ["## How each is driven", "", *driven(record)]
+    lines += ["## How each is driven", "", driven(record)]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -95,14 +94,14 @@ def errors_text(record: dict[str, Any]) -> str:
     )
 
 
-def driven(record: dict[str, Any]) -> list[str]:
+def driven(record: dict[str, Any]) -> str:
     """What each engine is, and how it is used here."""
-    rows = ["| engine | version | numbers | how |", "|---|---|---|---|"]
+    rows = []
     for name, found in record["peers"].items():
         peer = PEERS[name]
         how = found["missing"] or peer.driven
-        rows.append(f"| {peer.title} | {found['version'] or '-'} | {peer.precision} | {how} |")
-    return rows
+        rows.append((peer.title, found["version"] or "-", peer.precision, how))
+    return table(("engine", "version", "numbers", "how"), rows)
 
 
 def made(record: dict[str, Any]) -> str:
@@ -130,4 +129,4 @@ def write(record: dict[str, Any], page: Path, readme: Path | None) -> None:
     said = tables.claim(record)
     if readme and said:
         claim = textwrap.fill(f"{said} ([peers](docs/peers.md)).", 116)
-        fill_blocks(readme, TOOL, {"claim": textwrap.indent(claim, "  ")})
+        fill_page(readme, {"claim": textwrap.indent(claim, "  ")})
