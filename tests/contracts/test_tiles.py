@@ -164,23 +164,13 @@ def test_a_halo_too_thin_is_noticed_by_the_comparison_and_by_nothing_else():
 
 
 def any_scene(seed, open_box):
-    """Hundreds of discs with all that discs can have, and obstacles; in an open box, an edge that lets discs out.
-
-    A closed one has the kernels of `support.tiles.everything`.
-    """
+    """Hundreds of discs with all that discs can have, and obstacles; in an open box, an edge that lets discs out."""
     rng = np.random.default_rng(seed)
-    count = int(rng.integers(300, 700))
-    radius = rng.choice([0.5, 0.45, 0.3], count)
-    ends = rng.uniform(7.5, 42.5, (3, 2, 2)).tolist()
-    walls = [mpsim.Polyline(points, thickness=0.3) for points in ends]
-    closed = {"obstacles": mpsim.FixedDisc((25.0, 25.0), 1.0), "boundary": ("periodic", "walls")}
-    opening = {"obstacles": walls, "absorbing": ("right",)} if open_box else closed
-    return mpsim.Scene.random(
-        count=count, width=50.0, height=50.0, radius=radius, mass=rng.uniform(0.5, 2.0, count), seed=int(seed),
-        temperature=float(rng.uniform(0.5, 4.0)), gravity=tuple(rng.normal(size=2).tolist()),
-        restitution=float(rng.uniform(0.8, 0.99)), wall_restitution=float(rng.uniform(0.7, 0.99)),
-        friction=float(rng.uniform(0.1, 0.5)), wall_friction=float(rng.uniform(0.1, 0.5)), **opening,
-    )  # fmt: skip
+    walls = [mpsim.Polyline(points, thickness=0.3) for points in rng.uniform(7.5, 42.5, (3, 2, 2)).tolist()]
+    opening = {"obstacles": walls, "absorbing": "right", "boundary": "walls"} if open_box else {}
+    count, temperature, gravity = int(rng.integers(300, 700)), float(rng.uniform(0.5, 4.0)), rng.normal(size=2)
+    features = everything(count) | {"gravity": tuple(gravity.tolist()), **opening}
+    return mpsim.Scene.random(count=count, width=50.0, height=50.0, seed=int(seed), temperature=temperature, **features)
 
 
 def check_any_scene(seeds, open_box=False):

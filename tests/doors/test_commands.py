@@ -177,23 +177,13 @@ def test_scenes_are_listed_one_line_each_and_shown():
 
 
 def test_show_names_every_feature_or_every_problem(tmp_path):
-    (tmp_path / "a.toml").write_text("""
-        schema = 1
-        width = 10
-        height = 8
-        boundary = ["periodic", "walls"]
-        gravity = [0, -1]
-        restitution = 0.5
-        absorbing = ["bottom"]
-        duration = 5
-        obstacles = [{ position = [5, 5], radius = 1 }]
-        discs = [{ position = [[1, 2], [9, 3]], radius = [0.5, 0.25], mass = [1, 2], acceleration = [1, 0] }]
-        emitters = [
-            { position = [2, 2], velocity = [1, 1], every = 7, limit = 3, radius = 1, mass = 1 },
-            { position = [3, 2], velocity = [1, 1], interval = 0.25, radius = 1, mass = 1 },
-        ]
-        piston = { wall = "top", speed = -1, stop = 6 }
-    """)
+    every, interval = {"every": 7, "limit": 3}, {"interval": 0.25}
+    mpsim.Scene(
+        width=10, height=8, boundary=("periodic", "walls"), gravity=(0, -1), restitution=0.5, absorbing="bottom",
+        position=[[1, 2], [9, 3]], velocity=[[0, 0]] * 2, radius=[0.5, 0.25], mass=[1, 2], acceleration=[[1, 0]] * 2,
+        obstacles=mpsim.FixedDisc((5, 5), 1), piston=mpsim.Piston("top", -1, 6), duration=5,
+        emitters=[mpsim.Emitter((x, 2), (1, 1), radius=1, mass=1, **each) for x, each in ((2, every), (3, interval))],
+    ).save(tmp_path / "a.toml")  # fmt: skip
     assert mpsim_command("show", tmp_path / "a.toml").stdout == (
         "a\n\n"
         "box          10 x 8, periodic along x, walls along y\n"

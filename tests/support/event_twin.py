@@ -4,9 +4,12 @@ Before every event it solves all pairs, all images and all walls anew, then move
 the solver. Roots are the textbook ones, all of them.
 """
 
+import itertools
 import math
 
 import numpy as np
+
+import mpsim
 
 NOW = 1e-11
 """Roots this close to zero are those of an event that has just been."""
@@ -109,51 +112,44 @@ def moving_wall_time(x, v, g, radius, wall, now):
     return min(good, default=math.inf)
 
 
+EDGES = ("left", "right", "bottom", "top")
+
+
+def rows_of(obstacle):
+    """Capsules of an obstacle: (ax, ay, bx, by, radius)."""
+    if isinstance(obstacle, mpsim.FixedDisc):
+        return [(*obstacle.position, *obstacle.position, obstacle.radius)]
+    points = [tuple(point) for point in obstacle.points]
+    return [(*a, *b, obstacle.thickness / 2) for a, b in itertools.pairwise(points)]
+
+
 class Twin:
     """Hard discs as lists of floats. Fields as in a scene; `contact_time` is the guard.
 
     friction, wall_friction: (coefficient, tangential restitution). capsules: rows (ax, ay, bx, by, radius).
     moving_wall: (edge, start, stop, speed). absorbing: numbers of edges: left, right, bottom, top.
+    images: between two events a pair may fly past this many boxes.
     """
 
-    def __init__(
-        self,
-        position,
-        velocity,
-        radius,
-        width,
-        height,
-        mass=None,
-        gravity=(0.0, 0.0),
-        restitution=1.0,
-        wall_restitution=1.0,
-        contact_time=0.0,
-        periodic=(False, False),
-        images=2,
-        friction=None,
-        wall_friction=None,
-        spin=None,
-        capsules=(),
-        moving_wall=None,
-        absorbing=(),
-    ):
-        count = len(position)
-        self.x = [[float(a) for a in p] for p in position]
-        self.v = [[float(a) for a in p] for p in velocity]
-        self.radius = [float(r) for r in radius]
-        self.mass = [1.0] * count if mass is None else [float(m) for m in mass]
-        self.size = (width, height)
-        self.gravity, self.restitution, self.wall_restitution = gravity, restitution, wall_restitution
-        self.contact_time, self.periodic = contact_time, periodic
-        self.friction, self.wall_friction = friction, wall_friction
-        self.spin = [0.0] * count if spin is None else [float(w) for w in spin]
-        # Between two events a pair may fly past this many boxes.
-        self.images = images
-        self.time = 0.0
+    def __init__(self, scene, contact_time, images=2):
+        count = scene.count
+        self.x, self.v = scene.position.tolist(), scene.velocity.tolist()
+        self.radius, self.mass = scene.radii.tolist(), scene.masses.tolist()
+        self.size, self.periodic, self.images = (scene.width, scene.height), scene.periodic, images
+        self.gravity = (0.0, 0.0) if scene.gravity is None else tuple(scene.gravity)
+        self.restitution, self.wall_restitution = scene.restitution, scene.wall_restitution
+        self.friction = scene.friction, scene.tangential_restitution
+        self.wall_friction = scene.wall_friction, scene.tangential_restitution
+        self.spin = [0.0] * count if scene.spin is None else scene.spin.tolist()
+        self.capsules = [[float(a) for a in row] for each in scene.obstacles for row in rows_of(each)]
+        self.absorbing, self.gone = [EDGES.index(edge) for edge in scene.absorbing], set()
+        self.moving_wall, piston = None, scene.piston
+        if piston is not None:
+            edge = EDGES.index(piston.wall)
+            start = scene.box[edge] if piston.start is None else piston.start
+            self.moving_wall = edge, start, piston.stop, piston.speed
+        self.contact_time, self.time, self.guards = contact_time, 0.0, 0
         self.last = [-math.inf] * count
-        self.guards = 0
-        self.moving_wall, self.absorbing, self.gone = moving_wall, absorbing, set()
-        self.capsules = [[float(a) for a in capsule] for capsule in capsules]
 
     def pair_time(self, i, j, shift):
         """Time until i and the image of j displaced by `shift` touch."""

@@ -1,10 +1,8 @@
 """The exact solver against a slow twin, collision by collision, and what is logged against what measures count."""
 
-import itertools
-
 import numpy as np
 import pytest
-from support.event_twin import Twin
+from support.event_twin import EDGES, Twin, rows_of
 from support.scenes import simulate
 from support.transforms import features_of
 
@@ -16,35 +14,8 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),
 ]
 
-EDGES = ("left", "right", "bottom", "top")
 CLOSE = 1e-7
 """Events that are closer in time than this end a comparison: which comes first, rounding decides."""
-
-
-def rows_of(obstacle):
-    """Capsules of an obstacle: (ax, ay, bx, by, radius)."""
-    if isinstance(obstacle, mpsim.FixedDisc):
-        return [(*obstacle.position, *obstacle.position, obstacle.radius)]
-    points = [tuple(point) for point in obstacle.points]
-    return [(*a, *b, obstacle.thickness / 2) for a, b in itertools.pairwise(points)]
-
-
-def twin_of(scene, guard, **other):
-    piston = scene.piston
-    wall = None
-    if piston is not None:
-        edge = EDGES.index(piston.wall)
-        wall = edge, scene.box[edge] if piston.start is None else piston.start, piston.stop, piston.speed
-    law = scene.tangential_restitution
-    given = dict(
-        mass=scene.mass, gravity=(0.0, 0.0) if scene.gravity is None else tuple(scene.gravity), periodic=scene.periodic,
-        restitution=scene.restitution, wall_restitution=scene.wall_restitution, contact_time=guard,
-        friction=(scene.friction, law), wall_friction=(scene.wall_friction, law), spin=scene.spin, moving_wall=wall,
-        capsules=[row for each in scene.obstacles for row in rows_of(each)],
-        absorbing=[EDGES.index(edge) for edge in scene.absorbing],
-    )  # fmt: skip
-    size = scene.width, scene.height
-    return Twin(scene.position, scene.velocity, scene.radii, *size, **given | other)
 
 
 def numbers(scene, event):
@@ -140,7 +111,7 @@ def scene_of(name, **more):
 @pytest.mark.parametrize("name", SCENES)
 def test_every_collision_is_that_of_the_slow_twin(name):
     scene, contact_time = scene_of(name), SCENES[name][1]
-    twin = twin_of(scene, contact_time)
+    twin = Twin(scene, contact_time)
     kinds = compare(scene, twin, 16 if name == "absorbing" else 40, contact_time, 1e-7)
     assert set(kinds) >= {"periodic": {0}, "obstacles": {0, 1, 2}}.get(name, {0, 1}), "the scene shows too little"
     assert twin.guards > 0 or contact_time < 0.01, "the contact time shows nothing"
@@ -151,7 +122,7 @@ def test_small_periodic_boxes_see_every_image(size):
     """Of some two diameters: a disc meets others from both sides, and itself nowhere."""
     at = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]) * size
     scene = mpsim.Scene(width=size, height=size, position=at, velocity=VELOCITY[:4], radius=0.5, boundary="periodic")
-    assert len(compare(scene, twin_of(scene, 0.0, images=5), 30, 0.0, 1e-7)) > 10
+    assert len(compare(scene, Twin(scene, 0.0, images=5), 30, 0.0, 1e-7)) > 10
 
 
 # --- random scenes
@@ -200,7 +171,7 @@ def test_random_scenes_follow_the_slow_twin(falls, seeds):
     for seed in seeds:
         scene = anywhere(seed, falls)
         if scene is not None:
-            found = compare(scene, twin_of(scene, 1e-13, images=2), 12, 1e-13, 1e-6)
+            found = compare(scene, Twin(scene, 1e-13), 12, 1e-13, 1e-6)
             played, kinds = played + (found is not None), kinds + (found or [])
     assert played > 0.5 * len(seeds)
     assert min(kinds.count(kind) for kind in (0, 1, 2)) > 0.2 * len(seeds), kinds
