@@ -183,45 +183,30 @@ class Twin:
 
     def next_event(self):
         """(time from now, kind, i, j or (axis, high), shift) of the earliest event."""
-        count = len(self.x)
+        here = [i for i in range(len(self.x)) if i not in self.gone]
         near = range(-self.images, self.images + 1)
-        shifts = [
-            (a * self.size[0], b * self.size[1])
-            for a in (near if self.periodic[0] else (0,))
-            for b in (near if self.periodic[1] else (0,))
-        ]
+        along = [[image * self.size[k] for image in (near if self.periodic[k] else (0,))] for k in (0, 1)]
+        shifts = list(itertools.product(*along))
+        moving = self.moving_wall[0] if self.moving_wall else None
         events = [
-            (self.pair_time(i, j, s), "pair", i, j, s)
-            for i in range(count)
-            for j in range(i + 1, count)
-            for s in shifts
+            (self.pair_time(i, j, shift), "pair", i, j, shift)
+            for i, j in itertools.combinations(here, 2)
+            for shift in shifts
         ]
         events += [
             (self.wall_time(i, axis, high), "wall", i, (axis, high), None)
-            for i in range(count)
-            for axis in (0, 1)
-            if not self.periodic[axis]
-            for high in (0, 1)
+            for i, axis, high in itertools.product(here, (0, 1), (0, 1))
+            if not self.periodic[axis] and 2 * axis + high != moving
         ]
         events += [
             (capsule_time(self.x[i], self.v[i], self.gravity, self.radius[i], moved), "capsule", i, moved, None)
-            for i in range(count)
-            for capsule in self.capsules
-            for a, b in shifts
-            for moved in [[capsule[0] + a, capsule[1] + b, capsule[2] + a, capsule[3] + b, capsule[4]]]
+            for i, (ax, ay, bx, by, radius), (a, b) in itertools.product(here, self.capsules, shifts)
+            for moved in [[ax + a, ay + b, bx + a, by + b, radius]]
         ]
         if self.moving_wall:
-            events = [
-                each for each in events if each[1] != "wall" or 2 * each[3][0] + each[3][1] != self.moving_wall[0]
-            ]
-            events += [
-                (moving_wall_time(self.x[i], self.v[i], self.gravity, self.radius[i], self.moving_wall, self.time),
-                 "moving wall", i, None, None)
-                for i in range(count)
-            ]  # fmt: skip
-        events = [
-            each for each in events if each[2] not in self.gone and (each[1] != "pair" or each[3] not in self.gone)
-        ]
+            flights = [(i, self.x[i], self.v[i], self.gravity, self.radius[i]) for i in here]
+            wall = self.moving_wall, self.time
+            events += [(moving_wall_time(*flight, *wall), "moving wall", i, None, None) for i, *flight in flights]
         return min(events, key=lambda event: event[0], default=(math.inf, "nothing", -1, None, None))
 
     def fly(self, t):
@@ -244,29 +229,30 @@ class Twin:
     def step(self, event=None):
         """One event: the next one, if it is not given."""
         t, kind, i, j, shift = event or self.next_event()
-        if kind == "capsule":
-            self.meet(t, i, j)
+        if kind == "pair":
+            self.collide(t, i, j, shift)
             return
+        n, moving = [0.0, 0.0], 0.0
+        if kind == "capsule":  # it lies where the disc is when they meet, a period further perhaps
+            point = place_at(self.x[i], self.v[i], self.gravity, t)
+            there = nearest(point, j)
+            n = [(there[k] - point[k]) / math.dist(there, point) for k in (0, 1)]
+        self.fly(t)
         if kind == "moving wall":
-            self.push(t, i)
-            return
-        if kind == "wall":
-            self.fly(t)
+            axis, high = divmod(self.moving_wall[0], 2)
+            n[axis] = 1.0 if high else -1.0
+            moving = n[axis] * wall_at(self.moving_wall, self.time)[1]
+        elif kind == "wall":
             axis, high = j
             if 2 * axis + high in self.absorbing:
                 self.gone.add(i)
                 self.v[i] = [0.0, 0.0]
                 return
-            closing = abs(self.v[i][axis])
-            kept = self.kept(self.wall_restitution, [i])
-            self.v[i][axis] *= -kept
-            n = [0.0, 0.0]
             n[axis] = 1.0 if high else -1.0
-            if self.wall_friction:
-                self.rub(self.wall_friction, i, None, n, (1.0 + kept) * self.mass[i] * closing)
-            self.last[i] = self.time
-            return
-        # The fall is the same for both discs; the image is the one that was predicted.
+        self.bounce(i, n, moving)
+
+    def collide(self, t, i, j, shift):
+        """Disc i meets the image of disc j that was predicted. The fall is the same for both."""
         r = [self.x[j][k] + shift[k] - self.x[i][k] + (self.v[j][k] - self.v[i][k]) * t for k in (0, 1)]
         self.fly(t)
         distance = math.hypot(*r)
@@ -277,36 +263,15 @@ class Twin:
         for k in (0, 1):
             self.v[i][k] -= impulse * n[k] / self.mass[i]
             self.v[j][k] += impulse * n[k] / self.mass[j]
-        if self.friction:
-            self.rub(self.friction, i, j, n, impulse)
+        self.rub(self.friction, i, j, n, impulse)
         self.last[i] = self.last[j] = self.time
 
-    def meet(self, t, i, capsule):
-        """Disc i meets a capsule that lies where the disc is when it does, a period further perhaps."""
-        point = place_at(self.x[i], self.v[i], self.gravity, t)
-        there = nearest(point, capsule)
-        n = [(there[k] - point[k]) / math.dist(there, point) for k in (0, 1)]
-        self.fly(t)
-        closing = sum(self.v[i][k] * n[k] for k in (0, 1))
-        impulse = (1.0 + self.kept(self.wall_restitution, [i])) * closing
+    def bounce(self, i, n, moving):
+        """Disc i meets, in the direction n, what is as heavy as the world and moves so fast along it."""
+        change = (1.0 + self.kept(self.wall_restitution, [i])) * (self.v[i][0] * n[0] + self.v[i][1] * n[1] - moving)
         for k in (0, 1):
-            self.v[i][k] -= impulse * n[k]
-        if self.wall_friction:
-            self.rub(self.wall_friction, i, None, n, impulse * self.mass[i])
-        self.last[i] = self.time
-
-    def push(self, t, i):
-        """Disc i meets the moving wall, which is as heavy as the world."""
-        self.fly(t)
-        edge = self.moving_wall[0]
-        axis, sign = edge // 2, (1.0 if edge % 2 else -1.0)
-        _, moving = wall_at(self.moving_wall, self.time)
-        closing = sign * (self.v[i][axis] - moving)
-        kept = self.kept(self.wall_restitution, [i])
-        self.v[i][axis] -= sign * (1.0 + kept) * closing
-        if self.wall_friction:
-            self.rub(self.wall_friction, i, None, [sign, 0.0] if axis == 0 else [0.0, sign],
-                     (1.0 + kept) * self.mass[i] * closing)  # fmt: skip
+            self.v[i][k] -= change * n[k]
+        self.rub(self.wall_friction, i, None, n, change * self.mass[i])
         self.last[i] = self.time
 
     def rub(self, law, i, j, n, pressed):
