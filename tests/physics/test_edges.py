@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 from support.scenes import simulate
 
@@ -64,27 +63,6 @@ def test_what_has_left_meets_no_disc(settings):
         assert sim.state.position[:, 0] == pytest.approx([7.5, 7.5], abs=0.06)
     with simulate(closed(scene), **settings) as sim:
         assert sim.run(until=4.0).collisions == 1, "the control: at a wall the first comes back and meets the second"
-
-
-@pytest.mark.parametrize("settings", [{"method": "event", "dt": 20.0}, {"method": "naive", "dt": 0.25}], ids=str)
-def test_discs_that_meet_nobody_leave_after_the_time_to_the_nearest_edge(settings, figures):
-    """Points in a box that is open all round: who leaves is known in advance."""
-    rng, radius, until = np.random.default_rng(4), 1e-6, 20.0
-    position, angle = rng.uniform(0.5, 49.5, (40, 2)), rng.uniform(0, 2 * math.pi, 40)
-    velocity = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    scene = Scene(width=50, height=50, position=position, velocity=velocity, radius=radius, absorbing=EDGES)
-    with simulate(scene, **settings) as sim:
-        sim.run(until=until)
-        gone, rest = sim.absorbed, sim.state
-    ahead = (np.where(velocity > 0, 50 - radius - position, position - radius) / np.abs(velocity)).min(axis=1)
-    assert (gone == (ahead <= until))[np.abs(ahead - until) > 0.25].all()
-    assert 5 < gone.sum() < 35
-    assert not rest.velocity[gone].any()
-    assert np.minimum(rest.position, 50 - rest.position)[gone].min(axis=1).max() < 0.3, "they rest where they left"
-    with simulate(closed(scene), **settings) as sim:
-        sim.run(until=until)
-        assert not sim.absorbed.any()
-    figures.note("P2", settings["method"], "of 40 discs, away at t = 20", int(gone.sum()), int(gone.sum()), "closed: 0")
 
 
 def test_a_disc_added_later_finds_those_that_have_left_away():

@@ -46,25 +46,18 @@ class Units:
     def scene(self, scene: mpsim.Scene) -> mpsim.Scene:
         """The scene in these units."""
         features = features_of(scene)
+        units = dict.fromkeys(("width", "height", "position", "radius"), self.length)
+        units |= {"velocity": self.speed, "spin": 1 / self.time}
+        units |= dict.fromkeys(("gravity", "acceleration"), self.acceleration)
+        features |= {name: features[name] * unit for name, unit in units.items() if features.get(name) is not None}
         features |= {
-            "width": scene.width * self.length,
-            "height": scene.height * self.length,
-            "position": scene.position * self.length,
-            "velocity": scene.velocity * self.speed,
-            "radius": scene.radius * self.length,
             "mass": scene.masses * self.mass if is_weighed(scene) else None,
             "obstacles": [self.obstacle(obstacle) for obstacle in scene.obstacles],
             "emitters": [self.emitter(emitter) for emitter in scene.emitters],
         }
-        for name in ("gravity", "acceleration"):
-            if features[name] is not None:
-                features[name] = features[name] * self.acceleration
-        if features.get("spin") is not None:
-            features["spin"] = features["spin"] / self.time
         if scene.piston is not None:
-            places = {"stop": scene.piston.stop * self.length}
-            start = getattr(scene.piston, "start", None)
-            places |= {} if start is None else {"start": start * self.length}
+            places = {name: getattr(scene.piston, name) for name in ("start", "stop")}
+            places = {name: place * self.length for name, place in places.items() if place is not None}
             features["piston"] = dataclasses.replace(scene.piston, speed=scene.piston.speed * self.speed, **places)
         return mpsim.Scene(**features)
 
