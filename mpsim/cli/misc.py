@@ -11,7 +11,7 @@ import numpy as np
 
 from mpsim.cli import terminal
 from mpsim.cli.run import MEASURES, RunFolder
-from mpsim.cli.terminal import complete_scene
+from mpsim.cli.terminal import Whole, complete_scene
 from mpsim.core.checks import refusal
 from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
@@ -32,7 +32,7 @@ Examples:
 
 
 @click.command(epilog=WARMUP_EXAMPLES, short_help="Compile ahead of the first run.")
-@click.argument("scenes", nargs=-1, shell_complete=terminal.complete_scene)
+@click.argument("scenes", nargs=-1, shell_complete=complete_scene)
 @terminal.settings_options
 @terminal.json_option
 @terminal.quiet_option
@@ -161,12 +161,11 @@ Examples:
 
 
 @click.command(epilog=PLOT_EXAMPLES, short_help="Draw the results of a run.")
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option(
-    "--out",
-    "-o",
-    type=click.Path(path_type=Path),
-    help="Picture to write: .png, .pdf, .svg or another format.  [default: plot.png in the folder, replaced]",
+@click.argument("folder", type=terminal.PATH)
+@terminal.option(
+    "--out -o",
+    terminal.PATH,
+    "Picture to write: .png, .pdf, .svg or another format.  [default: plot.png in the folder, replaced]",
 )
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @terminal.json_option
@@ -202,37 +201,21 @@ Examples:
 
 
 @click.command(epilog=ANIMATE_EXAMPLES, short_help="Write an animation.")
-@click.argument("scene", shell_complete=terminal.complete_scene)
-@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
-@click.option(
-    "--frames", type=terminal.Whole(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
-)
-@click.option("--until", type=terminal.POSITIVE, help="Time of the last picture.")
-@click.option("--every", type=terminal.Whole(1), help="Frames of the simulation per picture; default: the scene's own.")
-@click.option("--fps", type=terminal.Whole(1, 50), default=25, show_default=True, help="Pictures per second.")
-@click.option(
-    "--pixels",
-    type=terminal.Whole(100, 4000),
-    default=480,
-    show_default=True,
-    help="Pixels along the longer side of the box.",
-)
-@click.option(
-    "--colour",
-    "--color",
-    type=click.Choice(["speed", "none"]),
-    default="speed",
-    show_default=True,
-    help="What discs are coloured by.",
-)
-@click.option(
+@click.argument("scene", shell_complete=complete_scene)
+@click.argument("out", type=terminal.FILE)
+@terminal.option("--frames", Whole(1, 100_000), "Number of pictures; default: to the end of the scene's duration.")
+@terminal.option("--until", terminal.POSITIVE, "Time of the last picture.")
+@terminal.option("--every", Whole(1), "Frames of the simulation per picture; default: the scene's own.")
+@terminal.option("--fps", Whole(1, 50), "Pictures per second.", 25)
+@terminal.option("--pixels", Whole(100, 4000), "Pixels along the longer side of the box.", 480)
+@terminal.option("--colour --color", click.Choice(["speed", "none"]), "What discs are coloured by.", "speed")
+@terminal.option(
     "--scale",
-    type=click.Choice(["linear", "log"]),
-    default="linear",
-    show_default=True,
-    help="How speeds become colours; log tells slow discs apart where speeds span decades.",
+    click.Choice(["linear", "log"]),
+    "How speeds become colours; log tells slow discs apart where speeds span decades.",
+    "linear",
 )
-@click.option("--theme", type=click.Choice(["light", "dark"]), default="light", show_default=True)
+@terminal.option("--theme", click.Choice(["light", "dark"]), "", "light")
 @terminal.settings_options
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @terminal.json_option

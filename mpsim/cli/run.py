@@ -6,11 +6,9 @@ import dataclasses
 import io
 import json
 import os
-import platform
 import time
 import warnings
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +16,16 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.core import files
+from mpsim.core.checks import refusal
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.files import FileLock
 from mpsim.core.text import json_text
+from mpsim.core.version import __version__
 from mpsim.engine import checkpoint
 from mpsim.engine.report import Report, frames_skipped
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import frames_until
-from mpsim.errors import InputError, MpsimError, reason_of
+from mpsim.errors import InputError, MpsimError, OutputError, reason_of
 from mpsim.measure.registry import NAMES
 from mpsim.output.frames import frame_of
 from mpsim.output.tables import measure_text
@@ -103,18 +103,22 @@ class RunFolder:
             if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
                 _demand_leave(folder, force)
             folder.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(folder)
+            lock = _lock_of(folder)
             for pattern in (*_OURS, *(f"trajectory.{name}" for name in FORMATS)):
                 for old in folder.glob(pattern):
                     old.unlink()
-        made = cls(folder, {"format": FORMAT, "versions": versions(), **record, "parts": []}, lock)
+        made = cls(
+            folder,
+            {"format": FORMAT, "versions": {"mpsim": __version__, **checkpoint.VERSIONS}, **record, "parts": []},
+            lock,
+        )
         made.save()
         return made
 
     @classmethod
     def claim(cls, path: str | os.PathLike[str]) -> "RunFolder":
         """The folder of a run, to continue it; an OutputError if another process writes to it."""
-        lock = FileLock(cls.open(path).path)
+        lock = _lock_of(cls.open(path).path)
         return cls(Path(path), cls.open(path).record, lock)  # again: the last owner may have written to it
 
     @classmethod
@@ -130,7 +134,11 @@ class RunFolder:
                 f"({reason_of(error):.200}). Give a folder that `mpsim run --out` has made."
             ) from None
         if found != FORMAT:
-            raise InputError(f"{str(folder)!r} is of format {found}; this mpsim reads {FORMAT}. Use a newer one.")
+            newer, older = "of a newer version. Use a newer mpsim.", "from a development version. Run the scene again."
+            raise InputError(
+                f"{str(folder)!r} must hold a run of format {FORMAT}, which this mpsim reads; it is of format {found}, "
+                f"{newer if found > FORMAT else older}"
+            )
         missing = sorted(name for name, kind in KINDS.items() if not isinstance(record.get(name), kind))
         if "parts" not in missing and not all(map(_is_part, record["parts"])):
             missing.append("parts with measures")
@@ -222,17 +230,6 @@ def averages_of(parts: list[dict[str, Any]]) -> str:
     return text.getvalue() if rows else ""
 
 
-def versions() -> dict[str, str]:
-    """Versions of everything that determines the bits or reads the files."""
-    found = {"python": platform.python_version()}
-    for name in ("mpsim", "numpy", "numba"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # run from a folder, not installed
-            found[name] = "unknown"
-    return found
-
-
 def _demand_leave(folder: Path, force: bool) -> None:
     """Refuse a folder that is not that of a run, or whose replacement was not asked for."""
     if not folder.is_dir():
@@ -247,6 +244,14 @@ def _demand_leave(folder: Path, force: bool) -> None:
             f"--out already holds a run: {str(folder)!r} is not overwritten. Give another name, --force to replace "
             f"it, or continue it: mpsim resume {folder}"
         )
+
+
+def _lock_of(folder: Path) -> FileLock:
+    try:
+        return FileLock(folder)
+    except OutputError:
+        rule, got = "be written by one command at a time", "a folder that another one is writing to"
+        raise refusal(repr(str(folder)), rule, got, "Wait for its end, or give another folder.", OutputError) from None
 
 
 def _writing(folder: Path) -> contextlib.AbstractContextManager[None]:
@@ -276,18 +281,14 @@ Examples:
 
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option("--frames", type=terminal.Whole(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
-@click.option("--until", type=terminal.POSITIVE, help="Simulated time at which to stop.")
+@terminal.option("--frames", terminal.Whole(1), f"Number of frames; default: the scene's duration, or {FRAMES}.")
+@terminal.option("--until", terminal.POSITIVE, "Simulated time at which to stop.")
 @terminal.settings_options
-@click.option(
-    "--measure", "measures", type=click.Choice(NAMES), multiple=True, help="What to measure; default: the scene's own."
-)
-@click.option("--start", type=terminal.NOT_NEGATIVE, help="Measure only from this simulated time on.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.")
-@click.option("--every", type=terminal.Whole(1), help="Write every n-th frame to the trajectory; default: the scene's.")
-@click.option(
-    "--format", "kind", type=click.Choice(FORMATS), default="xyz", show_default=True, help="Format of the trajectory."
-)
+@terminal.option("--measure measures", click.Choice(NAMES), "What to measure; default: the scene's own.", multiple=True)
+@terminal.option("--start", terminal.NOT_NEGATIVE, "Measure only from this simulated time on.")
+@terminal.option("--out", terminal.PATH, "Folder for the results.")
+@terminal.option("--every", terminal.Whole(1), "Write every n-th frame to the trajectory; default: the scene's.")
+@terminal.option("--format kind", click.Choice(FORMATS), "Format of the trajectory.", "xyz")
 @click.option("--force", is_flag=True, help="Replace an existing run in the folder.")
 @terminal.json_option
 @terminal.quiet_option
@@ -356,15 +357,11 @@ SAME_BITS = ("grid", "parallel")
 
 
 @click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--frames", type=terminal.Whole(1), help="Number of further frames.")
-@click.option("--until", type=terminal.POSITIVE, help="Simulated time at which to stop.")
-@click.option("--method", type=click.Choice(SAME_BITS), help="Change to another method with the same bits.")
-@click.option(
-    "--workers",
-    type=terminal.Whole(1, terminal.MOST_WORKERS),
-    help="Number of processes; it does not change the result.",
-)
+@click.argument("folder", type=terminal.PATH)
+@terminal.option("--frames", terminal.Whole(1), "Number of further frames.")
+@terminal.option("--until", terminal.POSITIVE, "Simulated time at which to stop.")
+@terminal.option("--method", click.Choice(SAME_BITS), "Change to another method with the same bits.")
+@terminal.option("--workers", terminal.SETTINGS["--workers"][0], "Number of processes; it does not change the result.")
 @terminal.json_option
 @terminal.quiet_option
 def resume(

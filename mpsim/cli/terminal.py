@@ -33,6 +33,7 @@ class Number(click.FloatRange):
 
 
 POSITIVE, NOT_NEGATIVE = Number(0, min_open=True), Number(0)
+PATH, FILE = click.Path(path_type=Path), click.Path(dir_okay=False, path_type=Path)
 
 
 class Share(click.ParamType):
@@ -126,10 +127,16 @@ SETTINGS: dict[str, tuple[click.ParamType, str]] = {
 }
 
 
+def option(names: str, kind: click.ParamType, text: str, default: Any = None, **more: Any) -> Callable[..., Any]:
+    """An option that takes a value; names: as click takes them, with spaces between. A default is shown in the help."""
+    shown_too = default is not None
+    return click.option(*names.split(), type=kind, help=text, default=default, show_default=shown_too, **more)
+
+
 def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """The settings as options; `settings_of` puts them together."""
     for name, (kind, text) in reversed(SETTINGS.items()):
-        command = click.option(name, type=kind, help=text)(command)
+        command = option(name, kind, text)(command)
     return command
 
 

@@ -1,6 +1,7 @@
 """`mpsim tune` and `mpsim tradeoff`: speed against accuracy of settings."""
 
 import dataclasses
+import functools
 import math
 import shlex
 from collections.abc import Callable
@@ -25,30 +26,28 @@ from mpsim.studies.preliminary import KINDS
 
 _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
-until_option = click.option(
-    "--until",
-    type=terminal.POSITIVE,
-    help="Length of a run; default: the scene's duration, or chosen by mpsim.",
-)
 
-
-def replicas_option(most: int) -> Callable[..., Any]:
-    """The option --replicas of a command that takes at most so many."""
-    return click.option(
-        "--replicas", type=terminal.Whole(2, most), default=16, show_default=True, help="Runs per candidate."
-    )
-
-
-starts_option = click.option(
-    "--starts",
-    type=click.Choice(KINDS),
-    help="kind: new random starts of the same kind; same: this start, discs displaced by a thousandth of a diameter.",
-)
-contact_time_option = click.option(
-    "--contact-time",
-    type=terminal.POSITIVE,
-    help="Contact time of the reference, if discs come to rest; it is then a model and not exact.",
-)
+def _study_options(most: int, of: str = "") -> Callable[..., Any]:
+    """Options that both commands hand on. most: replicas at most; of: what the time limit is of, in words."""
+    options = [
+        terminal.option(
+            "--until", terminal.POSITIVE, "Length of a run; default: the scene's duration, or chosen by mpsim."
+        ),
+        terminal.option("--replicas", terminal.Whole(2, most), "Runs per candidate.", 16),
+        terminal.option(
+            "--starts",
+            click.Choice(KINDS),
+            "kind: new random starts of the same kind; "
+            "same: this start, discs displaced by a thousandth of a diameter.",
+        ),
+        terminal.option(
+            "--contact-time",
+            terminal.POSITIVE,
+            "Contact time of the reference, if discs come to rest; it is then a model and not exact.",
+        ),
+        terminal.option("--seconds", terminal.POSITIVE, f"Approximate time limit{of} [s].", 150.0),
+    ]
+    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
 
 
 def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -57,7 +56,7 @@ def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
         unit = _WORDS.get(UNITS.get(name, ""), "relative: 0.01 or 1%")
         text = f"Largest error of {name.replace('_', ' ')}, {unit}."
         kind = terminal.Share(below=1.0 if OBSERVABLES[name].error == "relative" else math.inf)
-        command = click.option(f"--{name.replace('_', '-')}", name, type=kind, help=text)(command)
+        command = terminal.option(f"--{name.replace('_', '-')} {name}", kind, text)(command)
     return command
 
 
@@ -71,37 +70,22 @@ Examples:
 @click.command(epilog=TUNE_EXAMPLES, short_help="Find the cheapest settings inside error budgets.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @_budget_options
-@until_option
-@replicas_option(tuning.MOST_REPLICAS)
-@starts_option
-@contact_time_option
-@click.option("--seconds", type=terminal.POSITIVE, default=150.0, show_default=True, help="Approximate time limit [s].")
+@_study_options(tuning.MOST_REPLICAS)
 @terminal.json_option
 @terminal.quiet_option
-def tune(
-    scene: str,
-    until: float | None,
-    replicas: int,
-    starts: str | None,
-    contact_time: float | None,
-    seconds: float,
-    as_json: bool,
-    quiet: bool,
-    **budgets: float | None,
-) -> None:
+def tune(scene: str, as_json: bool, quiet: bool, **options: Any) -> None:
     """Find the cheapest settings whose errors on SCENE stay inside every budget.
 
     Give at least one budget. Errors without a budget are not limited.
     """
+    budgets = {name: options.pop(name) for name in ERRORS}
     asked = {name: budget for name, budget in budgets.items() if budget is not None}
     if not asked:
-        options = ", ".join(f"--{name.replace('_', '-')}" for name in ERRORS)
-        raise click.UsageError(f"Give at least one budget: {options}.")
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in ERRORS)
+        raise click.UsageError(f"Give at least one budget: {names}.")
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
-        how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "progress": progress}
-        how["contact_time"] = contact_time
-        tuned = tuning.tune(chosen, asked, until=until, **how)
+        tuned = tuning.tune(chosen, asked, progress=progress, **options)
     if as_json:
         click.echo(json_text(_record(tuned)))
         return
@@ -136,46 +120,24 @@ Examples:
 
 @click.command(epilog=TRADEOFF_EXAMPLES, short_help="Measure cost and error of settings.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option(
-    "--measure", "measures", type=click.Choice(ERRORS), multiple=True, help="An error to measure; default: all."
-)
-@until_option
-@replicas_option(tradeoffs.MOST_REPLICAS)
-@starts_option
-@contact_time_option
-@click.option(
-    "--seconds",
-    type=terminal.POSITIVE,
-    default=150.0,
-    show_default=True,
-    help="Approximate time limit of the reference [s].",
-)
+@terminal.option("--measure measures", click.Choice(ERRORS), "An error to measure; default: all.", multiple=True)
+@_study_options(tradeoffs.MOST_REPLICAS, " of the reference")
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
 @terminal.json_option
-@click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Write to a file: CSV if it ends in .csv, JSON in .json.",
-)
-@click.option(
-    "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Save finished runs here; continue from it."
-)
+@terminal.option("--out", terminal.FILE, "Write to a file: CSV if it ends in .csv, JSON in .json.")
+@terminal.option("--keep", terminal.FILE, "Save finished runs here; continue from it.")
 @click.option("--force", is_flag=True, help="Replace the file of --out.")
 @terminal.quiet_option
 def tradeoff(
     scene: str,
     measures: tuple[str, ...],
-    until: float | None,
-    replicas: int,
-    starts: str | None,
-    contact_time: float | None,
-    seconds: float,
     as_csv: bool,
     as_json: bool,
     out: Path | None,
     keep: Path | None,
     force: bool,
     quiet: bool,
+    **options: Any,
 ) -> None:
     """Measure the cost of settings on SCENE, and their errors against the exact solver."""
     if as_csv and as_json:
@@ -188,9 +150,7 @@ def tradeoff(
             files.check_target(out)  # before the long work, not after
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
-        how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "path": keep}
-        how |= {"contact_time": contact_time, "progress": progress}
-        table = tradeoffs.tradeoff(chosen, None, until, measures or None, **how)
+        table = tradeoffs.tradeoff(chosen, measures=measures or None, path=keep, progress=progress, **options)
     if out is None:
         click.echo(table.to_json() if as_json else table.to_csv() if as_csv else str(table), nl=False)
         return

@@ -36,12 +36,7 @@ Examples:
 
 @click.command(epilog=VIEW_EXAMPLES, short_help="Watch a scene run, in the browser.")
 @click.argument("scene", shell_complete=terminal.complete_scene, default="gas")
-@click.option(
-    "--host",
-    default="127.0.0.1",
-    show_default=True,
-    help="Address to listen on; the default accepts this machine only.",
-)
+@terminal.option("--host", click.STRING, "Address to listen on; the default accepts this machine only.", "127.0.0.1")
 @click.option("--port", type=terminal.Whole(0, 65535), default=0, help="Port to listen on; default: a free one.")
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser.")
 @click.option("--paused", is_flag=True, help="Start paused, until the page's play button is pressed.")
@@ -80,7 +75,7 @@ def view(
     if given and (is_link or not _is_recording(scene)):
         raise click.UsageError(f"--{next(iter(given))} can be given only with the file of a trajectory. Leave it out.")
     if is_link:
-        with _named("SCENE, a link"):
+        with _named("the address SCENE"):
             link = share_url.read(share_url.query_of(scene))
         changed = {name: value for name, value in options.items() if value is not None}
         settings = dataclasses.replace(link.settings, **changed)

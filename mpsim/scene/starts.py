@@ -273,13 +273,17 @@ def random_places(
     demand_area("radius", radius)
     corner, (width, height), largest = np.zeros(2), box, float(np.max(radius, initial=0.0))
     wraps, margin = periodic, float(np.min(radius, initial=math.inf)) if count else 0.0
+    shape = None
     if isinstance(region, Obstacle):
-        taken, region = taken.inside(region), None
+        taken, shape, region = taken.inside(region), region, None
     region = region or taken.region(box, margin)
     if region is not None:
         corner, beyond = np.array(region[:2]) - margin, np.add(region[:2], box) - 2 * largest
         width, height = np.where(periodic, np.minimum(region[2:], beyond), region[2:]) - corner + margin
         wraps = (False, False)
+    if min(width, height) < 0 and shape is not None:
+        rule = f"reach into the box of {box[0]:g} x {box[1]:g}"
+        raise checks.refusal("the shape around discs", rule, checks.brief(shape), "Move it into the box.")
     if min(width, height) < 2 * largest:
         raise InputError(
             f"radius must be at most half the room, {min(width, height) / 2:g} here; got {largest!r}. "

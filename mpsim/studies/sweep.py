@@ -19,7 +19,6 @@ import math
 import numbers
 import os
 import pickle
-import platform
 import re
 import sys
 import threading
@@ -30,6 +29,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from platform import python_version
 from typing import Any, ClassVar, cast
 
 import numba
@@ -206,6 +206,12 @@ LENGTHS: dict[str, Callable[[Any], float]] = {
 RUN_FIELDS: tuple[str, ...] = (*(field.name for field in dataclasses.fields(Settings)), *LENGTHS)
 """Names of a grid that vary how a scene is run."""
 
+VERSIONS = {"mpsim": __version__, "numpy": np.__version__, "numba": numba.__version__, "python": python_version()}
+"""Versions, in this process, of everything that may change a result."""
+
+OWN: tuple[str, ...] = ("run", "seed", "wall_seconds", "failure", *(f"{name}_version" for name in VERSIONS))
+"""Columns that every sweep has, besides those of the grid and of the results."""
+
 LONGEST_FAILURE, LONGEST_TRACEBACK = 1000, 4000
 """Characters that are kept of an error in words, its beginning, and of a traceback, its end."""
 
@@ -345,7 +351,7 @@ def failed_elsewhere(error: BaseException, stop: threading.Event | None = None) 
 def _outcome(values: dict[str, Scalar], failure: str | None, text: str = "", seconds: float = math.nan) -> Any:
     """Fields of a SweepRow."""
     found = {"values": values, "failure": failure, "traceback": text, "wall_seconds": seconds}
-    return {**found, "versions": versions()}
+    return {**found, "versions": VERSIONS}
 
 
 def described(error: BaseException) -> str:
@@ -360,13 +366,6 @@ def described(error: BaseException) -> str:
         text = "its text cannot be had"
     text = text if len(text) <= LONGEST_FAILURE else f"{text[:LONGEST_FAILURE]} ... ({len(text):,} characters)"
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
-
-
-@functools.cache
-def versions() -> dict[str, str]:
-    """Versions, in this process, of everything that may change a result."""
-    python = platform.python_version()
-    return {"mpsim": __version__, "numpy": np.__version__, "numba": numba.__version__, "python": python}
 
 
 def scalars(result: Any, taken: frozenset[str]) -> dict[str, Scalar]:
@@ -581,12 +580,6 @@ class SweepFile:
 
 
 # --- The result of a sweep: a table with one row for each run
-
-VERSIONS = ("mpsim", "numpy", "numba", "python")
-"""What has versions in each row."""
-
-OWN: tuple[str, ...] = ("run", "seed", "wall_seconds", "failure", *(f"{name}_version" for name in VERSIONS))
-"""Columns that every sweep has, besides those of the grid and of the results."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ REFUSED = [
     ("resume gas --frames 3 --until 2", "Give --frames or --until, not both."),
     ("run gas --every 3", "--every needs --out, the folder to write to."),
     ("run gas --dt 0", "'--dt': 0.0 is not in the range x>0."),
-    ("view ?", "for SCENE, a link: a link must have a scene, as in ?scene=gas&dt=0.005; got none. Add scene=NAME."),
+    ("view ?", "for the address SCENE: a link must have a scene, as in ?scene=gas&dt=0.005; got none. Add scene=NAME."),
     ("view gas --beside foo", "for --beside: beside must be a method, or dt, "),
     ("view gas --beside foo", "; got 'foo'. Use dt=0.001,passes=2."),
     ("run gas --until nan", "'--until': 'nan' must be a finite number."),

@@ -242,6 +242,9 @@ def test_no_disc_starts_or_is_added_in_a_filled_polygon_also_after_it_has_moved(
         mpsim.Polyline(TRIANGLE[:3], filled=True)
     with pytest.raises(mpsim.InputError, match=re.escape("inside must be numbers of shape (4,)")):
         mpsim.Scene.random(count=1, width=9, height=9, radius=0.1, inside=mpsim.Polyline(TRIANGLE[:3]))
+    rule = "the shape around discs must reach into the box of 9 x 9; got Circle(centre=(20.0, 4.0), radius=1.0)."
+    with pytest.raises(mpsim.InputError, match=re.escape(rule)):
+        mpsim.Scene.random(count=1, width=9, height=9, radius=0.1, inside=mpsim.Circle((20, 4), 1))
 
 
 def test_groups_are_those_of_a_scene_file(tmp_path):

@@ -264,7 +264,10 @@ def test_only_one_process_writes_to_a_folder(whole, tmp_path, monkeypatch):
         assert mpsim_command("resume", out, "--frames", 5, "--quiet").exit_code == 0
     for result in refused:
         assert result.exit_code == 1
-        assert f"'{out}' is being written by another writer, of this process or another." in result.stderr
+        assert (
+            f"'{out}' must be written by one command at a time; got a folder that another one is writing to"
+            in result.stderr
+        )
     assert len(refused) == 2
     assert record_of(out)["digest"] == library_digest(35)
 
@@ -291,7 +294,8 @@ def test_a_folder_that_is_no_run_is_refused(command, tmp_path):
     assert "Error: the folder of a run must hold run.json; " in result.stderr
     assert "Give a folder that `mpsim run --out` has made." in result.stderr
     for text, rule in (
-        ('{"format": 99}', "is of format 99; this mpsim reads 1. Use a newer"),
+        ('{"format": 99}', "it is of format 99, of a newer version. Use a newer mpsim."),
+        ('{"format": 0}', "it is of format 0, from a development version. Run the scene again."),
         (
             '{"format": 1, "scene": "gas", "every": 1, "trajectory": "a", "parts": [], "settings": {}}',
             "run.json must hold measures, status, target; that in ",
