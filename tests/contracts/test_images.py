@@ -1,7 +1,5 @@
 """Counts of periods: unwrapped places go on through borders, with the same bits whatever the workers and pieces."""
 
-import warnings
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -53,7 +51,8 @@ speed = st.floats(-300, 300).map(lambda value: round(value, 6))  # none whose sq
 free = st.tuples(st.floats(0, 9.999), st.floats(0, 7.999), speed, speed)
 
 
-@settings(max_examples=5, deadline=None)
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
+@settings(max_examples=5)
 @given(discs=st.lists(free, min_size=1, max_size=1), contact=st.sampled_from(["push", "impact"]))
 @pytest.mark.parametrize(("method", "falls"), [("grid", False), ("naive", True), ("event", True)])
 def test_unwrapped_places_are_the_integral_of_the_motion(discs, contact, method, falls):
@@ -62,13 +61,11 @@ def test_unwrapped_places_are_the_integral_of_the_motion(discs, contact, method,
     gravity = np.array([1.5, -40.0]) * falls
     scene = box_of(start[:, :2], start[:, 2:], gravity=gravity if falls else None)
     contact = "impact" if falls or method == "event" else contact
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.FastWarning)
-        with simulate(scene, method=method, dt=0.1, contact=contact) as sim:
-            before = sim.state.unwrapped
-            for frames in (1, 6, 3):
-                sim.run(frames=frames)
-            moved = sim.state.unwrapped - before
+    with simulate(scene, method=method, dt=0.1, contact=contact) as sim:
+        before = sim.state.unwrapped
+        for frames in (1, 6, 3):
+            sim.run(frames=frames)
+        moved = sim.state.unwrapped - before
     expected = scene.velocity * 1.0 + gravity / 2
     assert np.abs(moved - expected).max() < 1e-11 * (1 + np.abs(expected).max())
 

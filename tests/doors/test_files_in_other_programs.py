@@ -11,6 +11,7 @@ pytestmark = [
     pytest.mark.plain,
     pytest.mark.long,
     pytest.mark.filterwarnings("ignore:Setting the shape:DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning"),
 ]
 
 

@@ -54,16 +54,11 @@ def test_after_restore_all_is_as_if_nothing_had_been_done_since(name, method):
             sim.run(frames=8)
             sim.run(frames=12)
             assert kept(sim) == later
-    with mpsim.Simulation.replay(sim_journal(later, snap, method), workers=1) as again:
-        assert again.digest() == later[0]
-
-
-def sim_journal(later, snap, method):
-    """The journal of a branch from the snapshot, run as far."""
     with mpsim.Simulation.from_snapshot(snap) as branch:
         branch.run(frames=20)
         assert kept(branch) == later, "a branch has the bits of what it was taken from, which is closed"
-        return branch.journal
+        with mpsim.Simulation.replay(branch.journal, workers=1) as again:
+            assert again.digest() == later[0]
 
 
 def test_added_discs_and_walls_are_gone_after_restore_and_their_numbers_are_given_again():

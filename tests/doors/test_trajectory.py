@@ -9,7 +9,6 @@ import signal
 import sys
 import time
 import tracemalloc
-import warnings
 from types import SimpleNamespace
 
 import gsd.hoomd
@@ -20,7 +19,10 @@ from support.trajectories import DT, ENDINGS, PLACES, SCENES, SPEEDS, content, k
 
 import mpsim
 
-pytestmark = pytest.mark.plain
+pytestmark = [
+    pytest.mark.plain,
+    pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning"),
+]
 
 
 @pytest.fixture(params=ENDINGS)
@@ -51,14 +53,15 @@ class Album:
 def watched(folder, name):
     """Files of one run in both formats, and what the simulation said of itself at their frames."""
     album, method = Album(7), "grid" if name == "everything" else "naive"
-    with warnings.catch_warnings(), simulate(SCENES[name](), method=method, dt=DT) as sim:
-        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
-        warnings.simplefilter("ignore", mpsim.FastWarning)
-        with mpsim.Trajectory.write(folder / "a.xyz", 7) as text, mpsim.Trajectory.write(folder / "a.gsd", 7) as binary:
-            sim.run(frames=21, observe=[text, binary, album])
-            if name == "grown":
-                sim.add([[2, 1], [2, 5]], [[0, 1], [1, 0]], radius=[0.45, 0.11], mass=[2.2, 0.9])
-            sim.run(frames=42, observe=[text, binary, album])
+    with (
+        simulate(SCENES[name](), method=method, dt=DT) as sim,
+        mpsim.Trajectory.write(folder / "a.xyz", 7) as text,
+        mpsim.Trajectory.write(folder / "a.gsd", 7) as binary,
+    ):
+        sim.run(frames=21, observe=[text, binary, album])
+        if name == "grown":
+            sim.add([[2, 1], [2, 5]], [[0, 1], [1, 0]], radius=[0.45, 0.11], mass=[2.2, 0.9])
+        sim.run(frames=42, observe=[text, binary, album])
     pages = list(album.pages.values())
     assert len(pages) == 10
     assert all(not (page.mass == 1).all() for page in pages), "default masses would show nothing"
@@ -109,7 +112,6 @@ def test_every_quantity_is_read_back_to_the_bit_and_is_where_the_formats_say(nam
             assert theirs.log["mpsim/time"] == [page.time]
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_numbers_of_all_sizes_are_kept(tmp_path):
     """Zeros of both signs in one column, too."""
     velocity = [[0.0, -0.0], [-0.0, -0.0], [1e-300, 2e150], [1e10, -1e10], [0.1, 1 / 3]]

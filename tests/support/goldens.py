@@ -113,19 +113,11 @@ class Pinned:
         """
         return mpsim.Simulation(self.scene(), **split({"dt": DT, **self.settings, **how}))
 
-    def run(self, measures: Iterable[str] = (), before: Callable[[mpsim.Simulation], None] | None = None, **how) -> Ran:
-        """Run it, with those of the measures that its second half can have. `before` gets the simulation first."""
+    def run(self, measures: Iterable[str] = (), **how) -> Ran:
+        """Run it, with those of the measures that its second half can have."""
         with warnings.catch_warnings():
-            for kind in (
-                mpsim.errors.EmitterWarning,
-                mpsim.FastWarning,
-                mpsim.OverlapWarning,
-                mpsim.errors.GuardWarning,
-            ):
-                warnings.simplefilter("ignore", kind)
+            warnings.simplefilter("ignore", UserWarning)
             with self.start(**how) as sim:
-                if before is not None:
-                    before(sim)
                 first = sim.run(frames=FRAMES // 2)
                 if self.midway is not None:
                     self.midway(sim)

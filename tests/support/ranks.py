@@ -111,8 +111,7 @@ def found(name: str, **settings: Any) -> dict[str, Any]:
     """Digest, contacts and measures of a case."""
     case = CASES[name]()
     with warnings.catch_warnings():
-        for expected in (mpsim.FastWarning, mpsim.errors.EmitterWarning, mpsim.OverlapWarning):
-            warnings.simplefilter("ignore", expected)
+        warnings.simplefilter("ignore", UserWarning)
         with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, **settings)) as sim:
             report = sim.run(frames=case.frames, measures=case.measures)
             measures = {name: str(value) for name, value in report.measures.items()}

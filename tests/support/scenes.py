@@ -199,12 +199,3 @@ def pair(speed=1.0, apart=2.0, side=20.0, **more):
     places = [[middle - apart / 2, middle], [middle + apart / 2, middle]]
     box = {"width": side, "height": side, "radius": 0.5}
     return mpsim.Scene(position=places, velocity=[[speed, 0], [-speed, 0]], **{**box, **more})
-
-
-def quiet(scene, frames=0, **settings):
-    """Run without any warning at all; returns the state."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        with mpsim.Simulation(scene, mpsim.Settings(method="grid", **settings)) as sim:
-            sim.run(frames=frames)
-            return sim.state

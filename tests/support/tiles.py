@@ -69,17 +69,11 @@ def windows_of(sim: mpsim.Simulation) -> dict[str, int]:
     return {name: int(plan[name]) for name in ("windows", "again", "as_one", "parts")}
 
 
-def tallies_of_a_command(sim: mpsim.Simulation, frames: int) -> Any:
-    """Give one command of so many frames, and return what was counted of each that it finished."""
-    solver = solver_of(sim)
-    return solver.advance(frames, solver.choice.workers[0], count_enabled=True).counters
-
-
 def tallies(sim: mpsim.Simulation, frames: int) -> Any:
     """Run so many frames, and return what was counted of each: impulses on walls, virials, collisions."""
-    found = []
-    while frames:
-        found.append(tallies_of_a_command(sim, frames))
+    solver, found = solver_of(sim), []
+    while frames:  # a command may finish fewer
+        found.append(solver.advance(frames, solver.choice.workers[0], count_enabled=True).counters)
         frames -= len(found[-1])
     return np.concatenate(found)
 
@@ -143,13 +137,9 @@ def play_without_comparing(sim: mpsim.Simulation, frames: int, parts: int) -> No
     shared.plan.done, shared.plan.parts = 0, parts
     kept = solver._progress, solver._seen
     while shared.plan.done < frames:
-        plan_by_hand(whole, shared, frames - shared.plan.done, solver._progress.frame)
+        left = frames - shared.plan.done
+        windows.plan_window(shared.plan, shared.times, whole.clock, solver._progress.frame, left, math.inf)
+        shared.plan.stops, shared.plan.next[0] = 0, 0
         play_all(whole, box, features, shared, own)
         end_all(whole, features, shared, *kept, times, totals)
     windows.link(whole, box, features, own.places)
-
-
-def plan_by_hand(whole: Any, shared: Any, frames: int, first_frame: int) -> None:
-    """Plan the next window, without a stop."""
-    windows.plan_window(shared.plan, shared.times, whole.clock, first_frame, frames, math.inf)
-    shared.plan.stops, shared.plan.next[0] = 0, 0

@@ -1,6 +1,5 @@
 """Runs that write trajectories."""
 
-import warnings
 from pathlib import Path
 
 import mpsim
@@ -11,13 +10,7 @@ SETTINGS = {"dt": 0.02, "method": "grid"}
 
 def written(path: Path, scene: mpsim.Scene, frames: int = 10, every: int = 2, mode: str = "x", **settings) -> str:
     """Run a scene and write a trajectory of it; returns the digest of the last state."""
-    with (
-        warnings.catch_warnings(),
-        simulate(scene, **{**SETTINGS, **settings}) as sim,
-        mpsim.Trajectory.write(path, every, mode=mode) as out,
-    ):
-        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
-        warnings.simplefilter("ignore", mpsim.FastWarning)
+    with simulate(scene, **{**SETTINGS, **settings}) as sim, mpsim.Trajectory.write(path, every, mode=mode) as out:
         sim.run(frames=frames, observe=out)
         return sim.digest()
 
@@ -25,15 +18,12 @@ def written(path: Path, scene: mpsim.Scene, frames: int = 10, every: int = 2, mo
 def killed_and_resumed(path: Path, scene: mpsim.Scene, every: int = 3, **settings) -> None:
     """A run of 20 frames, saved at frame 10 and killed at frame 14, of which the file holds more than is saved."""
     saved = path.with_suffix(".mpsim")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.errors.EmitterWarning)
-        warnings.simplefilter("ignore", mpsim.FastWarning)
-        with simulate(scene, **{**SETTINGS, **settings}) as sim, mpsim.Trajectory.write(path, every) as out:
-            sim.run(frames=10, observe=out)
-            sim.save(saved)
-            sim.run(frames=4, observe=out)
-        with mpsim.Simulation.resume(saved) as sim, mpsim.Trajectory.write(path, every, mode="a") as out:
-            sim.run(frames=10, observe=out)
+    with simulate(scene, **{**SETTINGS, **settings}) as sim, mpsim.Trajectory.write(path, every) as out:
+        sim.run(frames=10, observe=out)
+        sim.save(saved)
+        sim.run(frames=4, observe=out)
+    with mpsim.Simulation.resume(saved) as sim, mpsim.Trajectory.write(path, every, mode="a") as out:
+        sim.run(frames=10, observe=out)
 
 
 def content(path: Path) -> list:

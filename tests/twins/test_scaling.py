@@ -4,7 +4,6 @@ So nowhere may an absolute number stand for a length, a time or a mass.
 """
 
 import dataclasses
-import warnings
 
 import numpy as np
 import pytest
@@ -35,11 +34,9 @@ def without_vanishing(scene):
 def outcome(scene, frames, **settings):
     """State, contacts and measures of a run."""
     names = [name for name in registry.NAMES if registry.refusal(name, scene) is None]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        with simulate(scene, **settings) as sim:
-            report = sim.run(frames=frames, measures=names)
-            return sim.state, report.collisions, dict(report.measures), sim.absorbed.tolist()
+    with simulate(scene, **settings) as sim:
+        report = sim.run(frames=frames, measures=names)
+        return sim.state, report.collisions, dict(report.measures), sim.absorbed.tolist()
 
 
 def check(scene, frames, units, note, **settings):
