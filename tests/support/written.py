@@ -131,7 +131,6 @@ def write(folder: Path) -> None:
     for each in (write_scenes, write_checkpoints, write_trajectories, write_run, write_trade):
         each(folder)
     state().save(folder / "state.npz")
-    np.savez(folder / "state-of-two-arrays.npz", position=state().position, velocity=state().velocity)
     expected = {
         "scenes": {name: scene.digest() for name, scene in scenes().items()},
         "trajectories": {name: frames_of(folder / name) for name in TRAJECTORIES},
