@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,15 +36,14 @@ class Start:
 
     def save(self, path: Path) -> None:
         """Write a .npz file."""
-        box = np.array([self.width, self.height, self.radius])
-        np.savez(path, box=box, position=self.position, velocity=self.velocity)
+        np.savez(path, **vars(self))
 
     @classmethod
     def load(cls, path: str | Path) -> "Start":
         """Read the file that `save` wrote."""
         with np.load(path) as held:
-            width, height, radius = (float(number) for number in held["box"])
-            return cls(width, height, radius, held["position"], held["velocity"])
+            values: dict[str, Any] = {name: value if value.ndim else float(value) for name, value in held.items()}
+        return cls(**values)
 
 
 @dataclass(frozen=True)
@@ -67,13 +66,7 @@ class Plan:
 
 
 class Run(ABC):
-    """An engine with a start in it.
-
-    Attributes:
-        steps: steps of the engine in one frame.
-    """
-
-    steps: int = 1
+    """An engine with a start in it."""
 
     @abstractmethod
     def run(self, frames: int) -> None:
@@ -93,8 +86,3 @@ class Run(ABC):
     def close(self) -> None:
         """Give back what the engine holds."""
         return
-
-
-def energy(velocity: NDArray[np.float64]) -> float:
-    """Kinetic energy of discs of mass 1 [mass length^2/time^2]."""
-    return 0.5 * float((np.asarray(velocity, dtype=np.float64) ** 2).sum())

@@ -7,8 +7,7 @@ from typing import Any
 from harness import fill_page, table
 
 from mpsim.core.text import with_error
-from peers import accuracy, pictures, tables
-from peers.accuracy import Point
+from peers import pictures, study, tables
 from peers.registry import PEERS
 
 BUSY = (
@@ -70,7 +69,7 @@ def text(record: dict[str, Any]) -> str:
     if "accuracy" in record:
         lines += [errors_text(record)]
         lines += [f"![Error of the pressure against the step, and costs at given errors](pictures/{ERRORS})", ""]
-        lines += [*tables.accuracy_rows(record), ""]
+        lines += [tables.accuracy_table(record), ""]
     lines += ["## How each is driven", "", driven(record)]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -78,15 +77,15 @@ def text(record: dict[str, Any]) -> str:
 def errors_text(record: dict[str, Any]) -> str:
     """What the second table shows, and how it was found."""
     kept = record["accuracy"]
-    exact = Point(**kept["exact"])
+    exact = tables.exact_of(record)
     knobs = [f"{peer.title} {' and '.join(map(str, peer.knobs))} {peer.knob}" for peer in PEERS.values() if peer.knob]
     return ERRORS_TEXT.format(
         count=kept["count"],
         cost_count=kept["cost_count"],
         packing=kept["packing"],
-        time=accuracy.TIME,
-        settle=accuracy.SETTLE,
-        longer=accuracy.EXACT_LONGER,
+        time=study.TIME,
+        settle=study.SETTLE,
+        longer=study.EXACT_LONGER,
         starts=exact.starts,
         pressure=with_error(exact.pressure, exact.scatter),
         steps=", ".join(f"{step:g}" for step in kept["steps"]),

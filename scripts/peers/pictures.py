@@ -4,12 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 
 from mpsim.output.drawing import STYLE, new_figure, save_figure
-from peers import accuracy, tables
-from peers.accuracy import Point
+from peers import tables
 from peers.registry import PEERS
+from peers.study import LIMITS
 
 COLOURS = {
     "cpp": "#000000",
@@ -51,20 +52,18 @@ def frames(record: dict[str, Any], path: Path) -> None:
 
 def _line(axes: Axes, cells: list[dict[str, Any]], name: str, threads: int) -> None:
     timed = [(cell["count"], tables.timing_of(cell, f"{name}/{threads}")) for cell in cells]
-    points = [(count, tables.nanoseconds(timing, count)) for count, timing in timed if timing]
-    if not points:
-        return
-    counts, costs = [point[0] for point in points], [point[1] for point in points]
-    middles = [cost[1] for cost in costs]
-    bars = [[cost[1] - cost[0] for cost in costs], [cost[2] - cost[1] for cost in costs]]
-    style: dict[str, Any] = {"color": COLOURS[name], "linestyle": DASHES[threads], "marker": "o"}
-    axes.errorbar(counts, middles, bars, label=plain(tables.title_of(f"{name}/{threads}")), **style)
+    costs = {count: tables.nanoseconds(timing, count) for count, timing in timed if timing}
+    if costs:
+        low, middle, high = np.array(list(costs.values())).T
+        style: dict[str, Any] = {"color": COLOURS[name], "linestyle": DASHES[threads], "marker": "o"}
+        label = plain(tables.title_of(f"{name}/{threads}"))
+        axes.errorbar(list(costs), middle, [middle - low, high - middle], label=label, **style)
 
 
 def errors(record: dict[str, Any], path: Path) -> None:
     """Error of the pressure against the step, and what a disc costs per unit of time at each limit."""
     kept = record["accuracy"]
-    exact = Point(**kept["exact"])
+    exact = tables.exact_of(record)
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(11, 5.4)
         left, right = figure.subplots(1, 2)
@@ -78,7 +77,7 @@ def errors(record: dict[str, Any], path: Path) -> None:
                     line = "-" if marker == "o" else ":"
                     style: dict[str, Any] = {"color": COLOURS[name], "marker": marker, "linestyle": line}
                     left.errorbar(steps, low, bars, label=plain(label), **style)
-        for limit in accuracy.LIMITS:
+        for limit in LIMITS:
             left.axhline(limit, color="#444444", linestyle="--", linewidth=1)
         left.set(xscale="log", yscale="log", ylim=(1e-3, 1.5))
         left.set(xlabel="v·dt [diameters]", ylabel="error of the pressure, absolute and relative")
@@ -90,12 +89,12 @@ def errors(record: dict[str, Any], path: Path) -> None:
 def _costs(axes: Axes, record: dict[str, Any]) -> None:
     names = [name for name in record["accuracy"]["series"] if PEERS[name].steps]
     for row, name in enumerate(reversed(names)):
-        for limit, marker in zip(accuracy.LIMITS, ("o", "D"), strict=True):
+        for limit, marker in zip(LIMITS, ("o", "D"), strict=True):
             had = tables.answer(record, name, limit)
             if had:
-                full = COLOURS[name] if limit == min(accuracy.LIMITS) else "white"
+                full = COLOURS[name] if limit == min(LIMITS) else "white"
                 axes.plot(had[1] / 1e3, row, marker, color=COLOURS[name], markerfacecolor=full, markersize=8)
-        if not tables.answer(record, name, min(accuracy.LIMITS)):
+        if not tables.answer(record, name, min(LIMITS)):
             place = {"xy": (0.02, row), "xycoords": ("axes fraction", "data"), "ha": "left", "va": "center"}
             axes.annotate("1 %: not reached", **place, fontsize=8)
     axes.set_yticks(range(len(names)), [plain(PEERS[name].title) for name in reversed(names)], fontsize=9)

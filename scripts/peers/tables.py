@@ -1,13 +1,12 @@
 """Tables of the page, and the claim of the README, from the record of a study."""
 
-import re
 from typing import Any
 
+from harness import quartiles, table
+
 from mpsim.core.text import with_error
-from peers import accuracy
-from peers.accuracy import Point, longest
-from peers.registry import PEERS
-from peers.turns import LATE, Timing, quartiles, ratios
+from peers.registry import PEERS, YARDSTICKS
+from peers.study import EXACT, LATE, LIMITS, Point, Timing, longest, ratios
 
 CONTACTS = ("mpsim-push", "mpsim")
 MAIN = (0.4, 0.02)
@@ -32,19 +31,18 @@ def title_of(key: str) -> str:
 def timing_of(cell: Cell | None, key: str) -> Timing | None:
     """Times of an engine on a scene, if it has all its turns."""
     found = (cell or {}).get("times", {}).get(key)
-    return Timing(**found) if isinstance(found, dict) and found["frame"] else None
+    return found if isinstance(found, dict) and found["frame"] else None
 
 
-def cell_of(record: dict[str, Any], count: int, packing: float, step: float) -> Cell | None:
-    """The scene with these numbers, or None."""
-    wanted = {"count": count, "packing": packing, "step": step}
-    return next((cell for cell in record["cells"] if all(cell[key] == value for key, value in wanted.items())), None)
+def cell_of_claim(record: dict[str, Any]) -> Cell | None:
+    """The scene of which the claim is, or None."""
+    wanted = CLAIM_COUNT, *MAIN
+    return next((cell for cell in record["cells"] if (cell["count"], cell["packing"], cell["step"]) == wanted), None)
 
 
 def nanoseconds(timing: Timing, count: int) -> tuple[float, float, float]:
     """Quartiles of the cost of a disc and frame [ns]."""
-    low, middle, high = quartiles([1e9 * seconds / count for seconds in timing.frame])
-    return low, middle, high
+    return quartiles([1e9 * seconds / count for seconds in timing["frame"]])
 
 
 def number(value: float) -> str:
@@ -60,83 +58,89 @@ def entry(timing: Timing, yardstick: Timing | None, count: int) -> str:
     return text
 
 
-def rows_of_frames(record: dict[str, Any], packing: float, step: float) -> tuple[list[str], list[str]]:
-    """Rows of the table of frames at one packing and step, and the reasons for what is missing in them."""
-    cells = [cell for cell in record["cells"] if (cell["packing"], cell["step"]) == (packing, step)]
+def frames_table(record: dict[str, Any], cells: list[Cell], step: float) -> list[str]:
+    """The table of frames at one packing and step, and the reasons for what is missing in it."""
     reasons: dict[tuple[str, str], list[str]] = {}
-    rows = ["| engine | " + " | ".join(f"{cell['count']:,}" for cell in cells) + " |", "|---" * (len(cells) + 1) + "|"]
+    rows = []
     for name, found in record["peers"].items():
         if not PEERS[name].steps:
             continue
         if found["missing"]:
-            rows.append(f"| {PEERS[name].title} | {found['missing']} |" + " |" * (len(cells) - 1))
+            rows.append([PEERS[name].title, found["missing"], *[""] * (len(cells) - 1)])
             continue
         for threads in PEERS[name].threads:
-            key, texts = f"{name}/{threads}", []
+            key = f"{name}/{threads}"
+            rows.append([title_of(key)])
             for cell in cells:
-                timing = timing_of(cell, key)
+                timing, count = timing_of(cell, key), f"{cell['count']:,}"
                 yardstick = timing_of(cell, f"{record['yardstick']}/1")
-                texts.append(entry(timing, yardstick, cell["count"]) if timing else "-")
-                if timing and timing.frames * len(timing.frame) * step < SETTLED:
-                    texts[-1] += " early"
-                why = cell["times"].get(key, "not run")
-                if why == LATE or not timing:
-                    counts = reasons.setdefault(("all" if why == LATE else title_of(key), why), [])
-                    counts.append(f"{cell['count']:,}")
-            rows.append(f"| {title_of(key)} | " + " | ".join(texts) + " |")
-    every = ", ".join(f"{cell['count']:,}" for cell in cells)
-    missing = {which: ", ".join(dict.fromkeys(counts)) for which, counts in reasons.items()}
-    return rows, [
-        f"{title} with {'any number of' if counts == every else counts} discs: {why}"
-        for (title, why), counts in missing.items()
-    ]
+                text = entry(timing, yardstick, cell["count"]) if timing else "-"
+                early = timing and timing["frames"] * len(timing["frame"]) * step < SETTLED
+                rows[-1].append(f"{text} early" if early else text)
+                if not timing:
+                    why = cell["times"].get(key, "not run")
+                    reasons.setdefault(("all" if why == LATE else title_of(key), why), []).append(count)
+    lines = [table(("engine", *(f"{cell['count']:,}" for cell in cells)), rows), ""]
+    if reasons:
+        lines += ["Not in this table:", ""]
+        for (title, why), counts in reasons.items():
+            which = list(dict.fromkeys(counts))
+            lines.append(
+                f"- {title} with {'any number of' if len(which) == len(cells) else ', '.join(which)} discs: {why}"
+            )
+        lines.append("")
+    return lines
 
 
 def frames_section(record: dict[str, Any]) -> list[str]:
     """Tables of ns per disc and frame at the longest step, the main packing first, without thinner ones."""
     every = list(dict.fromkeys((cell["packing"], cell["step"]) for cell in record["cells"]))
     longest_step = max(step for _, step in every)
-    kinds = [kind for kind in every if kind[1] == longest_step and kind[0] >= every[0][0]]
     lines = []
-    for packing, step in kinds:
+    for packing, step in every:
+        if step != longest_step or packing < every[0][0]:
+            continue
         lines += [f"### Packing {packing:g}, v·dt = {step:g} diameters", ""]
         cells = [cell for cell in record["cells"] if (cell["packing"], cell["step"]) == (packing, step)]
         if all(found == LATE for cell in cells for found in cell["times"].values()):
             lines += [f"{LATE.capitalize()}.", ""]
-            continue
-        rows, reasons = rows_of_frames(record, packing, step)
-        lines += [*rows, ""]
-        if reasons:
-            lines += ["Not in this table:", "", *(f"- {reason}" for reason in reasons), ""]
+        else:
+            lines += frames_table(record, cells, step)
     return lines
+
+
+def cost_of(record: dict[str, Any], name: str, each: Point) -> float | str:
+    """Nanoseconds per disc and unit of time of an engine at a point, or why there are none."""
+    kept = record["accuracy"]
+    timing = kept.get("costs", {}).get(f"{name} {each.dt:g} {each.knob}", "not timed")
+    if isinstance(timing, str) or not timing["frame"]:
+        return timing if isinstance(timing, str) else "not timed"
+    return quartiles(timing["frame"])[1] * 1e9 / kept["cost_count"] / each.dt
+
+
+def reached(record: dict[str, Any], name: str, limit: float) -> list[Point]:
+    """The points of an engine that are within a limit, one for each effort that has any."""
+    exact = exact_of(record)
+    found = (longest(points_of(series), exact, limit) for series in record["accuracy"]["series"].get(name, []))
+    return [each for each in found if each]
 
 
 def answer(record: dict[str, Any], name: str, limit: float) -> tuple[Point, float] | None:
     """The point within a limit that costs least, and its cost [ns per disc and unit of time]; None: there is none."""
-    kept = record["accuracy"]
-    exact, count = Point(**kept["exact"]), kept["cost_count"]
-    found = []
-    for series in kept["series"].get(name, []):
-        each = longest([Point(**point) for point in series["points"]], exact, limit)
-        timing = kept.get("costs", {}).get(f"{name} {each.dt:g} {each.knob}") if each else None
-        if each and isinstance(timing, dict) and timing["frame"]:
-            median = quartiles(timing["frame"])[1]
-            found.append((each, accuracy.cost_per_time(median, count, each.dt)))
+    costs = [(each, cost_of(record, name, each)) for each in reached(record, name, limit)]
+    found = [(each, cost) for each, cost in costs if isinstance(cost, float)]
     return min(found, key=lambda pair: pair[1], default=None)
 
 
 def why_not(record: dict[str, Any], name: str, limit: float) -> str:
     """Why an engine has no cost at a limit: the least error that it had, or how it failed."""
-    kept = record["accuracy"]
-    exact = Point(**kept["exact"])
-    ended = [series["ended"] for series in kept["series"].get(name, []) if series["ended"]]
-    points = [Point(**point) for series in kept["series"].get(name, []) for point in series["points"]]
+    exact, every = exact_of(record), record["accuracy"]["series"].get(name, [])
+    ended = [series["ended"] for series in every if series["ended"]]
+    points = [each for series in every for each in points_of(series)]
     if not points:
         return ended[0] if ended else "not measured"
-    reached = [each for series in kept["series"][name] if (each := longest(points_of(series), exact, limit))]
-    if reached:
-        found = kept.get("costs", {}).get(f"{name} {reached[0].dt:g} {reached[0].knob}", "not timed")
-        return f"reached at v·dt = {reached[0].dt:g}; its frames: {found if isinstance(found, str) else 'not timed'}"
+    if within := reached(record, name, limit):
+        return f"reached at v·dt = {within[0].dt:g}; its frames: {cost_of(record, name, within[0])}"
     best = min(points, key=lambda each: abs(each.error(exact)))
     text = f"not reached: {per_cent(best.error(exact), best.uncertainty(exact))} at v·dt = {best.dt:g}"
     return text + (f"; then, {ended[0]}" if ended else "")
@@ -147,47 +151,38 @@ def per_cent(error: float, uncertainty: float) -> str:
     return f"{'+' if error >= 0 else ''}{with_error(100 * error, 100 * uncertainty)}%"
 
 
-def accuracy_rows(record: dict[str, Any]) -> list[str]:
-    """Rows of the table of costs at given errors."""
-    kept = record["accuracy"]
-    exact = Point(**kept["exact"])
-    limits = sorted(accuracy.LIMITS)
-    rows = [
-        "| engine | " + " | ".join(f"µs at {limit:.0%} | v·dt | error | drift" for limit in limits) + " |",
-        "|---" * (1 + 4 * len(limits)) + "|",
-    ]
+def accuracy_table(record: dict[str, Any]) -> str:
+    """The table of costs at given errors."""
+    exact, limits, rows = exact_of(record), sorted(LIMITS), []
     for name, found in record["peers"].items():
-        peer = PEERS[name]
+        peer, texts = PEERS[name], []
         if not peer.accuracy:
             continue
-        if found["missing"]:
-            rows.append(f"| {peer.title} | {found['missing']} |" + " |" * (4 * len(limits) - 1))
-            continue
-        if not peer.steps:
-            rows.append(exact_row(record, peer.title, exact, len(limits)))
-            continue
-        texts = []
         for limit in limits:
             had = answer(record, name, limit)
-            if had:
+            if not peer.steps:
+                texts += exact_texts(record, exact)
+            elif had:
                 each, cost = had
                 error = per_cent(each.error(exact), each.uncertainty(exact))
                 texts += [number(cost / 1e3), f"{each.dt:g}{peer.effort(each.knob)}", error, f"{each.drift:+.1e}"]
             else:
                 texts += [why_not(record, name, limit), "", "", ""]
-        rows.append(re.sub(" +", " ", f"| {peer.title} | " + " | ".join(texts) + " |"))
-    return rows
+        rows.append((peer.title, *([found["missing"], *[""] * (len(texts) - 1)] if found["missing"] else texts)))
+    heads = (head for limit in limits for head in (f"µs at {limit:.0%}", "v·dt", "error", "drift"))
+    return table(("engine", *heads), rows)
 
 
-def exact_row(record: dict[str, Any], title: str, exact: Point, limits: int) -> str:
-    """The row of the exact solver, which has one cost, no step and no error but that of the sample."""
-    kept = record["accuracy"]
-    timing = kept.get("costs", {}).get("mpsim-event 1 0")
-    cost = "-"
-    if isinstance(timing, dict) and timing["frame"]:
-        cost = number(accuracy.cost_per_time(quartiles(timing["frame"])[1], kept["cost_count"], 1.0) / 1e3)
-    own = f"{cost} | none | exact, {with_error(0.0, 100 * exact.scatter / exact.pressure)}% | {exact.drift:+.1e}"
-    return f"| {title} | " + " | ".join([own] * limits) + " |"
+def exact_texts(record: dict[str, Any], exact: Point) -> list[str]:
+    """Of the exact solver, which has one cost, no step and no error but that of the sample."""
+    cost = cost_of(record, EXACT, Point(1.0, 0))
+    error = f"exact, {with_error(0.0, 100 * exact.scatter / exact.pressure)}%"
+    return [number(cost / 1e3) if isinstance(cost, float) else "-", "none", error, f"{exact.drift:+.1e}"]
+
+
+def exact_of(record: dict[str, Any]) -> Point:
+    """What the exact solver has found."""
+    return Point(**record["accuracy"]["exact"])
 
 
 def points_of(series: dict[str, Any]) -> list[Point]:
@@ -199,12 +194,12 @@ def next_best(record: dict[str, Any]) -> tuple[str, float] | None:
     """The cheapest engine but mpsim and the yardsticks at the least limit, and its cost over mpsim's."""
     if "accuracy" not in record:
         return None
-    limit = min(accuracy.LIMITS)
+    limit = min(LIMITS)
     own = [had[1] for name in CONTACTS if (had := answer(record, name, limit))]
     others = {
         name: had[1]
         for name in record["peers"]
-        if not name.startswith("mpsim") and name not in ("cpp", "numba") and (had := answer(record, name, limit))
+        if not name.startswith("mpsim") and name not in YARDSTICKS and (had := answer(record, name, limit))
     }
     if not own or not others:
         return None
@@ -217,8 +212,8 @@ def is_busy(record: dict[str, Any]) -> bool:
     machine = record["machine"]
     if machine["load_before"] > machine["usable_cores"] / 2:
         return True
-    timing = timing_of(cell_of(record, CLAIM_COUNT, *MAIN), f"{record['yardstick']}/1")
-    low, middle, high = quartiles(timing.frame) if timing else (1.0, 1.0, 1.0)
+    timing = timing_of(cell_of_claim(record), f"{record['yardstick']}/1")
+    low, middle, high = quartiles(timing["frame"]) if timing else (1.0, 1.0, 1.0)
     return (high - low) / middle > LARGEST_SPREAD
 
 
@@ -233,7 +228,7 @@ def about(ratio: float) -> str:
 
 def claim(record: dict[str, Any]) -> str:
     """What the README says of speed: medians of this study. Empty if it was disturbed, or has not measured them."""
-    cell = cell_of(record, CLAIM_COUNT, *MAIN)
+    cell = cell_of_claim(record)
     one, two = timing_of(cell, "mpsim-push/1"), timing_of(cell, "mpsim-push/2")
     yardstick = timing_of(cell, "cpp/1")
     if not cell or not one or not two or not yardstick or is_busy(record):

@@ -51,8 +51,8 @@ class Engine(Run):
         except OSError as error:
             raise NotThereError(f"the library of LAMMPS cannot be loaded: {error}; pip install mpich") from error
         contact = math.pi * plan.dt / math.sqrt(2)
-        self.steps = math.ceil(plan.dt / (contact / STEPS_IN_CONTACT))
-        self._step = plan.dt / self.steps
+        self._steps = math.ceil(plan.dt / (contact / STEPS_IN_CONTACT))
+        self._step = plan.dt / self._steps
         self._count, self._counting, self._done = start.count, plan.counting, 0
         stiffness = 0.5 * (math.pi / contact) ** 2  # of a pair, whose reduced mass is 1/2
         self._set_up(start, stiffness)
@@ -97,8 +97,8 @@ class Engine(Run):
             self._lammps.command(line)
 
     def run(self, frames: int) -> None:
-        self._do(f"run {frames * self.steps} pre no post no")
-        self._done += frames * self.steps
+        self._do(f"run {frames * self._steps} pre no post no")
+        self._done += frames * self._steps
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         both = [np.array(self._lammps.gather_atoms(name, 1, 3)).reshape(-1, 3)[:, :2] for name in ("x", "v")]

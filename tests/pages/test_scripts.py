@@ -38,7 +38,6 @@ def test_run_bench_times_and_draws(tmp_path):
 @pytest.mark.long
 def test_run_compression_says_what_was_reached_and_where_discs_jammed(tmp_path):
     page = tmp_path / "page.md"
-    page.write_text("<!-- run_compression: table -->\n<!-- end -->\n")
     run("run_compression", "--counts", "64", "--rates", "0.1", "--docs", page)
     rows = re.findall(r"\| (\S.*?) \| 64 \| 0.1 \| (\S+) \| \S+ s \| (0\.\d{4}) \| \S+ s \|", page.read_text())
     assert [row[:2] for row in rows] == [("equal", "0.8"), ("1 : 1.4", "0.82")]
@@ -53,9 +52,7 @@ def test_run_stability_draws_the_outcomes_that_are_kept(tmp_path):
 
 @pytest.mark.long
 def test_run_validation_compares_two_discs_with_what_is_known(tmp_path):
-    page = tmp_path / "page.md"
-    words = ["--quick", "--only", "two", "--out", tmp_path / "kept.json"]
-    run("run_validation", *words, *(["--docs", page] if "--docs" in run("run_validation", "--help") else []))
+    run("run_validation", "--quick", "--only", "two", "--out", tmp_path / "kept.json")
     rows = json.loads((tmp_path / "kept.json").read_text())["two"]["rows"]
     assert rows
     for row in rows:
