@@ -18,6 +18,7 @@ from support.scenes import gas, simulate
 from support.trajectories import DT, ENDINGS, PLACES, SCENES, SPEEDS, content, killed_and_resumed, pair, written
 
 import mpsim
+from mpsim.errors import OutputError, TrajectoryError, TrajectoryWarning
 
 pytestmark = [
     pytest.mark.plain,
@@ -191,7 +192,7 @@ def test_frames_that_are_written_meanwhile_are_found(path):
     assert trajectory.refresh() == 11, "a file in the place of another is read anew"
     assert [len(frame.position) for frame in trajectory] == [7] * 11
     path.unlink()
-    with pytest.raises(mpsim.errors.TrajectoryError, match="run"):
+    with pytest.raises(TrajectoryError, match="run"):
         trajectory.refresh()
 
 
@@ -241,9 +242,7 @@ def test_other_frames_can_be_read_where_one_is_damaged_and_no_file_is_held_in_me
     assert len(trajectory) == 2000
     assert peak < 0.2 * (tmp_path / "a.xyz").stat().st_size
     assert [trajectory[index].frame for index in (0, 1, 3, 1999)] == [0, 1, 3, 4]
-    with pytest.raises(
-        mpsim.errors.TrajectoryError, match=r"frame 2 of .*, line 18, must hold numbers in its column p"
-    ):
+    with pytest.raises(TrajectoryError, match=r"frame 2 of .*, line 18, must hold numbers in its column p"):
         trajectory[2]
 
 
@@ -277,16 +276,16 @@ def test_only_its_own_run_continues_a_file(tmp_path, ending):
         with simulate(scene, **{"dt": DT, "method": "naive", **settings}) as sim:
             sim.run(frames=3)
             says = rf"can be continued only by the run that wrote it; .*{text}.*mode='w"
-            with mpsim.Trajectory.write(path, mode="a") as out, pytest.raises(mpsim.errors.OutputError, match=says):
+            with mpsim.Trajectory.write(path, mode="a") as out, pytest.raises(OutputError, match=says):
                 sim.run(frames=2, observe=out)
         assert path.read_bytes() == before, "nothing was written"
     other = pair(position=PLACES[::-1])
-    with pytest.raises(mpsim.errors.OutputError, match="wrote it; at frame 0 its position of the discs differs"):
+    with pytest.raises(OutputError, match="wrote it; at frame 0 its position of the discs differs"):
         written(path, other, 2, 1, mode="a", method="naive")
     with simulate(pair(), method="naive", dt=DT) as sim, mpsim.Trajectory.write(path, mode="w") as out:
         sim.run(frames=5)
         sim.run(frames=3, observe=out)
-    with pytest.raises(mpsim.errors.OutputError, match="at frame 5 its mass of disc 1 is 1 and not 9"):
+    with pytest.raises(OutputError, match="at frame 5 its mass of disc 1 is 1 and not 9"):
         written(path, pair(mass=[1, 9.0]), 2, 1, mode="a", method="naive")  # all of its frames are later
     written(path, pair(), 4, 1, mode="a", method="naive")  # its own run starts anew
     assert [row[0] for row in content(path)] == [0, 1, 2, 3, 4]
@@ -296,8 +295,7 @@ def test_missing_frames_are_told_and_a_file_is_not_overwritten_unasked(path):
     written(path, pair(), 4, 2, method="naive")
     before = path.read_bytes()
     with pytest.raises(
-        mpsim.errors.OutputError,
-        match=r"exists already, and is not overwritten. .* mode='w' to replace it, mode='a' to continue",
+        OutputError, match=r"exists already, and is not overwritten. .* mode='w' to replace it, mode='a' to continue"
     ):
         mpsim.Trajectory.write(path)
     assert path.read_bytes() == before
@@ -306,7 +304,7 @@ def test_missing_frames_are_told_and_a_file_is_not_overwritten_unasked(path):
         missing = r"continues at frame 10, and its last frame was 4: those"
         with (
             mpsim.Trajectory.write(path, every=2, mode="a") as out,
-            pytest.warns(mpsim.errors.TrajectoryWarning, match=missing) as caught,
+            pytest.warns(TrajectoryWarning, match=missing) as caught,
         ):
             sim.run(frames=2, observe=out)
         assert [each.filename for each in caught] == [__file__]
@@ -364,7 +362,7 @@ def test_a_file_of_another_program_is_not_continued(path):
     with simulate(pair(), method="naive", dt=DT) as sim:
         sim.run(frames=3)
         says = f"must hold {text} to be continued, so that"
-        with mpsim.Trajectory.write(path, mode="a") as out, pytest.raises(mpsim.errors.OutputError, match=says):
+        with mpsim.Trajectory.write(path, mode="a") as out, pytest.raises(OutputError, match=says):
             sim.run(frames=1, observe=out)
 
 
@@ -375,7 +373,7 @@ def refusal(path, mode="w"):
     """The error of opening a writer, or None."""
     try:
         mpsim.Trajectory.write(path, mode=mode).close()
-    except mpsim.errors.OutputError as error:
+    except OutputError as error:
         return str(error)
     return None
 
@@ -450,7 +448,7 @@ def test_a_trajectory_takes_frames_of_one_simulation_only_while_it_is_open(path)
             with simulate(gas(5, 0.1), method="naive") as one:
                 one.run(frames=3, observe=out)
                 with pytest.raises(
-                    mpsim.errors.OutputError,
+                    OutputError,
                     match=r"the trajectory '.*' belongs to one simulation, <Simulation: 5 discs by naive, frame 3, .*"
                     r">; got another, <Simulation: 6 discs by naive, frame 0, time 0>. Open one for each by mpsim.Traj",
                 ):
@@ -458,10 +456,10 @@ def test_a_trajectory_takes_frames_of_one_simulation_only_while_it_is_open(path)
                 one.run(frames=2, observe=out)  # whose trajectory is as it was
             del one
             gc.collect()
-            with pytest.raises(mpsim.errors.OutputError, match="belongs to one simulation, which is gone by now; got"):
+            with pytest.raises(OutputError, match="belongs to one simulation, which is gone by now; got"):
                 two.run(frames=9, observe=out)
         with pytest.raises(
-            mpsim.errors.OutputError,
+            OutputError,
             match=r"must be open to be written to, and was closed, as by the end of its `with` block; got <Simulat"
             r".* mpsim.Trajectory.write\('.*', mode='a'\)",
         ):
@@ -481,9 +479,7 @@ def test_a_disk_that_is_full_is_an_error_and_the_run_goes_on_without(tmp_path):
         size = (tmp_path / "a.xyz").stat().st_size
         try:
             resource.setrlimit(resource.RLIMIT_FSIZE, (size + 200, limits[1]))
-            with pytest.raises(
-                mpsim.errors.OutputError, match=r"room on its disk; got .*\(File too large\)\. What was"
-            ):
+            with pytest.raises(OutputError, match=r"room on its disk; got .*\(File too large\)\. What was"):
                 sim.run(frames=2, observe=out)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -494,14 +490,12 @@ def test_a_disk_that_is_full_is_an_error_and_the_run_goes_on_without(tmp_path):
 def test_places_that_cannot_be_written_and_files_that_are_missing_are_told(tmp_path):
     (tmp_path / "file").touch()
     for place in (tmp_path / "none" / "a.xyz", tmp_path / "file" / "a.xyz", tmp_path / "none" / "a.gsd"):
-        with pytest.raises(
-            mpsim.errors.OutputError, match=r"must be in a folder that can be written to.* Choose another"
-        ):
+        with pytest.raises(OutputError, match=r"must be in a folder that can be written to.* Choose another"):
             mpsim.Trajectory.write(place)
-    with pytest.raises(mpsim.errors.TrajectoryError, match=r"a file that can be read; .*none\.xyz' does not exist"):
+    with pytest.raises(TrajectoryError, match=r"a file that can be read; .*none\.xyz' does not exist"):
         mpsim.Trajectory(tmp_path / "none.xyz")
     (tmp_path / "a.gsd").write_bytes(b"no gsd at all" * 100)
-    with pytest.raises(mpsim.errors.TrajectoryError, match=r"must be a whole GSD file; .* cannot be read"):
+    with pytest.raises(TrajectoryError, match=r"must be a whole GSD file; .* cannot be read"):
         mpsim.Trajectory(tmp_path / "a.gsd")
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "trajectory.xyz").touch()
@@ -537,8 +531,6 @@ def test_without_the_gsd_library_the_error_says_what_to_do(tmp_path, monkeypatch
     for module in [name for name in sys.modules if name.partition(".")[0] == "gsd"]:
         monkeypatch.setitem(sys.modules, module, None)
     for use in (lambda: mpsim.Trajectory(tmp_path / "a.gsd"), lambda: mpsim.Trajectory.write(tmp_path / "b.gsd")):
-        with pytest.raises(
-            mpsim.errors.OutputError, match=r"needs the package gsd, .* `pip install 'mpsim\[gsd\]'`, or let"
-        ):
+        with pytest.raises(OutputError, match=r"needs the package gsd, .* `pip install 'mpsim\[gsd\]'`, or let"):
             use()
     assert not (tmp_path / "b.gsd").exists()
