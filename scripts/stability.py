@@ -48,8 +48,8 @@ class Case:
     """
 
     scene: Callable[[], Scene]
-    dt: float
-    frames: int
+    dt: float = 0.05 * RADIUS
+    frames: int = 400
     conserves: bool = True
     compares: bool = True
     rests: bool = False
@@ -113,11 +113,6 @@ def _frames(time: float, dt: float, most: int = 2000) -> int:
     return int(min(max(time / dt, 10), most))
 
 
-def _step(fraction: float) -> Case:
-    dt = step_for(fraction)
-    return Case(gas, dt, _frames(20.0, dt, 400))
-
-
 def _packing(packing: float) -> Case:
     if packing > HEXAGONAL:
         return Case(partial(random_overlapping, packing), step_for(0.05), 200, compares=False)
@@ -138,11 +133,7 @@ def step_and_packing(fraction: float, packing: float) -> Case:
 def _count(count: int) -> Case:
     if count > 5000:
         return Case(partial(gas, count), step_for(0.1), 10, compares=False)
-    return Case(partial(gas, count), step_for(0.05), 200)
-
-
-def _unit_of_length(scale: float) -> Case:
-    return Case(partial(gas, scale=scale, speed=scale), step_for(0.05), 400)
+    return Case(partial(gas, count), frames=200)
 
 
 def _far(ratio: float) -> Case:
@@ -153,18 +144,14 @@ def _far(ratio: float) -> Case:
         position = side - near.width + near.position
         return Scene(width=side, height=side, position=position, velocity=near.velocity, radius=RADIUS)
 
-    return Case(scene, step_for(0.05), 60)
+    return Case(scene, frames=60)
 
 
 def _aspect(aspect: float) -> Case:
     height = 4.0
     count = int(min(aspect * height * height * 0.3 / (math.pi * RADIUS**2), 300))
     box: Any = {"count": count, "width": height * aspect, "height": height, "radius": RADIUS}
-    return Case(partial(Scene.random, temperature=0.5, seed=SEED, **box), step_for(0.05), 400)
-
-
-def _unit_of_time(speed: float) -> Case:
-    return Case(partial(gas, speed=speed), step_for(0.05, speed), 400)
+    return Case(partial(Scene.random, temperature=0.5, seed=SEED, **box))
 
 
 def _radii(ratio: float) -> Case:
@@ -175,7 +162,7 @@ def _radii(ratio: float) -> Case:
         box: Any = {"width": side, "height": side, "boundary": "periodic", "temperature": 0.5, "seed": SEED}
         return Scene.random(count=60, radius=radius, **box)
 
-    return Case(scene, step_for(0.05, 1.0, RADIUS / ratio), 400, compares=False)
+    return Case(scene, step_for(0.05, radius=RADIUS / ratio), compares=False)
 
 
 def _masses(ratio: float) -> Case:
@@ -186,12 +173,6 @@ def _masses(ratio: float) -> Case:
         return Scene(position=even.position, velocity=even.velocity, mass=mass, **box)
 
     return Case(scene, step_for(0.02), 1000, compares=False)
-
-
-def _restitution(e: float) -> Case:
-    """Without any restitution discs cling to each other, and their collisions are not to be counted."""
-    scene = partial(gas, restitution=e, wall_restitution=e)
-    return Case(scene, step_for(0.05), 400, conserves=e == 1, compares=e > 0)
 
 
 def _corner(acceleration: float) -> Case:
@@ -221,11 +202,7 @@ def _places(kind: str) -> Case:
     position = np.clip(PLACES[kind], RADIUS, _SIDE - RADIUS)
     velocity = np.where(np.arange(36)[:, None] % 2, [1.0, -0.5], [-1.0, 0.5])
     box: Any = {"width": _SIDE, "height": _SIDE, "radius": RADIUS}
-    return Case(partial(Scene, position=position, velocity=velocity, **box), step_for(0.05), 400, compares=False)
-
-
-def _drift(frames: float) -> Case:
-    return Case(partial(gas, 10), step_for(0.1), int(frames), compares=False)
+    return Case(partial(Scene, position=position, velocity=velocity, **box), compares=False)
 
 
 def _numbers(text: str) -> Case:
@@ -249,15 +226,19 @@ def _numbers(text: str) -> Case:
     return Case(scene, dt, 100, conserves=name != "gravity", compares=name not in ("mass", "gravity"))
 
 
-NUMBERS = {
-    "velocity": ("1e-320", "1e-40"),
-    "one velocity": ("1e18", "1e30", "1e150", "1e300"),
-    "mass": ("1e-320", "1e-30", "1e38", "1e300"),
-    "gravity": ("1e-320", "1e-12", "1e15", "1e300"),
-    "radius": ("1e-320", "1e-20", "1e-9"),
-    "box": ("1e8", "1e200"),
-    "dt": ("1e-320", "1e-30", "1e30", "1e300"),
-}
+NUMBERS = [
+    f"{name}={value}"
+    for name, values in {
+        "velocity": ("1e-320", "1e-40"),
+        "one velocity": ("1e18", "1e30", "1e150", "1e300"),
+        "mass": ("1e-320", "1e-30", "1e38", "1e300"),
+        "gravity": ("1e-320", "1e-12", "1e15", "1e300"),
+        "radius": ("1e-320", "1e-20", "1e-9"),
+        "box": ("1e8", "1e200"),
+        "dt": ("1e-320", "1e-30", "1e30", "1e300"),
+    }.items()
+    for value in values
+]
 
 AXES = {
     axis.name: axis
@@ -266,7 +247,7 @@ AXES = {
             "step",
             "mean displacement in a step, in radii",
             (1e-6, 1e-4, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1, 3, 10, 100),
-            _step,
+            lambda part: Case(gas, step_for(part), _frames(20.0, step_for(part), 400)),
         ),
         Axis(
             "packing",
@@ -275,22 +256,39 @@ AXES = {
             _packing,
         ),
         Axis("count", "number of discs", (0, 1, 2, 10, 1000), _count, (100_000, 1_000_000, 5_000_000)),
-        Axis("length", "unit of length", (1e-6, 1e-3, 1.0, 1e3, 1e6), _unit_of_length, (1e-18, 1e-12, 1e12, 1e18)),
+        Axis(
+            "length",
+            "unit of length",
+            (1e-6, 1e-3, 1.0, 1e3, 1e6),
+            lambda unit: Case(partial(gas, scale=unit, speed=unit)),
+            (1e-18, 1e-12, 1e12, 1e18),
+        ),
         Axis("box", "side of the box, in radii", (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e9, 1e12, 1e15), _far),
         Axis("aspect", "width over height of the box", (1, 100, 1e4, 1e6, 1e9), _aspect),
-        Axis("speed", "unit of speed", (1e-20, 1e-10, 1e-3, 1.0, 1e3, 1e8, 1e15), _unit_of_time),
+        Axis(
+            "speed",
+            "unit of speed",
+            (1e-20, 1e-10, 1e-3, 1.0, 1e3, 1e8, 1e15),
+            lambda unit: Case(partial(gas, speed=unit), step_for(0.05, unit)),
+        ),
         Axis("radii", "largest over smallest radius", (1, 10, 100, 1000), _radii),
         Axis("masses", "lightest over heaviest mass", (1.0, 1e-3, 1e-6, 1e-9), _masses),
-        Axis("restitution", "restitution of discs and walls", (0.0, 0.1, 0.5, 0.9, 1.0), _restitution),
+        Axis(  # discs without any restitution cling to each other, and their collisions are not to be counted
+            "restitution",
+            "restitution of discs and walls",
+            (0.0, 0.1, 0.5, 0.9, 1.0),
+            lambda e: Case(partial(gas, restitution=e, wall_restitution=e), conserves=e == 1, compares=e > 0),
+        ),
         Axis("gravity", "gravity towards one corner", (1e-3, 1.0, 1e3, 1e6), _corner),
         Axis("places", "special starts: discs in one point, in a line, in pairs, ...", tuple(PLACES), _places),
-        Axis("drift", "frames of a gas of 10 discs", (1e3, 1e4, 1e5), _drift, (1e6,)),
         Axis(
-            "numbers",
-            "one number near the limits of floating point",
-            tuple(f"{name}={value}" for name, values in NUMBERS.items() for value in values),
-            _numbers,
+            "drift",
+            "frames of a gas of 10 discs",
+            (1e3, 1e4, 1e5),
+            lambda frames: Case(partial(gas, 10), step_for(0.1), int(frames), compares=False),
+            (1e6,),
         ),
+        Axis("numbers", "one number near the limits of floating point", tuple(NUMBERS), _numbers),
     )
 }
 

@@ -66,7 +66,14 @@ class Plan:
 
 
 class Run(ABC):
-    """An engine with a start in it."""
+    """An engine with a start in it.
+
+    Attributes:
+        impulses: on the left, right, lower and upper wall since the start [mass length/time], each >= 0, or their sum
+            alone. Defined if the plan said `counting`.
+    """
+
+    impulses: NDArray[np.float64]
 
     @abstractmethod
     def run(self, frames: int) -> None:
@@ -76,12 +83,9 @@ class Run(ABC):
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Positions and velocities, shape (N, 2), in any order of the discs."""
 
-    @abstractmethod
     def walls(self) -> NDArray[np.float64]:
-        """Impulse on the left, right, lower and upper wall since the start [mass length/time], each >= 0.
-
-        An engine that knows only their sum gives one element. Defined if the plan said `counting`.
-        """
+        """`impulses`, for engines that have them elsewhere."""
+        return self.impulses
 
     def close(self) -> None:
         """Give back what the engine holds."""

@@ -36,7 +36,7 @@ class Engine(Run):
             body.create_circle_shape(shape, circle)
             self._discs.append(body.id)
         self._add_walls(start, plan.counting)
-        self._impulse = np.zeros(4)
+        self.impulses = np.zeros(4)
 
     def _shape(self, density: float, **selection: int) -> object:
         material = pyb2d3.surface_material(restitution=1.0, friction=0.0)
@@ -65,16 +65,13 @@ class Engine(Run):
             step(dt, knob)
             for number, (wall, place) in enumerate(zip(self._walls, self._places, strict=True)):
                 speed = wall.linear_velocity
-                self._impulse[number] += abs((speed.x, speed.y)[number // 2]) * wall.mass
+                self.impulses[number] += abs((speed.x, speed.y)[number // 2]) * wall.mass
                 wall.linear_velocity = (0.0, 0.0)
                 wall.set_transform(place, pyb2d3.make_rot(0.0))
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         position, velocity = self._discs.get_positions(), self._discs.get_linear_velocities()
         return position.astype(np.float64), velocity.astype(np.float64)
-
-    def walls(self) -> NDArray[np.float64]:
-        return self._impulse.copy()
 
     def close(self) -> None:
         self._world.destroy()

@@ -76,10 +76,10 @@ class Engine(Run):
         box = (ctypes.c_double(value) for value in (start.width, start.height, start.radius))
         places, speeds = (np.ascontiguousarray(a, dtype=np.float64) for a in (start.position, start.velocity))
         self._gas = ctypes.c_void_p(new(ctypes.c_int(start.count), *box, _pointer(places), _pointer(speeds)))
-        self._walls = np.zeros(4)
+        self.impulses = np.zeros(4)
 
     def run(self, frames: int) -> None:
-        walls = _pointer(self._walls) if self._plan.counting else ctypes.c_void_p()
+        walls = _pointer(self.impulses) if self._plan.counting else ctypes.c_void_p()
         threads = ctypes.c_int(self._plan.threads)
         self._run(self._gas, ctypes.c_double(self._plan.dt), ctypes.c_int(frames), threads, walls)
 
@@ -87,9 +87,6 @@ class Engine(Run):
         position, velocity = np.empty((2, self._count, 2))
         self._read(self._gas, _pointer(position), _pointer(velocity))
         return position, velocity
-
-    def walls(self) -> NDArray[np.float64]:
-        return self._walls.copy()
 
     def close(self) -> None:
         self._free(self._gas)

@@ -31,19 +31,16 @@ class Engine(Run):
         )
         self._sim = mpsim.Simulation(scene, settings)
         self._frame_perimeter = plan.dt * 2 * (start.width + start.height)
-        self._counting, self._impulse = plan.counting, 0.0
+        self._counting, self.impulses = plan.counting, np.zeros(1)
 
     def run(self, frames: int) -> None:
         report = self._sim.run(frames=frames, measures=["pressure"] if self._counting else None)
         if self._counting:
-            self._impulse += report.measures["pressure"].value * frames * self._frame_perimeter
+            self.impulses += report.measures["pressure"].value * frames * self._frame_perimeter
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         state = self._sim.state
         return state.position.astype(np.float64), state.velocity.astype(np.float64)
-
-    def walls(self) -> NDArray[np.float64]:
-        return np.array([self._impulse])
 
     def close(self) -> None:
         self._sim.close()

@@ -112,15 +112,12 @@ class Engine(Run):
         self._cells = np.zeros((*shape, IN_A_CELL), dtype=np.int32)
         self._held = np.zeros(shape, dtype=np.int32)
         self._numbers = [real(value) for value in (plan.dt, start.width, start.height, start.radius)]
-        self._walls = np.zeros(4)
+        self.impulses = np.zeros(4)
 
     def run(self, frames: int) -> None:
         dt, width, height, radius = self._numbers
-        if not advance(self._discs, self._cells, self._held, dt, frames, width, height, radius, self._walls):
+        if not advance(self._discs, self._cells, self._held, dt, frames, width, height, radius, self.impulses):
             raise ArithmeticError(f"a cell holds more than {IN_A_CELL} discs: they overlap deeply; use a shorter step")
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self._discs[:, :2].astype(np.float64), self._discs[:, 2:].astype(np.float64)
-
-    def walls(self) -> NDArray[np.float64]:
-        return self._walls.copy()

@@ -18,7 +18,7 @@ class Engine(Run):
         self._high = np.array([start.width - start.radius, start.height - start.radius], dtype=real)
         self._shape = tuple(max(1, int(side / (2 * start.radius))) for side in (start.width, start.height))
         self._scale = (np.array(self._shape) / [start.width, start.height]).astype(real)
-        self._counting, self._walls = plan.counting, np.zeros(4)
+        self._counting, self.impulses = plan.counting, np.zeros(4)
 
     def run(self, frames: int) -> None:
         for _ in range(frames):
@@ -33,9 +33,9 @@ class Engine(Run):
         if self._counting:
             for axis in range(2):
                 into = velocity[:, axis][below[:, axis] & (velocity[:, axis] < 0)]
-                self._walls[2 * axis] -= 2 * into.sum(dtype=np.float64)
+                self.impulses[2 * axis] -= 2 * into.sum(dtype=np.float64)
                 into = velocity[:, axis][above[:, axis] & (velocity[:, axis] > 0)]
-                self._walls[2 * axis + 1] += 2 * into.sum(dtype=np.float64)
+                self.impulses[2 * axis + 1] += 2 * into.sum(dtype=np.float64)
         speed = np.abs(velocity)
         np.copyto(velocity, speed, where=below)
         np.copyto(velocity, -speed, where=above)
@@ -86,6 +86,3 @@ class Engine(Run):
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self._position.astype(np.float64), self._velocity.astype(np.float64)
-
-    def walls(self) -> NDArray[np.float64]:
-        return self._walls.copy()

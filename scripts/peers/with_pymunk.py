@@ -30,7 +30,7 @@ class Engine(Run):
         space.iterations = plan.knob
         space.collision_slop = 0.0
         space.use_spatial_hash(2 * start.radius, 10 * start.count)
-        self._dt, self._count, self._walls = plan.dt, start.count, np.zeros(4)
+        self._dt, self._count, self.impulses = plan.dt, start.count, np.zeros(4)
         moment, bodies, shapes = math.inf, [], []  # smooth discs do not spin
         for place, speed in zip(start.position.tolist(), start.velocity.tolist(), strict=True):
             body = pymunk.Body(1.0, moment)
@@ -64,7 +64,7 @@ class Engine(Run):
         for _ in range(frames):
             step(dt)
             for number, wall in enumerate(self._heavy):
-                self._walls[number] += abs(wall.velocity[number // 2]) * HEAVY
+                self.impulses[number] += abs(wall.velocity[number // 2]) * HEAVY
                 wall.velocity, wall.position = (0.0, 0.0), (0.0, 0.0)
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -73,6 +73,3 @@ class Engine(Run):
         pymunk.batch.get_space_bodies(self._space, fields, buffer)
         numbers = np.frombuffer(buffer.float_buf(), dtype=np.float64).reshape(-1, 4)[: self._count]  # then the walls
         return numbers[:, :2].copy(), numbers[:, 2:].copy()
-
-    def walls(self) -> NDArray[np.float64]:
-        return self._walls.copy()

@@ -1,7 +1,7 @@
 // The term-project report's algorithm, written straight: a grid of lists of indices, filled anew in each frame, and for
 // each disc all discs of the nine cells around it, so that each pair is tested in both orders.
 //
-// Compiled with -O3 -march=native -fopenmp by cpp.py, and called through ctypes.
+// Compiled with -O3 -march=native -fopenmp by with_cpp.py, and called through ctypes.
 
 #include <algorithm>
 #include <cmath>
