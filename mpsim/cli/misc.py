@@ -16,6 +16,7 @@ from mpsim.core.checks import refusal
 from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.workers import shared
+from mpsim.features.feature import chosen
 from mpsim.kernels.compiling import compiled_kernels
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import SceneFile
@@ -139,9 +140,8 @@ def settings_text(settings: Settings | None) -> str:
     """Settings that differ from the defaults, as written in Python."""
     if settings is None:
         return "none recommended"
-    chosen, defaults = vars(settings), vars(Settings())
-    changed = [f"{name}={value!r}" for name, value in chosen.items() if name == "dt" or value != defaults[name]]
-    return f"Settings({', '.join(changed)})"
+    changed = {"dt": settings.dt, **chosen(settings)}
+    return f"Settings({', '.join(f'{name}={value!r}' for name, value in changed.items())})"
 
 
 def _range(values: Any) -> str:

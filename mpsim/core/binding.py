@@ -3,11 +3,17 @@
 import weakref
 from typing import Any
 
+from mpsim.errors import InputError, MpsimError
+
 
 class Binding:
-    """Refers to the first simulation that it is compared with, and does not keep it alive."""
+    """Refers to the first simulation of an observer, and does not keep it alive.
 
-    def __init__(self) -> None:
+    name, advice, error: the observer in words, what to do with another simulation, and the error to raise.
+    """
+
+    def __init__(self, name: str, advice: str, error: type[MpsimError] = InputError):
+        self._name, self._advice, self._error = name, advice, error
         self._first: weakref.ref[Any] | None = None
         self._restores = 0
 
@@ -16,17 +22,14 @@ class Binding:
         """Whether there has been a first object."""
         return self._first is not None
 
-    def refusal(self, one: Any) -> str:
-        """To what an observer belongs that cannot go on with a simulation, in words; "" if it can.
-
-        It can if this is the first simulation, and that has not gone back since.
-        """
+    def bind_or_check(self, one: Any) -> None:
+        """Bind to this simulation the first time; then refuse another one, or this one after it has gone back."""
         if self._first is None:
             self._first, self._restores = weakref.ref(one), getattr(one, "restores", 0)
-        first = self._first()
+        first, owner = self._first(), ""
         if first is not one:
-            owner = "which is gone by now" if first is None else str(first)
-            return f"one simulation, {owner}; got another, {one}"
-        if getattr(one, "restores", 0) != self._restores:
-            return f"frames that may be undone, as sim.restore(...) was called; got {one} again"
-        return ""
+            owner = f"one simulation, {'which is gone by now' if first is None else first}; got another, {one}"
+        elif getattr(one, "restores", 0) != self._restores:
+            owner = f"frames that may be undone, as sim.restore(...) was called; got {one} again"
+        if owner:
+            raise self._error(f"{self._name} belongs to {owner}. {self._advice}")

@@ -24,9 +24,6 @@ def imported(module: str, what: str, extra: str, instead: str) -> Any:
         what: needs it.
         extra: of mpsim, which installs it.
         instead: what to do without it.
-
-    Raises:
-        OutputError: if it cannot be imported.
     """
     try:
         return importlib.import_module(module)

@@ -259,11 +259,7 @@ def count_of(discs: Discs) -> int:
 
 
 def states_in(states: State | Iterable[State]) -> list[State]:
-    """One state or several as a list.
-
-    Raises:
-        InputError: if there is anything but states, or none.
-    """
+    """One state or several as a list."""
     if isinstance(states, State):
         return [states]
     if not isinstance(states, Iterable):  # pyright: ignore[reportUnnecessaryIsInstance] - as above

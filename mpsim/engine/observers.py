@@ -87,7 +87,7 @@ class Collisions:
         self._callback = callback
         self._kinds = _kinds_of(between)
         self._ids = None if ids is None else _ids_of(ids)
-        self._owner = Binding()
+        self._owner = Binding(type(self).__name__, "Make one for each.")
         self._seen, self._handed = -1, 0
         self._kept: list[NDArray[Any]] = []
         self._waiting: list[NDArray[Any]] = []
@@ -106,8 +106,7 @@ class Collisions:
         """
         if not self._owner.exists:
             self._handed = sim.frame
-        if refusal := self._owner.refusal(sim):
-            raise InputError(f"{type(self).__name__} belongs to {refusal}. Make one for each.")
+        self._owner.bind_or_check(sim)
 
     def take_collisions(self, table: NDArray[Any], frame: int) -> None:
         """Take a table: the collisions up to the end of a frame, those of frames that have been taken left out."""

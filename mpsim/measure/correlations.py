@@ -124,40 +124,35 @@ class TimeCorrelation:
         return self.measures[index]
 
 
+@dataclass(eq=False)
 class Motion:
     """Accumulated data on the motion of some discs, from samples of shape (2, D, 2), positions and velocities.
 
     discs: their numbers. interval: between two samples [time]. constant: whether the mean square of the velocities
     cannot change. memory: that of heat baths at least, 0 without any [time]. heated: number of discs in the box.
+    samples: number taken so far. span: samples of one part of the run.
     """
 
-    def __init__(
-        self,
-        wave_numbers: Floats,
-        points: int,
-        levels: int,
-        discs: NDArray[np.int64],
-        interval: float,
-        constant: bool,
-        memory: float,
-        heated: int,
-    ):
-        self._wave_numbers, self._points, self._heated = wave_numbers, points, heated
-        self.levels: int = levels
-        self.discs: NDArray[np.int64] = discs
-        self.interval: float = interval
-        self.constant: bool = constant
-        self.memory: float = memory
-        self.lags: NDArray[np.int64] = lags_of(points, levels)  # rising, in samples
-        self.samples: int = 0  # taken so far
-        self.span: int = 1  # samples of one part of the run
+    wave_numbers: Floats
+    points: int
+    levels: int
+    discs: NDArray[np.int64]
+    interval: float
+    constant: bool
+    memory: float
+    heated: int
+    samples: int = 0
+    span: int = 1
+
+    def __post_init__(self) -> None:
+        self.lags: NDArray[np.int64] = lags_of(self.points, self.levels)  # rising, in samples
         # Of each part and lag: products whose later sample lies in the part, and their number, one a time origin
-        self.sums: Floats = np.zeros((MOST_PARTS, len(self.lags), WAVES + len(wave_numbers)))
+        self.sums: Floats = np.zeros((MOST_PARTS, len(self.lags), WAVES + len(self.wave_numbers)))
         self.counts: NDArray[np.int64] = np.zeros((MOST_PARTS, len(self.lags)), np.int64)
         # Of each level that has samples: the last ones in a ring, and how many came since the last `restart`
         self.recent: list[Floats] = []
         self.received: list[int] = []
-        self.latest: Floats = np.zeros((2, len(discs), 2))
+        self.latest: Floats = np.zeros((2, len(self.discs), 2))
 
     # --- samples
 
@@ -183,7 +178,7 @@ class Motion:
 
     def _take(self, level: int, sample: Floats) -> Floats | None:
         """Correlate a sample with the earlier ones of a level. Returns the first of a pair that it completes."""
-        points = self._points
+        points = self.points
         if level == len(self.recent):
             self.recent.append(np.zeros((points, *sample.shape)))
             self.received.append(0)
@@ -208,7 +203,7 @@ class Motion:
             moved = now[0] - some[:, 0]
             squares = np.square(moved).reshape(k, -1).sum(axis=1) / discs
             products = (now[1] * some[:, 1]).reshape(k, -1).sum(axis=1) / discs
-            waves = [np.cos(q * moved).reshape(k, -1).sum(axis=1) / (2 * discs) for q in self._wave_numbers.tolist()]
+            waves = [np.cos(q * moved).reshape(k, -1).sum(axis=1) / (2 * discs) for q in self.wave_numbers.tolist()]
             found.append(np.stack([squares, products, *waves], axis=1))
         return np.concatenate(found)
 
@@ -222,8 +217,8 @@ class Motion:
         """One quantity at all lags."""
         lags, width = self.reached(), np.zeros(len(self.lags))
         if quantity == VELOCITIES:
-            half = self._points // 2
-            width = np.repeat(2 ** np.arange(self.levels), [self._points] + [half] * (self.levels - 1)) - 1
+            half = self.points // 2
+            width = np.repeat(2 ** np.arange(self.levels), [self.points] + [half] * (self.levels - 1)) - 1
         measures = tuple(self.measure(quantity, lag) for lag in range(len(lags)))
         return TimeCorrelation(lags, np.multiply(width[: len(lags)], self.interval, dtype=np.float64), measures)
 
@@ -300,7 +295,7 @@ class Motion:
         slow = None
         if self.memory and len(series) >= FEWEST_BLOCKS:
             energy = self.sums[parts, 0, VELOCITIES] / self.counts[parts, 0]
-            slow = energy_in_bath(energy, self.memory / self.interval / (len(series) * self.span), self._heated)
+            slow = energy_in_bath(energy, self.memory / self.interval / (len(series) * self.span), self.heated)
         found = average_beside(slow, series, constant=constant)
         return Measure(value, found.error, int(origins.min()), found.settled, found.upper)
 
@@ -339,6 +334,8 @@ MOST_BYTES = 2**30
 
 MOST_LOOKS = 10**12
 """Samples in the longest lag at most."""
+
+_ONE_EACH = "Make one for each; measure.independent_average takes means over them."
 
 
 class Correlations:
@@ -404,7 +401,7 @@ class Correlations:
         self.path: Path | None = None if path is None else _new_place(path)
         self._motion: Motion | None = None
         self._bound: tuple[float, int] | None = None  # dt and number of discs at the first sample
-        self._owner = Binding()
+        self._owner = Binding("Correlations", _ONE_EACH)
         self._frame: int = -1  # of the last sample that counted
         self._continuing = False  # whether samples up to that one are those of a run that is done again
 
@@ -438,7 +435,7 @@ class Correlations:
 
     def _bind_or_check(self, sim: Simulation) -> None:
         """Bind to a simulation the first time; afterwards make sure that it is the same, and has not changed."""
-        _bind_or_check(self._owner, "Correlations", sim)
+        self._owner.bind_or_check(sim)
         now = sim.settings.dt, sim.count
         self._bound = self._bound or now
         if self._bound != now:
@@ -664,8 +661,9 @@ class Correlations:
             checks.non_negative("memory", arrays["memory"].item(), ""),
         )
         constant = checks.truth("constant", arrays["constant"].item())
-        motion = Motion(again.wave_numbers, points, levels, discs, again.every * dt, constant, memory, count)
-        motion.samples, motion.span = whole("samples", 1, span * MOST_PARTS), span
+        samples = whole("samples", 1, span * MOST_PARTS)
+        interval = again.every * dt
+        motion = Motion(again.wave_numbers, points, levels, discs, interval, constant, memory, count, samples, span)
         used, lags, shape = -(-motion.samples // span), len(motion.lags), (2, len(discs), 2)
         received, counts = arrays["received"], arrays["counts"]
         whole_numbers = received.dtype == counts.dtype == np.int64 and counts.shape == (used, lags)
@@ -742,14 +740,6 @@ def _sample(sim: Simulation, motion: Motion) -> Floats:
     return np.stack([state.unwrapped[motion.discs], np.asarray(state.velocity[motion.discs], np.float64)])
 
 
-def _bind_or_check(owner: Binding, name: str, sim: Simulation) -> None:
-    """Bind an observer to this simulation the first time; from then on refuse another one."""
-    if refusal := owner.refusal(sim):
-        raise InputError(
-            f"{name} belongs to {refusal}. Make one for each; measure.independent_average takes means over them."
-        )
-
-
 def _numbers(values: ArrayLike | Iterable[int]) -> NDArray[np.int64]:
     """Numbers of discs, each once, in the order given."""
     try:
@@ -799,7 +789,7 @@ class Series:
             )
         self.every: int = checks.whole("every", every, 1, 10**12, "1 samples every frame.")
         self._function = function
-        self._owner = Binding()
+        self._owner = Binding("a Series", _ONE_EACH)
         self._frame = -1
         self._rows: list[tuple[float, float]] = []
 
@@ -811,7 +801,7 @@ class Series:
             collisions: not used.
         """
         del collisions
-        _bind_or_check(self._owner, "a Series", sim)
+        self._owner.bind_or_check(sim)
         if sim.frame <= self._frame:
             return
         value = checks.number("what function of a Series gives", self._function(sim.state, sim.scene), "a number")

@@ -29,8 +29,7 @@ class Ownership:
     def __init__(self, what: str, path: Path, advice: str, on_ranks: bool = False):
         self._on_ranks = on_ranks
         self._name = f"{what} {str(path)!r}"
-        self._advice = advice
-        self._owner = Binding()
+        self._owner = Binding(f"the {self._name}", advice, OutputError)
         self._closed: str | None = None
 
     def close(self, advice: str) -> None:
@@ -48,8 +47,7 @@ class Ownership:
                 f"the {self._name} must be given comm, the communicator of the simulation, with method='mpi' and only "
                 f"there; the method is {sim.settings.method!r}. Open it on all ranks, or without comm."
             )
-        if other := self._owner.refusal(sim):
-            raise OutputError(f"the {self._name} belongs to {other}. {self._advice}")
+        self._owner.bind_or_check(sim)
 
 
 # --- One frame of a trajectory

@@ -121,11 +121,7 @@ def _power_of_two(value: float) -> float:
 
 
 def _grown(scene: Any, growth: float, rate: float) -> tuple[Floats, Floats]:
-    """Places [length] in the box of a scene at which its discs fit when they have grown so many times, and velocities.
-
-    Raises:
-        InputError: if they jam before, or rest.
-    """
+    """Places [length] in the box of a scene where its discs fit when they have grown so many times, and velocities."""
     mass = scene.masses / _power_of_two(float(scene.masses.max()))
     length = _power_of_two(float(scene.radii.mean()))
     fastest = float(np.abs(scene.velocity).max())

@@ -197,9 +197,6 @@ def random_polydisperse(
     from a jittered lattice; overlaps are removed pair by pair, and Monte Carlo steps follow. The same seed gives the
     same positions. radius: of each disc, shape (N,) [length]. capsules: obstacles, shape (K, 5) or (K, 6): ax, ay, bx,
     by, radius [length], and their polygon, as `solid_of`.
-
-    Raises:
-        InputError: if no arrangement without overlap is found.
     """
     count = len(radius)
     if count == 0:

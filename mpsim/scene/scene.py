@@ -664,9 +664,6 @@ class Scene(ReadOnly):
 
         Args:
             values: by name, of arguments in CHANGEABLE, of which some are checked, others by the caller.
-
-        Raises:
-            InputError: naming the argument, its rule and the value received.
         """
         other = copy.copy(self)
         for name, value in values.items():
@@ -702,11 +699,7 @@ class Scene(ReadOnly):
 
     @functools.cached_property
     def _moving_wall(self) -> MovingWall | None:
-        """The wall that a feature moves; None if all are at rest.
-
-        Raises:
-            InputError: if there are several.
-        """
+        """The wall that a feature moves; None if all are at rest."""
         walls = [wall for feature in self._features if (wall := feature.moving_wall(self)) is not None]
         if len(walls) > 1:
             names = " and ".join(wall.name for wall in walls)

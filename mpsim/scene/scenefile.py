@@ -350,11 +350,7 @@ class _Reader:
     # --- tables, of which every key is checked
 
     def read(self, tables: dict[str, Any]) -> None:
-        """Check all tables of a file.
-
-        Raises:
-            SceneFileError: with all that is wrong in them.
-        """
+        """Check all tables of a file."""
         tables = self._known("", tables, dict.fromkeys(KEYS[""], False) | {"schema": True})
         for name, unit in (("width", "[length]"), ("height", "[length]"), ("packing", "(a fraction of the area)")):
             if name in tables:
@@ -660,11 +656,7 @@ def _demand_consistent(group: dict[str, Any]) -> None:
 
 
 def _columns(common: dict[str, Any], example: Any) -> dict[str, list[Any]]:
-    """The keys of a table that hold a value for each of many, taken from those that are common to all.
-
-    Raises:
-        InputError: if they do not fit together.
-    """
+    """The keys of a table that hold a value for each of many, taken from those that are common to all."""
     columns: dict[str, list[Any]] = {}
     if "places" in common:
         common["position"] = _sites(common)

@@ -113,11 +113,7 @@ NAMES = ("duration", "settings", "picture_interval", "measures")
 def check_recommended(
     duration: Any, settings: Any, picture_interval: Any, measures: Iterable[str] | str
 ) -> dict[str, Any]:
-    """The recommendations that were given, checked.
-
-    Raises:
-        InputError: naming the argument, its rule and the value received.
-    """
+    """The recommendations that were given, checked."""
     found: dict[str, Any] = {"duration": None if duration is None else checks.positive("duration", duration, "[time]")}
     if settings is not None:
         found["settings"] = check_settings(settings)

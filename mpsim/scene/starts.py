@@ -224,9 +224,6 @@ def lattice_sites(
         spacing: between neighbours [length], > 0; None: the widest at which `count` sites fit.
         count: number of sites; None: as many as fit.
 
-    Raises:
-        InputError: if the region holds fewer sites than asked for.
-
     >>> lattice_sites("square", (0, 0, 2, 1), spacing=1.0).tolist()
     [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0]]
     >>> lattice_sites("hexagonal", (0, 0, 2, 1), spacing=1.0, count=4).round(3).tolist()

@@ -45,11 +45,7 @@ class ArrayFiles:
         self._bytes = 0
 
     def array(self, name: str, value: Any, shapes: tuple[tuple[int | None, ...], ...], meaning: str) -> Numbers:
-        """Numbers, or those of a file, as a float64 array of one of the shapes (None: any length).
-
-        Raises:
-            InputError: naming the rule and the value received.
-        """
+        """Numbers, or those of a file, as a float64 array of one of the shapes (None: any length)."""
         if isinstance(value, np.ndarray):
             numbers = value
         else:

@@ -59,9 +59,6 @@ class Starts:
         key: a text that identifies the starts; functions are distinguished by the first two starts that they make.
         same: whether they are variations of one start, so that their runs are initially correlated.
         number: of starts; None if there is no limit.
-
-    Raises:
-        InputError: if the scene has no other starts, or `given` is not one of these.
     """
 
     def __init__(self, scene: Scene, given: StartsGiven = None):
@@ -91,11 +88,7 @@ class Starts:
         self.key: str = " ".join([self.name, *(each.digest() for each in known)])
 
     def __getitem__(self, number: int) -> Scene:
-        """The start of a number, >= 0.
-
-        Raises:
-            InputError: if what was given for it is not a Scene, or there are too few starts.
-        """
+        """The start of a number, >= 0."""
         if self.number is not None and number >= self.number:
             raise InputError(
                 f"starts must hold a Scene for every run; {self.number} were given, and number {number} is needed. "
@@ -390,11 +383,7 @@ def _speed_seen(scene: Scene, found: PreliminaryRun, crossing: float) -> float:
 
 
 def _finest(seconds: float, crossing: float, until: float, limit: float) -> float:
-    """Step of the stepped reference, of which each takes `seconds`: FINEST, or as fine as time allows.
-
-    Raises:
-        InputError: if there is no time even for COARSEST.
-    """
+    """Step of the stepped reference, of which each takes `seconds`: FINEST, or as fine as time allows."""
     dt = max(FINEST * crossing, seconds * until / _affordable(limit))
     if dt > COARSEST * crossing:
         needed = seconds / (COARSEST * crossing) * until * RUNS / usable_cores()

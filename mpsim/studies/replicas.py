@@ -57,11 +57,7 @@ ALONG = "states along one run of the scene"
 
 
 def available(scene: Scene) -> tuple[str, ...]:
-    """Those of ERRORS that are defined in a scene; there is no pressure without walls and virial, for example.
-
-    Raises:
-        InputError: if it is no Scene.
-    """
+    """Those of ERRORS that are defined in a scene; there is no pressure without walls and virial, for example."""
     if not isinstance(scene, Scene):
         raise no_scene(scene)
     return tuple(name for name in ERRORS if _refusal(name, scene) is None)

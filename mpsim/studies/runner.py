@@ -33,9 +33,6 @@ class Runner(Generic[Key]):
     Args:
         executor: any of concurrent.futures; None: threads, one for each core. Kernels release the GIL, so threads use
             every core, and no process has to be started.
-
-    Raises:
-        InputError: if it is not an executor.
     """
 
     def __init__(self, executor: Executor | None):

@@ -90,11 +90,7 @@ def seed_of(text: str, run: int) -> int:
 
 
 def checked_grid(grid: Any) -> dict[str, list[Any]]:
-    """The values of a grid.
-
-    Raises:
-        InputError: if it is no dictionary of lists, each of different values that can be plain.
-    """
+    """The values of a grid."""
     if not isinstance(grid, Mapping) or not grid:
         raise InputError(
             "grid must be a dictionary of lists, by the name of at least one parameter; got "
@@ -158,10 +154,8 @@ def rows_of(grid: dict[str, list[Any]], runs: list[int] | None) -> dict[Key, Swe
 def canonical(name: str, value: Any) -> Any:
     """A value as JSON can hold it, the same for numbers that are equal, and for a list and a tuple.
 
-    name: of the value. Scenes and states are known by their digest, other objects by their repr.
-
-    Raises:
-        InputError: if it is one whose repr is another in each process.
+    name: of the value. Scenes and states are known by their digest, other objects by their repr, if that is the same in
+    each process.
 
     >>> canonical("x", (1.0, np.float32(0.5), True, None, float("inf")))
     [1, 0.5, True, None, {'float': 'inf'}]
@@ -275,9 +269,6 @@ class SceneRun:
         """The settings of a point, of one process unless they ask for more: the bits are the same.
 
         scene: of the point; None: it is not made yet.
-
-        Raises:
-            InputError: if a value breaks a rule of Settings, or the method runs on ranks.
         """
         usual = check_settings(self.settings or Settings()) if scene is None else settings_for(scene, self.settings)
         changes = {name: value for name, value in varied.items() if name not in LENGTHS}
@@ -290,11 +281,7 @@ class SceneRun:
         return settings if settings.workers else dataclasses.replace(settings, workers=1)
 
     def length_of(self, varied: Mapping[str, Any], scene: Scene | None) -> dict[str, Any]:
-        """The length of a run, as an argument of `Simulation.run`; empty if it is that of a scene not made yet.
-
-        Raises:
-            InputError: if there is none, or there are two.
-        """
+        """The length of a run, as an argument of `Simulation.run`; empty if it is that of a scene not made yet."""
         length = self.length | {name: value for name, value in varied.items() if name in LENGTHS}
         if not length and (scene is None or scene.duration is not None):
             return {} if scene is None else {"until": scene.duration}
@@ -371,9 +358,6 @@ def described(error: BaseException) -> str:
 def scalars(result: Any, taken: frozenset[str]) -> dict[str, Scalar]:
     """What a function returned, as plain values by name. A Measure becomes its value, and its error beside it.
 
-    Raises:
-        WrongResult: if it is not a mapping from names to scalars, or a name is taken.
-
     >>> scalars({"pressure": Measure(2.5, 0.5, 20), "count": np.int32(7)}, frozenset())
     {'pressure': 2.5, 'pressure_error': 0.5, 'count': 7}
     """
@@ -434,9 +418,6 @@ class SweepFile:
 
     Attributes:
         outcomes: of the finished runs.
-
-    Raises:
-        InputError: if the file is one of another sweep, is damaged, cannot be written to, or is in use.
     """
 
     def __init__(self, path: str | os.PathLike[str] | None, task: Task):
@@ -728,9 +709,6 @@ def task_of(function: Any, grid: dict[str, list[Any]], seeded: bool, how: dict[s
         function, grid: of the sweep.
         seeded: whether it has seeds.
         how: until, frames, measures and settings, as `sweep` was given them.
-
-    Raises:
-        InputError: if the function, its arguments, or what is in `how` break a rule.
     """
     for name in grid:
         if name in OWN and (name != "seed" or seeded):

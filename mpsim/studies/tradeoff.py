@@ -328,11 +328,7 @@ def _measures(measures: Iterable[str] | None, scene: Scene) -> tuple[str, ...]:
 
 
 def checked_candidates(candidates: Iterable[Settings], scene: Scene | None = None) -> list[Settings]:
-    """The candidates as a list; scene: that each must be able to run.
-
-    Raises:
-        InputError: if there is none, or one is no Settings or cannot run the scene.
-    """
+    """The candidates as a list; scene: that each must be able to run."""
     chosen: list[Any] = list(candidates) if isinstance(candidates, Iterable) else [candidates]
     if not chosen:
         raise InputError("candidates must hold at least one Settings; got none. Leave it out for the default ones.")

@@ -330,11 +330,7 @@ class Search:
         self._orders[replace(family, dt=1.0)] = _order(found)
 
     def answer(self) -> Tuned:
-        """The cheapest trial inside all budgets that passes its verification.
-
-        Raises:
-            BudgetError: if there is none.
-        """
+        """The cheapest trial inside all budgets that passes its verification."""
         for attempt in range(self._attempts + 1):
             best = self._best(attempt)
             if best is None:
@@ -481,9 +477,6 @@ def _blocks(run: Ensemble) -> tuple[int, int, int]:
     """Largest number of replicas, number of starts in the search and in each verification, and most verifications.
 
     Search and verifications use different starts; a list provides only a limited number.
-
-    Raises:
-        InputError: if a list of starts is too short.
     """
     references = REFERENCE if run.preliminary.exact else 1
     if run.starts.number is None:
