@@ -18,11 +18,19 @@ export const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1],
 export function onKeys(actOf) {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
+    const onControl = event.target.closest?.("button, input, summary");
+    if (onControl && (event.key === " " || event.key === "Enter" || event.key.startsWith("Arrow"))) return; // its own
     const act = actOf(event.key.length === 1 ? event.key.toLowerCase() : event.key, event);
     if (!act) return;
     event.preventDefault();
     act();
   });
+}
+
+/** Let a button, and a key, do something while the button is enabled. */
+export function onButton(id, key, act) {
+  $(id).addEventListener("click", act);
+  onKeys((pressed) => (pressed === key ? () => { if (!$(id).disabled) act(); } : null));
 }
 
 /** Colour of a byte, as CSS. */
@@ -67,6 +75,27 @@ export function sharpen(canvas) {
   const changed = canvas.width !== width || canvas.height !== height;
   if (changed) [canvas.width, canvas.height] = [width, height];
   return { width, height, ratio, changed };
+}
+
+export const INK = "#16191d", SOFT = "#4d5661", CURVE = "#b34700", LINE = "#0b5394"; // as in page.css
+
+/** Begin a path through points; null in place of a point interrupts it. */
+export function trace(c, points) {
+  c.beginPath();
+  points.forEach((point, k) => { if (point) points[k - 1] ? c.lineTo(...point) : c.moveTo(...point); });
+}
+
+/** Draw lines through points, as in `trace`. */
+export function polyline(c, points, width, colour) {
+  [c.lineWidth, c.strokeStyle] = [width, colour];
+  trace(c, points);
+  c.stroke();
+}
+
+/** Write a text: its baseline is at y, and it begins, ends or has its middle at x. */
+export function write(c, text, x, y, align = "left", colour = SOFT) {
+  [c.textAlign, c.fillStyle] = [align, colour];
+  c.fillText(text, x, y);
 }
 
 /** A cleared canvas to draw on: its context, with a font of so many times the usual size, and its sizes in pixels. */

@@ -1,6 +1,6 @@
 // Two stages: draws the second one like the first, and compares both since their common start.
 
-import { $, NONE, digits, paper, sharpen, state, whole, withError } from "./common.js";
+import { $, LINE, NONE, digits, paper, polyline, sharpen, state, whole, withError, write } from "./common.js";
 import { send, takers } from "./connection.js";
 import { afterDrawing, camera, drawGround, images, rendererFor, requestDraw } from "./stage.js";
 
@@ -50,14 +50,8 @@ function drawDistance() {
   const low = Math.min(...known.map(([, each]) => Math.log10(each))), from = known[0][0], to = known.at(-1)[0];
   const x = (time) => ((time - from) / (to - from || 1)) * (width - 2 * ratio) + ratio;
   const y = (each) => height - ratio - ((Math.log10(each) - low) / (Math.log10(1) - low || 1)) * (height - 2 * ratio);
-  c.strokeStyle = "#0b5394";
-  c.lineWidth = 1.6 * ratio;
-  c.beginPath();
-  known.forEach(([time, each], k) => (k ? c.lineTo(x(time), y(each)) : c.moveTo(x(time), y(each))));
-  c.stroke();
-  c.fillStyle = "#4d5661";
-  c.textAlign = "right";
-  c.fillText("log", width - ratio, height - 2 * ratio);
+  polyline(c, known.map(([time, each]) => [x(time), y(each)]), 1.6 * ratio, LINE);
+  write(c, "log", width - ratio, height - 2 * ratio, "right");
 }
 
 /** What can still be compared. */

@@ -386,6 +386,16 @@ takers.hands.push((message) => {
   [notes, first] = [message.notes, false];
 });
 
+/** Stroke a path twice, in white and then in orange, so that it can be seen on discs of any colour. */
+function mark(c, widths, path) {
+  widths.forEach((width, k) => {
+    [c.lineWidth, c.strokeStyle] = [width * (window.devicePixelRatio || 1), k ? "#d55e00" : "#fff"];
+    c.beginPath();
+    path();
+    c.stroke();
+  });
+}
+
 afterDrawing.push(() => {
   const canvas = $("hand-canvas"), box = $("discs-canvas");
   if (canvas.width !== box.width || canvas.height !== box.height) [canvas.width, canvas.height] = [box.width, box.height];
@@ -393,29 +403,14 @@ afterDrawing.push(() => {
   c.clearRect(0, 0, canvas.width, canvas.height);
   if (gesture?.tool === "hand" && state.picture && gesture.disc < state.picture.count) {
     const [x, y] = camera.pixel(...placeOf(gesture.disc));
-    for (const [width, colour] of [[5, "#fff"], [2.5, "#d55e00"]]) {
-      [c.lineWidth, c.strokeStyle] = [width * ratio, colour];
-      c.beginPath();
-      c.arc(x, y, radiusOf(gesture.disc) * camera.scale + 3 * ratio, 0, 7);
-      c.stroke();
-    }
+    mark(c, [5, 2.5], () => c.arc(x, y, radiusOf(gesture.disc) * camera.scale + 3 * ratio, 0, 7));
   }
   const drawn = gesture?.tool === "wall" && state.picture ? drawnWall() : null;
   for (const [ax, ay, bx, by] of drawn ? [drawn.flat()] : gesture?.tool === "move" ? movedWall().rows : []) {
-    for (const [width, colour] of [[7, "#fff"], [4, "#d55e00"]]) {
-      [c.lineWidth, c.strokeStyle, c.lineCap] = [width * ratio, colour, "round"];
-      c.beginPath();
-      c.moveTo(...camera.pixel(ax, ay));
-      c.lineTo(...camera.pixel(bx, by));
-      c.stroke();
-    }
+    c.lineCap = "round";
+    mark(c, [7, 4], () => { c.moveTo(...camera.pixel(ax, ay)); c.lineTo(...camera.pixel(bx, by)); });
   }
   if (!cross) return;
   const [x, y] = camera.pixel(...cross), arm = 14 * ratio;
-  for (const [width, colour] of [[5, "#fff"], [2, "#d55e00"]]) {
-    [c.lineWidth, c.strokeStyle] = [width * ratio, colour];
-    c.beginPath();
-    for (const [dx, dy] of [[arm, 0], [0, arm]]) { c.moveTo(x - dx, y - dy); c.lineTo(x + dx, y + dy); }
-    c.stroke();
-  }
+  mark(c, [5, 2], () => { for (const [dx, dy] of [[arm, 0], [0, arm]]) { c.moveTo(x - dx, y - dy); c.lineTo(x + dx, y + dy); } });
 });

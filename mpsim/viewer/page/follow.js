@@ -1,6 +1,6 @@
 // One disc: its label under the pointer, following it, and its trail; or the trails of all discs, if they are few.
 
-import { $, ABSORBED, KNEE, FASTEST, digits, onKeys, state } from "./common.js";
+import { $, ABSORBED, KNEE, FASTEST, digits, onKeys, state, trace } from "./common.js";
 import { discAt, held, nearest, onCanvas, placeOf, say, toBox } from "./edits.js";
 import { legendShows } from "./legend.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
@@ -70,15 +70,10 @@ function record(picture) {
 }
 
 function drawTrail(c, trail) {
-  let before = null;
-  c.beginPath();
-  for (const here of trail) {
-    const pixel = camera.pixel(...here);
-    const away = before?.map((each, axis) => here[axis] - each);
-    const wrapped = away && nearest(away).some((each, axis) => Math.abs(each - away[axis]) > 1e-9);
-    if (!before || wrapped) c.moveTo(...pixel); else c.lineTo(...pixel);
-    before = here;
-  }
+  trace(c, trail.flatMap((here, k) => {
+    const away = k ? here.map((each, axis) => each - trail[k - 1][axis]) : [0, 0], pixel = camera.pixel(...here);
+    return nearest(away).some((each, axis) => Math.abs(each - away[axis]) > 1e-9) ? [null, pixel] : [pixel]; // it has wrapped
+  }));
   c.stroke();
 }
 

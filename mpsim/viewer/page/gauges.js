@@ -1,6 +1,6 @@
 // Draws the gauges: numbers with charts of their last readings, and the histogram of speeds.
 
-import { $, NONE, digits, paper, state, whole, withError } from "./common.js";
+import { $, CURVE, INK, LINE, NONE, SOFT, digits, paper, polyline, state, whole, withError, write } from "./common.js";
 
 export const KEPT = 240; // readings of a gauge in its chart
 
@@ -69,8 +69,7 @@ function drawWorkers(gauges) {
     const x = (phase % 2) * width / 2, y = height - 1.5 * size * (rows - Math.floor(phase / 2)) + 1.1 * size;
     c.fillStyle = PHASES[phase];
     c.fillRect(x, y - 0.75 * size, 0.8 * size, 0.8 * size);
-    c.fillStyle = "#16191d";
-    c.fillText(name, x + size, y);
+    write(c, name, x + size, y, "left", INK);
   });
 }
 
@@ -83,26 +82,16 @@ export function drawChart(canvas, values, smallest) {
   const least = Math.max(Math.max(Math.abs(low), Math.abs(high)) * 0.02, smallest) || 1;
   const room = Math.max(values.length, KEPT / 4) - 1;
   if (high - low < least) [low, high] = [(low + high - least) / 2, (low + high + least) / 2];
-  c.strokeStyle = "#0b5394";
-  c.lineWidth = 1.6 * ratio;
+  const x = (k) => ratio + (k / room) * (width - 2 * ratio), y = (value) => 2 * ratio + (1 - (value - low) / (high - low)) * (height - 4 * ratio);
   c.lineJoin = "round";
-  c.beginPath();
-  let open = false;
-  values.forEach((value, k) => {
-    if (value === null) { open = false; return; }
-    const x = ratio + (k / room) * (width - 2 * ratio), y = 2 * ratio + (1 - (value - low) / (high - low)) * (height - 4 * ratio);
-    if (open) c.lineTo(x, y); else c.moveTo(x, y);
-    open = true;
-  });
-  c.stroke();
+  polyline(c, values.map((value, k) => (value === null ? null : [x(k), y(value)])), 1.6 * ratio, LINE);
 }
 
 /** Histogram of the speeds, with Maxwell's curve if there is one. */
 export function drawSpeeds(speeds) {
   const { c, width, height, ratio, size } = paper($("speeds")), left = ratio, bottom = height - 1.5 * size;
-  c.fillStyle = "#4d5661";
+  c.fillStyle = SOFT;
   c.fillRect(left, bottom, width - 2 * ratio, ratio);
-  c.textAlign = "left";
   if (!speeds) return;
   const largest = speeds.edges.at(-1), top = 1.06 * Math.max(...speeds.density, ...(speeds.maxwell ?? [0]));
   const x = (speed) => left + (speed / largest) * (width - 2 * ratio), y = (density) => bottom - (density / top) * (bottom - 2 * ratio);
@@ -112,23 +101,11 @@ export function drawSpeeds(speeds) {
     c.fillRect(from, y(density), Math.max(to - from - ratio, ratio / 2), bottom - y(density));
   });
   if (speeds.maxwell) {
-    c.strokeStyle = "#b34700";
-    c.lineWidth = 2.4 * ratio;
-    c.beginPath();
-    speeds.maxwell.forEach((density, k) => {
-      const middle = (speeds.edges[k] + speeds.edges[k + 1]) / 2;
-      if (k) c.lineTo(x(middle), y(density)); else c.moveTo(x(middle), y(density));
-    });
-    c.stroke();
-    c.fillStyle = "#b34700";
-    c.textAlign = "right";
-    c.fillText("Maxwell", width - 2 * ratio, 1.2 * size);
+    const middle = (k) => (speeds.edges[k] + speeds.edges[k + 1]) / 2;
+    polyline(c, speeds.maxwell.map((density, k) => [x(middle(k)), y(density)]), 2.4 * ratio, CURVE);
+    write(c, "Maxwell", width - 2 * ratio, 1.2 * size, "right", CURVE);
   }
-  c.fillStyle = "#4d5661";
-  c.textAlign = "left";
-  c.fillText("0", left, height - 0.3 * size);
-  c.textAlign = "center";
-  c.fillText("speed", width / 2, height - 0.3 * size);
-  c.textAlign = "right";
-  c.fillText(digits(largest), width - ratio, height - 0.3 * size);
+  write(c, "0", left, height - 0.3 * size);
+  write(c, "speed", width / 2, height - 0.3 * size, "center");
+  write(c, digits(largest), width - ratio, height - 0.3 * size, "right");
 }

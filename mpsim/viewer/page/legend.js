@@ -1,6 +1,6 @@
 // The quantity that the colours show: its choice, and the legend below the stage.
 
-import { $, FASTEST, KNEE, bound, colourOf, digits, paper, sharpen, state } from "./common.js";
+import { $, FASTEST, INK, KNEE, SOFT, bound, colourOf, digits, paper, sharpen, state, write } from "./common.js";
 import { send, takers } from "./connection.js";
 import { afterDrawing, requestDraw } from "./stage.js";
 
@@ -48,22 +48,18 @@ function drawLegend() {
     c.fillStyle = colourOf(at * FASTEST);
     c.fillRect(x, 0, 1, bar);
   }
-  c.fillStyle = "#16191d";
-  c.textAlign = "center";
   for (let k = 0; k < classes; k++) {
-    c.fillText(colours.by === "column" ? ["even columns", "odd columns"][k] : `worker ${k}`, (k + 0.5) * width / classes, bar + 1.3 * size);
+    write(c, colours.by === "column" ? ["even columns", "odd columns"][k] : `worker ${k}`, (k + 0.5) * width / classes, bar + 1.3 * size, "center", INK);
   }
-  c.textAlign = "left";
   const room = [width, width]; // in each line of text, left of what was written: long numbers do not run into each other
   for (const [place, value, note, align] of ticksOf(picture).reverse()) {
     const x = place * width;
-    c.fillStyle = "#16191d";
+    c.fillStyle = INK;
     c.fillRect(bound(x - ratio / 2, 0, width - ratio), bar, ratio, 0.4 * size);
     [digits(value), note].forEach((text, line) => {
       const long = c.measureText(text).width, from = { left: x, center: x - long / 2, right: x - long }[align];
       const at = Math.min(from, room[line] - long);
-      c.fillStyle = line ? "#4d5661" : "#16191d";
-      c.fillText(text, at, bar + (1.3 + 1.2 * line) * size);
+      write(c, text, at, bar + (1.3 + 1.2 * line) * size, "left", line ? SOFT : INK);
       if (text) room[line] = at - size / 2;
     });
   }

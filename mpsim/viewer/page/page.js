@@ -1,6 +1,6 @@
 // The page of mpsim's live view: buttons and keys. Other files of this folder draw what it shows.
 
-import { $, bound, onKeys, state } from "./common.js";
+import { $, bound, onButton, onKeys, state } from "./common.js";
 import { drawGauges } from "./gauges.js";
 import { onCanvas } from "./edits.js";
 import "./follow.js";
@@ -17,15 +17,12 @@ import { camera, renderer, requestDraw, stage } from "./stage.js";
 
 const USUAL = 6; // of SPEEDS
 
-const act = {
-  play: () => send({ do: state.status.phase === "playing" ? "pause" : "play" }),
-  step: () => send({ do: "step", frames: 1 }),
-  reset: () => send({ do: "reset" }),
-};
-const disabled = (id) => $(id).disabled;
-for (const id of ["play", "step", "reset"]) $(id).addEventListener("click", act[id]);
+onButton("play", " ", () => send({ do: state.status.phase === "playing" ? "pause" : "play" }));
+onButton("step", ".", () => send({ do: "step", frames: 1 }));
+onButton("reset", "r", () => send({ do: "reset" }));
 
 function setSpeed(index) {
+  if ($("speed").disabled) return;
   const at = bound(index, 0, SPEEDS.length - 1);
   $("speed").value = at; // at once, so that the next key counts from here
   send({ do: "speed", value: SPEEDS[at] });
@@ -43,17 +40,12 @@ $("zoom-out").addEventListener("click", () => camera.zoomBy(1 / 1.5));
 $("zoom-all").addEventListener("click", () => camera.all());
 
 onKeys((key, event) => {
-  const on = event.target;
-  const onControl = on.closest?.("button, input, summary");
-  if (onControl && (key === " " || key === "Enter" || key.startsWith("Arrow"))) return null; // the control uses it
   const move = 0.1 * Math.min(camera.width, camera.height);
   const actions = {
-    " ": () => disabled("play") || act.play(), ".": () => disabled("step") || act.step(), r: () => disabled("reset") || act.reset(),
-    "[": () => disabled("speed") || setSpeed(+$("speed").value - 1), "]": () => disabled("speed") || setSpeed(+$("speed").value + 1),
-    m: () => disabled("speed") || setSpeed(SPEEDS.length - 1),
+    "[": () => setSpeed(+$("speed").value - 1), "]": () => setSpeed(+$("speed").value + 1), m: () => setSpeed(SPEEDS.length - 1),
     "+": () => camera.zoomBy(1.25), "=": () => camera.zoomBy(1.25), "-": () => camera.zoomBy(0.8), 0: () => camera.all(),
   };
-  if (on === stage) Object.assign(actions, {
+  if (event.target === stage) Object.assign(actions, {
     ArrowLeft: () => camera.moveBy(move, 0), ArrowRight: () => camera.moveBy(-move, 0),
     ArrowUp: () => camera.moveBy(0, move), ArrowDown: () => camera.moveBy(0, -move),
   });

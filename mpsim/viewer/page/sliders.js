@@ -1,6 +1,6 @@
 // Changes parameters during a run: gravity by an arrow on a dial, the others by sliders.
 
-import { $, ARROWS, bound, digits, paper, state } from "./common.js";
+import { $, ARROWS, CURVE, bound, digits, paper, polyline, state, trace } from "./common.js";
 import { paced } from "./edits.js";
 import { send, takers } from "./connection.js";
 
@@ -104,24 +104,16 @@ function drawDial(value = gravity?.value) {
   c.fill();
   c.stroke();
   const [x, y] = value.map((each) => (each / gravity.high) * round), length = Math.hypot(x, y);
-  c.fillStyle = c.strokeStyle = "#b34700";
+  c.fillStyle = CURVE;
   c.beginPath();
   c.arc(middle, height / 2, 3 * ratio, 0, 7);
   c.fill();
   $("gravity-text").textContent = Math.hypot(...value) ? `${digits(value[0])}, ${digits(value[1])}` : "none";
   if (length < ratio) return;
   const tip = [middle + x, height / 2 - y], head = Math.min(9 * ratio, length);
-  c.lineWidth = 3 * ratio;
-  c.beginPath();
-  c.moveTo(middle, height / 2);
-  c.lineTo(...tip);
-  c.stroke();
-  c.beginPath();
-  c.moveTo(...tip);
-  for (const turn of [2.6, -2.6]) {
-    const angle = Math.atan2(y, x) + turn;
-    c.lineTo(tip[0] + head * Math.cos(angle), tip[1] - head * Math.sin(angle));
-  }
+  polyline(c, [[middle, height / 2], tip], 3 * ratio, CURVE);
+  const angles = [2.6, -2.6].map((turn) => Math.atan2(y, x) + turn);
+  trace(c, [tip, ...angles.map((each) => [tip[0] + head * Math.cos(each), tip[1] - head * Math.sin(each)])]);
   c.fill();
 }
 

@@ -1,6 +1,6 @@
 // The stage: the camera, the box and its obstacles.
 
-import { $, bound, digits, sharpen, state } from "./common.js";
+import { $, INK, bound, digits, polyline, sharpen, state, trace } from "./common.js";
 import { ByCanvas, ByWebGL } from "./discs.js";
 
 const MOST_ZOOM = 64;
@@ -105,40 +105,32 @@ export function drawGround(canvas, picture, ratio) {
   c.beginPath();
   c.rect(left, top, right - left, bottom - top);
   c.clip();
-  c.strokeStyle = scene.theme.solid;
   c.lineCap = "round";
   const shifts = (periodic, length) => (periodic ? [0, -length, length] : [0]);
   for (const [ax, ay, bx, by, radius] of state.obstacles)
     for (const dx of shifts(scene.periodic[0], scene.width))
       for (const dy of shifts(scene.periodic[1], scene.height)) {
-        c.lineWidth = Math.max(2 * radius * camera.scale, 1.5 * ratio);
-        c.beginPath();
         if (radius < 0) {  // a container, solid around its circle
           if (dx || dy) continue;
+          c.beginPath();
           c.rect(left, top, right - left, bottom - top);
           c.arc(...camera.pixel(ax, ay), -radius * camera.scale, 0, 2 * Math.PI);
           c.fillStyle = scene.theme.solid;
           c.fill("evenodd");
           continue;
         }
-        c.moveTo(...camera.pixel(ax + dx, ay + dy));
-        c.lineTo(...camera.pixel(bx + dx, by + dy));
-        c.stroke();
+        const ends = [camera.pixel(ax + dx, ay + dy), camera.pixel(bx + dx, by + dy)];
+        polyline(c, ends, Math.max(2 * radius * camera.scale, 1.5 * ratio), scene.theme.solid);
       }
   c.fillStyle = scene.theme.solid;
   for (const [first, last] of state.filled) {
-    c.beginPath();
-    state.obstacles.slice(first, last).forEach(([x, y], k) => (k ? c.lineTo(...camera.pixel(x, y)) : c.moveTo(...camera.pixel(x, y))));
+    trace(c, state.obstacles.slice(first, last).map(([x, y]) => camera.pixel(x, y)));
     c.fill();
   }
   c.restore();
-  c.lineWidth = 2 * ratio;
-  c.strokeStyle = "#16191d";
-  const side = (dotted, ...points) => {
+  const side = (dotted, ...ends) => {
     c.setLineDash(dotted ? [2 * ratio, 5 * ratio] : []);
-    c.beginPath();
-    points.forEach((point, k) => (k ? c.lineTo(...point) : c.moveTo(...point)));
-    c.stroke();
+    polyline(c, ends, 2 * ratio, INK);
   };
   for (const x of [left, right]) side(scene.periodic[0], [x, top], [x, bottom]);
   for (const y of [top, bottom]) side(scene.periodic[1], [left, y], [right, y]);

@@ -1,20 +1,13 @@
 // Shows one frame pass by pass, with the worker of each bracket; the marked moment; the seed.
 
-import { $, onKeys, state } from "./common.js";
+import { $, bound, onButton, state } from "./common.js";
 import { send, takers } from "./connection.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
 // Okabe and Ito's colours, safe for colour-blind people; more workers reuse them.
 const OWNERS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#f0e442"];
 
-const actions = {
-  pass: () => send({ do: "pass" }),
-  snapshot: () => send({ do: "snapshot" }),
-  return: () => send({ do: "return" }),
-};
-for (const id of Object.keys(actions)) $(id).addEventListener("click", actions[id]);
-const KEYS = { p: "pass", s: "snapshot", g: "return" };
-onKeys((key) => (Object.hasOwn(KEYS, key) && !$(KEYS[key]).disabled ? actions[KEYS[key]] : null));
+for (const [id, key] of [["pass", "p"], ["snapshot", "s"], ["return", "g"]]) onButton(id, key, () => send({ do: id }));
 
 takers.status.push(({ phase, snapshot, can_remember: can }) => {
   const ready = (phase === "playing" || phase === "paused") && !state.scene?.recording;
@@ -29,8 +22,7 @@ takers.scene.push((scene) => {
   if (document.activeElement !== $("seed")) $("seed").value = scene.seed;
 });
 $("seed").addEventListener("change", () => {
-  const value = Math.min(Math.max(Math.round(+$("seed").value) || 0, 0), 1000000);
-  send({ do: "seed", value });
+  send({ do: "seed", value: bound(Math.round(+$("seed").value) || 0, 0, 1000000) });
 });
 
 // --- passes

@@ -1,23 +1,20 @@
 // The time line of a recording: a slider over its frames, one frame back, and following a growing file.
 
-import { $, onKeys, state } from "./common.js";
+import { $, onButton, onKeys, state } from "./common.js";
 import { paced } from "./edits.js";
 import { send, takers } from "./connection.js";
 
 let last = 0, dragged = false;
 const line = $("timeline"), seek = paced((index) => send({ do: "seek", index }));
-const back = () => { if (state.timeline?.index) send({ do: "seek", index: state.timeline.index - 1 }); };
-const follow = () => { if (state.timeline) send({ do: "follow", value: !state.timeline.follow }); };
 
+onButton("back", ",", () => { if (state.timeline?.index) send({ do: "seek", index: state.timeline.index - 1 }); });
+onButton("follow", "l", () => { if (state.timeline) send({ do: "follow", value: !state.timeline.follow }); });
 line.addEventListener("input", () => { dragged = true; seek(+line.value); });
 line.addEventListener("change", () => { dragged = false; });
-$("back").addEventListener("click", back);
-$("follow").addEventListener("click", follow);
 
 onKeys((key, event) => {
-  const keys = { ",": back, l: follow };
-  if (!event.target.closest?.("input")) Object.assign(keys, { Home: () => seek(0), End: () => seek(last) });
-  return state.timeline && Object.hasOwn(keys, key) ? keys[key] : null;
+  if (!state.timeline || event.target.closest?.("input")) return null;
+  return { Home: () => seek(0), End: () => seek(last) }[key];
 });
 
 takers.scene.push(({ recording }) => {
