@@ -289,24 +289,22 @@ def frame_of(sim: Simulation) -> Frame:
     gaps.
     """
     if capabilities_of(sim.settings).on_ranks and not sim.scene._loses_discs:
-        none, found = sim.state_between(0, 0), in_chunks(sim.state_between, sim.count)
-        ids = ChunkedArray(np.dtype(np.int64), (sim.count,), np.arange)
-        found = {name: value for name, value in found.items() if name not in ("present", "box")}
-        return _frame(sim, none.box, found, sim.radii, sim.masses, ids)
-    state = sim.state
-    here = present_in(state)
-    found = {"position": state.position[here], **in_frame(state)}
-    return _frame(sim, state.box, found, sim.radii[here], sim.masses[here], np.arange(len(state.position))[here])
-
-
-def _frame(sim: Simulation, walls: Box | None, found: dict[str, Any], radius: Any, mass: Any, ids: Any) -> Frame:
-    assert walls is not None  # those of a simulation are known
-    x_low, x_high, y_low, y_high = walls
-    position = found.pop("position")
+        state, found = sim.state_between(0, 0), in_chunks(sim.state_between, sim.count)
+        known = {name: values for name, values in found.items() if name not in ("present", "box")}
+        ids: Any = ChunkedArray(np.dtype(np.int64), (sim.count,), np.arange)
+        known |= {"radius": sim.radii, "mass": sim.masses, "ids": ids}
+    else:
+        state = sim.state
+        here = present_in(state)
+        known = {"position": state.position[here], **in_frame(state)}
+        ids = np.arange(len(state.position))[here]
+        known |= {"radius": sim.radii[here], "mass": sim.masses[here], "ids": ids}
+    assert state.box is not None  # the walls of a simulation are known
+    x_low, x_high, y_low, y_high = state.box
     since, began = sim.origin
-    time = began + (sim.frame - since) * sim.settings.dt  # sim.time but for the rounding of the exact solver's clock
-    known = {"time": time, "radius": radius, "mass": mass, "ids": ids, **found}
-    box, origin = (x_high - x_low, y_high - y_low), (x_low, y_low)
+    # sim.time but for the rounding of the exact solver's clock
+    known["time"] = began + (sim.frame - since) * sim.settings.dt
+    box, origin, position = (x_high - x_low, y_high - y_low), (x_low, y_low), known.pop("position")
     return Frame(sim.frame, box, origin, sim.scene.periodic, position, Path(), known)
 
 

@@ -103,14 +103,12 @@ class Difference:
         return distance if self._parted is None else None
 
     def read(self, one: State, other: State, time: float, agree_until: float | None) -> dict[str, Any]:
-        """The numbers that a page shows; NaN and None are shown as dashes.
+        """The numbers that a page shows, of the states of both stages at a time; NaN and None are shown as dashes.
 
         `missed` is the number of collisions that the second stage has counted and the first one has not. Once the
         stages have parted, these are different collisions, and only the fraction is meaningful.
 
-        Args:
-            one, other: the states of the stages at a time [time].
-            agree_until: time until which two correct solvers agree, from the Lyapunov time [time]; None: not known.
+        agree_until: time until which two correct solvers agree, from the Lyapunov time; None: not known.
         """
         first, second = self.first, self.second
         distance = self._distance(one, other, time, agree_until)
@@ -153,16 +151,10 @@ class Mark(NamedTuple):
 
 
 class SecondStage:
-    """The second of two stages. Both start from the scene. The first one runs, and this one follows it.
-
-    Args:
-        scene: scene of both stages.
-        settings: settings of the second stage. Its dt must be that of the first stage divided by a whole number. The
-            exact solver has no steps, so it gets the dt of the first stage.
-        dt: dt of the first stage [time], > 0.
+    """The second of two stages. Both start from the scene. The first one, whose dt is given, runs; this one follows it.
 
     Raises:
-        InputError: if dt does not fit, or the settings cannot run the scene.
+        InputError: if the settings do not fit that dt, as `in_step` says, or cannot run the scene.
     """
 
     def __init__(self, scene: Scene, settings: Settings, dt: float):
@@ -332,18 +324,7 @@ Beside = Settings | Callable[[Settings], Settings] | None
 
 
 class Comparison:
-    """The second stage of a view, if there is one; beside: its settings.
-
-    >>> scene, settings = Scene.random(count=20, packing=0.2, radius=0.5, seed=1), Settings(dt=0.02, method="grid")
-    >>> comparison = Comparison(Settings(method="event"))
-    >>> with Simulation(scene, settings) as sim:
-    ...     comparison.begin(scene, settings)
-    ...     reports, seconds = comparison.run(sim, frames=10, every=5, look=lambda: None)
-    ...     told = comparison.told(sim)
-    >>> told["first"], told["second"], round(told["time"], 9), told["distance"] < 0.1
-    ('grid impact dt=0.02', 'event', 0.2, True)
-    >>> comparison.close()
-    """
+    """The second stage of a view, if there is one; beside: its settings."""
 
     def __init__(self, beside: Settings | None):
         self.second: SecondStage | None = None
@@ -397,20 +378,13 @@ class Comparison:
         frames: int,
         every: int,
         look: Callable[[], None],
-        measures: Collection[str] = (),
-        observers: Sequence[Observer] = (),
+        measures: Collection[str],
+        observers: Sequence[Observer],
     ) -> tuple[list[Report], float]:
-        """Run frames of the first stage, and the second stage up to the same time.
+        """Run frames of the first stage, `sim`, and the second stage up to the same time; `look` every so many frames.
 
         If there is a second stage, the run is divided: both stages are at the same time whenever `look` is called, so
-        that they can be compared.
-
-        Args:
-            sim, frames, measures, observers: the first stage, and what it runs.
-            every: frames between two calls of `look`.
-
-        Returns:
-            The reports of the first stage, and the computing time of both stages [s].
+        that they can be compared. Returns the reports of the first stage, and the computing time of both stages [s].
         """
         if self.second is None:
             watched: Any = SimpleNamespace(every=every, observe=lambda sim, collisions: look())
@@ -479,13 +453,8 @@ SEARCH_SECONDS = 60.0  # approximate time limit of a search [s]
 class Tuning:
     """Runs one search at a time.
 
-    Args:
-        news: called when there is new progress to report.
-        finished: called with the number of the search and the settings that it has found. The thread of the search
-            calls both.
-
-    Attributes:
-        number: number of the present search. A result with another number is out of date.
+    The thread of the search calls `news` when there is new progress to report, and `finished` with the number of the
+    search and the settings that it has found. If `number` is another by then, the result is out of date.
     """
 
     def __init__(self, news: Callable[[], None], finished: Callable[[int, Settings], None]):

@@ -7,7 +7,7 @@ records them. If a method refuses a change, the page shows a note and the simula
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -171,15 +171,7 @@ THICKNESS = 0.5  # thickness of a drawn wall, in radii of the median disc: wide 
 REFUSALS = (InputError, BusyError)  # errors that leave the simulation as it was; the page shows a note
 
 
-@dataclass
-class _Held:
-    """A held disc: its number, its place [length], and the time at which it is released unless it is held again [s]."""
-
-    disc: int
-    place: tuple[float, float]
-    until: float
-
-
+Place = tuple[float, float]  # [length]
 Key = tuple[str, Any]  # a gesture: its command, and the disc that is held or the parameter that is changed
 
 
@@ -223,12 +215,9 @@ class Interactions:
     """Applies changes by hand to the simulation of a view, which may be replaced by another one.
 
     A gesture lasts from press to release and is one step of undo, even if several pages change the simulation at the
-    same time. The argument `same` of a command says that it continues the gesture before.
-
-    Args:
-        owned: whether the simulation belongs to the view. Only then can changes be undone, because undo takes back
-            frames, too.
-        moment, back: how the present moment is remembered, and gone back to.
+    same time. The argument `same` of a command says that it continues the gesture before. Only a simulation that is
+    `owned` by the view has undo, because that takes back frames, too. `moment` remembers the present moment, and `back`
+    goes back to it.
     """
 
     def __init__(self, owned: bool, moment: Callable[[], Moment], back: Callable[[Moment], None]):
@@ -239,7 +228,7 @@ class Interactions:
         self._notes = 0
         self._owned = owned
         self._now = 0.0
-        self._held: dict[int, _Held] = {}  # by their numbers
+        self._held: dict[int, tuple[Place, float]] = {}  # held discs, and the time of a clock when each is released [s]
         self._gestures: dict[Key, int] = {}  # that "same" can continue: numbers of the moments before them
         self._added = self._walls = 0
         self._sliders: Sliders | None = None
@@ -273,14 +262,14 @@ class Interactions:
     def hold_still(self, sim: Simulation, now: float) -> bool:
         """Put held discs back in their places, before frames are run; returns whether anything changed."""
         different = False
-        for held in list(self._held.values()):
+        for disc, (place, until) in list(self._held.items()):
             try:
-                if now <= held.until:
-                    different |= _put(sim, held)
+                if now <= until:
+                    different |= _put(sim, disc, place)
                     continue
             except REFUSALS as error:  # the disc is absent, or its place is no longer free
                 self._say(str(error))
-            del self._held[held.disc]
+            del self._held[disc]
             different = True
         return different
 
@@ -329,10 +318,9 @@ class Interactions:
         """Hold a disc at a place."""
         if id not in self._held and len(self._held) >= MOST_HELD:
             raise InputError(f"pages may hold at most {MOST_HELD} discs at a time; got one more. Release another one.")
-        held = _Held(id, (x, y), self._now + HOLD_SECONDS)
         with self._gesture(("hold", id), same=id in self._held):
-            _put(sim, held)
-        self._held[id] = held
+            _put(sim, id, (x, y))
+        self._held[id] = (x, y), self._now + HOLD_SECONDS
 
     @command(id=DISC, vx=number, vy=number)
     def do_release(self, sim: Simulation, id: int, vx: float, vy: float) -> None:
@@ -442,15 +430,14 @@ class Interactions:
             raise InputError(f"pages may add at most {MOST_ADDED} discs; got one more. Reset, or begin with more.")
 
 
-def _put(sim: Simulation, held: _Held) -> bool:
+def _put(sim: Simulation, disc: int, place: Place) -> bool:
     """Put a held disc in its place, at rest; returns whether it was not there or not at rest."""
-    if held.disc >= sim.count:
-        raise InputError(f"id must be the number of a disc, from 0 to {sim.count - 1}; got {held.disc}. Take another.")
-    disc = sim.state_between(held.disc, held.disc + 1)
-    place = np.array(held.place, disc.position.dtype)
-    if disc.present[0] and (disc.position[0] == place).all() and not disc.velocity.any():
+    if disc >= sim.count:
+        raise InputError(f"id must be the number of a disc, from 0 to {sim.count - 1}; got {disc}. Take another.")
+    now = sim.state_between(disc, disc + 1)
+    if now.present[0] and (now.position[0] == np.array(place, now.position.dtype)).all() and not now.velocity.any():
         return False
-    sim.set([held.disc], position=held.place, velocity=(0.0, 0.0))
+    sim.set([disc], position=place, velocity=(0.0, 0.0))
     return True
 
 

@@ -64,37 +64,24 @@ def live(
     ...     shown
     <Live: 'gas'>
     """
-    return Live(source, settings, playing=playing, height=height, name=name, colour=colour, beside=beside)
+    demand_viewed(source, settings, colour, beside)
+    height = checks.whole("height", height, 200, 4000, f"{HEIGHT} suits most screens.")
+    return Live(source, settings, height, name=str(name), playing=playing, colour=colour, beside=beside)
 
 
 class Live:
     """A page in a notebook that shows a simulation. `mpsim.live` makes it; leaving a `with` block closes it.
 
-    Its arguments are those of `mpsim.live`.
-
     Attributes:
         widget: the widget that the notebook shows, an `anywidget.AnyWidget`.
     """
 
-    def __init__(
-        self,
-        source: Viewed,
-        settings: Settings | None = None,
-        *,
-        playing: bool = True,
-        height: int = HEIGHT,
-        name: str = "",
-        colour: ArrayLike | None = None,
-        beside: Settings | None = None,
-    ):
-        demand_viewed(source, settings, colour, beside)
-        height = checks.whole("height", height, 200, 4000, f"{HEIGHT} suits most screens.")
+    def __init__(self, source: Viewed, settings: Settings | None, height: int, *, name: str, **options: Any):
         self.widget: Any = _widget_class()(height=height)
-        self._name = str(name)
+        self._name = name
         self._pages = NotebookPages(self.widget)
         try:
-            options: dict[str, Any] = {"name": self._name, "playing": playing, "colour": colour, "beside": beside}
-            self._session: Source = source_of(source, settings, **options, audience=self._pages)
+            self._session: Source = source_of(source, settings, name=name, **options, audience=self._pages)
         except BaseException:
             self.widget.close()
             raise
