@@ -339,14 +339,12 @@ class Closing:
     Not a weakref.finalize: a thread that makes one while the program ends breaks off the calls of all others. A thread
     that makes this one then stops for good, with nothing to be closed.
 
-    Attributes:
-        alive: whether it is still to be closed.
-        solvers: what then is closed: the solver, and while another takes its place that one, too.
+    Attribute alive: whether it is still to be closed.
     """
 
     def __init__(self, simulation: Any, solver: Solver, access: Access):
         self.alive: bool = True
-        self.solvers: list[Solver] = [solver]
+        self._solver = solver
         self._access = access
         self._reference: object = weakref.ref(simulation, self)
         with _end:
@@ -359,7 +357,7 @@ class Closing:
                 self.alive = False
                 self._reference = None  # Ctrl-C in the callback of a reference is printed, and lost
                 try:
-                    self._close_all()
+                    self._solver.close()
                 finally:
                     _open.pop(self._access, None)  # only now, or the end of the program would not wait for it
 
@@ -368,11 +366,7 @@ class Closing:
         with interrupts_held_back():
             self.alive = False
             self._reference = None
-            self._close_all()
-
-    def _close_all(self) -> None:
-        for solver in self.solvers:
-            solver.close()
+            self._solver.close()
 
 
 _open: dict[Access, Closing] = {}

@@ -2,7 +2,8 @@
 
 import math
 import numbers
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks
 from mpsim.core.columns import EXITS, MASS, SPIN, Column, check_names, given
 from mpsim.engine.feature_arrays import columns_of
-from mpsim.engine.solvers.base import NewDiscs, Solver
+from mpsim.engine.parameters import in_force
+from mpsim.engine.solvers.base import NewDiscs, Solver, Terms
 from mpsim.errors import InputError
 from mpsim.features import feature
 from mpsim.features.motions import Movement
@@ -19,6 +21,7 @@ from mpsim.features.obstacles import Polyline, Removed, capsules_of
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
 
 # --- Discs that are added to a simulation: checked against the scene before anything is changed
 
@@ -26,27 +29,26 @@ Floats = NDArray[np.float64]
 
 
 def checked(
-    scene: Scene,
-    precision: str,
-    time: float,
-    present: Floats,
+    solver: Solver,
     position: ArrayLike,
     velocity: ArrayLike,
     radius: ArrayLike | None,
     mass: ArrayLike | None,
     others: Mapping[str, Any],
 ) -> NewDiscs:
-    """What `Simulation.add` was given at a time, as arrays. present: radii of the discs there, shape (N,) [length]."""
+    """What `Simulation.add` was given, as arrays."""
     check_names("Simulation.add", others, ("position", "velocity", "acceleration", "radius", "mass"), given())
+    scene, settings, _ = terms = solver.terms
     places = checks.finite_array("position", checks.rows(position), (None, 2), "(2,) or (K, 2)")
     count = len(places)
     speeds = checks.finite_array("velocity", checks.rows(velocity), (count, 2), f"({count}, 2), as position has")
     radii = _one_each("radius", radius, scene.largest_radius, count, has_radii(scene))
     masses = _one_each("mass", mass, 1.0, count, has_masses(scene))
-    _check_new(scene, time, present, "position", places, radii)
-    checks.fitting("velocity", speeds, precision)
+    present = solver.radii[~solver.absorbed] if scene._loses_discs else solver.radii
+    _check_new(scene, solver.time, present, "position", places, radii)
+    checks.fitting("velocity", speeds, settings.precision)
     brought = {
-        column.name: _brought(scene, precision, column, others[column.name], count, "given for added discs")
+        column.name: _brought(terms, column, others[column.name], count, "given for added discs")
         for column in given()
         if others.get(column.name) is not None
     }
@@ -60,15 +62,15 @@ def arguments_of(scene: Scene, new: NewDiscs) -> dict[str, Any]:
     return found | {name: values for name, values in new.columns.items() if name != MASS.name or has_masses(scene)}
 
 
-def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, count: int, how: str) -> Floats:
+def _brought(terms: Terms, column: Column, value: ArrayLike, count: int, how: str) -> Floats:
     """What was given of a column, one row each; how: what the caller does, in words."""
-    if column not in columns_of(scene):
+    if column not in columns_of(terms.scene):
         raise InputError(
             f"{column.name} can be {how} only in a scene {column.scenes}, and got {checks.brief(value)}. "
             f"{column.remedy}"
         )
     values = column.one_each(value, count)
-    checks.fitting(column.name, values, precision)
+    checks.fitting(column.name, values, terms.settings.precision)
     return values
 
 
@@ -130,26 +132,36 @@ class Change(NamedTuple):
     values: Mapping[str, Any]
 
 
-class Place(NamedTuple):
-    """Where a simulation stands when it is changed: its solver, the scene in force, and the precision of the run."""
-
-    solver: Solver
-    scene: Scene
-    precision: str
-
-    def change(self, what: str, values: Mapping[str, Any]) -> Change:
-        """A change of this moment."""
-        return Change(self.solver.frame, self.solver.time, what, values)
+def made(solver: Solver, what: str, values: Mapping[str, Any]) -> Change:
+    """A change of a simulation as it now stands."""
+    return Change(solver.frame, solver.time, what, values)
 
 
-def demand_apart(place: Place, new: NewDiscs) -> None:
+def after(scene: Scene, settings: Settings, change: Change) -> tuple[Scene, Settings]:
+    """Scene and settings after a change."""
+    if change.what == PARAMETERS:
+        return in_force(scene, settings, change.values, change.time)
+    if change.what == REMOVE and not scene._loses_discs:
+        return scene._replace(_has_gaps=True), settings
+    return with_walls(scene, change) if change.what in WALLS else scene, settings
+
+
+def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]) -> tuple[Scene, Settings]:
+    """Scene and settings in force after changes; the number of workers is that of the settings."""
+    workers = settings.workers
+    for each in changes:
+        scene, settings = after(scene, settings, each)
+    return scene, replace(settings, workers=workers)
+
+
+def demand_apart(solver: Solver, new: NewDiscs) -> None:
     """Refuse new discs that overlap discs that are there, or each other."""
-    state = place.solver.state()
+    state, lengths = solver.state(), lengths_of(solver.terms.scene)
     position = np.concatenate([state.position[state.present].astype(np.float64), new.position])
-    radius = np.concatenate([place.solver.radii[state.present], new.radius])
+    radius = np.concatenate([solver.radii[state.present], new.radius])
     for index, own in enumerate(new.position):
         at = len(position) - len(new.position) + index
-        gap = np.hypot(*to_nearest_image(position - own, lengths_of(place.scene)).T) - radius - new.radius[index]
+        gap = np.hypot(*to_nearest_image(position - own, lengths).T) - radius - new.radius[index]
         gap[at] = np.inf
         if gap.min() < 0:
             raise InputError(
@@ -169,7 +181,7 @@ def demand_whole_frame(solver: Solver, what: str) -> None:
 
 
 def checked_set(
-    place: Place,
+    solver: Solver,
     ids: ArrayLike,
     position: ArrayLike | None,
     velocity: ArrayLike | None,
@@ -179,36 +191,36 @@ def checked_set(
     """`Simulation.set`, checked."""
     settable = [column for column in given() if column is not MASS]
     check_names("Simulation.set", others, ("ids", "position", "velocity", "acceleration"), settable)
-    numbers = _present_numbers(place.solver, ids)
+    numbers = _present_numbers(solver, ids)
     count = len(numbers)
     values: dict[str, Any] = {"ids": numbers}
     if position is not None:
         meaning = f"({count}, 2), one row per disc of ids"
         places = checks.finite_array("position", checks.rows(position), (count, 2), meaning)
-        _check_room(place, numbers, places)
+        _check_room(solver, numbers, places)
         values["position"] = places
     if velocity is not None:
-        values["velocity"] = _pairs("velocity", velocity, count, place.precision)
-        check_momentum(place.solver, "velocity", values["velocity"], place.solver.masses[numbers])
+        values["velocity"] = _pairs("velocity", velocity, count, solver)
+        check_momentum(solver, "velocity", values["velocity"], solver.masses[numbers])
     for column in settable:
         value = {"acceleration": acceleration, **others}.get(column.name)
         if value is not None:
-            values[column.name] = _brought(place.scene, place.precision, column, value, count, "set")
+            values[column.name] = _brought(solver.terms, column, value, count, "set")
     if len(values) == 1:
         names = ", ".join(["position", "velocity", *(column.name for column in settable)])
         raise InputError(f"set needs something to set, one of {names}; got none of them. Give one.")
-    return place.change(SET, values)
+    return made(solver, SET, values)
 
 
-def checked_kick(place: Place, ids: ArrayLike, impulse: ArrayLike) -> Change:
+def checked_kick(solver: Solver, ids: ArrayLike, impulse: ArrayLike) -> Change:
     """`Simulation.kick`, checked."""
-    numbers = _present_numbers(place.solver, ids)
-    impulses = _pairs("impulse", impulse, len(numbers), place.precision)
-    change = place.change(KICK, {"ids": numbers, "impulse": impulses})
-    changed = edited(place.solver.discs(numbers), change)
+    numbers = _present_numbers(solver, ids)
+    impulses = _pairs("impulse", impulse, len(numbers), solver)
+    change = made(solver, KICK, {"ids": numbers, "impulse": impulses})
+    changed = edited(solver.discs(numbers), change)
     name, velocity = "the velocity after the kick", np.asarray(changed.velocity, np.float64)
-    checks.fitting(name, velocity, place.precision)
-    check_momentum(place.solver, name, velocity, changed.mass)
+    checks.fitting(name, velocity, solver.terms.settings.precision)
+    check_momentum(solver, name, velocity, changed.mass)
     return change
 
 
@@ -224,30 +236,31 @@ def check_momentum(solver: Solver, name: str, velocity: NDArray[np.floating], ma
         )
 
 
-def checked_remove(place: Place, ids: ArrayLike) -> Change:
+def checked_remove(solver: Solver, ids: ArrayLike) -> Change:
     """`Simulation.remove`, checked."""
-    return place.change(REMOVE, {"ids": _present_numbers(place.solver, ids)})
+    return made(solver, REMOVE, {"ids": _present_numbers(solver, ids)})
 
 
-def checked_wall(place: Place, start: Scene, wall: Polyline) -> Change:
+def checked_wall(solver: Solver, start: Scene, wall: Polyline) -> Change:
     """`Simulation.add_wall`, checked; start: the scene at the start, whose emitters and piston must keep their room."""
     values: dict[str, Any] = {"points": np.array(wall.points), "thickness": wall.thickness}
     values |= {"motion": wall.motion} if wall.motion else {}
     values |= {"surface_velocity": wall.surface_velocity} if wall.surface_velocity else {}
-    size = place.scene.width, place.scene.height
+    scene = solver.terms.scene
+    size = scene.width, scene.height
     for index in np.flatnonzero(((values["points"] < 0) | (values["points"] > size)).any(axis=1))[:1].tolist():
         raise InputError(
             f"points of a wall must be in the box, [0, {size[0]:g}] x [0, {size[1]:g}]; points[{index}] is "
             f"{tuple(values['points'][index].tolist())}. Move it."
         )
-    change = place.change(WALL, values)
-    after = with_walls(place.scene, change)
+    change = made(solver, WALL, values)
+    after = with_walls(scene, change)
     begun = with_walls(start, change)
     for each in begun._features:
         each.check(begun)
-    discs, here = place.solver.discs(), np.flatnonzero(~place.solver.absorbed)
+    discs, here = solver.discs(), np.flatnonzero(~solver.absorbed)
     position, radius = discs.position[here].astype(np.float64), discs.radius[here]
-    alone = place.scene._replace(obstacles=after.obstacles[-1])
+    alone = scene._replace(obstacles=after.obstacles[-1])
     if (found := alone._deepest(position, radius, change.time)) is not None:
         number, at = here[found.disc], tuple(position[found.disc].tolist())
         raise InputError(
@@ -257,16 +270,17 @@ def checked_wall(place: Place, start: Scene, wall: Polyline) -> Change:
     return change
 
 
-def checked_move(place: Place, wall: int, motion: Movement | None) -> Change:
+def checked_move(solver: Solver, wall: int, motion: Movement | None) -> Change:
     """`Simulation.move_wall`, checked."""
-    number = _present_wall(place.scene, wall)
-    change = place.change(MOVE_WALL, {"wall": number, "motion": motion} if motion else {"wall": number})
-    moved = with_walls(place.scene, change)
+    scene = solver.terms.scene
+    number = _present_wall(scene, wall)
+    change = made(solver, MOVE_WALL, {"wall": number, "motion": motion} if motion else {"wall": number})
+    moved = with_walls(scene, change)
     for each in moved._features:
         each.check(moved)
-    before, after = (scene.obstacles[number] for scene in (place.scene, moved))
+    before, after = (each.obstacles[number] for each in (scene, moved))
     jump = np.abs(capsules_of((after,), change.time) - capsules_of((before,), change.time)).max()
-    if jump > 1e-9 * max(place.scene.width, place.scene.height):
+    if jump > 1e-9 * max(scene.width, scene.height):
         raise InputError(
             f"motion must begin where the wall is; got {motion!r}, which would displace it at once by {jump:.3g}. Use "
             "a phase of 0, or a first displacement of (0, 0)."
@@ -274,9 +288,9 @@ def checked_move(place: Place, wall: int, motion: Movement | None) -> Change:
     return change
 
 
-def checked_removal(place: Place, wall: int) -> Change:
+def checked_removal(solver: Solver, wall: int) -> Change:
     """`Simulation.remove_wall`, checked."""
-    return place.change(REMOVE_WALL, {"wall": _present_wall(place.scene, wall)})
+    return made(solver, REMOVE_WALL, {"wall": _present_wall(solver.terms.scene, wall)})
 
 
 def _present_wall(scene: Scene, wall: int) -> int:
@@ -316,26 +330,25 @@ def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
     return numbers
 
 
-def _pairs(name: str, value: Any, count: int, precision: str) -> Floats:
+def _pairs(name: str, value: Any, count: int, solver: Solver) -> Floats:
     """One pair for all, or one each, shape (count, 2)."""
     if checks.dimensions(value) == 1 and len(value) == 2:
         value = np.tile(checks.finite_array(name, value, (2,), "(2,)"), (count, 1))
     pairs = checks.finite_array(name, value, (count, 2), f"(2,) or ({count}, 2), one row per disc of ids")
-    checks.fitting(name, pairs, precision)
+    checks.fitting(name, pairs, solver.terms.settings.precision)
     return pairs
 
 
-def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> None:
+def _check_room(solver: Solver, numbers: NDArray[np.int64], position: Floats) -> None:
     """Refuse places outside the box as it is now, or where a feature of the scene leaves no room."""
-    solver, scene = place.solver, place.scene
-    radius = solver.radii[numbers]
+    scene = solver.terms.scene
     if scene._loses_discs or has_radii(scene):
         others = ~solver.absorbed
         others[numbers] = False
         beside = solver.radii[others]
     else:
         beside = solver.radii[: solver.count - len(numbers)]
-    _check_new(scene, solver.time, beside, "position", position, radius)
+    _check_new(scene, solver.time, beside, "position", position, solver.radii[numbers])
 
 
 def with_walls(scene: Scene, change: Change) -> Scene:

@@ -14,10 +14,8 @@ import math
 import os
 import platform
 import shutil
-import signal
-import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +26,9 @@ from numpy.typing import NDArray
 from mpsim.core import checks, files
 from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, ArrayWriter
 from mpsim.core.columns import Array, chunks_of, of_each_disc
-from mpsim.core.deferred_signals import Noted
-from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed, parameters_after
-from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN, MOST_STEPS, count_in, demand
+from mpsim.engine.changes import parameters_after
+from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed
+from mpsim.engine.solvers.base import MOST_STEPS, count_in, demand
 from mpsim.engine.solvers.methods import capabilities_of, choose, solver_of
 from mpsim.engine.step_limits import MOST_SUBSTEPS
 from mpsim.errors import (
@@ -195,7 +193,9 @@ def _as_output_error(target: Path) -> Iterator[None]:
 
 def _check_place(target: Path) -> None:
     if not target.parent.is_dir():
-        raise OutputError(f"a checkpoint needs a folder that exists; got {str(target)!r}. Make {str(target.parent)!r}.")
+        folder = str(target.parent)
+        remedy = f"{folder!r} is a file: give another one" if target.parent.exists() else f"Make {folder!r}"
+        raise OutputError(f"a checkpoint needs a folder that exists; got {str(target)!r}. {remedy}.")
     for path in (target, _previous(target)):
         if path.is_dir() or (path.exists() and not path.is_file()):
             raise OutputError(f"a checkpoint must be a file; {str(path)!r} is not. Give the name of a file in it.")
@@ -323,7 +323,7 @@ def _are_equal(sizes: NDArray[np.float64]) -> bool:
 
 
 def _previous(target: Path) -> Path:
-    return target.with_name(f"{target.name}.previous")
+    return target.parent / f"{target.name}.previous"
 
 
 def _is_of_our_kind(path: Path) -> bool:
@@ -514,83 +514,3 @@ def _check_emission(scene: Scene, emission: Any, count: int) -> None:
             fit = all(type(value) is int and 0 <= value <= MOST_STEPS for value in values)
         demand(fit, f"{name} must be times, or else whole numbers")
     demand(sum(emission["emitted"]) <= count - scene.count, "emitters cannot have added more discs than there are")
-
-
-# --- Writes checkpoints during a run, and one more on SIGTERM
-
-
-class Checkpointer:
-    """Writes checkpoints while a run continues, and one when the process is asked to end (SIGTERM).
-
-    Args:
-        save: writes one.
-        path: where; None: no checkpoints, and SIGTERM is left alone.
-        every: frames between two; None: `seconds` count.
-        seconds: between two.
-        any_of: whether what is said here is said in any of the processes that share the simulation; all ask alike.
-    """
-
-    def __init__(
-        self,
-        save: Callable[[Path], Any],
-        path: Path | None,
-        every: int | None,
-        seconds: float,
-        any_of: Callable[[bool], bool],
-    ):
-        if every is not None:
-            checks.whole("checkpoint_every", every, 1, MOST_FRAMES_OF_A_RUN, "Frames between two checkpoints.")
-            if path is None:
-                raise InputError(f"checkpoint_every needs checkpoint, the file to write; got {every!r} and no file.")
-        self._save = save
-        self._any_of = any_of
-        self._path = path
-        self._every = every
-        self._seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
-        self._last = time.monotonic()
-        self._frames = 0
-        self._reached = -math.inf
-        self._termination = Noted(signal.SIGTERM)
-
-    def __enter__(self) -> "Checkpointer":
-        if self._path is not None:
-            self._termination.begin()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
-        self._termination.end()
-        if kind is None:
-            if self._path is not None and self._any_of(self._termination.came):  # after the last look
-                raise SystemExit(128 + signal.SIGTERM)
-        elif self._termination.came and kind is not SystemExit:  # the run has ended otherwise
-            self._termination.send_again()
-
-    def frames_ahead(self, done: int) -> int:
-        """Number of frames until the next checkpoint; very large if frames do not count."""
-        if self._path is None or self._every is None:
-            return 2**62
-        return self._every - done % self._every
-
-    def look(self, done: int, reached: float, last: bool) -> None:
-        """Write a checkpoint if it is time for one, or the last frame is done, or the process is to end.
-
-        Args:
-            done: frames of the run.
-            reached: time of the simulation. Where it stands still there is nothing new to write, and a write would drop
-                the window that the exact solver has in hand, again and again.
-            last: whether the run is done.
-
-        Raises:
-            SystemExit: with 143, after SIGTERM and its checkpoint.
-        """
-        if self._path is None:
-            return
-        by_frames = self._every is not None and done - self._frames >= self._every
-        is_new = reached != self._reached
-        by_time = self._every is None and is_new and time.monotonic() - self._last >= self._seconds
-        asked_to_end = self._any_of(self._termination.came)
-        if self._any_of(by_frames or by_time) or last or asked_to_end:
-            self._save(self._path)
-            self._last, self._frames, self._reached = time.monotonic(), done, reached
-        if asked_to_end:
-            raise SystemExit(128 + signal.SIGTERM)

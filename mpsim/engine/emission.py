@@ -153,7 +153,6 @@ class Emission:
                 )
         self._scene = scene
         self._notices = notices
-        self._precision = settings.precision
         self._emitters = scene.emitters
         self.emits: bool = bool(scene.emitters)
         self._common_radius = scene.largest_radius
@@ -254,17 +253,8 @@ class Emission:
         scene = self._scene
         positions, velocities, images = map(np.array, zip(*(end for _, end in entering), strict=True))
         radii, masses = np.array([self._kind(emitter) for emitter, _ in entering]).T
-        new = checked(
-            scene,
-            self._precision,
-            solver.time,
-            solver.radii,
-            positions,
-            velocities,
-            radii if has_radii(scene) else None,
-            masses if has_masses(scene) else None,
-            {},
-        )
+        sizes = radii if has_radii(scene) else None, masses if has_masses(scene) else None
+        new = checked(solver, positions, velocities, *sizes, {})
         return new._replace(columns={**new.columns, IMAGE.name: images})
 
     def _kind(self, emitter: Emitter) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import json
 import math
 import os
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks, files
-from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALLS, Change, with_walls
-from mpsim.engine.parameters import in_force
+from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALLS, Change
 from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN, Origin
 from mpsim.engine.solvers.methods import settings_to_go_on
 from mpsim.errors import InputError, OutputError, reason_of
@@ -219,23 +218,6 @@ def _plain_values(change: Change) -> dict[str, Any]:
     return {name: plain(value) for name, value in change.values.items()}
 
 
-def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]) -> tuple[Scene, Settings]:
-    """Scene and settings in force after changes; the number of workers is that of the settings."""
-    for each in changes:
-        if each.what == PARAMETERS and (values := without_workers(each.values)):
-            scene, settings = in_force(scene, settings, values, each.time)
-        if each.what == REMOVE and not scene._loses_discs:
-            scene = scene._replace(_has_gaps=True)
-        if each.what in WALLS:
-            scene = with_walls(scene, each)
-    return scene, settings
-
-
-def without_workers(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters except the number of workers, which does not affect the bits of the result."""
-    return {name: value for name, value in values.items() if name != "workers"}
-
-
 # --- Runs the simulation of a journal again, on any number of workers
 
 
@@ -274,7 +256,7 @@ def _apply(sim: Simulation, number: int, change: Change) -> None:
         )
     values: dict[str, Any] = dict(change.values)
     if change.what == PARAMETERS:
-        values = without_workers(values)
+        values.pop("workers", None)  # which does not affect the bits of the result
         if not values:
             return
     try:

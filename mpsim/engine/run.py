@@ -1,4 +1,4 @@
-"""What a run needs beside the simulation: its record, recovery, the size of slices, and Ctrl-C on ranks."""
+"""What a run needs beside the simulation: its record, recovery, the size of slices, checkpoints, signals."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ import signal
 import time
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core import checks
 from mpsim.core.deferred_signals import Noted
 from mpsim.engine.access import Notices
-from mpsim.engine.checkpoint import Checkpointer
 from mpsim.engine.solvers import base
 from mpsim.engine.solvers.base import BatchResult, Ranks
-from mpsim.errors import WorkerDiedError
+from mpsim.errors import InputError, WorkerDiedError
 from mpsim.kernels.records import PHASES
 
 if TYPE_CHECKING:
@@ -269,51 +270,112 @@ class BatchSizer:
         return max(min(frames, remaining, self._most_frames), 1)
 
 
-# --- Ctrl-C in a run on MPI ranks: all ranks stop after the same slice of frames
+# --- What goes on beside the frames of a run: signals, checkpoints, progress
 
 
-class Interruption:
-    """Notes Ctrl-C, and raises it where all processes look. Use it in a `with` block.
+class Awaited:
+    """A signal that is noted in this `with` block, and raised as an error where all processes look.
 
-    Else it would come to each of them somewhere else, and the others would wait there for ever. In a run of one process
-    it comes as it always does.
+    Else Ctrl-C would come to each of several ranks somewhere else, and the others would wait there for ever.
 
     Args:
+        number: of the signal.
         ranks: the processes that share the simulation.
-        several: whether they are several.
+        wanted: False: it comes as it always does.
+        error: what is raised, with these arguments.
     """
 
-    def __init__(self, ranks: Ranks, several: bool):
-        self._ranks, self._several = ranks, several
-        self._noted = Noted(signal.SIGINT)
+    def __init__(self, number: int, ranks: Ranks, wanted: bool, error: type[BaseException], *arguments: Any):
+        self._noted, self._ranks, self._wanted = Noted(number), ranks, wanted
+        self._error, self._arguments = error, arguments
 
-    def __enter__(self) -> Interruption:
-        if self._several:
+    def __enter__(self) -> Awaited:
+        if self._wanted:
             self._noted.begin()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
         self._noted.end()
-        if kind is None:
-            self.look()  # it may have come after the last slice
-        elif self._noted.came and kind is not KeyboardInterrupt:  # the run has ended otherwise
+        if kind is None:  # it may have come after the last slice
+            self.look(self.came())
+        elif self._noted.came and kind is not self._error:  # the run has ended otherwise
             self._noted.send_again()
 
-    def look(self) -> None:
-        """Raise KeyboardInterrupt in all processes if Ctrl-C has come to one. All of them look."""
-        if self._several and self._ranks.any_rank(self._noted.came):
-            raise KeyboardInterrupt
+    def came(self) -> bool:
+        """Whether it has come to any process. All of them ask."""
+        return self._wanted and self._ranks.any_rank(self._noted.came)
+
+    def look(self, came: bool) -> None:
+        """Raise the error if it has come."""
+        if came:
+            raise self._error(*self._arguments)
 
 
-class Beside(NamedTuple):
+class Beside:
     """What goes on beside the frames of a run, where anything does.
 
+    Args:
+        ranks, several: the processes that share the simulation, and whether they are several.
+        save: writes a checkpoint.
+        path: where; None: no checkpoints, and SIGTERM is left alone, which else ends the process after one more.
+        every: frames between two; None: `seconds` count.
+        seconds: between two.
+
     Attributes:
-        checkpoints: of the run.
         progress: called as progress(done, of_frames); None: nobody asks.
-        interruption: Ctrl-C, where processes share the run.
+        end, stop: SIGTERM, and Ctrl-C on several ranks.
     """
 
-    checkpoints: Checkpointer
-    progress: Callable[[int, int], None] | None
-    interruption: Interruption
+    def __init__(
+        self,
+        ranks: Ranks,
+        several: bool,
+        save: Callable[[Path], Any],
+        path: Path | None,
+        every: int | None,
+        seconds: float,
+    ):
+        if every is not None:
+            checks.whole("checkpoint_every", every, 1, base.MOST_FRAMES_OF_A_RUN, "Frames between two checkpoints.")
+            if path is None:
+                raise InputError(f"checkpoint_every needs checkpoint, the file to write; got {every!r} and no file.")
+        self.progress: Callable[[int, int], None] | None = None
+        self.end = Awaited(signal.SIGTERM, ranks, path is not None, SystemExit, 128 + signal.SIGTERM)
+        self.stop = Awaited(signal.SIGINT, ranks, several, KeyboardInterrupt)
+        self._any_rank, self._save, self._path, self._every = ranks.any_rank, save, path, every
+        self._seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
+        self._last = time.monotonic()
+        self._frames, self._reached = 0, -math.inf
+
+    def frames_ahead(self, done: int) -> int:
+        """Number of frames until the next checkpoint; very large if frames do not count."""
+        if self._path is None or self._every is None:
+            return 2**62
+        return self._every - done % self._every
+
+    def keep(self, done: int, reached: float, last: bool) -> None:
+        """Write a checkpoint if it is time for one, or the last frame is done, or the process is to end.
+
+        Args:
+            done: frames of the run.
+            reached: time of the simulation. Where it stands still there is nothing new to write, and a write would drop
+                the window that the exact solver has in hand, again and again.
+            last: whether the run is done.
+        """
+        if self._path is None:
+            return
+        by_frames = self._every is not None and done - self._frames >= self._every
+        is_new = reached != self._reached
+        by_time = self._every is None and is_new and time.monotonic() - self._last >= self._seconds
+        ends = self.end.came()
+        if self._any_rank(by_frames or by_time) or last or ends:
+            self._save(self._path)
+            self._last, self._frames, self._reached = time.monotonic(), done, reached
+        self.end.look(ends)
+
+    def look(self, done: int, reached: float, of: int) -> None:
+        """Between two slices: a checkpoint, progress, Ctrl-C."""
+        self.keep(done, reached, last=done == of)
+        if self.progress is not None:
+            self.progress(done, of)
+        self.stop.look(self.stop.came())

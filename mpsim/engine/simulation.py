@@ -33,18 +33,17 @@ from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import Discs, State, StateInChunks
 from mpsim.engine import changes, checkpoint, report
 from mpsim.engine.access import Access, Closing, Once, exclusive, reading, warn
-from mpsim.engine.changes import REMOVE, Change, edited
-from mpsim.engine.checkpoint import Checkpointer, checked_place
-from mpsim.engine.emission import Emission, Insert, Progress
-from mpsim.engine.journal import Changed, Journal, parameters_after, replayed
+from mpsim.engine.changes import REMOVE, Change, edited, parameters_after
+from mpsim.engine.checkpoint import checked_place
+from mpsim.engine.emission import Emission, Insert
+from mpsim.engine.journal import Changed, Journal, replayed
 from mpsim.engine.observers import Observer, Observers
-from mpsim.engine.parameters import Parameters, check_names, in_force, plain
+from mpsim.engine.parameters import Parameters, check_names, plain
 from mpsim.engine.report import Measures, Report
 from mpsim.engine.room import room_for
 from mpsim.engine.run import (
     BatchSizer,
     Beside,
-    Interruption,
     RecoverySnapshots,
     RunRecord,
     retried_on_new_workers,
@@ -62,11 +61,9 @@ from mpsim.engine.solvers.base import (
     Origin,
     Processes,
     Solver,
-    SolverState,
     StartMethod,
     Steps,
     Terms,
-    count_in,
     digest_of_state,
     log_collisions,
     resources_of,
@@ -177,8 +174,6 @@ class Simulation(ReadOnly):
             feature.check_law(scene, settings.law)
         check_precision(scene, settings)
         self._access = Access()
-        self._scene: Scene = scene
-        self._settings: Settings = settings
         self._processes = processes
         self._restores = 0
         self._last_frame: int = 0
@@ -200,7 +195,7 @@ class Simulation(ReadOnly):
 
     def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
         try:
-            with _collective(self._settings, self._processes.comm):
+            with _collective(self._start[1], self._processes.comm):
                 for text, kind in warned_of:
                     warn(text, kind)
             methods.note_remark(self._solver.choice, None, self._access.notices)
@@ -276,12 +271,12 @@ class Simulation(ReadOnly):
     @property
     def scene(self) -> Scene:
         """The scene as given, with the changes made by `change` and `add_wall`, but without discs added since."""
-        return self._scene
+        return self._solver.terms.scene
 
     @property
     def settings(self) -> Settings:
         """The settings as given, with the changes made by `change`."""
-        return self._settings
+        return self._solver.terms.settings
 
     @property
     @reading
@@ -510,14 +505,14 @@ class Simulation(ReadOnly):
                 progress = None  # of several ranks the first one shows it
         if until is not None or type(frames) is not int or not 0 <= frames <= MOST_FRAMES_OF_A_RUN:
             now = solver.frame, solver.time, solver.terms.origin
-            frames = report.frames_wanted(frames, until, self._settings.dt, *now)
+            frames = report.frames_wanted(frames, until, self.settings.dt, *now)
         skipped = 0
         if start is not None:
             skipped = report.frames_skipped(
-                start, measures, frames, self._settings.dt, solver.frame, solver.terms.origin
+                start, measures, frames, self.settings.dt, solver.frame, solver.terms.origin
             )
         observers = None if observe is None else Observers(observe)
-        names = () if measures is None else named(f"{MEASURES}:checked")(measures, self._scene, solver.count)
+        names = () if measures is None else named(f"{MEASURES}:checked")(measures, self.scene, solver.count)
         with access.state_lock:
             record = self._begin_record(names, frames, observers is not None and observers.want_collisions, skipped)
         if progress or on_ranks or checkpoint is not None or checkpoint_every is not None or checkpoint_seconds != 60.0:
@@ -528,12 +523,9 @@ class Simulation(ReadOnly):
                     self._open_solver().ranks.on_root(observers.keep)
                 self.save(path)
 
-            with (
-                Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.ranks.any_rank) as checkpoints,
-                Interruption(solver.ranks, on_ranks) as interruption,
-                of_frames(progress) as show,
-            ):
-                self._run_frames(frames, record, observers, Beside(checkpoints, show, interruption))
+            beside = Beside(solver.ranks, on_ranks, save, place, checkpoint_every, checkpoint_seconds)
+            with beside.end, beside.stop, of_frames(progress) as beside.progress:
+                self._run_frames(frames, record, observers, beside)
         else:
             self._run_frames(frames, record, observers)
         with access.state_lock:
@@ -550,7 +542,7 @@ class Simulation(ReadOnly):
             def of_discs(function: Callable[[Discs], Any]) -> Any:
                 return cast("Simulation", me())._of_discs(function)
 
-            averages = named(f"{MEASURES}:RunAverages")(names, frames, self._scene, of_discs, whole, skipped)
+            averages = named(f"{MEASURES}:RunAverages")(names, frames, self.scene, of_discs, whole, skipped)
         if logged != _is_logging(solver):
             self._between_frames(lambda: log_collisions(self._solver, logged))
             solver = self._solver
@@ -571,7 +563,7 @@ class Simulation(ReadOnly):
         if self._processes.on_worker_death != "restart":
             return None
         changes = lambda: len(self._changes)  # noqa: E731
-        return RecoverySnapshots(self._copies, self._go_on_from, record, self._access.notices, changes)
+        return RecoverySnapshots(self._moment, self._go_on_from, record, self._access.notices, changes)
 
     def _run_frames(
         self, frames: int, record: RunRecord, observers: Observers | None, beside: Beside | None = None
@@ -585,12 +577,12 @@ class Simulation(ReadOnly):
             if record.whole:
                 observers.observe(self, 0)
         if beside is not None and not frames:
-            beside.checkpoints.look(0, self._solver.time, last=True)
+            beside.keep(0, self._solver.time, last=True)
         use.in_callback = False
         while record.done < frames:
             ahead = frames - record.done
             if beside is not None:
-                ahead = min(ahead, beside.checkpoints.frames_ahead(record.done))
+                ahead = min(ahead, beside.frames_ahead(record.done))
             access.let_readers_in()
             with access.state_lock:
                 access.waiting = False
@@ -606,10 +598,7 @@ class Simulation(ReadOnly):
                     observers.take_collisions(record.take_logged(frame), frame)
                 observers.observe(self, record.collisions)
             if beside is not None:
-                beside.checkpoints.look(record.done, self._solver.time, last=record.done == frames)
-                if beside.progress is not None:
-                    beside.progress(record.done, frames)
-                beside.interruption.look()
+                beside.look(record.done, self._solver.time, frames)
             use.in_callback = False
 
     def _advance(self, most: int, frame: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
@@ -716,8 +705,8 @@ class Simulation(ReadOnly):
         """The report of a run that is over."""
         solver, averages, measures = self._open_solver(), record.averages, Measures()
         if averages is not None:
-            measures = Measures(averages.measures(self._scene, solver.count, self._settings.dt))
-        method, workers = methods.what_ran(solver.choice, self._batch_sizer.best, self._settings)
+            measures = Measures(averages.measures(self.scene, solver.count, self.settings.dt))
+        method, workers = methods.what_ran(solver.choice, self._batch_sizer.best)
         if record.guarded:
             self._access.notices.warn(
                 f"in {record.guarded} collisions the contact-time guard suppressed the loss of energy, because the "
@@ -786,21 +775,18 @@ class Simulation(ReadOnly):
             InputError: naming the argument, its rule and the value received; then nothing is added.
             TooFastError: as settings.on_fast says; then nothing is added either.
         """
-        place = self._place("add", position, velocity, acceleration, radius, mass, overlap, others)
-        brought = {"acceleration": acceleration, **others}
-        radii = place.solver.radii[~place.solver.absorbed] if place.scene._loses_discs else place.solver.radii
-        now = place.scene, place.precision, place.solver.time, radii
-        new = changes.checked(*now, position, velocity, radius, mass, brought)
+        solver = self._demand_alike("add", position, velocity, acceleration, radius, mass, overlap, others)
+        new = changes.checked(solver, position, velocity, radius, mass, {"acceleration": acceleration, **others})
         if checks.choice("overlap", overlap, ("refuse", "push", "allow")) == "refuse":
-            changes.demand_apart(place, new)
-        changes.check_momentum(place.solver, "velocity", new.velocity, new.mass)
+            changes.demand_apart(solver, new)
+        changes.check_momentum(solver, "velocity", new.velocity, new.mass)
         substeps = self._look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
         if overlap == "push":
             rows = np.column_stack([new.position, new.position, new.radius]).astype(np.float64)
             for ids, aside in room_for(self, rows):
-                self._change_discs(changes.checked_set(place, ids, aside, None, None, {}))
-        change = place.change(changes.ADD, changes.arguments_of(place.scene, new))
+                self._change_discs(changes.checked_set(solver, ids, aside, None, None, {}))
+        change = changes.made(solver, changes.ADD, changes.arguments_of(solver.terms.scene, new))
         with interrupts_held_back():
             self._insert(new, substeps)
             self._note(change)
@@ -840,8 +826,8 @@ class Simulation(ReadOnly):
         ...     sim.state.position.tolist(), sim.state.velocity.tolist()
         ([[1.0, 1.0], [2.5, 1.5]], [[1.0, 0.0], [0.0, 1.0]])
         """
-        place = self._place("set", ids, position, velocity, acceleration, others)
-        self._change_discs(changes.checked_set(place, ids, position, velocity, acceleration, others))
+        solver = self._demand_alike("set", ids, position, velocity, acceleration, others)
+        self._change_discs(changes.checked_set(solver, ids, position, velocity, acceleration, others))
 
     @exclusive
     def kick(self, ids: ArrayLike, impulse: ArrayLike) -> None:
@@ -861,7 +847,7 @@ class Simulation(ReadOnly):
         ...     sim.state.velocity.tolist()
         [[1.5, 2.0]]
         """
-        self._change_discs(changes.checked_kick(self._place("kick", ids, impulse), ids, impulse))
+        self._change_discs(changes.checked_kick(self._demand_alike("kick", ids, impulse), ids, impulse))
 
     @exclusive
     def remove(self, ids: ArrayLike) -> None:
@@ -887,7 +873,7 @@ class Simulation(ReadOnly):
         ...     sim.count, sim.state.present.tolist()
         (5, [True, False, True, False, True])
         """
-        self._change_discs(changes.checked_remove(self._place("remove", ids), ids))
+        self._change_discs(changes.checked_remove(self._demand_alike("remove", ids), ids))
 
     @exclusive
     def change(self, **parameters: Unpack[Parameters]) -> None:
@@ -915,8 +901,8 @@ class Simulation(ReadOnly):
         (200, [[1.0, 0.0]], 1.0)
         """
         given = dict(parameters)
-        place = self._place("change", given)
-        check_names(given, self._settings)
+        solver = self._demand_alike("change", given)
+        check_names(given, solver.terms.settings)
         use = self._access.use
         if "dt" in given and use is not None and use.outer is not None:
             raise InputError(
@@ -924,9 +910,7 @@ class Simulation(ReadOnly):
                 "length; got "
                 f"{given['dt']!r}. Return from the run before."
             )
-        change = place.change(changes.PARAMETERS, plain(given))
-        origin = Origin(change.frame, change.time) if "dt" in given else place.solver.terms.origin
-        self._take_over(change, *in_force(self._scene, self._settings, change.values, change.time), origin)
+        self._take_over(changes.made(solver, changes.PARAMETERS, plain(given)))
 
     @exclusive
     def add_wall(
@@ -961,10 +945,10 @@ class Simulation(ReadOnly):
         ...     wall, sim.scene.obstacles, sim.state.velocity.tolist()
         (0, (Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
         """
-        place = self._place("add_wall", points, thickness, motion, surface_velocity)
+        solver = self._demand_alike("add_wall", points, thickness, motion, surface_velocity)
         wall = Polyline(points, thickness, motion=motion, surface_velocity=surface_velocity)
-        self._change_walls(changes.checked_wall(place, self._start[0], wall))
-        return len(self._scene.obstacles) - 1
+        self._take_over(changes.checked_wall(solver, self._start[0], wall))
+        return len(self.scene.obstacles) - 1
 
     @exclusive
     def move_wall(self, wall: int, motion: Movement | None = None) -> None:
@@ -986,7 +970,7 @@ class Simulation(ReadOnly):
         ...     sim.state.velocity.round(9).tolist()
         [[-2.0, 0.0]]
         """
-        self._change_walls(changes.checked_move(self._place("move_wall", wall, motion), wall, motion))
+        self._take_over(changes.checked_move(self._demand_alike("move_wall", wall, motion), wall, motion))
 
     @exclusive
     def remove_wall(self, wall: int) -> None:
@@ -1007,19 +991,15 @@ class Simulation(ReadOnly):
         ...     sim.state.position.round(9).tolist()
         [[5.0, 2.0]]
         """
-        self._change_walls(changes.checked_removal(self._place("remove_wall", wall), wall))
+        self._take_over(changes.checked_removal(self._demand_alike("remove_wall", wall), wall))
 
-    def _change_walls(self, change: Change) -> None:
-        """Make a change of obstacles that has been checked, and note it in the journal."""
-        self._take_over(change, changes.with_walls(self._scene, change), self._settings, self._solver.terms.origin)
-
-    def _place(self, call: str, *given: Any) -> changes.Place:
-        """Where the simulation stands at a call, which is alike on all ranks; all but `add` need a whole frame."""
+    def _demand_alike(self, call: str, *given: Any) -> Solver:
+        """The solver, at a call that is alike on all ranks; all but `add` need a whole frame."""
         solver = self._open_solver()
         solver.ranks.assert_same_on_ranks(f"arguments of {call}", given)
         if call != "add":
             changes.demand_whole_frame(solver, call)
-        return changes.Place(solver, self._scene, self._settings.precision)
+        return solver
 
     def _change_discs(self, change: Change) -> None:
         """Make a change of discs that has been checked, and note it in the journal."""
@@ -1028,8 +1008,9 @@ class Simulation(ReadOnly):
         after = edited(before, change)
 
         def act() -> None:
-            if change.what == REMOVE and not self._scene._loses_discs:
-                self._adopt(self._scene._replace(_has_gaps=True), self._settings, self._solver.terms.origin)
+            scene, settings, origin = self._solver.terms
+            if (changed := changes.after(scene, settings, change))[0] is not scene:
+                self._adopt(Terms(*changed, origin))
             self._solver.set_discs(after, numbers)
 
         with interrupts_held_back():
@@ -1050,9 +1031,13 @@ class Simulation(ReadOnly):
                 self._changes.pop()
             raise
 
-    def _take_over(self, change: Change, scene: Scene, settings: Settings, origin: Origin) -> None:
-        """Continue under the scene and settings that a change has made, and note it in the journal."""
+    def _take_over(self, change: Change) -> None:
+        """Continue under the scene and settings that a change makes, and note it in the journal."""
         solver, notices = self._solver, self._access.notices
+        before, origin = solver.choice, solver.terms.origin
+        scene, settings = changes.after(*solver.terms[:2], change)
+        if change.what == changes.PARAMETERS and "dt" in change.values:
+            origin = Origin(change.frame, change.time)
         check_precision(scene, settings)
         emission = self._emission.under(scene, settings, solver.frame, solver.time)
         limits = self._step_limits.under(scene, settings, origin)
@@ -1065,50 +1050,49 @@ class Simulation(ReadOnly):
             raise
 
         def act() -> None:
-            self._adopt(scene, settings, origin)
+            self._adopt(Terms(scene, settings, origin))
             limits.set_limit(self._solver)
             set_substeps(self._solver, substeps)
 
         with interrupts_held_back():
-            before = self._solver.choice
             self._between_frames(act)
             self._emission, self._step_limits = emission, limits
-            if self._solver.choice != before:
-                self._batch_sizer = BatchSizer(self._solver.choice.workers, MOST_FRAMES)
+            self._note_choice(before)
             self._note(change)
 
     def _note(self, change: Change) -> None:
         """Note a change that has been made."""
         self._changes.append(change)
         if self._record is not None and self._record.averages is not None:
-            self._record.averages.interrupted(self._scene, self._solver.count)
+            self._record.averages.interrupted(self.scene, self._solver.count)
 
-    def _adopt(self, scene: Scene, settings: Settings, origin: Origin) -> None:
+    def _adopt(self, terms: Terms) -> None:
         """Take another scene and settings for those in force."""
-        choice = methods.choose(self._solver.count, settings, self._processes)
-        self._solver.change_scene(Terms(scene, settings, origin), choice)
-        self._scene, self._settings = scene, settings
+        self._solver.change_scene(terms, methods.choose(self._solver.count, terms.settings, self._processes))
 
-    def _insert(self, new: NewDiscs, substeps: int) -> None:
-        """Add discs that have been checked; the solver may then continue by another method."""
-        count = self._solver.count + len(new.position)
-        before, choice = self._solver.choice, methods.choose(count, self._settings, self._processes)
-
-        def grow() -> None:
-            if not methods.same_solver(self._solver.choice, choice):
-                self._replace_solver(choice, self._solver.snapshot(), self._solver.terms, count)
-            self._solver.add(new, choice)
-            set_substeps(self._solver, substeps)
-
-        self._between_frames(grow)
+    def _note_choice(self, before: Choice) -> None:
+        """After a move of the solver: measure other numbers of workers anew, and say why there are no more of them."""
+        choice = self._solver.choice
         methods.note_remark(choice, before, self._access.notices)
         if choice != before:
             self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
 
+    def _insert(self, new: NewDiscs, substeps: int) -> None:
+        """Add discs that have been checked; the solver may then continue by another method."""
+        count = self._solver.count + len(new.position)
+        before, choice = self._solver.choice, methods.choose(count, self.settings, self._processes)
+
+        def grow() -> None:
+            self._solver.add(new, choice)
+            set_substeps(self._solver, substeps)
+
+        self._between_frames(grow)
+        self._note_choice(before)
+
     def _between_frames(self, action: Callable[[], None]) -> None:
         """Do what may move the discs to another block; on new workers if one has died. Signals wait for its end."""
         self._take_collisions()
-        renew = (lambda: self._go_on_from(self._copies())) if self._processes.on_worker_death == "restart" else None
+        renew = (lambda: self._go_on_from(self._moment())) if self._processes.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:
                 retried_on_new_workers(action, renew, self._access.notices)
@@ -1236,13 +1220,13 @@ class Simulation(ReadOnly):
         """
         if not isinstance(snapshot, Snapshot):
             raise InputError(f"from_snapshot needs a Snapshot, from sim.snapshot(); got {checks.brief(snapshot)}.")
-        (scene, settings), origin = snapshot.start, snapshot.terms.origin
+        scene, settings = snapshot.start
         if on_ranks(method):
             raise InputError(f"method={method!r} cannot start from a snapshot in memory. Use sim.save and resume.")
         settings = settings_to_go_on(settings, method, workers)
         sim = cls.__new__(cls)
         sim._set_up(scene, settings, Processes(None, start_method, on_worker_death))
-        sim._continue_from(snapshot.arrays, snapshot.emission, Changed(snapshot.changes, origin))
+        sim._continue_from(snapshot)
         return sim
 
     def _demand_one_process(self, what: str) -> None:
@@ -1317,7 +1301,10 @@ class Simulation(ReadOnly):
             raise CheckpointError(
                 f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
             ) from error
-        sim._continue_from(found.arrays, found.run["emission"], found.changed)
+        changed, frame = found.changed, found.run["frame"]
+        terms = Terms(*parameters_after(found.scene, settings, changed.changes), changed.origin)
+        given = (found.scene, settings), changed.changes, terms, found.arrays, found.run["emission"]
+        sim._continue_from(Snapshot(frame, terms.time_of(frame), *given))
         return sim
 
     @classmethod
@@ -1358,35 +1345,29 @@ class Simulation(ReadOnly):
         """
         return replayed(cls, source, frame, workers=workers, method=method, comm=comm, start_method=start_method)
 
-    def _continue_from(self, snapshot: SolverState, emission: Progress, changed: Changed) -> None:
-        """Start the solver from a checkpoint; if that fails, close it."""
-        if changed.changes:
-            scene, settings = parameters_after(self._scene, self._settings, changed.changes)
+    def _continue_from(self, to: Snapshot) -> None:
+        """Start the solver from a snapshot, maybe of another method or number of workers; if that fails, close it."""
+        scene, settings = parameters_after(*self._start, to.changes)
+        if to.changes:
             self._emission = self._emission.under(scene, settings, 0, 0.0)
-            self._step_limits = self._step_limits.under(scene, settings, changed.origin)
-            self._scene, self._settings, self._changes = scene, settings, list(changed.changes)
-        terms = Terms(self._scene, self._settings, changed.origin)
-        self._begin(self._step_limits.at_resume(), lambda: self._go_on_from((snapshot, emission), terms))
-
-    def _copies(self) -> tuple[Any, Any]:
-        """Copies of everything that the next frame depends on: of the solver, and of the emitters."""
-        return self._solver.snapshot(), self._emission.progress
-
-    def _go_on_from(self, kept: tuple[Any, Any], terms: Terms | None = None) -> None:
-        """Go back, or on, to such a snapshot, on new workers; see `Solver.restore`."""
-        snapshot, progress = kept
-        before, choice = self._solver.choice, methods.choose(count_in(snapshot), self._settings, self._processes)
-        with interrupts_held_back(), self._access.moving():
-            self._enter(choice, snapshot, terms or self._solver.terms)
-            methods.note_remark(choice, before, self._access.notices)
-            self._emission.progress = progress
-            self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
+            self._step_limits = self._step_limits.under(scene, settings, to.terms.origin)
+        self._changes = list(to.changes)
+        here = dataclasses.replace(to, terms=Terms(scene, settings, to.terms.origin))
+        self._begin(self._step_limits.at_resume(), lambda: self._go_on_from(here))
 
     def _moment(self) -> Snapshot:
-        """A snapshot of this moment, for `go_back` and for other simulations."""
-        solver, (arrays, emission) = self._solver, self._copies()
-        changes = tuple(self._changes)
-        return Snapshot(solver.frame, solver.time, self._start, changes, solver.terms, arrays, emission)
+        """Copies of everything that the next frame depends on."""
+        solver, changes = self._solver, tuple(self._changes)
+        now = solver.snapshot(), self._emission.progress
+        return Snapshot(solver.frame, solver.time, self._start, changes, solver.terms, *now)
+
+    def _go_on_from(self, to: Snapshot) -> None:
+        """Go back, or on, to a snapshot, on new workers."""
+        before, choice = self._solver.choice, methods.choose(to.count, to.terms.settings, self._processes)
+        with interrupts_held_back(), self._access.moving():
+            self._solver.restore(to.arrays, choice, to.terms)
+            self._emission.progress = to.emission
+            self._note_choice(before)
 
     def _go_back(self, to: Snapshot) -> None:
         """Continue from a snapshot of this simulation, under the scene and settings then in force."""
@@ -1397,42 +1378,15 @@ class Simulation(ReadOnly):
         limits = self._step_limits.under(scene, settings, origin)
 
         def act() -> None:
-            self._enter(choice, to.arrays, to.terms, new_workers=False)
+            self._solver.restore(to.arrays, choice, to.terms, new_workers=False)
             limits.set_limit(self._solver)
 
         with interrupts_held_back():
             self._between_frames(act)
-            self._scene, self._settings, self._changes = scene, settings, list(to.changes)
-            self._emission, self._step_limits = emission, limits
+            self._emission, self._step_limits, self._changes = emission, limits, list(to.changes)
             self._last_frame, self._last_time = to.frame, self._solver.terms.time_of(to.frame)
             self._logged.clear()
-            if choice != before:
-                self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
-        methods.note_remark(choice, before, self._access.notices)
-
-    def _enter(self, choice: Choice, snapshot: SolverState, terms: Terms, new_workers: bool = True) -> None:
-        """Have the solver, or another one that `choice` asks for, continue from a snapshot."""
-        if methods.same_solver(self._solver.choice, choice):
-            self._solver.restore(snapshot, choice, terms, new_workers=new_workers)
-        else:
-            self._replace_solver(choice, snapshot, terms)
-
-    def _replace_solver(self, choice: Choice, snapshot: SolverState, terms: Terms, room: int = 0) -> None:
-        """Replace the solver by one of another method, chosen by `auto`."""
-        old, new = self._solver, methods.solver_of(choice.method)(terms.scene, terms.settings, choice)
-        if isinstance(new, CollisionLog):
-            new.logging = _is_logging(old)
-        self._closing.solvers.append(new)  # before there is anything to close
-        try:
-            new.restore(snapshot, choice, terms, room)
-            self._step_limits.set_limit(new)
-        except BaseException:
-            self._closing.solvers.remove(new)
-            new.close()
-            raise
-        self._solver = new
-        self._closing.solvers.remove(old)
-        old.close()
+            self._note_choice(before)
 
 
 def read_in_place(sim: Simulation, read: Callable[[InPlace], Result]) -> Result:

@@ -95,10 +95,13 @@ def test_a_checkpoint_replaces_nothing_but_a_checkpoint(tmp_path):
             (tmp_path / "run", r"run\.previous"),
             (tmp_path / "pipe", "must be a file; .*pipe"),
             (tmp_path / "folder", "must be a file; .*folder"),
-            (tmp_path / "nowhere" / "run", "needs a folder that exists"),
+            ("/", "must be a file; '/' is not"),
+            (tmp_path / "nowhere" / "run", "needs a folder that exists.* Make .*nowhere"),
+            (thesis / "run", r"needs a folder that exists.* '.*thesis\.tex' is a file: give another one"),
         ):
-            with pytest.raises(mpsim.errors.OutputError, match=rule):
-                sim.run(frames=1, checkpoint=path)
+            for deed in (sim.save, lambda path: sim.run(frames=1, checkpoint=path)):
+                with pytest.raises(mpsim.errors.OutputError, match=rule):
+                    deed(path)
         with pytest.raises(mpsim.errors.OutputError, match="'/proc/run'"):  # new files are refused even to root there
             sim.save("/proc/run")
         for nonsense in (None, 3, "", "a\0b"):

@@ -657,9 +657,7 @@ class Solver(ABC):
         """Copies of everything that the next frame depends on, with which `restore` gives the same bits."""
 
     @abstractmethod
-    def restore(
-        self, snapshot: SolverState, choice: Choice, terms: Terms, room: int = 0, new_workers: bool = True
-    ) -> None:
+    def restore(self, snapshot: SolverState, choice: Choice, terms: Terms, new_workers: bool = True) -> None:
         """Go back, or on, to a snapshot of this method, or of one that `auto` may have taken before.
 
         May stand in place of `start`.
@@ -668,7 +666,6 @@ class Solver(ABC):
             snapshot: what `snapshot` has returned, or a checkpoint that has been checked.
             choice: what then runs, by a method of this class.
             terms: then in force, which differ as `change_scene` says.
-            room: discs for which there is then room without another move, if it needs one for them.
             new_workers: whether workers, if any, are new ones, as those that were there may be dead.
 
         Raises:

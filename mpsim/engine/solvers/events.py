@@ -392,9 +392,7 @@ class EventSolver(Solver, CollisionLog):
         """Records beside the block that snapshots hold."""
         return {"progress": self._progress, "seen": self._seen}
 
-    def restore(
-        self, snapshot: SolverState, choice: Choice, terms: Terms, room: int = 0, new_workers: bool = True
-    ) -> None:
+    def restore(self, snapshot: SolverState, choice: Choice, terms: Terms, new_workers: bool = True) -> None:
         self._go_to(snapshot, choice, terms, self.logging, new_workers)
 
     def _go_to(self, snapshot: SolverState, choice: Choice, terms: Terms, logging: bool, new_workers: bool) -> None:

@@ -1,24 +1,42 @@
-"""The methods naive, grid and parallel; and one frame of the grid, pass by pass."""
+"""The methods naive, grid and parallel: discs in the shared block, its growth, commands; and a frame pass by pass."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.state import State
-from mpsim.engine.feature_arrays import giant_radius
-from mpsim.engine.solvers.base import Choice, NewDiscs, Solver, SolverState
-from mpsim.engine.solvers.block import BlockSolver
-from mpsim.engine.solvers.stepped import Grid
+from mpsim.core import columns
+from mpsim.core.columns import ChunkedArray, kept_sizes
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.state import State, part_of
+from mpsim.engine.feature_arrays import feature_specs, fill_features, giant_radius, given_in
+from mpsim.engine.solvers import base
+from mpsim.engine.solvers.base import (
+    BatchResult,
+    Choice,
+    CollisionLog,
+    InPlace,
+    NewDiscs,
+    Solver,
+    SolverState,
+    Terms,
+    count_in,
+)
+from mpsim.engine.solvers.speeds import Speeds, fastest_in, speeds_of
+from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc_at, state_of
 from mpsim.engine.workers.pool import WorkerPool
-from mpsim.engine.workers.shared import SharedBlock
-from mpsim.engine.workers.worker import kernel_arguments, load_kernels
-from mpsim.errors import InputError
+from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock
+from mpsim.engine.workers.worker import buffers_of, kernel_arguments, load_kernels
+from mpsim.errors import DivergedError, InputError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
+from mpsim.kernels.features import collisions
 from mpsim.kernels.frame.rank import run_part
 from mpsim.kernels.frame.stepping import run_grid, run_naive
 from mpsim.scene.scene import Scene
@@ -27,7 +45,45 @@ from mpsim.scene.settings import Settings
 if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation
 
-# --- The naive method: all pairs in index order, in one process
+# --- Discs in the block, where the last frame has sorted them, and in the order of their numbers
+
+
+def live_discs(block: SharedBlock) -> records.Discs:
+    """The buffer that holds the state."""
+    return buffers_of(block)[int(block.arrays["control"]["live"])]
+
+
+def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.int32]) -> NDArray[np.floating]:
+    """Components as rows (x, y), that of disc ids[k] from place k.
+
+    Each row is one write: of many discs, most lie where no cache has them.
+    """
+    row = np.dtype(f"c{2 * x.itemsize}")
+    rows = np.empty((len(x), 2), x.dtype)
+    rows[:, 0], rows[:, 1] = x, y
+    found = np.empty_like(rows)
+    found.view(row).reshape(-1)[ids] = rows.view(row).reshape(-1)
+    return found
+
+
+class AsTheyLay(ChunkedArray):
+    """Pairs of numbers of each disc, copied as they lay in memory, and put in order when somebody reads them.
+
+    Args:
+        x, y: shape (N,).
+        numbers: of the discs, shape (N,).
+    """
+
+    def __init__(self, x: NDArray[np.floating], y: NDArray[np.floating], numbers: NDArray[np.int32]):
+        super().__init__(x.dtype, (len(x), 2), lambda first, last: self._in_order[first:last])
+        self.x: NDArray[np.floating] = x
+        self.y: NDArray[np.floating] = y
+        self.numbers: NDArray[np.int32] = numbers
+        self.nbytes: int = x.nbytes + y.nbytes
+
+    @cached_property
+    def _in_order(self) -> NDArray[np.floating]:
+        return _pairs_by_id(self.x, self.y, self.numbers)
 
 
 def naive_arguments(block: SharedBlock) -> tuple[Any, ...]:
@@ -39,20 +95,79 @@ def naive_arguments(block: SharedBlock) -> tuple[Any, ...]:
     return known
 
 
-class NaiveSolver(BlockSolver):
-    """Frames by testing all pairs i < j in index order."""
-
-    def _load_kernels(self) -> None:
-        discs, features, parameters, control, *rest = naive_arguments(self._block)
-        control = control.copy()
-        control.frames = 0
-        run_naive(discs, features, parameters, control, *rest)
-
-    def _run_command(self, workers: int) -> int:
-        return run_naive(*naive_arguments(self._block))
+def load_naive(block: SharedBlock) -> None:
+    """Compile or load `run_naive`, by running no frame."""
+    discs, features, parameters, control, *rest = naive_arguments(block)
+    control = control.copy()
+    control.frames = 0
+    run_naive(discs, features, parameters, control, *rest)
 
 
-# --- The methods grid and parallel: a grid whose columns are processed in an even and an odd pass
+# --- The log of collisions of stepped solvers
+
+
+class StepLog:
+    """What is in the logs of a block, as tables, and how much room there is in them.
+
+    Attributes:
+        frames_that_fit: frames that a command may have, so that a log is about half full after it; at least one.
+    """
+
+    def __init__(self) -> None:
+        self._least = 1
+        self._tables: list[NDArray[Any]] = []
+        self.frames_that_fit: int = MOST_FRAMES
+
+    def specs(self, count: int, workers: int) -> dict[str, ArraySpec]:
+        """The arrays of the logs in a block for so many discs."""
+        return base.specs_of(count, workers, self._least)
+
+    def take(self, arrays: Mapping[str, Any], frames: int, terms: Terms, frame: int, substeps: int) -> bool:
+        """Take over what a command of so many frames has left in the logs. False: not all of it has fitted.
+
+        Then a block that is made from now on has room for it.
+
+        Args:
+            arrays: of the block.
+            frames: of the command.
+            terms, frame, substeps: in force, done, and of each frame when it began.
+        """
+        state, room = arrays[collisions.STATE], arrays[collisions.ROWS].shape[1]
+        longest = int(state[:, collisions.COUNT].max())
+        if longest > room:
+            self._least = 2 * longest
+            return False
+        self.frames_that_fit = max(min(frames * room // (2 * longest or 1), 2 * self.frames_that_fit, MOST_FRAMES), 1)
+        state[:, collisions.AGREED] = state[:, collisions.COUNT]
+        rows = base.emptied(arrays)
+        step, origin = rows["span"] - 1, terms.origin
+        number, ended = frame + step // substeps, (step % substeps + 1) / substeps
+        time = origin.time + ((number - origin.frame + ended) * terms.settings.dt - rows["time"])
+        for edge in range(4):
+            hit = (rows["kind"] == collisions.WALL) & (rows["j"] == edge)
+            rows["place"][hit, edge // 2] = _wall_at(terms.scene, edge, time[hit])
+        self._tables.append(base.table_of(rows, number + 1, time, terms.scene))
+        return True
+
+    def taken(self) -> NDArray[Any]:
+        """The collisions since the last call."""
+        tables, self._tables = self._tables, []
+        return base.in_order(base.joined(tables))
+
+
+def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDArray[np.float64]:
+    """Where the wall of an edge is at times [length]."""
+    wall = scene._moving_wall
+    if wall is None or wall.edge != edge:
+        return scene.box[edge]
+    return np.array([wall.place(each) for each in time.tolist()])
+
+
+FEW = 16
+"""Discs that are fewer than one in so many are looked for in memory; otherwise all are put in order."""
+
+
+# --- The solver, and who is where in its grid
 
 
 class Columns(NamedTuple):
@@ -69,13 +184,18 @@ class Columns(NamedTuple):
     number: int
 
 
+def has_columns(solver: Solver) -> TypeGuard[GridSolver]:
+    """Whether a solver sorts its discs into columns."""
+    return isinstance(solver, GridSolver) and solver.choice.method != "naive"
+
+
 def columns_of(solver: Solver) -> Columns:
     """Who is where in the grid of a solver.
 
     Raises:
         InputError: for a method without columns.
     """
-    if not isinstance(solver, GridSolver):
+    if not has_columns(solver):
         raise InputError(
             "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
             f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."
@@ -83,25 +203,70 @@ def columns_of(solver: Solver) -> Columns:
     return solver.columns()
 
 
-class GridSolver(BlockSolver):
-    """Frames by the passes of a grid. This process is worker 0; the others are there where `choice` may use them."""
+class GridSolver(SteppedSolver, CollisionLog):
+    """Frames by the passes of a grid; of `naive`, by testing all pairs i < j in index order.
+
+    The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
+    This process is worker 0; the others are there where `choice` may use them.
+    """
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
+        super().__init__(scene, settings, choice)
+        self._moving = False
+        self._log: StepLog = StepLog()
+        self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._pool: WorkerPool | None = None
-        super().__init__(scene, settings, choice)
+        self._block = self._next_block(max(scene.count, 1), self.radii)
+
+    def start(self) -> None:
+        self._fill(self._block)
+        self._write(self._scene.position, self._scene.velocity, given_in(self._scene))
+        self._configure()
+        self._load_kernels()
+        self._start_workers()
+
+    def close(self) -> None:
+        self._stop_workers()
+        self._block.close()
 
     # --- frames
 
-    def _load_kernels(self) -> None:
-        load_kernels(self._block)
+    def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
+        if not self.logging:
+            return self._command(frames, workers, stop, count_enabled)
+        with interrupts_held_back():  # what a log could not hold is found out before anybody else comes
+            return self._logged_command(frames, workers, stop, count_enabled)
 
-    def _run_command(self, workers: int) -> int:
+    def _logged_command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> BatchResult:
+        """The same, with all collisions in the log: if they do not fit, the frames are run again with more room."""
+        before, frame = self.snapshot(), self.frame
+        frames = min(frames, self._log.frames_that_fit)
+        while True:
+            self._arrays[collisions.STATE][:] = 0
+            result = self._command(frames, workers, stop, count_enabled)
+            if self._log.take(self._arrays, result.times.shape[1], self.terms, frame, self.substeps):
+                return result
+            self.restore(before, self.choice, self.terms)
+
+    def _command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> BatchResult:
+        self._write_command(frames, workers, stop, count_enabled)
+        abort = self._run_kernel(workers)
+        if abort != records.RUNNING:
+            raise self._failure(abort)
+        arrays = self._block.arrays
+        frames, team = int(arrays["control"]["frames"]), arrays["team"]
+        contacts = int(team["collisions"].sum())
+        self.too_fast: bool = bool(team["fastest"].any())
+        counters = self._counters(arrays["tally"][:, :frames]) if count_enabled else None
+        return BatchResult(arrays["times"][:, :frames].copy(), contacts, counters, 0, self.too_fast, self.logging)
+
+    def _run_kernel(self, workers: int) -> int:
+        """Run the command that the record `control` holds. Returns records.RUNNING, or why it has ended before."""
+        if self.choice.method == "naive":
+            return run_naive(*naive_arguments(self._block))
         self._deal(workers)
-        return self._run_grid(self._pool if workers > 1 else None)
-
-    def _run_grid(self, pool: WorkerPool | None) -> int:
-        """Start the command on all workers, and run worker 0's share of it."""
+        pool = self._pool if workers > 1 else None
         if pool is not None:
             pool.wake()
         try:
@@ -113,10 +278,56 @@ class GridSolver(BlockSolver):
         return abort
 
     def _failure(self, abort: int) -> Exception:
-        if abort == records.BAD_STATE:
-            return super()._failure(abort)
-        assert self._pool is not None  # only a pool's watcher or barrier sets the others
-        return self._pool.failure()
+        """The exception for a command that has ended before its time, at the not finite disc of the least id."""
+        if abort != records.BAD_STATE:
+            assert self._pool is not None  # only a pool's watcher or barrier sets the others
+            return self._pool.failure()
+        team = self._arrays["team"]
+        # After an odd number of steps the state lies in the other buffer, so both are looked at.
+        slots = [int(slot) for slot in team["bad_slot"] if slot >= 0]
+        candidates = [disc_at(discs, slot) for discs in buffers_of(self._block) for slot in slots]
+        disc, values = min(each for each in candidates if not np.isfinite(each[1]).all())
+        return DivergedError(disc, self.frame + int(team[0].frame), values[:2], values[2:])
+
+    def _write_command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> None:
+        """Write a command into the block: its record, and zeros where it counts."""
+        arrays = self._block.arrays
+        control, team = arrays["control"], arrays["team"]
+        if stop < math.inf:
+            frames = self._frames_to(stop, frames)
+        control["frames"] = frames
+        control["workers"] = control["members"] = workers
+        team["collisions"] = 0
+        team["fastest"] = 0
+        control["tallied"] = count_enabled
+        arrays["times"][:, :frames] = 0
+        if count_enabled:
+            arrays["tally"][:, :frames] = 0
+        self._begun = int(control["done"])
+
+    def log_collisions(self, enabled: bool) -> None:
+        if enabled != self.logging:
+            self.logging: bool = enabled
+            try:
+                self._continue(self.snapshot(), self.choice, self.terms, self._capacity, self.radii)
+            except BaseException:
+                self.logging = not enabled
+                raise
+
+    def take_collisions(self) -> NDArray[Any]:
+        return self._log.taken()
+
+    @property
+    def half_done(self) -> bool:
+        control = self._block.arrays.get("control")
+        if self._moving or control is None:  # none after `close`
+            return self._moving
+        left = control.signals[records.ABORT] or control.signals[records.BAD]
+        return bool(left and control.done == self._begun)
+
+    @property
+    def frame(self) -> int:
+        return self._origin.frame + int(self._block.arrays["control"]["done"])
 
     # --- who does what
 
@@ -155,7 +366,205 @@ class GridSolver(BlockSolver):
             columns, slots = np.arange(workers + 1) * self._grid.columns // workers, share
         return columns, slots
 
-    # --- workers and giants
+    # --- steps
+
+    def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
+        scene, radii, present = self._scene, self.radii, ~self.absorbed
+        if numbers is not None:
+            found = speeds_of(self._places_and_speeds(numbers)[1], radii[numbers], scene, self.time)
+            found = replace(found, disc=int(numbers[found.disc]))
+        else:
+            velocity = self._places_and_speeds()[1]
+            if new is not None:
+                velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
+                present = np.append(present, np.ones(len(new.position), bool))
+            found = speeds_of(velocity, radii, scene, self.time, present if scene._loses_discs else None)
+        fastest = fastest_in(self._arrays["team"])
+        self._arrays["team"]["fastest"] = 0
+        return self._or_too_fast(found, fastest)
+
+    # --- discs
+
+    def _as_they_lie(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[np.int32]]:
+        """Views of x, y, vx, vy and the numbers."""
+        discs, count = live_discs(self._block), self.count
+        return discs.x[:count], discs.y[:count], discs.vx[:count], discs.vy[:count], discs.id[:count]
+
+    def _places_and_speeds(
+        self, numbers: NDArray[np.int64] | None = None
+    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Copies of positions and velocities as they lie in the block, of the discs of these numbers; None: of all."""
+        x, y, vx, vy, ids = self._as_they_lie()
+        if numbers is None:
+            return _pairs_by_id(x, y, ids), _pairs_by_id(vx, vy, ids)
+        slots = self._slots_of(numbers)
+        return np.stack([x[slots], y[slots]], axis=1), np.stack([vx[slots], vy[slots]], axis=1)
+
+    def _slots_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Where the discs of these numbers lie."""
+        *_, ids = self._as_they_lie()
+        slots = np.flatnonzero(np.isin(ids, numbers))
+        order = np.argsort(ids[slots])
+        return slots[order][np.argsort(np.argsort(numbers))]
+
+    def state(self, first: int = 0, last: int | None = None) -> State:
+        last = self.count if last is None else last
+        few = (last - first) * FEW <= self.count
+        numbers, arrays = np.arange(first, last) if few else None, self._arrays
+        rows = slice(self.count) if numbers is None else numbers
+        position, velocity = self._places_and_speeds(numbers)
+        found = {each.name: arrays[each.name][..., rows].T.copy() for each in columns.in_state() if each.name in arrays}
+        state = state_of(self._box, arrays, position, velocity, found, self.absorbed[rows])
+        return state if few else part_of(state, first, last)
+
+    def in_place(self) -> InPlace:
+        absent = self.absorbed if "exits" in self._arrays else None
+        return InPlace(*self._as_they_lie(), absent, self._box, self.frame, self.time, self.radii)
+
+    @property
+    def absorbed(self) -> NDArray[np.bool_]:
+        exits = self._arrays.get("exits")
+        return np.zeros(self.count, bool) if exits is None else exits[0, : self.count] != 0
+
+    def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
+        rows, arrays = slice(self.count) if numbers is None else numbers, self._arrays
+        position, velocity = self._places_and_speeds(numbers)
+        found = {each.name: arrays[each.name][..., rows].T.copy() for each in columns.COLUMNS if each.name in arrays}
+        return NewDiscs(position, velocity, self.radii[rows], {**found, columns.MASS.name: self.masses[rows]})
+
+    def set_discs(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
+        if numbers is None:
+            self._sorted_grid = None
+            self._write_discs(discs, 0)
+        else:
+            self._write_discs(discs, self._slots_of(numbers), numbers)
+
+    def add(self, new: NewDiscs, choice: Choice) -> None:
+        count = self.count + len(new.position)
+        radii, masses = kept_sizes(self.radii, new.radius), kept_sizes(self.masses, new.mass)
+        # Discs that make giants of others leave the grid finer than one for as many discs without giants.
+        crowded = self._grid_of(count, self._giant_radius(radii)).table_size > len(self._arrays["start"])
+        if choice != self.choice or count > self._capacity or crowded:
+            capacity = max(2 * self._capacity, count) if count > self._capacity else self._capacity
+            self._continue(self.snapshot(), choice, self.terms, capacity, radii)
+        self._write_discs(new, self.count)
+        self.count: int = count
+        self.radii: NDArray[np.float64] = radii
+        self.masses: NDArray[np.float64] = masses
+        self._configure()
+
+    def _write_discs(
+        self, new: NewDiscs, slots: int | NDArray[np.int64], numbers: NDArray[np.int64] | None = None
+    ) -> None:
+        """Write discs of these numbers to these slots; slots: the first of them, if both are in one order."""
+        arrays, discs = self._arrays, live_discs(self._block)
+        rows = slice(slots, slots + len(new.position)) if isinstance(slots, int) else slots
+        discs.x[rows], discs.y[rows] = new.position.T
+        discs.vx[rows], discs.vy[rows] = new.velocity.T
+        discs.id[rows] = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else numbers
+        if discs.radius is not None:
+            discs.radius[rows] = new.radius
+        arrays["control"].in_order = 0
+        for column in columns.COLUMNS:
+            if column.name in arrays:
+                arrays[column.name][..., rows if numbers is None else numbers] = new.of(column).T
+
+    def _write(self, position: NDArray[Any], velocity: NDArray[Any], brought: dict[str, NDArray[Any]]) -> None:
+        """Write all discs into a new block. brought: of columns by id, by name, besides masses."""
+        given = {**brought, columns.MASS.name: self.masses}
+        self._write_discs(NewDiscs(position, velocity, self.radii, given), 0)
+
+    # --- snapshots, and other terms
+
+    def snapshot(self) -> SolverState:
+        *rows, ids = self._as_they_lie()
+        (x, y, vx, vy), numbers, arrays = np.stack(rows), ids.copy(), self._arrays
+        found: SolverState = {"position": AsTheyLay(x, y, numbers), "velocity": AsTheyLay(vx, vy, numbers)}
+        found |= {"radii": self.radii, "masses": self.masses}
+        for column in columns.COLUMNS:
+            if column.kept and column.name in arrays:
+                found[column.name] = column.take(arrays[column.name], self.count)
+        found["progress"] = np.array([arrays["control"].done, arrays["control"].steps])
+        return found
+
+    def restore(self, snapshot: SolverState, choice: Choice, terms: Terms, new_workers: bool = True) -> None:
+        capacity = max(self._capacity, count_in(snapshot))
+        self._continue(snapshot, choice, terms, capacity, snapshot["radii"], new_workers)
+
+    def change_scene(self, terms: Terms, choice: Choice) -> None:
+        snapshot = self.snapshot()
+        if terms.origin != self._origin:
+            snapshot["progress"] = np.zeros(2, np.int64)
+        self._continue(snapshot, choice, terms, self._capacity, self.radii)
+
+    def _continue(
+        self,
+        snapshot: SolverState,
+        choice: Choice,
+        terms: Terms,
+        capacity: int,
+        radii: NDArray[np.float64],
+        new_workers: bool = False,
+    ) -> None:
+        """Continue from a snapshot: in the present block where another one would be the same, with the same workers.
+
+        Args:
+            snapshot, choice, terms: as of `restore`.
+            capacity: discs for which the block has room.
+            radii: of the discs for which it is to have a grid, shape (M,): of the snapshot, and of any to be added.
+            new_workers: whether others are started, as if `choice` were another.
+        """
+        before = self.terms, self.choice, self._capacity
+        old, new_workers = self._block, new_workers or choice != self.choice
+        try:
+            self._set_terms(terms)
+            self.choice: Choice = choice
+            block = self._next_block(capacity, radii)
+            stays = not new_workers and block.specs == old.specs
+            if stays:
+                fill_features(old.arrays, self._scene)
+            else:
+                with block.closed_on_error():
+                    self._fill(block)
+        except BaseException:
+            self._set_terms(before[0])
+            _, self.choice, self._capacity = before
+            raise
+        self._moving = True
+        if stays:
+            self._enter(snapshot)
+        else:
+            self._block = block
+            try:
+                self._enter(snapshot)
+                if new_workers:
+                    self._stop_workers()
+                self._load_kernels()
+                if new_workers:
+                    self._start_workers()
+                elif self._pool is not None:
+                    self._pool.move_to(self._block)
+            finally:
+                old.close()
+        self._moving = False
+
+    # --- the block
+
+    @property
+    def block(self) -> SharedBlock:
+        return self._block
+
+    @property
+    def _arrays(self) -> dict[str, Any]:
+        return self._block.arrays
+
+    @property
+    def _most_workers(self) -> int:
+        return max(self.choice.workers)
+
+    def _giant_radius(self, radii: NDArray[np.float64]) -> float | None:
+        """Radius above which discs of such radii are kept out of the grid; None: there are no such discs."""
+        return giant_radius(radii) if has_radii(self._scene) and self.choice.method != "naive" else None
 
     @property
     def pids(self) -> list[int]:
@@ -167,26 +576,72 @@ class GridSolver(BlockSolver):
             self._pool = WorkerPool(self._block, self.choice.processes.start_method)
             self._pool.start(self._most_workers)
 
-    def _move_workers(self) -> None:
-        if self._pool is not None:
-            self._pool.move_to(self._block)
-
     def _stop_workers(self) -> None:
         if self._pool is not None:
             self._pool.stop()
             self._pool = None
 
-    def set_discs(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
-        if numbers is None:
-            self._sorted_grid = None
-        super().set_discs(discs, numbers)
+    def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
+        """A block for so many discs, which is still to be filled."""
+        precision = self._settings.precision
+        features = feature_specs(self._scene, capacity, precision)
+        grid = self._grid_of(capacity, self._giant_radius(radii))
+        self._capacity = capacity
+        arrays = block_arrays(capacity, grid, self._most_workers, precision, features)
+        arrays |= self._log.specs(capacity, self._most_workers) if self.logging else {}
+        return SharedBlock(arrays, alone=self._most_workers == 1)
+
+    def _fill(self, block: SharedBlock) -> None:
+        """Make a block, and fill it with what the scene has."""
+        block.create()
+        block.arrays["team"]["bad_slot"] = -1
+        fill_features(block.arrays, self._scene)
+
+    def _load_kernels(self) -> None:
+        """Compile or load what will run, by running no frame, before workers start, which then find the machine code.
+
+        Ctrl-C waits, as Numba looks up the types of arguments inside exceptions of its own. It comes in this frame,
+        which holds no view of the block.
+        """
+        with interrupts_held_back():
+            if self.choice.method == "naive":
+                load_naive(self._block)
+            else:
+                load_kernels(self._block)
 
     def _enter(self, snapshot: SolverState) -> None:
-        self._sorted_grid = None
-        super()._enter(snapshot)
+        """Write a snapshot into the present block."""
+        arrays = self._arrays
+        self._begun, self._sorted_grid = -1, None
+        arrays["team"]["fastest"], self.too_fast = 0, False
+        frames, steps = self._begin_from(snapshot)
+        position, velocity = snapshot["position"], snapshot["velocity"]
+        if isinstance(position, AsTheyLay) and isinstance(velocity, AsTheyLay):
+            self._put_as_they_lay(position, velocity)
+        else:
+            self._write(np.asarray(position), np.asarray(velocity), {})
+        arrays["control"].done, arrays["control"].steps = frames, steps
+        for column in columns.COLUMNS:
+            if column.name in snapshot:
+                column.put(arrays[column.name], snapshot[column.name])
+        self._configure()
 
-    def _giant_radius(self, radii: NDArray[np.float64]) -> float | None:
-        return giant_radius(radii) if has_radii(self._scene) else None
+    def _put_as_they_lay(self, position: AsTheyLay, velocity: AsTheyLay) -> None:
+        """Write places and speeds back in the order in which they lay."""
+        count, arrays, discs = len(position), self._arrays, live_discs(self._block)
+        discs.x[:count], discs.y[:count] = position.x, position.y
+        discs.vx[:count], discs.vy[:count] = velocity.x, velocity.y
+        discs.id[:count] = position.numbers
+        if discs.radius is not None:
+            discs.radius[:count] = self.radii[position.numbers]
+        if columns.MASS.name in arrays:
+            columns.MASS.put(arrays[columns.MASS.name], self.masses)
+        arrays["control"].in_order = 0
+
+    def _configure(self) -> None:
+        giant = self._giant_radius(self.radii)
+        self._grid = self._grid_of(self.count, giant)
+        self._write_parameters(self._grid, giant)
 
 
 def shares_of(first_of_column: NDArray[np.integer], share: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -286,7 +741,7 @@ def next_frame_in_passes(sim: Simulation) -> list[Pass]:
     """
     solver = sim._open_solver()  # pyright: ignore[reportPrivateUsage]
     terms = solver.terms
-    if not isinstance(solver, GridSolver):
+    if not has_columns(solver):
         reason = f"method {solver.choice.method!r}, which has no columns"
     elif solver.choice.processes.unguarded:
         reason = "unguarded=True, which has no passes"
@@ -298,7 +753,7 @@ def next_frame_in_passes(sim: Simulation) -> list[Pass]:
             f"{reason}. Use Settings(method='grid' or 'parallel'), --method on the command line, and a scene "
             "without that."
         )
-    assert isinstance(solver, GridSolver)  # or it is refused
+    assert has_columns(solver)  # or it is refused
     copy = PassSolver(terms.scene, terms.settings, Choice("grid", (1,)))
     try:
         copy.restore(solver.snapshot(), copy.choice, terms)

@@ -51,7 +51,7 @@ class Method(NamedTuple):
 STEPS = Capabilities(has_steps=True)
 
 METHODS: dict[str, Method] = {
-    "naive": Method("mpsim.engine.solvers.grid:NaiveSolver", STEPS, phases={"even columns": "pairs"}),
+    "naive": Method("mpsim.engine.solvers.grid:GridSolver", STEPS, phases={"even columns": "pairs"}),
     "grid": Method("mpsim.engine.solvers.grid:GridSolver", STEPS, by_columns=True),
     "parallel": Method("mpsim.engine.solvers.grid:GridSolver", STEPS, workers=True, by_columns=True),
     "event": Method(
@@ -166,24 +166,18 @@ def settings_to_go_on(settings: Settings, method: str | None, workers: int | Non
     return replace(settings, method=cast(MethodName, method), workers=workers)
 
 
-def same_solver(one: Choice, other: Choice) -> bool:
-    """Whether one class of solvers runs both."""
-    return METHODS[one.method].solver == METHODS[other.method].solver
-
-
 def note_remark(choice: Choice, before: Choice | None, notices: Notices) -> None:
     """Log the remark of a choice, unless the one before had the same."""
     if choice.remark and (before is None or choice.remark != before.remark):
         notices.log(choice.remark, level=logging.INFO)
 
 
-def what_ran(choice: Choice, best: int, settings: Settings) -> tuple[str, int]:
+def what_ran(choice: Choice, best: int) -> tuple[str, int]:
     """Method and workers for a report.
 
     Args:
         choice: what runs.
         best: of its numbers of workers, the fastest so far; `auto` may have found one to be faster than many.
-        settings: as they were given.
     """
-    alone = settings.method == "auto" and choice.method == "parallel" and best == 1
+    alone = best == 1 and len(choice.workers) > 1
     return "grid" if alone else choice.method, best

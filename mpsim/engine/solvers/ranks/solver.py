@@ -470,9 +470,7 @@ class MpiSolver(SteppedSolver):
         found["progress"] = np.array([self._control.done, self._control.steps])
         return found
 
-    def restore(
-        self, snapshot: SolverState, choice: Choice, terms: Terms, room: int = 0, new_workers: bool = True
-    ) -> None:
+    def restore(self, snapshot: SolverState, choice: Choice, terms: Terms, new_workers: bool = True) -> None:
         self._set_terms(terms)
         self._meet()
         refuse_giants(self._scene, np.asarray(snapshot["radii"]))
