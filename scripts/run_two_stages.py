@@ -110,6 +110,7 @@ def main() -> int:
     with view, chromium() as browser:
         for width in sorted({width for _, width in wanted}):
             page = browser.new_page(viewport={"width": width, "height": WIDTHS[width]})
+            page.set_default_timeout(1e3 * PATIENCE)  # of a click on a button that is not enabled yet
             for path in take(view, page, folder, width, {moment for moment, each in wanted if each == width}):
                 say(f"written: {path}")
             page.close()
