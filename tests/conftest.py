@@ -64,14 +64,13 @@ def pytest_addoption(parser):
 
 
 def keep_bytecode():
-    """For this process and all that it starts, in a folder outside the tree, whatever the environment says.
+    """For this process and all that it starts, whatever the environment says.
 
     Half of the time of collection goes into the assertions of tests, which pytest rewrites, and hundreds of processes
     import mpsim.
     """
-    sys.dont_write_bytecode, sys.pycache_prefix = False, str(Path(tempfile.gettempdir()) / "mpsim-bytecode")
+    sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
 
 def kind_of(config) -> str:
@@ -90,8 +89,11 @@ def pytest_configure(config):
         end_with_parent()
     config.stash[_end], config.stash[_errors] = time.monotonic() + LONGEST_SESSION[kind], os.dup(2)
     end_later(config)
-    if kind == "default" and pytest_xdist_auto_num_workers(config):
+    shared = kind == "default" and pytest_xdist_auto_num_workers(config)
+    if shared:
         sorts.announce()
+        config.option.maxworkerrestart = "0"  # it would have another name, and no share
+    if shared or (hasattr(config, "workerinput") and sorts.mine()):
         config.pluginmanager.register(sorts)
 
 
@@ -147,10 +149,11 @@ def figures(request) -> Figures:
 
 
 def pytest_xdist_auto_num_workers(config):
-    """Two processes for all default or all slow tests, which compile or wait half of the time; else none but this."""
+    """A process for each share of all default tests, three for all slow ones, which wait often; else this one."""
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     alone = config.getoption("--long") or config.getoption("--figures") or config.getoption("--renew")
-    return 2 if whole and not alone else 0
+    shares = len(sorts.SHARES) if kind_of(config) == "default" else 3
+    return shares if whole and not alone else 0
 
 
 def pytest_collection_modifyitems(config, items):

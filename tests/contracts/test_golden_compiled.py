@@ -35,9 +35,9 @@ def pinned(request):
     return pins()
 
 
-@pytest.mark.parametrize("case", slow_but(LARGE, *(each for each in LARGE if ("naive" in each) <= ("64" in each))))
+@pytest.mark.parametrize("case", slow_but(LARGE, *(each for each in LARGE if "32" not in each)))
 def test_the_digest_of_a_lattice_is_the_pinned_one(case, pinned):
-    """By `naive` in float32 in plain Python by default: another compilation."""
+    """In float32 by plain Python by default: another compilation."""
     assert digest_of(case) == pinned["lattice"][case], "intended? see the top of test_golden.py"
 
 
@@ -46,10 +46,10 @@ def test_each_case_has_a_digest_of_its_own(pinned):
     assert pinned["lattice"].keys() == LARGE.keys()
 
 
+@pytest.mark.parametrize("precision", slow_but(["float32", "float64"], "float64"))
 @pytest.mark.parametrize("name", ONE_KERNEL)
-def test_workers_have_the_pinned_digests(name, pinned):
-    contact, precision = KINDS[2 + ONE_KERNEL.index(name) % 2]
-    check_parallel(name, contact, precision, 2 if name != "unguarded" else 1, pinned)
+def test_workers_have_the_pinned_digests(name, precision, pinned):
+    check_parallel(name, "impact", precision, 2 if name != "unguarded" else 1, pinned)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.compare import assert_inside_and_finite, assert_same_bits
 from support.scenes import ZOO, crowd, digest_after, gas, simulate, state_after, zoo
+from support.selection import slow_but
 
 import mpsim
 from mpsim.core.machine import usable_cores
@@ -44,8 +45,12 @@ def test_any_number_of_workers_has_the_bits_of_grid_however_they_start(workers, 
     assert report.collisions > 2000, f"{report.collisions} contacts keep no worker busy"
 
 
-def test_repeated_runs_and_float32_have_the_same_bits(expected):
+def test_a_repeated_run_has_the_same_bits(expected):
     assert_same_bits(state_after(dense(), FRAMES, method="parallel", workers=2, **SETTINGS), expected, "again")
+
+
+@pytest.mark.slow
+def test_float32_has_the_bits_of_grid():
     single = {"precision": "float32", **SETTINGS}
     grid = state_after(dense(), FRAMES, method="grid", **single)
     assert_same_bits(state_after(dense(), FRAMES, method="parallel", workers=3, **single), grid, "float32")
@@ -72,14 +77,14 @@ AT_ONE_POINT = mpsim.Scene(width=30, height=30, position=rows(9), velocity=np.ze
 @pytest.mark.parametrize(
     ("scene", "settings"),
     [
-        (gas(600, 0.05, seed=1), {"law": "reflect", "dt": 0.02}),
-        (gas(2000, 0.6, seed=5), {"contact": "impact", "passes": 2}),
-        (AT_ONE_POINT, {"contact": "push"}),
+        (lambda: gas(600, 0.05, seed=1), {"law": "reflect", "dt": 0.02}),
+        (lambda: gas(2000, 0.6, seed=5), {"contact": "impact", "passes": 2}),
+        (lambda: AT_ONE_POINT, {"contact": "push"}),
     ],
     ids=["thin, reflect", "two passes", "at one point"],
 )
 def test_parallel_is_grid(scene, settings):
-    settings = {"dt": 0.03, **settings}
+    scene, settings = scene(), {"dt": 0.03, **settings}
     expected = state_after(scene, 30, method="grid", **settings)
     with simulate(scene, method="parallel", workers=3, **settings) as sim:
         assert sim.run(frames=30).collisions > 0, "no contacts, which tests nothing"
@@ -107,7 +112,7 @@ def test_auto_gives_the_bits_of_one_of_the_methods():
 # is simply another one (0, 1, 2, ...), which is enough to change the bits of a dense scene.
 
 
-@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("precision", slow_but(["float32", "float64"], "float64"))
 def test_unguarded_columns_are_resolved_in_another_order(precision):
     digests = [
         [digest_after(scene, frames, method="grid", precision=precision, unguarded=flag) for flag in (False, True)]

@@ -115,7 +115,8 @@ def test_nothing_runs_while_no_page_is_visible():
 
 
 def test_several_pages_see_the_same_and_a_slow_one_holds_up_none(view):
-    with Visitor(view.address, visible=True) as quick, Visitor(view.address, visible=True, max_queue=1) as slow:
+    small = {"max_queue": 1, "close_timeout": 0.5}
+    with Visitor(view.address, visible=True) as quick, Visitor(view.address, visible=True, **small) as slow:
         quick.hear_until(lambda v: v.pictures > 30)
         slow.hear_until(lambda v: v.pictures == 3)
         assert slow.frame > 10

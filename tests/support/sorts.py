@@ -1,79 +1,75 @@
-"""Two sorts of tests in two processes: kernels as plain Python in the one, machine code in the other.
+"""The processes of the whole default suite: two with kernels as plain Python, two with machine code.
 
 Each set of features is a compilation of its own, some seconds, and has the same bits in plain Python. So a file says
 by its first mark where the whole default suite runs it:
 
-    pytestmark = pytest.mark.plain       features of small scenes: in the process with NUMBA_DISABLE_JIT=1
-    pytestmark = pytest.mark.compiled    machine code, workers, thousands of discs: in the other
+    pytestmark = pytest.mark.plain       features of small scenes: in a process with NUMBA_DISABLE_JIT=1
+    pytestmark = pytest.mark.compiled    machine code, workers, thousands of discs: in another
 
-Files without such a mark run in either, when its own are done. Examples of docstrings are plain, but for long ones.
+Files without such a mark run as well in either, and examples of docstrings are plain, but for long ones. Of each sort
+there are two processes, each with folders of its own, so that some compute while others wait: for processes, signals
+and sockets, as tests of faults and pages do half of their time. Each process collects its own files alone.
 """
 
 import os
 import re
-from functools import cache
 from pathlib import Path
 
-from xdist.scheduler import LoadFileScheduling
+from xdist.scheduler import EachScheduling
 
 PACKAGE = Path(__file__).parents[2] / "mpsim"
 
 LONG_EXAMPLES = ("tradeoff.py",)
 """Modules of mpsim whose examples take long in plain Python."""
 
-PLAIN_NODE = "gw0"
-"""The process of the plain files, by the name that xdist gives it."""
+FIRST = ("contracts", "doors")
+"""Folders of the first two processes; the other two have the rest."""
 
-_VARIABLE = "MPSIM_TESTS_IN_PLAIN_PYTHON"
+SHARES = {"gw0": ("plain", True), "gw1": ("compiled", True), "gw2": ("plain", False), "gw3": ("compiled", False)}
+"""Sort of the files and whether their folder is one of the first, of each process by the name that xdist gives it."""
+
+_VARIABLE = "MPSIM_TESTS_IN_SHARES"
 _MARK = re.compile(r"^pytestmark = (?:\[\s*)?pytest\.mark\.(plain|compiled)\b", re.MULTILINE)
 
 
 def announce() -> None:
-    """In the process that starts the others: tell them that they are two sorts."""
-    os.environ[_VARIABLE] = PLAIN_NODE
+    """In the process that starts the others: tell them that each has its share."""
+    os.environ[_VARIABLE] = "yes"
+
+
+def mine() -> tuple[str, bool] | None:
+    """The share of this process; None: it runs whatever it is told."""
+    return SHARES.get(os.environ.get("PYTEST_XDIST_WORKER", "")) if _VARIABLE in os.environ else None
 
 
 def variables() -> dict[str, str]:
-    """Variables of this process, to be set before Numba is imported: the plain one compiles nothing."""
-    plain = os.environ.get(_VARIABLE, "none") == os.environ.get("PYTEST_XDIST_WORKER")
-    return {"NUMBA_DISABLE_JIT": "1"} if plain else {}
+    """Variables of this process, to be set before Numba is imported: a plain one compiles nothing."""
+    share = mine()
+    return {"NUMBA_DISABLE_JIT": "1"} if share and share[0] == "plain" else {}
 
 
-@cache
-def sort_of(path: Path) -> str | None:
-    """`plain`, `compiled`, or None for a file of no sort."""
+def share_of(path: Path) -> tuple[str, bool]:
+    """The share to which a file belongs."""
     if path.is_relative_to(PACKAGE):
-        return "compiled" if path.name in LONG_EXAMPLES else "plain"
+        return "compiled" if path.name in LONG_EXAMPLES else "plain", True
     found = _MARK.search(path.read_text())
-    return found.group(1) if found else None
+    return found[1] if found else "plain", path.parent.name in FIRST
 
 
-class ByFileAndSort(LoadFileScheduling):
-    """Each process gets the files of its sort first, then those of none, then those whose own process has ended."""
-
-    def _reschedule(self, node):
-        if self.workqueue and self._next_for(node) is None:
-            node.shutdown()
-        else:
-            super()._reschedule(node)
-
-    def _assign_work_unit(self, node):
-        if (scope := self._next_for(node)) is not None:
-            self.workqueue.move_to_end(scope, last=False)
-            super()._assign_work_unit(node)
-
-    def _next_for(self, node) -> str | None:
-        mine, others = _sort_of_node(node), {_sort_of_node(each) for each in self.nodes}
-        orphaned = {"plain", "compiled"} - others
-        sorts = {scope: sort_of(self.config.rootpath / scope) for scope in self.workqueue}
-        wanted = [mine, None, *orphaned]
-        return next((scope for each in wanted for scope, sort in sorts.items() if sort == each), None)
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """In the processes of the suite: leave the files of the others to them."""
+    return True if collection_path.suffix == ".py" and share_of(collection_path) != mine() else None
 
 
-def _sort_of_node(node) -> str:
-    return "plain" if node.gateway.id == PLAIN_NODE else "compiled"
+class ByShare(EachScheduling):
+    """Each process runs all that it has collected."""
+
+    def schedule(self) -> None:
+        super().schedule()
+        session = self.config.pluginmanager.get_plugin("session")
+        session.testscollected = sum(map(len, self.node2collection.values()))  # for the percentages
 
 
 def pytest_xdist_make_scheduler(config, log):
-    """Register this module as a plugin where the sorts apply."""
-    return ByFileAndSort(config, log)
+    """In the process that starts the others."""
+    return ByShare(config, log)

@@ -69,7 +69,9 @@ class Visitor:
 
     def __init__(self, address: str, visible: bool = False, **options: Any):
         where = urlsplit(address)
-        options = {"origin": f"http://{where.netloc}", "compression": None, "max_size": None, **options}
+        # Without a limit of its queue: behind a full one lies the end of the connection, for which a close waits 10 s.
+        unlimited = {"max_size": None, "max_queue": None}
+        options = {"origin": f"http://{where.netloc}", "compression": None, **unlimited, **options}
         self._connected = connect(f"ws://{where.netloc}{where.path}socket", **options)
         self.socket = self._connected.__enter__()
         self.last: dict[str, dict[str, Any]] = {}
