@@ -28,9 +28,9 @@ class Limits(NamedTuple):
 
 
 SCENES = {
-    "naive, 100 discs": Limits(60, 12, 4),
-    "grid, 1000 discs": Limits(62, 13, 7),
-    "event, 100 discs": Limits(80, 14, 1),
+    "naive, 100 discs": Limits(52, 11, 4),
+    "grid, 1000 discs": Limits(53, 12, 7),
+    "event, 100 discs": Limits(77, 13, 1),
 }
 
 COUNTER = """

@@ -495,7 +495,8 @@ class Simulation(ReadOnly):
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         access, solver = self._access, self._open_solver()
-        measures = tuple(measures) if isinstance(measures, Iterable) and not isinstance(measures, str) else measures
+        if measures is not None and isinstance(measures, Iterable) and not isinstance(measures, str):
+            measures = tuple(measures)
         if on_ranks := self._can.on_ranks:
             given = frames, until, measures, start, checkpoint, checkpoint_every, checkpoint_seconds
             solver.ranks.assert_same_on_ranks("arguments of run", given)
@@ -628,8 +629,9 @@ class Simulation(ReadOnly):
                 self._end()
             raise
         if frames := part.times.shape[1]:
-            seconds = part.times[0].sum(axis=1)
-            self._batch_sizer.note(workers, frames, float(seconds[0] if frames == 1 else np.median(seconds)) * 1e-9)
+            of_one = frames == 1  # then without NumPy, which takes longer than the sum
+            took = sum(part.times[0, 0].tolist()) if of_one else float(np.median(part.times[0].sum(axis=1)))
+            self._batch_sizer.note(workers, frames, took * 1e-9)
         record.take(part)
         self._look_after(record, part)
 
