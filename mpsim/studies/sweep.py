@@ -200,7 +200,12 @@ LENGTHS: dict[str, Callable[[Any], float]] = {
 RUN_FIELDS: tuple[str, ...] = (*(field.name for field in dataclasses.fields(Settings)), *LENGTHS)
 """Names of a grid that vary how a scene is run."""
 
-VERSIONS = {"mpsim": __version__, "numpy": np.__version__, "numba": numba.__version__, "python": python_version()}
+VERSIONS: dict[str, str] = {
+    "mpsim": __version__,
+    "numpy": np.__version__,
+    "numba": numba.__version__,
+    "python": python_version(),
+}
 """Versions, in this process, of everything that may change a result."""
 
 OWN: tuple[str, ...] = ("run", "seed", "wall_seconds", "failure", *(f"{name}_version" for name in VERSIONS))
