@@ -109,7 +109,7 @@ def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[
     low, high = scene.limits(radius, time)
     low, high = np.where(periodic, -np.inf, low), np.where(periodic, np.inf, high)
     clear: NDArray[np.bool_] = np.all((places >= low) & (places <= high), axis=1)
-    if len(scene.capsules_at(0.0)):
+    if len(scene._capsules_at(0.0)):
         wrapped = np.where(periodic, places % size, places)
         clear &= scene._capsule_index_at(time).depths(wrapped, np.full(len(places), radius)) == 0
     return clear

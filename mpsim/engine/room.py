@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features.capsules import distance, with_images
-from mpsim.features.obstacles import solid_of
+from mpsim.features.capsules import distance, of_discs, shifted, with_images
 from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.placement import GAP, pushed_aside
 
@@ -26,7 +25,7 @@ BARRIER = 3.0  # thickness of the layer of discs that stay and keep in those tha
 
 
 def make_room(sim: Simulation, capsules: Floats) -> bool:
-    """Push discs aside that overlap capsules, shape (K, 5) [length]; returns whether there were any.
+    """Push discs aside that overlap capsules, shape (K, ROW); returns whether there were any.
 
     Raises:
         InputError: if there is no room for them; then nothing has changed.
@@ -45,22 +44,19 @@ def room_for(sim: Simulation, capsules: Floats) -> list[tuple[NDArray[np.int64],
     numbers, radius = np.flatnonzero(state.present), sim.radii[state.present]
     low, high = scene.walls_at(sim.time)
     position, (width, height) = state.position[numbers].astype(np.float64) - low, (high - low).tolist()
-    corner, largest = np.array([*low, *low, 0.0]), float(radius.max(initial=0.0))
-    images = with_images(capsules - corner, (width, height), scene.periodic, width + height).capsule
+    largest = float(radius.max(initial=0.0))
+    images = with_images(shifted(capsules, -low), (width, height), scene.periodic, width + height).capsule
     gap = np.min([distance(position, each) for each in images], axis=0) - radius
     if not (gap < 0).any():
         return []
-    solid = np.concatenate([solid_of(scene.obstacles, sim.time), np.pad(capsules, [(0, 0), (0, 1)])])
-    solid[:, :5] -= corner
+    solid = shifted(np.concatenate([scene._capsules_at(sim.time), capsules]), -low)
     rounding = 8 * checks.resolution(state.position) * max(scene.width, scene.height)
     scale = 1 + GAP + rounding / float(radius.min())
     reach = NEAR * largest
     while True:
         near = gap < reach
         fixed, around = (~near & (gap < reach + layer * largest) for layer in (BARRIER, 3 * BARRIER))
-        others = np.concatenate(
-            [solid, np.column_stack([position[fixed], position[fixed], radius[fixed], 0 * radius[fixed]])]
-        )
+        others = np.concatenate([solid, of_discs(position[fixed], radius[fixed])])
         found = pushed_aside(position[near], radius[near], (width, height), scene.periodic, others, scale)
         if found is not None:
             moved = (found != position[near]).any(axis=1)

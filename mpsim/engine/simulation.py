@@ -82,6 +82,7 @@ from mpsim.errors import (
     WorkerDiedError,
     WorkerStalledError,
 )
+from mpsim.features.capsules import of_discs
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Obstacle, Polyline
 from mpsim.kernels.compiling import compile_seconds
@@ -785,8 +786,7 @@ class Simulation(ReadOnly):
         substeps = self._look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
         if overlap == "push":
-            rows = np.column_stack([new.position, new.position, new.radius]).astype(np.float64)
-            for ids, aside in room_for(self, rows):
+            for ids, aside in room_for(self, of_discs(new.position, new.radius)):
                 self._change_discs(changes.checked_set(solver, ids, aside, None, None, {}))
         change = changes.made(solver, changes.ADD, changes.arguments_of(solver.terms.scene, new))
         with interrupts_held_back():

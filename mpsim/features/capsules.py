@@ -1,19 +1,20 @@
 """Capsules (segments with a radius), of which all obstacles are made: distances to them, and those near a point.
 
-A capsule is a row (ax, ay, bx, by, radius) [length]; one of length 0 is a disc, and with a radius below 0 a container:
-a circle that is solid outside. Nothing here compares every disc with every capsule: time and memory grow with the
-number of capsules and of close pairs.
+A capsule is a row of numbers, named in `kernels.geometry`; one of length 0 is a disc, and with a radius below 0 a
+container: a circle that is solid outside. Nothing here compares every disc with every capsule: time and memory grow
+with the number of capsules and of close pairs.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from itertools import product
+from collections.abc import Callable, Iterator
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mpsim.errors import InputError
+from mpsim.kernels.geometry import ENDS, POLYGON, RADIUS, ROW
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -42,7 +43,7 @@ FEW_DISCS = 64
 class Images(NamedTuple):
     """Capsules with their images beyond periodic borders.
 
-    capsule: shape (M, 5) [length]. source: index of the capsule that each is an image of, shape (M,). shift:
+    capsule: shape (M, ROW). source: index of the capsule that each is an image of, shape (M,). shift:
     displacement of the image, shape (M, 2) [length].
     """
 
@@ -64,9 +65,32 @@ class CellLists(NamedTuple):
     per_length: Floats
 
 
+def of_discs(position: ArrayLike, radius: ArrayLike) -> Floats:
+    """Discs, of one radius or one each, as capsules, shape (N, ROW)."""
+    places = np.asarray(position)
+    found = np.zeros((len(places), ROW))
+    found[:, :2] = found[:, 2:4] = places
+    found[:, RADIUS] = radius
+    return found
+
+
+def shifted(capsules: Floats, by: Floats) -> Floats:
+    """Capsules displaced by (x, y) [length]."""
+    found = capsules.copy()
+    found[:, ENDS] += np.tile(by, 2)
+    return found
+
+
+def polygons(capsules: Floats) -> list[slice]:
+    """The rows of each polygon that is solid inside."""
+    number = capsules[:, POLYGON]
+    first = np.flatnonzero(np.append(0.0, number[:-1]) != number).tolist()
+    return [slice(a, b) for a, b in pairwise([*first, len(number)]) if number[a] > 0]
+
+
 def distance(position: Floats, capsules: Floats) -> Floats:
-    """Distance from centres (..., 2) to surfaces of capsules (..., 5), negative where solid, shape (...) [length]."""
-    a, radius = capsules[..., :2], capsules[..., 4]
+    """Distance from centres (..., 2) to surfaces of capsules (..., ROW), negative where solid, shape (...) [length]."""
+    a, radius = capsules[..., :2], capsules[..., RADIUS]
     along, r = capsules[..., 2:4] - a, position - a
     squared = along[..., 0] ** 2 + along[..., 1] ** 2
     fraction = (r[..., 0] * along[..., 0] + r[..., 1] * along[..., 1]) / np.where(squared > 0, squared, 1)
@@ -76,9 +100,9 @@ def distance(position: Floats, capsules: Floats) -> Floats:
 
 
 def is_within(position: Floats, sides: Floats) -> NDArray[np.bool_]:
-    """Whether points, shape (N, 2), are in a polygon, whose sides are capsules, shape (K, 5) [length]."""
+    """Whether points, shape (N, 2), are in a polygon, whose sides are capsules, shape (K, ROW) [length]."""
     (x, y), inside = position.T, np.zeros(len(position), bool)
-    for ax, ay, bx, by, _ in sides.tolist():
+    for ax, ay, bx, by in sides[:, ENDS].tolist():
         if ay != by:
             inside ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) * (bx - ax) / (by - ay))
     return inside
@@ -88,19 +112,18 @@ def with_images(capsules: Floats, size: tuple[float, float], periodic: tuple[boo
     """Capsules, and their images one period away along periodic axes if a disc in the box can touch them.
 
     A container, which does not cross such an axis, has none. size: width and height of the box. reach: radius of the
-    largest disc [length]. Further columns of capsules are kept.
+    largest disc [length].
     """
     found = Images(capsules, np.arange(len(capsules)), np.zeros((len(capsules), 2)))
     for axis, length in enumerate(size):
         if periodic[axis] and len(capsules):
             step = length * np.eye(2)[axis]
-            rest = np.zeros(capsules.shape[1] - 4)
-            moved = [found.capsule + np.append(np.tile(sign * step, 2), rest) for sign in (1, -1)]
+            moved = [shifted(found.capsule, sign * step) for sign in (1, -1)]
             shift = np.concatenate([found.shift, found.shift + step, found.shift - step])
             every = Images(np.concatenate([found.capsule, *moved]), np.tile(found.source, 3), shift)
-            ends, margin = every.capsule[:, [axis, axis + 2]], reach + every.capsule[:, 4]
+            ends, margin = every.capsule[:, [axis, axis + 2]], reach + every.capsule[:, RADIUS]
             near = (ends.max(axis=1) > -margin) & (ends.min(axis=1) < length + margin)
-            near = np.where(every.capsule[:, 4] < 0, ~shift.any(axis=1), near)
+            near = np.where(every.capsule[:, RADIUS] < 0, ~shift.any(axis=1), near)
             found = Images(every.capsule[near], every.source[near], every.shift[near])
     return found
 
@@ -122,37 +145,35 @@ def next_ends(capsules: Floats) -> NDArray[np.int32]:
 
 def _ends(capsules: Floats) -> Floats:
     """Place and radius of each end, a and b of each capsule in turn, shape (2 K, 3) [length]."""
-    return np.column_stack([capsules[:, :4].reshape(-1, 2), np.repeat(capsules[:, 4], 2)])
+    return np.column_stack([capsules[:, ENDS].reshape(-1, 2), np.repeat(capsules[:, RADIUS], 2)])
 
 
-def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -> tuple[Floats, Integers]:
+def cut_at_ends(capsules: Floats, lists: CellLists, size: tuple[float, float]) -> Floats:
     """Halves of the segments on which ends of others lie, each from such an end, to be joined by `next_ends`.
-
-    Also returns the segment of each.
 
     A wall below a floor has its end on it, as ends that differ by rounding lie on each other: neither sticks out.
     capsules: images included. lists: `cell_lists` of them. size: width and height of the box [length].
     """
-    straight, found = (capsules[:, :2] != capsules[:, 2:4]).any(axis=1), [np.zeros((0, 5))]
-    segments = [np.zeros(0, np.int64)]
+    straight, found = (capsules[:, :2] != capsules[:, 2:4]).any(axis=1), [np.zeros((0, ROW))]
     if straight.any():
         ends = _ends(capsules)
         slack = 8 * np.finfo(np.float64).eps * max(size)
         low, high = (bound(capsules[:, :2], capsules[:, 2:4]) for bound in (np.minimum, np.maximum))
         for end, index in _listed_pairs(ends[:, :2], lists):
-            near = straight[index] & (ends[end, 2] == capsules[index, 4])
+            near = straight[index] & (ends[end, 2] == capsules[index, RADIUS])
             for axis in range(2):
                 near &= (ends[end, axis] >= low[index, axis] - slack) & (ends[end, axis] <= high[index, axis] + slack)
             place, line = ends[end[near]], capsules[index[near]]
-            on = distance(place[:, :2], line * (1, 1, 1, 1, 0)) <= slack
+            thin = line.copy()
+            thin[:, RADIUS] = 0
+            on = distance(place[:, :2], thin) <= slack
             on &= (place[:, :2] != line[:, :2]).any(axis=1) & (place[:, :2] != line[:, 2:4]).any(axis=1)
             for other in (line[on, :2], line[on, 2:4]):
-                half = np.column_stack([place[on, :2], other, place[on, 2]])
-                long = np.hypot(*(half[:, 2:4] - half[:, :2]).T) > slack
-                found.append(half[long])
-                segments.append(index[near][on][long])
-    halves, first = np.unique(np.concatenate(found), axis=0, return_index=True)
-    return halves, np.concatenate(segments)[first]
+                half = line[on]
+                half[:, :2], half[:, 2:4] = place[on, :2], other
+                found.append(half[np.hypot(*(half[:, 2:4] - half[:, :2]).T) > slack])
+    halves = np.concatenate(found)
+    return halves[np.unique(halves[:, : RADIUS + 1], axis=0, return_index=True)[1]]
 
 
 def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> CellLists:
@@ -215,7 +236,7 @@ def _cells_in_reach(capsules: Floats, margin: float, per_length: Floats, number:
     """
     with np.errstate(over="ignore"):  # a radius may be as large as a float can be
         reach = np.minimum((margin + _extent(capsules)[:, None]) * per_length, number)
-    ends = capsules[:, :4].reshape(-1, 2, 2) * per_length
+    ends = capsules[:, ENDS].reshape(-1, 2, 2) * per_length
     inside = np.clip([ends.min(axis=1) - reach, ends.max(axis=1) + reach], 0, number)
     across = (ends[:, 1] - ends[:, 0]) * reach[:, ::-1]
     grown = math.pi * reach.prod(axis=1) + 2 * np.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2)
@@ -224,21 +245,18 @@ def _cells_in_reach(capsules: Floats, margin: float, per_length: Floats, number:
 
 def _extent(capsules: Floats) -> Floats:
     """Distance up to which each is solid: its radius, infinite for a container, shape (K,) [length]."""
-    return np.where(capsules[:, 4] < 0, np.inf, capsules[:, 4])
+    return np.where(capsules[:, RADIUS] < 0, np.inf, capsules[:, RADIUS])
 
 
 class CapsuleIndex:
     """Capsules in a box, for repeated queries of how deep discs overlap them.
 
     The first FEW_DISCS discs are compared with every capsule; then discs of similar size share a grid, which is kept.
-    filled: rows of capsules that are the sides of a polygon, which is solid inside.
     """
 
-    def __init__(
-        self, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool], filled: Sequence[slice] = ()
-    ):
+    def __init__(self, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]):
         self._capsules = capsules
-        self._filled = filled
+        self._filled = polygons(capsules)
         self._box = size, periodic
         self._asked = 0
         self._grids: dict[int, tuple[Images, CellLists]] = {}
@@ -255,7 +273,7 @@ class CapsuleIndex:
             sides = self._capsules[part]
             discs = np.flatnonzero(is_within(position - shift, sides))
             if len(discs):
-                away = distance(position[discs, None] - shift, sides).min(axis=1) + 2 * sides[0, 4] + radius[discs]
+                away = distance(position[discs, None] - shift, sides).min(axis=1) + 2 * sides[0, RADIUS] + radius[discs]
                 depth[discs] = np.maximum(depth[discs], away)
         return depth
 
@@ -339,7 +357,7 @@ def _cells_near(capsules: Floats, margin: float, per_length: Floats, columns: in
 
 def _heights(capsules: Floats, x: Floats, reach: Floats) -> tuple[Floats, Floats]:
     """Least and largest y at which a capsule can be within `reach` of the line at x, shapes (M,) [length]."""
-    ax, ay, bx, by, _ = capsules.T
+    ax, ay, bx, by = capsules[:, ENDS].T
     wider = reach * (1 + 1e-9) + 1e-9 * np.abs(x)  # rounding must not exclude what is just within
     run = bx - ax
     ends = [

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.kernels.features import bodies
+from mpsim.kernels.geometry import ENDS, RADIUS, ROW
 
 Floats = NDArray[np.float64]
 
@@ -44,23 +45,25 @@ class Movement:
         return replace(self, start=self.start - time)
 
     def capsules_at(self, capsules: Floats, time: float) -> Floats:
-        """Where capsules, shape (K, 5) [length], are at a time of the run."""
+        """Where capsules are at a time of the run."""
         body, knots = self.body()
         pose = bodies.pose_at(body, knots, time)
         ends = [bodies.out_of_frame(body, pose, *capsules[:, first : first + 2].T) for first in (0, 2)]
-        return np.column_stack([*ends[0], *ends[1], capsules[:, 4]])
+        moved = capsules.copy()
+        moved[:, ENDS] = np.column_stack([*ends[0], *ends[1]])
+        return moved
 
     def body(self) -> tuple[Any, Floats]:
         """A record of the kernels with the motion, of dtype BODY, and the rows of its path, shape (P, 3)."""
         record = np.zeros(1, bodies.BODY)[0]
-        record.start, record.stop, record.fastest = self.start, math.inf, self.fastest(np.zeros((0, 5)))
+        record.start, record.stop, record.fastest = self.start, math.inf, self.fastest(np.zeros((0, ROW)))
         return record, self._fill(record)
 
     def _fill(self, record: Any) -> Floats:
         raise NotImplementedError
 
     def fastest(self, capsules: Floats) -> float:
-        """The highest speed of a point of capsules, shape (K, 5) [length/time]."""
+        """The highest speed of a point of capsules [length/time]."""
         raise NotImplementedError
 
     def swept(self, points: Floats) -> tuple[Floats, Floats]:
@@ -193,8 +196,9 @@ class Rotation(Movement):
         return np.zeros((0, 3))
 
     def fastest(self, capsules: Floats) -> float:
-        ends = capsules[:, :4].reshape(-1, 2, 2) - np.asarray(self.centre)
-        return abs(self.rate) * float((np.hypot(*np.moveaxis(ends, 2, 0)) + np.abs(capsules[:, 4:])).max(initial=0.0))
+        ends = capsules[:, ENDS].reshape(-1, 2, 2) - np.asarray(self.centre)
+        far = np.hypot(*np.moveaxis(ends, 2, 0)) + np.abs(capsules[:, RADIUS, None])
+        return abs(self.rate) * float(far.max(initial=0.0))
 
     def swept(self, points: Floats) -> tuple[Floats, Floats]:
         centre = np.asarray(self.centre)

@@ -26,6 +26,7 @@ from mpsim.features.capsules import Deepest
 from mpsim.features.feature import MOST_VALUES, AddedDiscs, Continuation, Feature, Floats, Invalidation, Shapes
 from mpsim.features.motions import MOTIONS, Movement, Rotation
 from mpsim.kernels.features.bodies import BODY
+from mpsim.kernels.geometry import ENDS, OWNER, POLYGON, RADIUS, ROW, SURFACE
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
@@ -71,7 +72,7 @@ class Obstacle:
         return self.surface_velocity
 
     def at_place(self, capsules: Floats) -> dict[str, Any]:
-        """The arguments that would put it where its capsules, shape (K, 5), have come to [length]."""
+        """The arguments that would put it where its capsules have come to."""
         raise NotImplementedError
 
     def turned_over_to(self, motion: Movement | None, time: float) -> Obstacle:
@@ -241,41 +242,27 @@ class Removed(Obstacle):
 
 
 def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> NDArray[np.float64]:
-    """All obstacles as capsules, shape (K, 5): ax, ay, bx, by, radius [length]; at a time, None: as they were given."""
-    numbers = chain.from_iterable(chain.from_iterable(obstacle.capsules() for obstacle in obstacles))
-    capsules = np.fromiter(numbers, np.float64).reshape(-1, 5)
-    if time is None or not any(each.motion for each in obstacles):
-        return capsules
-    number = np.array([len(each.capsules()) for each in obstacles])
-    for each, last, length in zip(obstacles, np.cumsum(number), number, strict=True):
-        if each.motion is not None:
-            capsules[last - length : last] = each.motion.capsules_at(capsules[last - length : last], time)
-    return capsules
+    """The capsules of all obstacles, shape (K, ROW); at a time, None: as they were given.
 
-
-def solid_of(obstacles: tuple[Obstacle, ...], time: float = 0.0) -> NDArray[np.float64]:
-    """Obstacles at a time as placement takes them: capsules with the number of the filled polygon of each, or 0."""
-    capsules = capsules_of(obstacles, time)
-    polygon = np.zeros(len(capsules))
-    for number, part in enumerate(filled_parts(obstacles), 1):
-        polygon[part] = number
-    return np.column_stack([capsules, polygon])
-
-
-def filled_parts(obstacles: tuple[Obstacle, ...]) -> list[slice]:
-    """The rows of `capsules_of` of each polygon that is filled."""
-    last = np.cumsum([len(each.capsules()) for each in obstacles]).tolist()
-    parts = zip([0, *last], last, obstacles, strict=False)
-    return [slice(first, end) for first, end, each in parts if isinstance(each, Polyline) and each.filled]
-
-
-def owner_of(capsule: int, obstacles: tuple[Obstacle, ...]) -> int:
-    """Index of the obstacle that a row of `capsules_of` belongs to.
-
-    >>> owner_of(2, (FixedDisc((1, 1), 1), Polyline([(0, 0), (1, 0), (1, 2)])))
-    1
+    >>> rows = capsules_of((FixedDisc((1, 1), 1), Polyline([(0, 0), (1, 0), (1, 2)], surface_velocity=3)))
+    >>> rows[:, [SURFACE, OWNER]].tolist()
+    [[0.0, 0.0], [3.0, 1.0], [3.0, 1.0]]
     """
-    return int(np.searchsorted(np.cumsum([len(each.capsules()) for each in obstacles]), capsule, side="right"))
+    capsules = [each.capsules() for each in obstacles]
+    owner = np.repeat(np.arange(len(obstacles)), np.array([len(each) for each in capsules], np.int64))
+    rows = np.zeros((len(owner), ROW))
+    numbers = chain.from_iterable(chain.from_iterable(capsules))
+    rows[:, : RADIUS + 1] = np.fromiter(numbers, np.float64).reshape(-1, RADIUS + 1)
+    rows[:, OWNER] = owner
+    rows[:, SURFACE] = np.array([each.along for each in obstacles])[owner]
+    filled = np.array([isinstance(each, Polyline) and each.filled for each in obstacles])
+    rows[:, POLYGON] = np.where(filled[owner], owner + 1, 0)
+    if time is not None:
+        for number, each in enumerate(obstacles):
+            if each.motion is not None:
+                part = slice(*np.searchsorted(owner, [number, number + 1]))
+                rows[part] = each.motion.capsules_at(rows[part], time)
+    return rows
 
 
 def listed(obstacles: object) -> tuple[Obstacle, ...]:
@@ -297,23 +284,23 @@ def listed(obstacles: object) -> tuple[Obstacle, ...]:
 def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obstacle, ...]:
     """The obstacles as `listed`, all in a box."""
     chosen = listed(obstacles)
-    ends = capsules_of(chosen)[:, :4].reshape(-1, 2)
+    rows = capsules_of(chosen)
+    ends = rows[:, ENDS].reshape(-1, 2)
     outside = (ends < 0).any(axis=1) | (ends[:, 0] > width) | (ends[:, 1] > height)
     if outside.any():
         first = int(outside.argmax())
         raise InputError(
-            f"obstacles[{owner_of(first // 2, chosen)}] must lie in the box, [0, {width:g}] x [0, {height:g}]; got a "
+            f"obstacles[{rows[first // 2, OWNER]:.0f}] must lie in the box, [0, {width:g}] x [0, {height:g}]; got a "
             f"point {tuple(ends[first].tolist())}. Move it, or enlarge the box."
         )
     return chosen
 
 
 class _Made(NamedTuple):
-    """Arrays of `Capsules` and of `Bodies`, by name, and the obstacle of each number in the log of collisions."""
+    """Arrays of `Capsules` and of `Bodies`, by name."""
 
     at_rest: dict[str, NDArray[Any]]
     moving: dict[str, NDArray[Any]]
-    owners: NDArray[np.int64]
 
 
 class Obstacles(Feature):
@@ -374,8 +361,9 @@ class Obstacles(Feature):
         if not number:
             return None
         worst = int(depth.argmax())
-        nearest = capsules.nearest(position[worst], scene.capsules_at(time), size, scene.periodic)
-        return Deepest(number, worst, f"obstacles[{owner_of(nearest, self.of(scene))}]", float(depth[worst]))
+        rows = scene._capsules_at(time)
+        nearest = capsules.nearest(position[worst], rows, size, scene.periodic)
+        return Deepest(number, worst, f"obstacles[{rows[nearest, OWNER]:.0f}]", float(depth[worst]))
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
         at_rest: Shapes = {
@@ -399,15 +387,11 @@ class Obstacles(Feature):
 
         The grid depends neither on the method nor on the number of discs.
         """
-        return self._arrays(scene)[0]
+        return self._arrays(scene).at_rest
 
     def bodies(self, scene: Scene, margin: float = 0.0) -> dict[str, NDArray[Any]]:
         """The arrays of `Bodies`: all obstacles that move; {} without any. margin: of their near lists [length]."""
-        return self._arrays(scene)[1] if margin == 0 else _made(self.of(scene), scene, margin)[1]
-
-    def owners(self, scene: Scene) -> NDArray[np.int64]:
-        """Index of the obstacle to which each number in the kernels' log of collisions belongs."""
-        return self._arrays(scene)[2]
+        return self._arrays(scene).moving if margin == 0 else _made(self.of(scene), scene, margin).moving
 
     def _arrays(self, scene: Scene) -> _Made:
         made_of = (id(self.of(scene)), scene.width, scene.height, scene.periodic, scene.largest_radius)
@@ -419,91 +403,65 @@ class Obstacles(Feature):
         return f"{len(self.of(scene))}"
 
 
-# --- What the kernels need: capsules at rest, bodies that move, and which obstacle each of their numbers belongs to
+# --- What the kernels need: capsules at rest, and bodies that move
 
 
 def _made(obstacles: tuple[Obstacle, ...], scene: Scene, margin: float = 0.0) -> _Made:
-    at_rest = [number for number, each in enumerate(obstacles) if not each.moves]
-    listed, owners = _listed(obstacles, at_rest, scene)
-    groups: dict[Movement, list[int]] = {}
-    for number, each in enumerate(obstacles):
-        if each.motion is not None and each.moves:
-            groups.setdefault(each.motion, []).append(number)
-    if not groups:
-        return _Made(listed, {}, owners)
-    made = [_body(motion, numbers, obstacles, scene, margin) for motion, numbers in groups.items()]
-    return _Made(
-        listed, _joined([each for each, _ in made], len(owners)), np.concatenate([owners, *(own for _, own in made)])
-    )
+    rows = capsules_of(obstacles)
+    motions = list(dict.fromkeys(each.motion for each in obstacles if each.motion is not None and each.moves))
+    which = {motion: number for number, motion in enumerate(motions)}
+    body = np.array([which[each.motion] if each.motion in which and each.moves else -1 for each in obstacles], np.int64)
+    body = body[rows[:, OWNER].astype(np.int64)]
+    made = [_body(motion, rows[body == number], scene, margin) for number, motion in enumerate(motions)]
+    return _Made(_at_rest(rows[body < 0], scene), _joined(made) if made else {})
 
 
-def _rows(obstacles: tuple[Obstacle, ...], numbers: list[int]) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Capsules of some obstacles, the number of the obstacle of each, and the speed of its surface."""
-    chosen = tuple(obstacles[number] for number in numbers)
-    each_has = [len(each.capsules()) for each in chosen]
-    along = np.array([each.along for each in chosen])
-    return capsules_of(chosen), np.repeat(np.array(numbers, np.int64), each_has), np.repeat(along, each_has)
-
-
-def _listed(
-    obstacles: tuple[Obstacle, ...], numbers: list[int], scene: Scene
-) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
-    """Arrays of `Capsules`, {} without any, and the obstacle of each row."""
+def _at_rest(rows: Floats, scene: Scene) -> dict[str, NDArray[Any]]:
+    """Arrays of `Capsules`, {} without any."""
     size = (scene.width, scene.height)
-    rows, owners, along = _rows(obstacles, numbers)
-    images = capsules.with_images(rows, size, scene.periodic, scene.largest_radius)
-    if not len(images.capsule):
-        return {}, np.zeros(0, np.int64)
-    around = images.capsule[:, 4] < 0
-    order = np.argsort(around, kind="stable")
-    images = capsules.Images(images.capsule[order], images.source[order], images.shift[order])
-    solid = images.capsule[: np.count_nonzero(~around)]
+    rows = capsules.with_images(rows, size, scene.periodic, scene.largest_radius).capsule
+    if not len(rows):
+        return {}
+    around = rows[:, RADIUS] < 0
+    rows = rows[np.argsort(around, kind="stable")]
+    solid = rows[: np.count_nonzero(~around)]
     lists = capsules.cell_lists(solid, size, scene.largest_radius)
-    grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
-    halves, segment = capsules.cut_at_ends(solid, lists, size)  # which these lists leave out
-    every, source = np.concatenate([images.capsule, halves]), np.append(images.source, images.source[segment])
-    made: dict[str, NDArray[Any]] = {"capsule": every, "next_end": capsules.next_ends(every), **grid}
-    if along.any():
-        made["along"] = along[source]
+    every = np.concatenate([rows, capsules.cut_at_ends(solid, lists, size)])  # which these lists leave out
+    made: dict[str, NDArray[Any]] = {"capsule": every, "next_end": capsules.next_ends(every)}
+    made |= {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
     if around.any():
         made["around"] = np.arange(len(solid), len(around))
-    return made, owners[source]
+    return made
 
 
-def _body(
-    motion: Movement, numbers: list[int], obstacles: tuple[Obstacle, ...], scene: Scene, margin: float
-) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
-    """Arrays of `Bodies` for obstacles of the same motion, with a grid over all of them, and the owner of each row."""
-    rows, owners, along = _rows(obstacles, numbers)
+def _body(motion: Movement, rows: Floats, scene: Scene, margin: float) -> dict[str, NDArray[Any]]:
+    """Arrays of `Bodies` for capsules of the same motion, with a grid over all of them."""
     (body, knots), reach = motion.body(), scene.largest_radius + margin
     for axis, length in enumerate((scene.width, scene.height)):
         body.nearest[axis] = scene.periodic[axis] and 2 * _half_size(motion, rows, scene.largest_radius)[axis] <= length
         if scene.periodic[axis] and not body.nearest[axis]:
-            step = np.array([*np.tile(length * np.eye(2)[axis], 2), 0.0])
-            rows = np.concatenate([rows, rows - step, rows + step])
-            owners, along = np.tile(owners, 3), np.tile(along, 3)
-    ends, border = rows[:, :4].reshape(-1, 2), 1.001 * (reach + float(np.abs(rows[:, 4]).max()))
+            step = length * np.eye(2)[axis]
+            rows = np.concatenate([rows, capsules.shifted(rows, -step), capsules.shifted(rows, step)])
+    ends, border = rows[:, ENDS].reshape(-1, 2), 1.001 * (reach + float(np.abs(rows[:, RADIUS]).max()))
     low, high = ends.min(axis=0) - border, ends.max(axis=0) + border
     width, height = (high - low).tolist()
-    placed = rows - np.array([*low, *low, 0.0])
+    placed = capsules.shifted(rows, -low)
     lists = capsules.cell_lists(placed, (width, height), reach)
-    halves = capsules.cut_at_ends(placed, lists, (width, height))[0] + np.array([*low, *low, 0.0])
+    halves = capsules.cut_at_ends(placed, lists, (width, height))
     body.low[:], body.middle[:] = low, 0.5 * (low + high)
     body.cells[:], body.per_length[:], body.margin = lists.grid, lists.per_length, margin
-    every = np.concatenate([rows, halves])
+    every = np.concatenate([rows, capsules.shifted(halves, low)])
     arrays = {"capsule": every, "next_end": capsules.next_ends(every), "near": lists.near, "index": lists.listed}
-    extra = len(halves)
-    arrays |= {"body": np.array([body], BODY), "knots": knots, "along": np.append(along, np.zeros(extra))}
-    return arrays, np.append(owners, np.zeros(extra, np.int64))  # halves are not listed, so meet nobody
+    return arrays | {"body": np.array([body], BODY), "knots": knots}
 
 
-def _joined(parts: list[dict[str, NDArray[Any]]], logged: int) -> dict[str, NDArray[Any]]:
-    """Arrays of several bodies as one; logged: numbers in the log that others have."""
+def _joined(parts: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Arrays of several bodies as one."""
     first = {"near": 0, "index": 0, "capsule": 0, "knots": 0}
     for number, part in enumerate(parts):
-        part["owner"] = np.full(len(part["capsule"]), number)
+        part["body_of"] = np.full(len(part["capsule"]), number)
         body = part["body"][0]
-        body.first, body.logged = first["near"], logged
+        body.first = first["near"]
         body.knots[:] += first["knots"]
         part["near"] = part["near"] + np.int32(first["index"])
         part["index"] = part["index"] + np.int32(first["capsule"])
@@ -515,8 +473,8 @@ def _joined(parts: list[dict[str, NDArray[Any]]], logged: int) -> dict[str, NDAr
 
 def _half_size(motion: Movement, rows: Floats, reach: float) -> Floats:
     """Half of the width and height of what discs of a radius can touch, however it has turned, shape (2,) [length]."""
-    ends = rows[:, :4].reshape(-1, 2)
-    half = 0.5 * (ends.max(axis=0) - ends.min(axis=0)) + float(rows[:, 4].max()) + reach
+    ends = rows[:, ENDS].reshape(-1, 2)
+    half = 0.5 * (ends.max(axis=0) - ends.min(axis=0)) + float(rows[:, RADIUS].max()) + reach
     return np.full(2, math.hypot(*half)) if isinstance(motion, Rotation) else half
 
 
@@ -524,9 +482,8 @@ def _check_motion(name: str, obstacle: Obstacle, scene: Scene) -> None:
     """Refuse a motion that leaves the box, or of something so long that it would meet its own image."""
     motion: Any = obstacle.motion
     rows, size = capsules_of((obstacle,)), (scene.width, scene.height)
-    ends = rows[:, :4].reshape(-1, 2)
-    low, high = motion.swept(ends)
-    beyond = np.maximum(-rows[0, 4], 0.0) * np.array(scene.periodic)  # a container has no images
+    low, high = motion.swept(rows[:, ENDS].reshape(-1, 2))
+    beyond = np.maximum(-rows[0, RADIUS], 0.0) * np.array(scene.periodic)  # a container has no images
     low, high = low - beyond, high + beyond
     side = 2 * _half_size(motion, rows, scene.largest_radius)
     for axis, length in enumerate(size):

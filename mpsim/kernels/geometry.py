@@ -1,9 +1,23 @@
-"""Walls that move, nearest images at periodic borders, and bounces along parabolas."""
+"""Rows of capsules, walls that move, nearest images at periodic borders, and bounces along parabolas."""
 
 import numpy as np
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.records import real
+
+# --- A capsule, of which all obstacles are made: a segment with a radius
+#
+# One row of numbers, which the kernels of both solvers, random places, overlaps and pictures read alike. Whatever else
+# an obstacle tells them of itself is one more number here, written by `features.obstacles.capsules_of`.
+
+AX, AY, BX, BY = range(4)  # both ends, which are one place for a disc [length]
+RADIUS = 4  # around the segment; below 0 of a container: a circle that is solid outside [length]
+SURFACE = 5  # speed at which its surface runs along itself, as in `surface_speed` [length/time]
+POLYGON = 6  # number of the polygon of which it is a side: > 0 if that is solid inside, < 0 outside; 0 of none
+OWNER = 7  # number of its obstacle in the scene
+ROW = 8  # numbers in a row
+
+ENDS = slice(AX, RADIUS)
 
 # --- Place and velocity of a wall that moves, as functions of the time since it began: for both solvers and for
 #     Python

@@ -5,7 +5,7 @@ from collections import namedtuple
 from typing import Any, NamedTuple
 
 from mpsim.kernels.compiling import compiled, inlined, linked
-from mpsim.kernels.geometry import nearest_image
+from mpsim.kernels.geometry import AX, AY, BX, BY, POLYGON, RADIUS, nearest_image
 
 # --- Points in the order of cells, so that neighbours in the box are neighbours in memory
 #
@@ -258,12 +258,11 @@ def sweep(x, y, grid, moves, low, x_high, y_high, diameter, cells_per_length):
 
 # x, y, radius: shape (N,) [length]. level: of each disc, (N,). head: first disc of every cell of every level, all EMPTY
 # at first; following: next disc in the same cell, (N,). columns, rows, first (index in head), largest (radius): one per
-# level. width, height [length] and periodic_x, periodic_y: the box. capsule: (K, 8): ax, ay, bx, by, radius, the shift
-# of the image, (0, 0) of the capsule itself, and the number of the polygon of which it is a side: > 0 if that is solid
-# inside, < 0 outside, 0 of none. The sides of a polygon follow one another.
+# level. width, height [length] and periodic_x, periodic_y: the box. capsule: (K, ROW), the sides of a polygon one after
+# another; shift: how far each is displaced, as an image is, (K, 2) [length].
 Crowd = namedtuple(
     "Crowd",
-    "x y radius level head following columns rows first largest width height periodic_x periodic_y capsule",
+    "x y radius level head following columns rows first largest width height periodic_x periodic_y capsule shift",
 )
 
 
@@ -359,28 +358,28 @@ def off_capsules(crowd, px, py, radius):
     x, y, worst = px, py, 0.0
     inside, nearest, toward_x, toward_y = False, math.inf, 0.0, 0.0
     for k in range(crowd.capsule.shape[0]):
-        ax, ay = crowd.capsule[k, 0], crowd.capsule[k, 1]
-        bx, by = crowd.capsule[k, 2] - ax, crowd.capsule[k, 3] - ay
-        rx, ry = px - ax - crowd.capsule[k, 5], py - ay - crowd.capsule[k, 6]
+        ax, ay = crowd.capsule[k, AX], crowd.capsule[k, AY]
+        bx, by = crowd.capsule[k, BX] - ax, crowd.capsule[k, BY] - ay
+        rx, ry = px - ax - crowd.shift[k, 0], py - ay - crowd.shift[k, 1]
         square = bx * bx + by * by
         fraction = min(max((rx * bx + ry * by) / square, 0.0), 1.0) if square > 0.0 else 0.0
         gx, gy = rx - fraction * bx, ry - fraction * by
         distance = math.sqrt(gx * gx + gy * gy)
-        if crowd.capsule[k, 4] < 0.0:  # a container
+        if crowd.capsule[k, RADIUS] < 0.0:  # a container
             distance = -distance
-        depth = radius + crowd.capsule[k, 4] - distance
+        depth = radius + crowd.capsule[k, RADIUS] - distance
         if depth > worst:
             worst = depth
             away = depth / distance if distance != 0.0 else 0.0
             x, y = px + gx * away, py + gy * away + (depth if distance == 0.0 else 0.0)
-        polygon = crowd.capsule[k, 7]
+        polygon = crowd.capsule[k, POLYGON]
         if polygon != 0.0:
             if (ry < 0.0) != (ry < by) and rx < ry * bx / by:
                 inside = not inside
             if 0.0 < distance < nearest:
                 nearest, toward_x, toward_y = distance, -gx / distance, -gy / distance
-            if k + 1 == crowd.capsule.shape[0] or crowd.capsule[k + 1, 7] != polygon:
-                depth = nearest + radius + crowd.capsule[k, 4]
+            if k + 1 == crowd.capsule.shape[0] or crowd.capsule[k + 1, POLYGON] != polygon:
+                depth = nearest + radius + crowd.capsule[k, RADIUS]
                 if inside == (polygon > 0.0) and worst < depth < math.inf:
                     x, y, worst = px + depth * toward_x, py + depth * toward_y, depth
                 inside, nearest = False, math.inf

@@ -134,7 +134,7 @@ class Picture:
 
     def show(self, moment: Shot) -> None:
         """Show a moment of the simulation."""
-        capsules = self._scene.capsules_at(moment.time)
+        capsules = self._scene._capsules_at(moment.time)
         self._moving.show(moment.position, moment.radius, moment.values, moment.walls, capsules)
         number = int(np.count_nonzero(moment.present))
         self._title.set_text(f"time {moment.time:.2f}, {number} disc{'s' * (number != 1)}")

@@ -29,8 +29,9 @@ from mpsim.core import checks, files
 from mpsim.core.state import Box, State
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
+from mpsim.features.capsules import polygons
 from mpsim.features.edges import boundary_of
-from mpsim.features.obstacles import filled_parts
+from mpsim.kernels.geometry import RADIUS
 from mpsim.measure.moments import placed
 from mpsim.output.frames import Frame
 from mpsim.scene.scene import Scene
@@ -219,7 +220,7 @@ def draw_discs(
     """
     if not axes.collections:
         _draw_box(axes, scene, corner)
-        draw_obstacles(axes, scene, scene.capsules_at(time), theme)
+        draw_obstacles(axes, scene, scene._capsules_at(time), theme)
     radii = np.asarray(scene.radii if radii is None else radii)
     return ellipses(axes, with_images(position, scene) + corner, radii, colours, theme)
 
@@ -250,13 +251,13 @@ def _draw_box(axes: Axes, scene: Scene, corner: tuple[float, float]) -> None:
 
 
 def draw_obstacles(axes: Axes, scene: Scene, capsules: NDArray[np.float64], theme: Theme) -> PatchCollection | None:
-    """Obstacles, from `Scene.capsules_at`, with their periodic images, below all discs; None: there are none."""
+    """Obstacles, from `Scene._capsules_at`, with their periodic images, below all discs; None: there are none."""
     shifts = [
         (0.0, -length, length) if wraps else (0.0,)
         for length, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
     ]
     shapes: list[Any] = []
-    for (ax, ay, bx, by, radius), (x, y) in product(capsules.tolist(), product(*shifts)):
+    for (ax, ay, bx, by, radius), (x, y) in product(capsules[:, : RADIUS + 1].tolist(), product(*shifts)):
         a, b = np.array([ax + x, ay + y]), np.array([bx + x, by + y])
         if radius < 0:  # a container, solid from its circle to beyond the box
             far = scene.width + scene.height
@@ -267,7 +268,7 @@ def draw_obstacles(axes: Axes, scene: Scene, capsules: NDArray[np.float64], them
         if length:
             across = radius / length * np.array([ay - by, bx - ax])
             shapes.append(Polygon([a - across, b - across, b + across, a + across]))
-    shapes += [Polygon(capsules[part, :2]) for part in filled_parts(scene.obstacles) if len(shapes)]
+    shapes += [Polygon(capsules[part, :2]) for part in polygons(capsules)]
     if not shapes:
         return None
     # The line is what remains of a wall without thickness.
@@ -327,7 +328,7 @@ class MovingDiscs:
         theme: Theme = LIGHT,
     ):
         self._axes, self._scene, self._scale, self._theme = axes, scene, scale, theme
-        self._capsules = scene.capsules_at(0.0)
+        self._capsules = scene._capsules_at(0.0)
         _draw_box(axes, scene, (0.0, 0.0))
         self._obstacles = draw_obstacles(axes, scene, self._capsules, theme)
         self.discs: EllipseCollection = self._draw(position, radii)
@@ -351,7 +352,7 @@ class MovingDiscs:
         walls: Box,
         capsules: NDArray[np.float64],
     ) -> None:
-        """Show a moment: discs, NaN where absent, numbers to colour them by, walls, and `Scene.capsules_at`."""
+        """Show a moment: discs, NaN where absent, numbers to colour them by, walls, and `Scene._capsules_at`."""
         if capsules is not self._capsules:
             self._capsules = capsules
             if self._obstacles is not None:

@@ -206,7 +206,7 @@ def demand_equal_discs(radius: Any, others: dict[str, Any]) -> None:
 
 def demand_whole_box(scene: Any) -> None:
     """Refuse anything inside the box of a scene with discs on a lattice: capsules, or a wall that starts inside."""
-    if len(scene.capsules_at(0.0)):
+    if len(scene._capsules_at(0.0)):
         raise InputError(
             "obstacles must be left out for discs on a lattice, which fills the box; got one or more. Use "
             "Scene.random, whose discs keep clear of them."

@@ -14,6 +14,7 @@ from mpsim.core.state import State, moved_into
 from mpsim.errors import InputError
 from mpsim.features.capsules import distance, with_images
 from mpsim.kernels import placement
+from mpsim.kernels.geometry import POLYGON, RADIUS, ROW
 from mpsim.kernels.placement import EMPTY, sweep
 
 if TYPE_CHECKING:
@@ -160,10 +161,10 @@ def _by_size(
     side = np.maximum(2 * largest, np.sqrt(size[0] * size[1] / np.maximum(counts, 1)))
     # In a thin box, too, no level has more cells than about one per disc.
     columns, rows = (np.clip(length / side, 1, np.maximum(counts, 1)).astype(np.int64) for length in size)
-    cells, solid = columns * rows, np.zeros((0, 5)) if capsules is None else np.asarray(capsules, np.float64)
-    solid = np.pad(solid, [(0, 0), (0, 6 - solid.shape[1])])
+    cells, solid = columns * rows, np.zeros((0, ROW)) if capsules is None else capsules
     images = with_images(solid, size, periodic, REACH * float(largest.max(initial=0.0)))
-    polygon = np.where(images.shift.any(axis=1), 0, solid[images.source, 5])
+    seen = solid[images.source]
+    seen[images.shift.any(axis=1), POLYGON] = 0  # what is in the box is in no image
     return placement.Crowd(
         x,
         y,
@@ -179,7 +180,8 @@ def _by_size(
         float(size[1]),
         bool(periodic[0]),
         bool(periodic[1]),
-        np.column_stack([solid[images.source, :5], images.shift, polygon]),
+        seen,
+        images.shift,
     )
 
 
@@ -195,8 +197,7 @@ def random_polydisperse(
 
     Up to SPARSE_PACKING, discs are placed by random sequential addition, the largest first. Denser arrangements start
     from a jittered lattice; overlaps are removed pair by pair, and Monte Carlo steps follow. The same seed gives the
-    same positions. radius: of each disc, shape (N,) [length]. capsules: obstacles, shape (K, 5) or (K, 6): ax, ay, bx,
-    by, radius [length], and their polygon, as `solid_of`.
+    same positions. radius: of each disc, shape (N,) [length]. capsules: obstacles, shape (K, ROW).
     """
     count = len(radius)
     if count == 0:
@@ -218,7 +219,7 @@ def random_polydisperse(
 
 def area_of(width: float, height: float, capsules: NDArray[np.float64]) -> float:
     """Area of a rectangle, or of the smallest container if that is less [length^2]."""
-    return min([width * height, *(math.pi * radius**2 for radius in capsules[:, 4] if radius < 0)])
+    return min([width * height, *(math.pi * radius**2 for radius in capsules[:, RADIUS] if radius < 0)])
 
 
 def displaced(
@@ -231,8 +232,8 @@ def displaced(
 ) -> NDArray[np.float64]:
     """Centres after moving each disc along x, then along y, shape (N, 2).
 
-    A move that leads to an overlap or out of the box is rejected. moves: displacements, shape (N, 2). capsules:
-    obstacles, shape (K, 5) [length].
+    A move that leads to an overlap or out of the box is rejected. moves: displacements, shape (N, 2) [length].
+    capsules: obstacles, shape (K, ROW).
     """
     if not len(position):
         return position

@@ -28,9 +28,10 @@ from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary,
 from mpsim.features.emitters import Emitter, check_emitters
 from mpsim.features.feature import Continuation, Deepest, Feature, given
 from mpsim.features.laws import Restitution, check_friction
-from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles, filled_parts, solid_of
+from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
 from mpsim.features.properties import check_acceleration, check_gravity, check_radius
+from mpsim.kernels.geometry import RADIUS
 from mpsim.scene import starts
 from mpsim.scene.discs import GivenStart, Lattice, Start, demand_equal_discs, demand_sites, demand_whole_box, start_of
 from mpsim.scene.placement import placed
@@ -307,13 +308,7 @@ class Scene(ReadOnly):
 
         time: at which they are there, as obstacles may move [time].
         """
-        if self._capsules is None or self._capsules[0] != time:
-            moving = any(each.motion is not None for each in self.obstacles)
-            if self._capsules is None or moving:
-                capsules = capsules_of(self.obstacles, time)
-                capsules.flags.writeable = False
-                self._capsules, self._capsule_index = (time, capsules), None
-        return self._capsules[1]
+        return self._capsules_at(time)[:, : RADIUS + 1]
 
     # --- files, and other starts
 
@@ -516,7 +511,7 @@ class Scene(ReadOnly):
         width, height = starts.box_for(count, radius, packing, width, height, edges)
         solid = check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
-        taken, region = starts.Taken(solid_of(solid)), None
+        taken, region = starts.Taken(capsules_of(solid, 0.0)), None
         if inside is not None:
             region = starts.check_region("inside", inside)
         position = starts.random_places(radius, count, (width, height), region, taken, rng, wraps_of(edges))
@@ -742,12 +737,21 @@ class Scene(ReadOnly):
                 "Move the disc or enlarge the box."
             )
 
+    def _capsules_at(self, time: float) -> NDArray[np.float64]:
+        """Obstacles as rows of `kernels.geometry`, read-only: the same array until they have moved."""
+        if self._capsules is None or self._capsules[0] != time:
+            moving = any(each.motion is not None for each in self.obstacles)
+            if self._capsules is None or moving:
+                capsules = capsules_of(self.obstacles, time)
+                capsules.flags.writeable = False
+                self._capsules, self._capsule_index = (time, capsules), None
+        return self._capsules[1]
+
     def _capsule_index_at(self, time: float) -> CapsuleIndex:
         """The obstacles at a time, indexed for repeated queries of overlap."""
-        capsules = self.capsules_at(time)
+        capsules = self._capsules_at(time)
         if self._capsule_index is None:
-            filled = filled_parts(self.obstacles)
-            self._capsule_index = CapsuleIndex(capsules, (self.width, self.height), self.periodic, filled)
+            self._capsule_index = CapsuleIndex(capsules, (self.width, self.height), self.periodic)
         return self._capsule_index
 
     def _deepest(self, position: NDArray[np.float64], radius: NDArray[np.float64], time: float = 0.0) -> Deepest | None:

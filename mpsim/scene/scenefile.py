@@ -30,7 +30,7 @@ from mpsim.errors import InputError, OutputError, SceneFileError, reason_of
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.edges import WALLED, check_boundary, wraps_of
 from mpsim.features.feature import MOST_VALUES, Feature, chosen
-from mpsim.features.obstacles import Obstacle, listed, solid_of
+from mpsim.features.obstacles import Obstacle, capsules_of, listed
 from mpsim.scene import starts
 from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene
 from mpsim.scene.settings import Settings
@@ -558,7 +558,7 @@ class _Reader:
         boundary = self._tried("boundary", check_boundary, self.arguments.get("boundary", WALLED))
         periodic = wraps_of(boundary or WALLED)
         sides = None if boundary is None else self._sides(boundary)
-        taken = Taken(capsules=solid_of(tuple(self.arguments.get("obstacles", ()))))
+        taken = Taken(capsules=capsules_of(tuple(self.arguments.get("obstacles", ())), 0.0))
         groups: list[dict[str, Any]] = []
         for index, group in enumerate(self.groups):
             path, count = f"discs[{index}]", taken.count + group.get("count", 0)

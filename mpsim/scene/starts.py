@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features.capsules import distance, is_within, with_images
+from mpsim.features.capsules import distance, is_within, of_discs, shifted, with_images
 from mpsim.features.edges import kinds_of
 from mpsim.features.obstacles import Circle, Obstacle, Polyline, capsules_of
+from mpsim.kernels.geometry import ENDS, POLYGON, RADIUS, ROW
 from mpsim.scene import placement
 
 # --- Messages about overlaps at the start of a scene
@@ -67,47 +68,47 @@ class Taken:
     """Discs and capsules that are already in the box.
 
     Attributes:
-        capsules: those in the box, and discs as capsules of length 0, shape (K, 6): of `solid_of`. The number of a
-            polygon that is solid outside is below 0.
+        capsules: those in the box, and discs as capsules of length 0, shape (K, ROW).
         count: number of discs among them.
     """
 
-    capsules: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
+    capsules: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, ROW)))
     count: int = 0
     _new: list[NDArray[np.float64]] = field(default_factory=lambda: [])
 
     def add(self, position: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
         """Add more discs."""
-        self._new.append(np.column_stack([position, position, radius, np.zeros(len(position))]))
+        self._new.append(of_discs(position, radius))
         self.count += len(position)
 
     def near(
         self, room: Region, size: tuple[float, float], periodic: tuple[bool, bool], reach: float
     ) -> NDArray[np.float64]:
-        """Those of `capsules`, and of their images, that reach into a region, shape (K, 6); polygons as a whole."""
+        """Those of `capsules`, and of their images, that reach into a region, shape (K, ROW); polygons as a whole."""
         self.capsules = np.concatenate([self.capsules, *self._new])
         self._new = []
         every, _, shift = with_images(self.capsules, size, periodic, reach)
-        every[shift.any(axis=1), 5] = 0  # what is in the box is in no image
-        (ax, ay, bx, by, radius, polygon), (x_low, y_low, x_high, y_high) = every.T, room
+        every[shift.any(axis=1), POLYGON] = 0  # what is in the box is in no image
+        (ax, ay, bx, by), radius, (x_low, y_low, x_high, y_high) = every[:, ENDS].T, every[:, RADIUS], room
         apart_x = (np.maximum(ax, bx) + radius < x_low) | (np.minimum(ax, bx) - radius > x_high)
         apart_y = (np.maximum(ay, by) + radius < y_low) | (np.minimum(ay, by) - radius > y_high)
-        return every[~(apart_x | apart_y) | (radius < 0) | (polygon != 0)]
+        return every[~(apart_x | apart_y) | (radius < 0) | (every[:, POLYGON] != 0)]
 
     def inside(self, shape: Obstacle) -> Taken:
         """The same within a circle or a polygon."""
-        around = np.column_stack([capsules_of((shape,)), np.full(len(shape.capsules()), -1.0)])
+        around = capsules_of((shape,))
+        around[:, POLYGON] = -1
         if isinstance(shape, Circle):
-            around[:, 4:] = -shape.radius, 0
+            around[:, [RADIUS, POLYGON]] = -shape.radius, 0
         return Taken(np.concatenate([self.capsules, *self._new, around]))
 
     def region(self, box: tuple[float, float], radius: float) -> Region | None:
         """The rectangle in which containers leave room for discs of a radius; None without any."""
-        circles, polygon = (self.capsules[where] for where in (self.capsules[:, 4] < 0, self.capsules[:, 5] < 0))
+        circles, polygon = (self.capsules[self.capsules[:, column] < 0] for column in (RADIUS, POLYGON))
         if not len(circles) + len(polygon):
             return None
-        low = [*(circles[:, :2] + circles[:, 4:5]), np.zeros(2)]
-        high = [*(circles[:, :2] - circles[:, 4:5]), np.array(box)]
+        low = [*(circles[:, :2] + circles[:, RADIUS, None]), np.zeros(2)]
+        high = [*(circles[:, :2] - circles[:, RADIUS, None]), np.array(box)]
         if len(polygon):
             low.append(polygon[:, :2].min(axis=0))
             high.append(polygon[:, :2].max(axis=0))
@@ -297,7 +298,7 @@ def random_places(
         )
     if isinstance(radius, float) and not len(near) and not any(wraps):
         return placement.random_places(count, width, height, radius, rng) + corner
-    near[:, :4] -= np.tile(corner, 2)
+    near = shifted(near, -corner)
     return placement.random_polydisperse(radii.astype(np.float64), width, height, rng, wraps, near) + corner
 
 

@@ -123,7 +123,7 @@ def varied(scene: Scene, seed: int) -> Scene:
     low, high = scene.limits(scene.radii)  # a moving wall may start inside of the box
     moves *= (scene.position + moves >= low) & (scene.position + moves <= high) | scene.periodic
     position = placement.displaced(
-        scene.position, scene.radii, (scene.width, scene.height), scene.periodic, scene.capsules_at(0.0), moves
+        scene.position, scene.radii, (scene.width, scene.height), scene.periodic, scene._capsules_at(0.0), moves
     )
     velocity = scene.velocity * (1 + VARIATION * rng.normal(size=scene.velocity.shape))
     masses = 1.0 if scene.mass is None else scene.mass[:, None]

@@ -26,6 +26,7 @@ from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import ClosedError, InputError, MpsimError
+from mpsim.features.capsules import of_discs
 from mpsim.features.obstacles import Polyline, capsules_of
 from mpsim.measure.observables import trajectory_error
 from mpsim.measure.registry import refusal
@@ -206,7 +207,7 @@ class SecondStage:
             elif what == ADD:
                 places = values["position"]
                 radii = np.broadcast_to(values.get("radius", self.sim.scene.largest_radius), len(places))
-                make_room(self.sim, np.column_stack([places, places, radii]))
+                make_room(self.sim, of_discs(places, radii))
             getattr(self.sim, what)(**values)
         except ClosedError:
             raise

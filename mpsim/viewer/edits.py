@@ -23,6 +23,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, InputError
+from mpsim.features.capsules import of_discs
 from mpsim.features.obstacles import Polyline, capsules_of
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.kernels import records
@@ -341,7 +342,7 @@ class Interactions:
         with self._gesture(("add", None), same):
             self._demand_more()
             own = _own_of_new(sim)
-            with self._room(sim, np.array([[x, y, x, y, own.get("radius", sim.scene.largest_radius)]])):
+            with self._room(sim, of_discs([(x, y)], own.get("radius", sim.scene.largest_radius))):
                 sim.add((x, y), (0.0, 0.0), **own)
             self._added += 1
 

@@ -20,7 +20,8 @@ from mpsim.core import checks
 from mpsim.core.state import Box
 from mpsim.engine.solvers.base import InPlace
 from mpsim.errors import InputError
-from mpsim.features.obstacles import filled_parts
+from mpsim.features.capsules import polygons
+from mpsim.kernels.geometry import OWNER, RADIUS
 from mpsim.kernels.output import paint_places
 from mpsim.output.drawing import PAGE
 from mpsim.scene.scene import Scene
@@ -273,13 +274,13 @@ class Broadcast:
 
     def _told_capsules(self) -> NDArray[np.float64]:
         """The obstacles at the time of the last picture, sent if they differ from those sent before."""
-        capsules = self.scene.capsules_at(self._time)
+        capsules = self.scene._capsules_at(self._time)
         if capsules is not self._capsules:
             self._capsules = capsules
-            obstacles = self.scene.obstacles
-            numbers = np.repeat(np.arange(len(obstacles)), [len(each.capsules()) for each in obstacles])
-            filled = [[part.start, part.stop] for part in filled_parts(obstacles)]
-            self.tell_if_new("obstacles", {"capsules": capsules, "numbers": numbers, "filled": filled})
+            numbers = capsules[:, OWNER].astype(np.int64)
+            filled = [[part.start, part.stop] for part in polygons(capsules)]
+            shapes = capsules[:, : RADIUS + 1].copy()
+            self.tell_if_new("obstacles", {"capsules": shapes, "numbers": numbers, "filled": filled})
         return capsules
 
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:

@@ -6,6 +6,8 @@ from support.scenes import gas
 
 import mpsim
 from mpsim.engine.room import make_room
+from mpsim.features.capsules import of_discs
+from mpsim.features.obstacles import capsules_of
 
 CROWDED = {
     "gas": lambda: gas(48, 0.4),
@@ -35,7 +37,8 @@ def test_there_is_room_for_a_disc_and_for_a_wall_in_20_of_20_places(words, metho
         start, before, least = sim.snapshot(), sim.state.position, max(overlap(sim), 1e-12)
         for _ in range(20):
             x, y = radius + rng.random(2) * (size - 2 * radius)
-            assert make_room(sim, np.array([[x, y, x, y, radius]])) == ("set" in [each.what for each in sim.journal])
+            pushed = make_room(sim, of_discs(np.array([[x, y]]), np.array([radius])))
+            assert pushed == ("set" in [each.what for each in sim.journal])
             moved = sim.state.position - before
             moved -= np.round(moved / size) * size * np.array(scene.periodic)
             far = np.hypot(*moved.T) / radius
@@ -46,7 +49,7 @@ def test_there_is_room_for_a_disc_and_for_a_wall_in_20_of_20_places(words, metho
             sim.restore(start)
         for _ in range(20):
             ends = rng.random((2, 2)) * size
-            make_room(sim, np.array([[*ends.ravel(), radius / 4]]))
+            make_room(sim, capsules_of((mpsim.Polyline(ends, radius / 2),)))
             sim.add_wall(ends, radius / 2)
             assert overlap(sim) <= least
             sim.restore(start)

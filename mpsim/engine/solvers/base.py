@@ -18,7 +18,6 @@ from mpsim.core.state import Box, State, digest_of, in_chunks
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock, resident_bytes
 from mpsim.errors import InputError
-from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels.features import collisions as log
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
@@ -177,8 +176,6 @@ def table_of(rows: NDArray[Any], frame: Any, time: Any, scene: Scene) -> NDArray
     table["frame"], table["time"] = frame, time
     for name in ("kind", "i", "j", "impulse", "tangential_impulse", "place"):
         table[name] = rows[name]
-    if (met := table["kind"] == log.OBSTACLE).any():
-        table["j"][met] = OBSTACLES.owners(scene)[table["j"][met]]
     swapped = (table["kind"] == log.DISC) & (table["i"] > table["j"])
     table["i"][swapped], table["j"][swapped] = table["j"][swapped], table["i"][swapped]
     for name in ("impulse", "tangential_impulse"):

@@ -269,8 +269,7 @@ def _capsules(scene: Scene, cells: tuple[int, int]) -> CellCapsules:
     """The scene's capsules, listed by cells."""
     arrays = OBSTACLES.arrays(scene)
     lists, shift = lists_of_cells(arrays["capsule"], (scene.width, scene.height), scene.largest_radius, cells)
-    optional = arrays.get("along"), arrays.get("around")
-    return CellCapsules(arrays["capsule"], lists.near, lists.listed, int(lists.grid[1]), shift, *optional)
+    return CellCapsules(arrays["capsule"], lists.near, lists.listed, int(lists.grid[1]), shift, arrays.get("around"))
 
 
 # --- Snapshots of the exact solver: their content, and checks of it
@@ -315,7 +314,7 @@ def _saved_columns(scene: Scene) -> dict[str, str]:
 
 def cells_for(scene: Scene, count: int) -> tuple[int, int]:
     """Columns and rows of cells for so many discs, and for obstacles as for discs: short lists of both."""
-    return plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count + len(scene.capsules_at(0.0)))
+    return plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count + len(scene._capsules_at(0.0)))
 
 
 # --- a snapshot

@@ -23,6 +23,7 @@ from mpsim.kernels.features.capsules import (
 from mpsim.kernels.features.contact_hooks import on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
+from mpsim.kernels.geometry import OWNER, RADIUS
 from mpsim.kernels.records import IMPACT, record_of
 
 # --- Motions: displacement, angle and velocities at a time
@@ -47,7 +48,6 @@ BODY = record_of(
         ("margin", np.float64),  # gap up to which the near lists name all capsules; 0 for stepped solvers [length]
         ("fastest", np.float64),  # largest speed of its points, without that of a rotation [length/time]
         ("bend", np.float64),  # and acceleration [length/time^2]
-        ("logged", np.int64),  # what is added to the number of a capsule in the log of collisions
         ("origin", np.float64),  # time from which steps are counted [time]
         ("dt", np.float64),  # of a frame [time]
         # At the end of the current step:
@@ -189,9 +189,8 @@ class Bodies(NamedTuple):
     """All bodies of a scene.
 
     body: of BODY, shape (M,). knots: of all paths, shape (P, 3): time since the start [time], displacement [length].
-    capsule, next_end, near, index, along: as of `Capsules`, of all bodies; `near` by the cells of one body after the
-        other; along is never None.
-    owner: number of the body of each capsule, shape (K,).
+    capsule, next_end, near, index: as of `Capsules`, of all bodies; `near` by the cells of one body after the other.
+    body_of: number of the body of each capsule, shape (K,).
     """
 
     body: Any
@@ -200,8 +199,7 @@ class Bodies(NamedTuple):
     next_end: Any
     near: Any
     index: Any
-    along: Any
-    owner: Any
+    body_of: Any
 
 
 FIELDS = {"bodies": Bodies}
@@ -231,14 +229,14 @@ def touch_at(body, bodies, k, radius, x, y, time, pose):
     nx, ny = normal_of(rx, ry, distance, bodies.capsule, k)
     if end >= 0:
         nx, ny = normal_at_corner(nx, ny, end, bodies)
-    thick = bodies.capsule[k, 4]
+    thick = bodies.capsule[k, RADIUS]
     if thick < 0.0:
         nx, ny = -nx, -ny
     across = rx * nx + ry * ny
     at_x, at_y = out_of_frame(body, pose, frame_x - (across - thick) * nx, frame_y - (across - thick) * ny)
     wx, wy = velocity_at(body, bodies.knots, time, at_x, at_y)
     normal_x, normal_y = turned(pose, nx, ny)
-    along = surface_speed(bodies.along, bodies.capsule, k, nx, ny)
+    along = surface_speed(bodies.capsule, k, nx, ny)
     return Touch(across - radius - thick, normal_x, normal_y, wx, wy, along)
 
 
@@ -273,7 +271,7 @@ def resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features,
     x, y = np.float64(discs.x[i]) - shift_x, np.float64(discs.y[i]) - shift_y
     frame_x, frame_y = into_frame(body, pose, x, y)
     rx, ry, end = nearest_offset(frame_x, frame_y, bodies.capsule, k)
-    reach = radius + bodies.capsule[k, 4]
+    reach = radius + bodies.capsule[k, RADIUS]
     apart = rx * rx + ry * ry < reach * reach if reach < 0.0 else not rx * rx + ry * ry < reach * reach
     if apart:
         return False
@@ -295,7 +293,8 @@ def resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features,
         discs.x[i] += change * touch.nx * since
         discs.y[i] += change * touch.ny * since
     surface = touch.wy * touch.nx - touch.wx * touch.ny + touch.along
-    on_capsule(discs, i, k + body.logged, touch.nx, touch.ny, change, since, surface, features, parameters)
+    owner = int(bodies.capsule[k, OWNER])
+    on_capsule(discs, i, owner, touch.nx, touch.ny, change, since, surface, features, parameters)
     leave(discs, i, body, bodies, k, radius, shift_x, shift_y)
     return True
 

@@ -20,20 +20,18 @@ from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.contact_hooks import on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
-from mpsim.kernels.geometry import bounce_back
+from mpsim.kernels.geometry import AX, AY, BX, BY, OWNER, RADIUS, SURFACE, bounce_back
 from mpsim.kernels.records import IMPACT
 
 
 class Capsules(NamedTuple):
     """Capsules, and which of them are near a place.
 
-    capsule: shape (K, 5): ax, ay, bx, by, radius [length]. The last ones, which are in no cell, are halves of segments
-        on which ends of others lie.
+    capsule: shape (K, ROW). The last ones, which are in no cell, are halves of segments on which ends of others lie.
     next_end: for ends 2 k (a) and 2 k + 1 (b), the next end at the same corner, in a circle, shape (2 K,).
     near: for each cell of a grid of its own, column-major, where its section of `index` begins, shape (cells + 1,).
     index: numbers of capsules. grid: columns and rows, shape (2,).
     per_length: columns per length along x and rows per length along y, shape (2,) [1/length].
-    along: speed of the surface of each along itself, shape (K,) [length/time]; None: all are at rest.
     around: numbers of containers, which are in no cell, shape (M,); None: there is none.
     """
 
@@ -43,7 +41,6 @@ class Capsules(NamedTuple):
     index: Any
     grid: Any
     per_length: Any
-    along: Any
     around: Any
 
 
@@ -53,14 +50,14 @@ FIELDS = {"capsules": Capsules}
 @inlined
 def nearest_offset(x, y, capsule, k):
     """From the nearest point of segment k to (x, y): the vector, and which end that point is, or -1 between both."""
-    along_x, along_y = capsule[k, 2] - capsule[k, 0], capsule[k, 3] - capsule[k, 1]
-    rx, ry = x - capsule[k, 0], y - capsule[k, 1]
+    along_x, along_y = capsule[k, BX] - capsule[k, AX], capsule[k, BY] - capsule[k, AY]
+    rx, ry = x - capsule[k, AX], y - capsule[k, AY]
     squared = along_x * along_x + along_y * along_y
     fraction = rx * along_x + ry * along_y
     if fraction <= 0 or squared == 0:
         return rx, ry, 2 * k
     if fraction >= squared:
-        return x - capsule[k, 2], y - capsule[k, 3], 2 * k + 1
+        return x - capsule[k, BX], y - capsule[k, BY], 2 * k + 1
     fraction /= squared
     return rx - fraction * along_x, ry - fraction * along_y, -1
 
@@ -69,7 +66,7 @@ def nearest_offset(x, y, capsule, k):
 def along_from(end, capsule):
     """Vector from an end of a segment to the other one."""
     k = end >> 1
-    along_x, along_y = capsule[k, 2] - capsule[k, 0], capsule[k, 3] - capsule[k, 1]
+    along_x, along_y = capsule[k, BX] - capsule[k, AX], capsule[k, BY] - capsule[k, AY]
     if end & 1:
         return -along_x, -along_y
     return along_x, along_y
@@ -137,16 +134,14 @@ def normal_at_corner(nx, ny, end, capsules):
 
 
 @inlined
-def surface_speed(along, capsule, k, nx, ny):
-    """Speed of the surface of capsule k along (-ny, nx), where its outer normal is n; None if surfaces are at rest.
+def surface_speed(capsule, k, nx, ny):
+    """Speed of the surface of capsule k along (-ny, nx), where its outer normal is n.
 
-    `along` is from a to b on both sides of a segment, counter-clockwise around a disc, and clockwise in a container.
+    SURFACE is from a to b on both sides of a segment, counter-clockwise around a disc, and clockwise in a container.
     """
-    if along is None:
-        return None
-    if (capsule[k, 3] - capsule[k, 1]) * nx < (capsule[k, 2] - capsule[k, 0]) * ny:
-        return -along[k]
-    return along[k]
+    if (capsule[k, BY] - capsule[k, AY]) * nx < (capsule[k, BX] - capsule[k, AX]) * ny:
+        return -capsule[k, SURFACE]
+    return capsule[k, SURFACE]
 
 
 @inlined
@@ -157,7 +152,7 @@ def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters,
     accelerated discs, and lets a disc rest.
     """
     offset_x, offset_y, end = nearest_offset(discs.x[i], discs.y[i], capsules.capsule, k)
-    reach = radius + capsules.capsule[k, 4]
+    reach = radius + capsules.capsule[k, RADIUS]
     if not offset_x * offset_x + offset_y * offset_y < reach * reach:
         return False
     if end >= 0 and is_behind_surface(offset_x, offset_y, end, capsules):
@@ -185,10 +180,10 @@ TOGETHER = 256
 
 
 @inlined
-def is_outside(discs, i, k, capsules, reach):
-    """Whether the centre of the disc in slot i has left what container k leaves for it; reach: as there."""
-    rx, ry = np.float64(discs.x[i] - capsules.capsule[k, 0]), np.float64(discs.y[i] - capsules.capsule[k, 1])
-    return rx * rx + ry * ry > reach * reach
+def from_centre(discs, i, k, capsules):
+    """From the centre of container k to the disc in slot i: the vector, and its square."""
+    rx, ry = np.float64(discs.x[i] - capsules.capsule[k, AX]), np.float64(discs.y[i] - capsules.capsule[k, AY])
+    return rx, ry, rx * rx + ry * ry
 
 
 @linked
@@ -199,7 +194,8 @@ def resolve_containers(discs, low, high, features, parameters, control):
         for begin in range(low, high, TOGETHER):
             end, outside = min(begin + TOGETHER, high), 0
             for i in range(begin, end):
-                outside += is_outside(discs, i, k, capsules, value_or(discs.radius, i, half) + capsules.capsule[k, 4])
+                reach = value_or(discs.radius, i, half) + capsules.capsule[k, RADIUS]
+                outside += from_centre(discs, i, k, capsules)[2] > reach * reach
             if outside == 0:
                 continue
             for i in range(begin, end):
@@ -215,13 +211,12 @@ def resolve_containers(discs, low, high, features, parameters, control):
 @inlined
 def resolve_container(discs, i, k, capsules, radius, ax, ay, features, parameters, impact):
     """Contact of the disc in slot i with container k, as `resolve_capsule`, until it is inside."""
-    reach, dt, met = radius + capsules.capsule[k, 4], parameters.dt, False
+    reach, dt, met = radius + capsules.capsule[k, RADIUS], parameters.dt, False
     for bounce in range(MOST_BOUNCES):
-        if not is_outside(discs, i, k, capsules, reach):
+        rx, ry, squared = from_centre(discs, i, k, capsules)
+        if not squared > reach * reach:
             break
-        rx, ry = np.float64(discs.x[i] - capsules.capsule[k, 0]), np.float64(discs.y[i] - capsules.capsule[k, 1])
         vx, vy = np.float64(discs.vx[i]), np.float64(discs.vy[i])
-        squared = rx * rx + ry * ry
         met, distance = True, -np.sqrt(squared)
         nx, ny, outward = rx / distance, ry / distance, rx * vx + ry * vy
         approaches = impact and outward > 0 and bounce < MOST_BOUNCES - 1
@@ -255,8 +250,8 @@ def leave_surface(discs, i, k, nx, ny, depth, approaches, capsules, ax, ay, feat
     discs.vy[i] += change * ny
     discs.x[i] += displacement * nx
     discs.y[i] += displacement * ny
-    surface = surface_speed(capsules.along, capsules.capsule, k, nx, ny)
-    on_capsule(discs, i, k, nx, ny, change, time, surface, features, parameters)
+    surface = surface_speed(capsules.capsule, k, nx, ny)
+    on_capsule(discs, i, int(capsules.capsule[k, OWNER]), nx, ny, change, time, surface, features, parameters)
 
 
 @linked

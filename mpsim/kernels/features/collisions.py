@@ -25,7 +25,7 @@ _fields: Any = np.dtype(
         ("tangential_impulse", np.float64, (2,)),  # across it, on disc i [mass length/time]
         ("place", np.float64, (2,)),  # where they touch [length]
         ("i", np.int32),  # a disc
-        ("j", np.int32),  # what it met: another disc, an edge of the box, or a capsule
+        ("j", np.int32),  # what it met: another disc, an edge of the box, or an obstacle
         ("kind", np.int64),  # DISC, WALL or OBSTACLE
     ],
     align=True,
@@ -180,8 +180,8 @@ def on_walls(log, discs, i, x, y, sliding, features, parameters, control):
 
 
 @inlined
-def on_capsule(log, discs, i, k, nx, ny, change, sliding, time, features, parameters):
-    """Contact of disc i with capsule k, so long ago, which has changed its velocity by so much along n from there.
+def on_capsule(log, discs, i, owner, nx, ny, change, sliding, time, features, parameters):
+    """Contact of disc i with an obstacle, so long ago, which has changed its velocity by so much along n from there.
 
     sliding: change of its velocity along (ny, -nx).
     """
@@ -194,4 +194,4 @@ def on_capsule(log, discs, i, k, nx, ny, change, sliding, time, features, parame
             y = discs.y[i] - since * (discs.vy[i] - 0.5 * ay * since) - radius * ny
             mass = np.float64(value_or(features.mass, discs.id[i], 1.0))
             impulse, across = mass * change, mass * sliding
-            write(log, OBSTACLE, discs.id[i], k, since, impulse * nx, impulse * ny, across * ny, -across * nx, x, y)
+            write(log, OBSTACLE, discs.id[i], owner, since, impulse * nx, impulse * ny, across * ny, -across * nx, x, y)

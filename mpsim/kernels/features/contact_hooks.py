@@ -38,16 +38,16 @@ def on_walls(discs, i, x, y, in_flight, features, parameters, control):
 
 
 @inlined
-def on_capsule(discs, i, k, nx, ny, normal_change, time, surface, features, parameters):
-    """Contact of a disc with capsule k, along the unit vector n from there to the disc.
+def on_capsule(discs, i, owner, nx, ny, normal_change, time, surface, features, parameters):
+    """Contact of a disc with a capsule, along the unit vector n from there to the disc.
 
-    normal_change: of its velocity along n. time: since the contact [time]. surface: speed of the capsule's
-    surface along (-ny, nx) [length/time]; None if it is at rest.
+    owner: number of the obstacle. normal_change: of its velocity along n. time: since the contact [time]. surface:
+    speed of the capsule's surface along (-ny, nx) [length/time].
     """
     sliding = friction.on_surface(
         features.wall_friction, discs, i, nx, ny, normal_change, time, surface, features, parameters
     )
-    collisions.on_capsule(features.log, discs, i, k, nx, ny, normal_change, sliding, time, features, parameters)
+    collisions.on_capsule(features.log, discs, i, owner, nx, ny, normal_change, sliding, time, features, parameters)
 
 
 @inlined

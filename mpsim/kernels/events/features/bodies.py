@@ -33,6 +33,7 @@ from mpsim.kernels.features.bodies import (
     velocity_at,
 )
 from mpsim.kernels.features.capsules import nearest_offset, normal_of, surface_speed
+from mpsim.kernels.geometry import OWNER, RADIUS
 
 FIELDS = {"bodies": None}
 
@@ -90,7 +91,7 @@ def nearest_point(body, bodies, k, pose, frame_x, frame_y):
     rx, ry, _ = nearest_offset(frame_x, frame_y, bodies.capsule, k)
     distance = math.sqrt(rx * rx + ry * ry)
     nx, ny = normal_of(rx, ry, distance, bodies.capsule, k)
-    if bodies.capsule[k, 4] < 0.0:
+    if bodies.capsule[k, RADIUS] < 0.0:
         distance, nx, ny = -distance, -nx, -ny
     at_x, at_y = out_of_frame(body, pose, frame_x - rx, frame_y - ry)
     return distance, nx, ny, at_x, at_y
@@ -129,7 +130,7 @@ def time_to_body(body, bodies, x, y, vx, vy, gx, gy, radius, began, within, box)
                 distance, nx, ny, at_x, at_y = nearest_point(body, bodies, k, pose, frame_x, frame_y)
                 wx, wy = velocity_at(body, bodies.knots, time, at_x, at_y)
                 normal_x, normal_y = turned(pose, nx, ny)
-                opening, reach = (ux - wx) * normal_x + (uy - wy) * normal_y, radius + bodies.capsule[k, 4]
+                opening, reach = (ux - wx) * normal_x + (uy - wy) * normal_y, radius + bodies.capsule[k, RADIUS]
                 gap = distance - reach
                 if gap <= TOUCH * (reach + abs(px) + abs(py)):
                     if opening < 0.0 or (opening == 0.0 and bend > 0.0):
@@ -162,13 +163,14 @@ def is_one(bodies, side):
 
 
 @inlined
-def number_in_log(bodies, side):
-    """The number in the log of collisions of the capsule, at rest or moving, that `side` of an event is."""
-    if bodies is None:
-        return side - FIRST_CAPSULE
-    if side < FIRST_BODY:
-        return side - FIRST_CAPSULE
-    return side - FIRST_BODY + bodies.body[0].logged
+def owner_of(capsules, bodies, side):
+    """Number of the obstacle, at rest or moving, that `side` of an event is."""
+    if bodies is not None:  # noqa: SIM102
+        if side >= FIRST_BODY:
+            return np.int64(bodies.capsule[side - FIRST_BODY, OWNER])
+    if capsules is not None:
+        return np.int64(capsules.capsule[side - FIRST_CAPSULE, OWNER])
+    return np.int64(-1)
 
 
 @inlined
@@ -209,16 +211,16 @@ def surface(bodies, i, side, now, store, box, features):
     if bodies is None:
         return False, 0.0, 0.0, 0.0, 0.0, 0.0, -1
     k, disc = side - FIRST_BODY, store.disc[i]
-    body = bodies.body[bodies.owner[k]]
+    body = bodies.body[bodies.body_of[k]]
     time = body.origin + store.clock.origin + now
     pose = pose_at(body, bodies.knots, time)
     x, y = seen_by(body, pose, disc.position[0], disc.position[1], box)
     frame_x, frame_y = into_frame(body, pose, x, y)
     distance, nx, ny, at_x, at_y = nearest_point(body, bodies, k, pose, frame_x, frame_y)
     wx, wy = velocity_at(body, bodies.knots, time, at_x, at_y)
-    running = surface_speed(bodies.along, bodies.capsule, k, nx, ny)
+    running = surface_speed(bodies.capsule, k, nx, ny)
     nx, ny = turned(pose, nx, ny)
-    thick = bodies.capsule[k, 4]
+    thick = bodies.capsule[k, RADIUS]
     depth = radius_of(i, box, features) + thick - distance
     # The point of the body that is touched is `thick` away from the middle of the capsule.
     px, py = velocity_at(body, bodies.knots, time, at_x + thick * nx, at_y + thick * ny)

@@ -13,15 +13,15 @@ from mpsim.kernels.events.features.properties import component, radius_of
 from mpsim.kernels.events.flight import INFINITY, approach_of, time_to_circle, time_to_come_down, time_to_impact
 from mpsim.kernels.events.records import FIRST_CAPSULE
 from mpsim.kernels.features.capsules import surface_speed
+from mpsim.kernels.geometry import AX, AY, BX, BY, RADIUS
 
 
 class CellCapsules(NamedTuple):
     """Capsules, and which of them are near each cell.
 
-    capsule: shape (K, 5), including images through a periodic border: ax, ay, bx, by, radius [length].
+    capsule: as of `Capsules`.
     near: where the list of each square of cells begins in `listed`, column by column. listed: rows of `capsule`.
     rows: of squares. shift: squares are 2^shift cells wide.
-    along: speed of the surface of each along itself, shape (K,) [length/time]; None: all are at rest.
     around: numbers of containers; None: there is none.
     """
 
@@ -30,7 +30,6 @@ class CellCapsules(NamedTuple):
     listed: Any
     rows: Any
     shift: Any
-    along: Any
     around: Any
 
 
@@ -81,7 +80,7 @@ def is_container(around, capsule, k):
     """Whether capsule k is a circle around the discs."""
     if around is None:
         return False
-    return capsule[k, 4] < 0.0
+    return capsule[k, RADIUS] < 0.0
 
 
 @inlined
@@ -100,8 +99,8 @@ def time_to_container(rx, ry, vx, vy, contact, within, gravity):
 def time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, gravity):
     """Time until a centre that moves at most `travel` comes within `reach` of segment k; infinity after `within`."""
     ends = capsules.capsule
-    rx, ry = x - ends[k, 0], y - ends[k, 1]
-    along_x, along_y = ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]
+    rx, ry = x - ends[k, AX], y - ends[k, AY]
+    along_x, along_y = ends[k, BX] - ends[k, AX], ends[k, BY] - ends[k, AY]
     length = math.sqrt(along_x * along_x + along_y * along_y)
     far = reach + travel
     best = INFINITY
@@ -117,7 +116,7 @@ def time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, gravity):
         upward = height, vy * ux - vx * uy, gy * ux - gx * uy
         along = rx * ux + ry * uy, vx * ux + vy * uy, gx * ux + gy * uy
         best = time_to_side(upward, along, length, reach, gravity)
-        qx, qy = x - ends[k, 2], y - ends[k, 3]
+        qx, qy = x - ends[k, BX], y - ends[k, BY]
         if qx * qx + qy * qy <= far * far:
             best = min(best, time_to_end(qx, qy, vx, vy, reach, -along_x, -along_y, within, gravity))
     if rx * rx + ry * ry <= far * far:
@@ -140,7 +139,7 @@ def before_border(capsules, i, store, box, features):
             square = (cell[0] >> capsules.shift) * capsules.rows + (cell[1] >> capsules.shift)
             for entry in range(capsules.near[square], capsules.near[square + 1]):
                 k = capsules.listed[entry]
-                reach = radius + capsules.capsule[k, 4]
+                reach = radius + capsules.capsule[k, RADIUS]
                 t = time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, features.gravity)
                 if disc.last_update + t < disc.crossing_time or (t <= within and store.event[i].side < FIRST_CAPSULE):
                     disc.crossing_time = disc.last_update + t
@@ -153,12 +152,12 @@ def before_border(capsules, i, store, box, features):
 @inlined
 def nearest_offset(x, y, capsule, k):
     """From the nearest point of segment k to (x, y)."""
-    along_x, along_y = capsule[k, 2] - capsule[k, 0], capsule[k, 3] - capsule[k, 1]
-    rx, ry = x - capsule[k, 0], y - capsule[k, 1]
+    along_x, along_y = capsule[k, BX] - capsule[k, AX], capsule[k, BY] - capsule[k, AY]
+    rx, ry = x - capsule[k, AX], y - capsule[k, AY]
     squared = along_x * along_x + along_y * along_y
     fraction = (rx * along_x + ry * along_y) / squared if squared > 0.0 else 0.0
     if fraction >= 1.0:
-        return x - capsule[k, 2], y - capsule[k, 3]
+        return x - capsule[k, BX], y - capsule[k, BY]
     fraction = max(fraction, 0.0)
     return rx - fraction * along_x, ry - fraction * along_y
 
@@ -176,9 +175,6 @@ def surface(capsules, i, side, store, box, features):
     distance = math.sqrt(rx * rx + ry * ry)
     if is_container(capsules.around, capsules.capsule, k):
         distance = -distance
-    depth = radius_of(i, box, features) + capsules.capsule[k, 4] - distance
+    depth = radius_of(i, box, features) + capsules.capsule[k, RADIUS] - distance
     nx, ny = rx / distance, ry / distance
-    running = 0.0
-    if capsules.along is not None:
-        running = surface_speed(capsules.along, capsules.capsule, k, nx, ny)
-    return True, nx, ny, depth, 0.0, running, -1
+    return True, nx, ny, depth, 0.0, surface_speed(capsules.capsule, k, nx, ny), -1

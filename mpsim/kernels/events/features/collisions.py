@@ -3,7 +3,7 @@
 import math
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.features.bodies import number_in_log
+from mpsim.kernels.events.features.bodies import owner_of
 from mpsim.kernels.events.features.properties import mass_of, radius_of
 from mpsim.kernels.events.records import FIRST_CAPSULE, counts
 from mpsim.kernels.features.collisions import DISC, OBSTACLE, WALL, write
@@ -54,11 +54,10 @@ def on_wall(log, i, axis, inward, change, sliding, store, box, features):
 
 
 @inlined
-def on_surface(log, i, nx, ny, change, sliding, moving_wall, bodies, store, box, features):
+def on_surface(log, i, nx, ny, change, sliding, moving_wall, capsules, bodies, store, box, features):
     """Impact of disc i on a capsule, at rest or moving, or a moving wall, according to `side` of its event."""
     side = store.event[i].side
     if side >= FIRST_CAPSULE:
-        number = number_in_log(bodies, side)
-        on_fixed(log, OBSTACLE, i, number, nx, ny, change, sliding, store, box, features)
+        on_fixed(log, OBSTACLE, i, owner_of(capsules, bodies, side), nx, ny, change, sliding, store, box, features)
     elif moving_wall is not None:
         on_fixed(log, WALL, i, moving_wall.edge, nx, ny, change, sliding, store, box, features)

@@ -183,7 +183,7 @@ def on_surface(i, nx, ny, normal_change, running, store, box, features):
     running: speed of the surface along (-ny, nx).
     """
     sliding = laws.on_surface(features.wall_friction, i, nx, ny, normal_change, running, store, box, features)
-    others = features.moving_wall, features.bodies
+    others = features.moving_wall, features.capsules, features.bodies
     collisions.on_surface(features.log, i, nx, ny, normal_change, sliding, *others, store, box, features)
 
 
