@@ -276,8 +276,9 @@ def checked_move(solver: Solver, wall: int, motion: Movement | None) -> Change:
     number = _present_wall(scene, wall)
     change = made(solver, MOVE_WALL, {"wall": number, "motion": motion} if motion else {"wall": number})
     moved = with_walls(scene, change)
-    for each in moved._features:
-        each.check(moved)
+    bare = moved._without_discs()  # which are no longer where they began
+    for each in bare._features:
+        each.check(bare)
     before, after = (each.obstacles[number] for each in (scene, moved))
     jump = np.abs(capsules_of((after,), change.time) - capsules_of((before,), change.time)).max()
     if jump > 1e-9 * max(scene.width, scene.height):

@@ -340,8 +340,8 @@ class Beside:
             if path is None:
                 raise InputError(f"checkpoint_every needs checkpoint, the file to write; got {every!r} and no file.")
         self.progress: Callable[[int, int], None] | None = None
-        self.end = Awaited(signal.SIGTERM, ranks, path is not None, SystemExit, 128 + signal.SIGTERM)
-        self.stop = Awaited(signal.SIGINT, ranks, several, KeyboardInterrupt)
+        self.end: Awaited = Awaited(signal.SIGTERM, ranks, path is not None, SystemExit, 128 + signal.SIGTERM)
+        self.stop: Awaited = Awaited(signal.SIGINT, ranks, several, KeyboardInterrupt)
         self._any_rank, self._save, self._path, self._every = ranks.any_rank, save, path, every
         self._seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
         self._last = time.monotonic()

@@ -649,6 +649,12 @@ class Scene(ReadOnly):
             array.flags.writeable = False
         self._start = GivenStart(position, velocity)
 
+    def _without_discs(self) -> Scene:
+        """A copy in which no disc starts, for checks of the rest."""
+        other = copy.copy(self)
+        other._start_anew(np.zeros((0, 2)), np.zeros((0, 2)))
+        return other
+
     @property
     def _loses_discs(self) -> bool:
         """Whether discs can be absent: absorbed at an edge, or removed from a simulation of this scene."""

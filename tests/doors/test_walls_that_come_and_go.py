@@ -118,3 +118,15 @@ def test_what_is_refused_leaves_everything_as_it_was(act, words):
             act(sim)
         assert (sim.digest(), sim.scene.obstacles, len(sim.journal)) == before
         sim.run(frames=3)
+
+
+def test_a_container_is_given_another_motion_where_its_discs_have_gone_with_it():
+    """Also where no disc of the start would be in it now."""
+    ring = mpsim.Circle((6, 6), 3, inside=True, motion=Translation((2, 0), stop=14))
+    scene = mpsim.Scene.random(count=5, width=20, height=12, radius=0.3, obstacles=ring, seed=1)
+    with simulate(scene, **HOW) as sim:
+        sim.run(until=3)
+        sim.move_wall(0, Translation((-1, 0), stop=4))
+        sim.run(until=5)
+        (x, y), (centre, *_) = sim.state.position.T, sim.scene.capsules_at(sim.time)[0]
+        assert (np.hypot(x - centre, y - 6) < 3).all()
