@@ -506,7 +506,6 @@ def _check_motion(name: str, obstacle: Obstacle, scene: Scene) -> None:
 
 def _check_contents(name: str, shape: Obstacle, scene: Scene) -> None:
     """Refuse discs with their centres outside a container, or too large for it, or in a filled polygon."""
-    rows = capsules_of((shape,), 0.0)
     if isinstance(shape, Circle) and shape.inside:
         if scene.largest_radius >= shape.radius:
             raise InputError(
@@ -520,9 +519,9 @@ def _check_contents(name: str, shape: Obstacle, scene: Scene) -> None:
                     f"{name}, a Circle with discs inside, must lie in the periodic box along {'xy'[axis]}, in "
                     f"[0, {length:g}]; got [{low:g}, {high:g}]. Use a smaller circle, or walls."
                 )
-        where, wrong = "inside", capsules.distance(scene.position, rows) < 0
+        where, wrong = "inside", capsules.distance(scene.position, capsules_of((shape,), 0.0)) < 0
     elif isinstance(shape, Polyline) and shape.filled:
-        where, wrong = "outside", capsules.is_within(scene.position, rows)
+        where, wrong = "outside", capsules.is_within(scene.position, capsules_of((shape,), 0.0))
     else:
         return
     if wrong.any():

@@ -743,14 +743,16 @@ class Scene(ReadOnly):
                 "Move the disc or enlarge the box."
             )
 
+    @functools.cached_property
+    def _obstacles_move(self) -> bool:
+        return any(each.motion is not None for each in self.obstacles)
+
     def _capsules_at(self, time: float) -> NDArray[np.float64]:
         """Obstacles as rows of `kernels.geometry`, read-only: the same array until they have moved."""
-        if self._capsules is None or self._capsules[0] != time:
-            moving = any(each.motion is not None for each in self.obstacles)
-            if self._capsules is None or moving:
-                capsules = capsules_of(self.obstacles, time)
-                capsules.flags.writeable = False
-                self._capsules, self._capsule_index = (time, capsules), None
+        if self._capsules is None or (self._obstacles_move and self._capsules[0] != time):
+            capsules = capsules_of(self.obstacles, time)
+            capsules.flags.writeable = False
+            self._capsules, self._capsule_index = (time, capsules), None
         return self._capsules[1]
 
     def _capsule_index_at(self, time: float) -> CapsuleIndex:
