@@ -255,9 +255,7 @@ def checked_wall(solver: Solver, start: Scene, wall: Polyline) -> Change:
         )
     change = made(solver, WALL, values)
     after = with_walls(scene, change)
-    begun = with_walls(start, change)
-    for each in begun._features:
-        each.check(begun)
+    _check_without_discs(with_walls(start, change))
     discs, here = solver.discs(), np.flatnonzero(~solver.absorbed)
     position, radius = discs.position[here].astype(np.float64), discs.radius[here]
     alone = scene._replace(obstacles=after.obstacles[-1])
@@ -270,15 +268,20 @@ def checked_wall(solver: Solver, start: Scene, wall: Polyline) -> Change:
     return change
 
 
+def _check_without_discs(scene: Scene) -> None:
+    """Check the features of a scene that changes in a run: its discs are no longer where they began."""
+    bare = scene._without_discs()
+    for each in bare._features:
+        each.check(bare)
+
+
 def checked_move(solver: Solver, wall: int, motion: Movement | None) -> Change:
     """`Simulation.move_wall`, checked."""
     scene = solver.terms.scene
     number = _present_wall(scene, wall)
     change = made(solver, MOVE_WALL, {"wall": number, "motion": motion} if motion else {"wall": number})
     moved = with_walls(scene, change)
-    bare = moved._without_discs()  # which are no longer where they began
-    for each in bare._features:
-        each.check(bare)
+    _check_without_discs(moved)
     before, after = (each.obstacles[number] for each in (scene, moved))
     jump = np.abs(capsules_of((after,), change.time) - capsules_of((before,), change.time)).max()
     if jump > 1e-9 * max(scene.width, scene.height):

@@ -1228,7 +1228,8 @@ class Simulation(ReadOnly):
         settings = settings_to_go_on(settings, method, workers)
         sim = cls.__new__(cls)
         sim._set_up(scene, settings, Processes(None, start_method, on_worker_death))
-        sim._continue_from(snapshot)
+        terms = Terms(*parameters_after(scene, settings, snapshot.changes), snapshot.terms.origin)
+        sim._continue_from(dataclasses.replace(snapshot, terms=terms))
         return sim
 
     def _demand_one_process(self, what: str) -> None:
@@ -1349,13 +1350,11 @@ class Simulation(ReadOnly):
 
     def _continue_from(self, to: Snapshot) -> None:
         """Start the solver from a snapshot, maybe of another method or number of workers; if that fails, close it."""
-        scene, settings = parameters_after(*self._start, to.changes)
         if to.changes:
-            self._emission = self._emission.under(scene, settings, 0, 0.0)
-            self._step_limits = self._step_limits.under(scene, settings, to.terms.origin)
+            self._emission = self._emission.under(to.terms.scene, to.terms.settings, 0, 0.0)
+            self._step_limits = self._step_limits.under(*to.terms)
         self._changes = list(to.changes)
-        here = dataclasses.replace(to, terms=Terms(scene, settings, to.terms.origin))
-        self._begin(self._step_limits.at_resume(), lambda: self._go_on_from(here))
+        self._begin(self._step_limits.at_resume(), lambda: self._go_on_from(to))
 
     def _moment(self) -> Snapshot:
         """Copies of everything that the next frame depends on."""
