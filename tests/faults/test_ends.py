@@ -250,7 +250,7 @@ def make_and_die(*given, **named):
 
 class Look:
     every = 1
-    look = die
+    observe = die
 
 begin = lambda: simulate(lattice(20, 20), method="parallel", workers=3, start_method=START)
 """
