@@ -93,12 +93,18 @@ def compile_seconds() -> float:
     return _spent
 
 
+def running_seconds() -> float:
+    """Processor time of this thread so far, except for compiling kernels [s]."""
+    return time.thread_time() - _mine.spent
+
+
 class _Compilation(threading.local):
     """What this thread compiles: the kernel that Python has called, and since when it is not loaded."""
 
     kernel: str = ""
     started: float | None = None
     announcer: Announcer | None = None
+    spent: float = 0.0  # processor time of all its compilations [s]
 
 
 _mine = _Compilation()
@@ -111,7 +117,7 @@ def _compiling(kernel: str) -> Iterator[None]:
     if _mine.kernel:
         yield
         return
-    _mine.kernel = kernel
+    _mine.kernel, began = kernel, time.thread_time()
     try:
         yield
     finally:
@@ -120,6 +126,7 @@ def _compiling(kernel: str) -> Iterator[None]:
         if started is not None:
             with _lock:
                 _spent += time.perf_counter() - started
+            _mine.spent += time.thread_time() - began
         if announcer is not None:
             announcer.end()
 

@@ -8,7 +8,6 @@ import dataclasses
 import inspect
 import math
 import re
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError
 from mpsim.features import FEATURES, energy
 from mpsim.features.emitters import Emitter
+from mpsim.kernels.compiling import running_seconds
 from mpsim.scene import placement
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -405,10 +405,10 @@ def _step_seconds(scene: Scene, dt: float, until: float | None, limit: float) ->
     with quietly(), Simulation(scene, Settings(dt=dt, workers=1)) as sim:
         if until is None or not energy.adds_discs(scene):
             return float(np.median(sim.run(frames=FRAMES).frame_seconds))
-        begun = time.thread_time()
+        begun = running_seconds()
         with suppress(RunTooLong):
             sim.run(until=until, progress=_limit(limit))
-        return (time.thread_time() - begun) / sim.frame
+        return (running_seconds() - begun) / sim.frame
 
 
 def _growth(scene: Scene, crossing: float, limit: float, contact_time: float | None) -> float:
@@ -434,16 +434,16 @@ def _observed(scene: Scene, settings: Settings, crossing: float, until: float | 
     collisions, guarded, guard, seconds = 0, 0, 0.0, 0.0
     with quietly(), Simulation(scene, settings) as sim:
         states = [sim.state]
-        progress = _limit(limit)  # from here on, as the constructor may have compiled
+        progress = _limit(limit)
         block = done = likely = 1
         for number in range(1, STARTS + 1):
             if until is not None:
                 block = max(int(until * number / STARTS / settings.dt) - sim.frame, 1)
                 # Of a gas left to itself a short run is like a long one.
                 block = min(block, likely) if energy.conserves_energy(scene) else block
-            started = time.thread_time()
+            started = running_seconds()
             report = sim.run(frames=block, progress=progress)
-            seconds += time.thread_time() - started
+            seconds += running_seconds() - started
             collisions, guarded, done = collisions + report.collisions, guarded + report.guarded, block
             guard = report.contact_time
             likely = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))

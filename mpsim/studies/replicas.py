@@ -32,6 +32,7 @@ from mpsim.errors import (
     WorkerStalledError,
 )
 from mpsim.features import energy
+from mpsim.kernels.compiling import running_seconds
 from mpsim.measure import registry
 from mpsim.measure.observables import trajectory_error
 from mpsim.measure.registry import ERRORS, LONG, NAMES, OBSERVABLES, SHORT
@@ -134,16 +135,16 @@ Progress = Callable[[int, int], None]
 
 
 def time_limit(seconds: float, text: str, stop: threading.Event | None = None) -> Progress:
-    """A progress function that ends a run after so many seconds of this thread, or soon after `stop` is set.
+    """A progress function that ends a run after seconds of this thread, compiling left out, or soon after `stop`.
 
     It raises RunTooLong, with a text that says why, or Stopped.
     """
-    end = time.thread_time() + seconds
+    end = running_seconds() + seconds
 
     def progress(done: int, frames: int) -> None:
         if stop is not None and stop.is_set():
             raise Stopped
-        if time.thread_time() > end:
+        if running_seconds() > end:
             raise RunTooLong(text)
 
     return progress
