@@ -22,7 +22,6 @@ from support import sorts
 os.environ.update(sorts.variables())
 
 from support.browser import DRIVERS
-from support.figures import Figures
 from support.processes import blocks_of, descendants_of, is_gone, wait_until
 from support.script_server import Server, end_with_parent
 
@@ -57,7 +56,6 @@ def pytest_addoption(parser):
     parser.addoption("--slow", action="store_true", help="run the tests marked slow instead: some fifteen minutes")
     parser.addoption("--within", type=float, help="begin no test after so many seconds, and say how many were left out")
     parser.addoption("--long", action="store_true", help="run all tests, those marked slow and long too")
-    parser.addoption("--figures", type=Path, help="write what the physics tests found to this file, as a table")
     parser.addoption(
         "--renew", action="store_true", help="write pinned digests and texts anew instead of comparing them"
     )
@@ -82,7 +80,6 @@ def pytest_configure(config):
     keep_bytecode()
     kind = kind_of(config)
     hypothesis.settings.load_profile("long" if kind == "long" else "default")
-    config.stash[_figures] = Figures()
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell does for what it starts in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if hasattr(config, "workerinput"):
@@ -120,7 +117,6 @@ def pytest_exception_interact(node):
 
 _end = pytest.StashKey[float]()
 _errors = pytest.StashKey[int]()
-_figures = pytest.StashKey[Figures]()
 
 
 def pytest_terminal_summary(terminalreporter, config):
@@ -135,23 +131,10 @@ def pytest_terminal_summary(terminalreporter, config):
         )
 
 
-def pytest_sessionfinish(session, exitstatus):
-    """Figures of a run with failures are not kept."""
-    path = session.config.getoption("--figures")
-    if path is not None and exitstatus == 0:
-        session.config.stash[_figures].write(path)
-
-
-@pytest.fixture(scope="session")
-def figures(request) -> Figures:
-    """Where a test notes what it expected and found."""
-    return request.config.stash[_figures]
-
-
 def pytest_xdist_auto_num_workers(config):
     """A process for each share of all default tests, three for all slow ones, which wait often; else this one."""
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
-    alone = config.getoption("--long") or config.getoption("--figures") or config.getoption("--renew")
+    alone = config.getoption("--long") or config.getoption("--renew")
     shares = len(sorts.SHARES) if kind_of(config) == "default" else 3
     return shares if whole and not alone else 0
 

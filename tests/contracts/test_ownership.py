@@ -232,21 +232,17 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_no_disc_has_two_writers_in_a_phase_and_none_is_read_while_it_is_written(name, figures):
+def test_no_disc_has_two_writers_in_a_phase_and_none_is_read_while_it_is_written(name):
     watched = watch(SCENES[name](), frames=4)
     assert watched.clashes == []
     assert watched.writes > 500
     assert watched.merges > 0 or name == "few columns", "the order must have been repaired, too"
-    figures.note("R13", f"parallel on {WORKERS}", f"discs with two writers, or read while written, in a phase: {name}",
-                 0, 0)  # fmt: skip
 
 
-def test_without_odd_and_even_passes_discs_have_two_writers(figures):
+def test_without_odd_and_even_passes_discs_have_two_writers():
     """The control: the demonstration of the race, by the same checker."""
     watched = watch(gas(200, 0.7, seed=1), frames=4, guarded=False)
     assert {(clash.phase, clash.kind) for clash in watched.clashes} == {("all columns", "written twice")}
-    clashes = f"{len(watched.clashes)} clashes"
-    figures.note("R13", f"parallel on {WORKERS}", "control: unguarded=True", "clashes", clashes)
 
 
 def test_a_wall_that_moves_while_contacts_read_its_place_is_noticed():

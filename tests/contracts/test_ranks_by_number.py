@@ -162,13 +162,11 @@ def memory_given_back(monkeypatch):
 @pytest.mark.long
 @pytest.mark.usefixtures("memory_given_back")
 @pytest.mark.parametrize("number", [2, 4])
-def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures):
+def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path):
     """The control: a digest for which the first rank gets all discs at once."""
     count, path = DISCS_OF_A_RANK * number, str(tmp_path / "run")
     alone, shared = (told_by_script(each, str(count), path, script=MEMORY) for each in (1, number))
     assert alone[0] == shared[0], "digests"
-    ratios = {what: shared[1][what] / alone[1][what] for what in alone[1]}
-    figures.note("R24", f"mpi on {number}", "peak memory of a rank over that of one", "1 / ranks", f"{ratios}")
     beyond = {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
     assert beyond.pop("digest at once") > 1.5 * AT_A_TIME, beyond
     assert beyond.pop("trajectory") < AS_TEXT, beyond

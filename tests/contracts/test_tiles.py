@@ -68,13 +68,12 @@ def assert_as_a_whole(sim, name, note, frames=FRAMES, dt=DT):
 
 
 @pytest.mark.parametrize("name", long_but(SCENES, "walls"))
-def test_every_tiling_and_number_of_workers_finds_the_same_bits(name, figures):
+def test_every_tiling_and_number_of_workers_finds_the_same_bits(name):
     for tiling, workers in [*((each, 1) for each in TILINGS), ((3, 2), 2), ((3, 2), 3), ((3, 2), 5)]:
         with on_tiles(scene_of(name), tiling, workers, dt=DT) as sim:
             assert len(sim.pids) == workers - 1
             assert_as_a_whole(sim, name, f"{name} in {tiling} on {workers}")
             assert_played_on_tiles(sim)
-    figures.note("R1", "event in tiles, on up to 5", name, "state and counts of one tile", "the same")
 
 
 @pytest.mark.parametrize("dt", long_but([0.001, 3.0], 3.0))
@@ -98,7 +97,7 @@ def test_laps_and_windows_are_cut_by_commands_without_a_trace():
 
 @pytest.mark.long
 @pytest.mark.parametrize(("packing", "boundary"), [(0.3, "walls"), (0.65, "periodic")])
-def test_a_scene_that_the_solver_divides_by_itself_has_the_same_bits(packing, boundary, figures):
+def test_a_scene_that_the_solver_divides_by_itself_has_the_same_bits(packing, boundary):
     scene = mpsim.Scene.random(count=20_000, packing=packing, radius=0.5, seed=4, boundary=boundary)
     with on_tiles(scene, (1, 1), dt=0.1) as sim:
         report = sim.run(frames=15)
@@ -109,7 +108,6 @@ def test_a_scene_that_the_solver_divides_by_itself_has_the_same_bits(packing, bo
             assert sim.run(frames=15).collisions == report.collisions
             assert_same_bits(sim.state, expected, f"20,000 discs on {workers} workers")
             assert_played_on_tiles(sim)
-    figures.note("R1", "event on 2 and 3", f"20,000 discs, packing {packing}, {boundary}", "digest of 1", "the same")
 
 
 def cradle(count=60, side=61.0):
@@ -193,9 +191,8 @@ def check_any_scene(seeds, open_box=False):
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")  # of grains that come to rest
-def test_two_hundred_random_scenes_are_the_same_on_tiles(figures):
+def test_two_hundred_random_scenes_are_the_same_on_tiles():
     check_any_scene(range(100))
     divided, left = check_any_scene(range(100, 200), open_box=True)
     assert divided > 500
     assert left > 500
-    figures.note("R1", "event in tiles", "200 random scenes with features", "state of one tile", "the same")

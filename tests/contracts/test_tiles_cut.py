@@ -34,7 +34,7 @@ def as_a_whole():
 
 
 @pytest.mark.parametrize("name", long_but(SCENES, "walls"))
-def test_a_run_that_is_resumed_in_other_tiles_on_other_workers_has_the_same_bits(name, tmp_path, figures):
+def test_a_run_that_is_resumed_in_other_tiles_on_other_workers_has_the_same_bits(name, tmp_path):
     with on_tiles(scene_of(name), (1, 1), dt=DT) as sim:
         report = sim.run(frames=FRAMES)
         expected = sim.state
@@ -49,7 +49,6 @@ def test_a_run_that_is_resumed_in_other_tiles_on_other_workers_has_the_same_bits
                 state = sim.state
     assert_same_bits(state, expected, name)
     assert collisions == report.collisions > COUNT
-    figures.note("R1", "event on 2, 1, 3, 1", f"digest after 3 resumes: {name}", "of an uninterrupted run", "the same")
 
 
 # --- commands whose time is over

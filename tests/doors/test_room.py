@@ -177,7 +177,7 @@ def many(name, count=10_000):
 @pytest.mark.timeout(300)
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 @pytest.mark.parametrize("name", SECONDS)
-def test_scene_and_first_frame_of_very_many_take_seconds(name, figures):
+def test_scene_and_first_frame_of_very_many_take_seconds(name):
     """Bounds, in seconds, that a square of their number would pass many times over."""
     bound, arguments = SECONDS[name], many(name)
 
@@ -189,4 +189,3 @@ def test_scene_and_first_frame_of_very_many_take_seconds(name, figures):
     first_frame()  # its kernels are loaded
     seconds = quickest(first_frame, bound)
     assert seconds < bound
-    figures.note("R22", "grid", f"10,000 {name}: to the end of frame 1", f"{bound:g} s at most", f"{seconds:.2f} s")

@@ -315,7 +315,7 @@ def dead_pid():
     return process.pid
 
 
-def test_mpsim_clean_removes_blocks_of_dead_owners_alone(dead_pid, figures):
+def test_mpsim_clean_removes_blocks_of_dead_owners_alone(dead_pid):
     """Not those of the living, of other programs, or that somebody has locked, as another container does."""
     born = time.time() - psutil.Process().create_time()
     zombie = os.fork()
@@ -358,5 +358,3 @@ def test_mpsim_clean_removes_blocks_of_dead_owners_alone(dead_pid, figures):
         os.waitpid(zombie, 0)
         for path in (*stale, *kept, link):
             path.unlink(missing_ok=True)
-    what = "blocks of dead owners, among other blocks"
-    figures.note("R12", "", what, "only they are removed", f"{len(stale)} removed, {len(kept)} kept")

@@ -56,7 +56,7 @@ def test_a_worker_that_dies_in_a_window_or_between_runs_ends_the_run_by_default(
             sim.run(frames=FRAMES)
 
 
-def test_workers_that_die_at_random_moments_are_replaced_and_change_nothing(figures):
+def test_workers_that_die_at_random_moments_are_replaced_and_change_nothing():
     expected, measures, collisions = undisturbed()
 
     def experiment(killing):
@@ -66,9 +66,7 @@ def test_workers_that_die_at_random_moments_are_replaced_and_change_nothing(figu
             assert len(sim.pids) == 2
             assert (values(report), report.collisions, sim.frame) == (measures, collisions, FRAMES)
 
-    deaths = repeat_until_killed(experiment, lambda: random.uniform(0.02, 0.15), least=2, most=4)
-    what = "workers killed at random moments"
-    figures.note("R9", "event on 3", what, "state and measures of 1", f"the same after {deaths}")
+    repeat_until_killed(experiment, lambda: random.uniform(0.02, 0.15), least=2, most=4)
 
 
 def test_workers_stay_the_same_when_discs_are_added_or_changed_and_a_death_before_it_is_healed():

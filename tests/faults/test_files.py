@@ -192,14 +192,13 @@ def test_a_trajectory_whose_disk_fails_at_the_end_says_so_and_is_let_go(tmp_path
 # --- many at once
 
 
-def test_four_threads_save_one_scene_file_at_once(tmp_path, monkeypatch, figures):
+def test_four_threads_save_one_scene_file_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda descriptor: time.sleep(1e-4))  # another thread's turn, without a disk's
     scenes, path, rounds = [gas(20, 0.1, seed=seed) for seed in range(4)], tmp_path / "gas.toml", 15
     with concurrent.futures.ThreadPoolExecutor(len(scenes)) as pool:
         for _ in range(rounds):
             list(pool.map(lambda scene: scene.save(path), scenes))
             assert mpsim.Scene.load(path).digest() in {scene.digest() for scene in scenes}
-    figures.note("R18", "-", f"four threads save one scene file, {rounds} rounds", "a complete file", "as expected")
     assert sorted(each.name for each in tmp_path.iterdir()) == ["gas.toml"]
 
 
@@ -320,7 +319,7 @@ print(json.dumps(results))
 
 
 @pytest.mark.slow
-def test_a_kill_or_an_interrupt_at_any_line_leaves_the_old_file_or_the_new_one(figures, request):
+def test_a_kill_or_an_interrupt_at_any_line_leaves_the_old_file_or_the_new_one(request):
     """At every ninth line, and with --long at each."""
     step = "1" if request.config.getoption("--long") else "9"
     outcome = run_script(MORTAL.replace("STEP", step), bound=170, warm=True)
@@ -331,8 +330,6 @@ def test_a_kill_or_an_interrupt_at_any_line_leaves_the_old_file_or_the_new_one(f
         assert olds > 0, f"{name}: never the old one, which tests nothing"
         assert (left > 0) == name.endswith("killed"), f"{name}: {left} drafts left"
         assert mixed == 0 or name.startswith("large")
-        check = "R4" if name.startswith("checkpoint") else "R18"
-        figures.note(check, "-", f"{name} at any line", "the old file or the new one", f"{count} of {count}")
 
 
 @pytest.fixture(scope="module")

@@ -122,7 +122,7 @@ def executions(request):
 
 
 @pytest.mark.timeout(900)  # of --long, on a busy machine
-def test_damaged_scene_files(request, tmp_path, figures):
+def test_damaged_scene_files(request, tmp_path):
     texts = [SAYS_WHERE, *((PACKAGED / f"{name}.toml").read_text() for name in SCENES)]
     texts = [text.replace("count = 800", "count = 80") for text in texts]
     os.mkfifo(tmp_path / "pipe.npy")
@@ -135,10 +135,7 @@ def test_damaged_scene_files(request, tmp_path, figures):
         return read_scene(damaged_text(text, rng).encode("utf-8", "replace"), tmp_path)
 
     times = executions(request)
-    good = count_good(times, 1, trial)
-    assert 0 < good < times, "neither is every damage harmless nor every file refused"
-    what, good = f"{times} damaged scene files", f"{good} still valid scenes"
-    figures.note("F1", "scenes", what, "no other error than SceneFileError", good)
+    assert 0 < count_good(times, 1, trial) < times, "neither is every damage harmless nor every file refused"
 
 
 def checkpoints(folder):
@@ -199,20 +196,14 @@ def without_compilation(hit, folder, times):
 
 
 @pytest.mark.timeout(2400)
-def test_damaged_checkpoints(request, tmp_path, figures):
+def test_damaged_checkpoints(request, tmp_path):
     times = executions(request)
-    good = without_compilation(damage, tmp_path, times)
-    assert good < times / 10, "a digest lets hardly any damage pass"
-    what, good = f"{times} damaged checkpoints", f"{good} still valid"
-    figures.note("F2", "runs", what, "no other error than CheckpointError", good)
+    assert without_compilation(damage, tmp_path, times) < times / 10, "a digest lets hardly any damage pass"
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(2400)
-def test_forged_checkpoints(request, tmp_path, figures):
+def test_forged_checkpoints(request, tmp_path):
     """The digest is right, as whoever forges one can compute it; what is refused must be refused for what it says."""
     times = executions(request)
-    good = without_compilation(forged, tmp_path, times)
-    assert 0 < good < times
-    what, good = f"{times} forged checkpoints", f"{good} valid states"
-    figures.note("F3", "runs", what, "no other error than CheckpointError", good)
+    assert 0 < without_compilation(forged, tmp_path, times) < times

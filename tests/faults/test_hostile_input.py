@@ -48,35 +48,9 @@ def little_memory():
     resource.setrlimit(resource.RLIMIT_AS, before)
 
 
-spent = []
-"""Seconds that the refusals of the running test took."""
-
-
-@pytest.fixture(scope="module")
-def slowest(figures):
-    """Among the figures is the slowest refusal of all."""
-    found = []
-    yield found
-    if found:
-        seconds, what = max(found)
-        quantity = f"{len(found)} tests of hostile input; the slowest: {what}"
-        figures.note("R21", "files", quantity, f"refused in {LONGEST:g} s", f"{seconds:.2f} s at most")
-
-
-@pytest.fixture(autouse=True)
-def seconds_noted(request, slowest):
-    """What the refusals of a test took at most."""
-    spent.clear()
-    yield
-    if spent:
-        test, _, case = request.node.name.removesuffix("]").partition("[")
-        slowest.append((max(spent), case or test.removeprefix("test_").replace("_", " ")))
-
-
 def in_time(call):
     """Call what refuses something, which must take a bounded time."""
-    spent.append(quickest(call, LONGEST))
-    assert spent[-1] < LONGEST
+    assert quickest(call, LONGEST) < LONGEST
 
 
 def refused(call, *arguments, match, kind=mpsim.InputError):

@@ -191,7 +191,7 @@ FEW = [("Ctrl-C", "Simulation", "parallel"), ("alarm", "Simulation", "event"), (
 @pytest.mark.usefixtures("alarms_raise")
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # opened by the call at whose return it came
 @pytest.mark.parametrize(("name", "how", "method"), long_but(CONSTRUCTORS, *FEW))
-def test_a_signal_at_any_line_of_a_constructor_leaves_nothing(name, how, method, request, tmp_path, figures):
+def test_a_signal_at_any_line_of_a_constructor_leaves_nothing(name, how, method, request, tmp_path):
     kept = []
 
     def construct():
@@ -212,8 +212,6 @@ def test_a_signal_at_any_line_of_a_constructor_leaves_nothing(name, how, method,
         assert left == before, f"{name} at moment {number} of {moments}"
     with make() as sim:
         assert sim.run(frames=2).frames == 2
-    what = f"{name} at lines and calls of {'a constructor' if how == 'Simulation' else 'resume'}"
-    figures.note("R20", method, what, "nothing is left", "nothing")
 
 
 MORE = lattice(8, 8, pitch=2.0).position + 1.0

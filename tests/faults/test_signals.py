@@ -94,18 +94,16 @@ def test_ctrl_c_is_one_keyboard_interrupt(start, after):
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("start", ["fork", "spawn", "forkserver"])
-def test_ctrl_c_at_any_moment_is_one_keyboard_interrupt(start, figures):
+def test_ctrl_c_at_any_moment_is_one_keyboard_interrupt(start):
     for attempt in range(25):
         interrupt(SCRIPT.format(start=start), "starting", attempt * 0.06)
-    deed = "Ctrl-C at 25 moments of start-up and run"
-    figures.note("R8", f"parallel on 3, {start}", deed, "one KeyboardInterrupt, nothing left", "25 of 25")
 
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize(
     "start", [pytest.param("fork", marks=pytest.mark.slow), pytest.param("forkserver", marks=pytest.mark.long)]
 )
-def test_a_storm_of_interrupts_leaves_nothing_behind(start, figures):
+def test_a_storm_of_interrupts_leaves_nothing_behind(start):
     """As somebody presses who loses patience. What such a script still prints is in Python's hands."""
     with Script(SCRIPT.format(start=start)) as script:
         while script.line() != "running":
@@ -121,8 +119,6 @@ def test_a_storm_of_interrupts_leaves_nothing_behind(start, figures):
     assert outcome.code == -signal.SIGINT, f"{outcome.code}: {outcome.err}"
     assert "worker_main" not in outcome.err, f"a worker's traceback:\n{outcome.err}"
     assert pressed > 1, "a control: once is no storm"
-    deed = "Ctrl-C every 0.5 ms until the end"
-    figures.note("R8", f"parallel on 3, {start}", deed, "nothing is left", "nothing")
 
 
 # --- Ctrl-C after which a simulation goes on
@@ -321,7 +317,7 @@ def terminated(path, method="parallel", start="fork", before="", checkpoint=True
         ("event", "fork", 1e6),
     ),
 )
-def test_sigterm_writes_a_checkpoint_that_goes_on_with_the_same_bits(method, start, dt, tmp_path, figures):
+def test_sigterm_writes_a_checkpoint_that_goes_on_with_the_same_bits(method, start, dt, tmp_path):
     path, scene = tmp_path / "run", lattice(20, 20)
     assert terminated(path, method, start, dt=dt) == (143, "")
     with mpsim.Simulation.resume(path, workers=1) as sim:
@@ -333,10 +329,6 @@ def test_sigterm_writes_a_checkpoint_that_goes_on_with_the_same_bits(method, sta
         sim.run(frames=10)
         alone = "grid" if method == "parallel" else method
         assert sim.digest() == state_after(scene, frame + 10, method=alone, contact="impact").digest()
-    figures.note(
-        "R8", f"{method}, {start}", "SIGTERM to the whole group",
-        "exit code 143, a checkpoint, the same bits when resumed", "as expected",
-    )  # fmt: skip
 
 
 def test_sigterm_without_a_checkpoint_does_what_it_did(tmp_path):

@@ -161,7 +161,7 @@ def kill_at_barrier(sim, worker, other):
         [("move", 1), ("sort", 2), ("even columns", 1), ("odd columns", 2), ("wait", 2)], ("sort", 2), ("wait", 2)
     ),
 )
-def test_a_death_in_any_phase_is_named_in_full_and_healed(phase, worker, figures):
+def test_a_death_in_any_phase_is_named_in_full_and_healed(phase, worker):
     scene, deed = lattice(200, 200), kill_in_phase if phase != "wait" else kill_at_barrier
     for heals in ("raise", "restart"):
         sim, found = begin(scene, on_worker_death=heals), []
@@ -180,7 +180,6 @@ def test_a_death_in_any_phase_is_named_in_full_and_healed(phase, worker, figures
                     sim.run(frames=10)
                 sim.run(frames=10)
                 assert sim.digest() == alone(scene, sim.frame)
-            figures.note("R9", "parallel on 3", f"a worker killed in phase: {phase}", "digest of grid", "the same")
 
 
 START_UP = """
@@ -376,13 +375,11 @@ def killed_at_random(killing, workers=3, start=8.0):
 
 
 @pytest.mark.slow
-def test_measures_do_not_show_workers_that_die_at_random_moments(figures, monkeypatch):
+def test_measures_do_not_show_workers_that_die_at_random_moments(monkeypatch):
     found = []
     # Never more than a run stands without a snapshot in between, of which a slow machine may take none.
-    deaths = repeat_until_killed(lambda killing: found.append(killed_at_random(killing)), often, least=2, most=5)
+    repeat_until_killed(lambda killing: found.append(killed_at_random(killing)), often, least=2, most=5)
     assert set(map(repr, found)) == {repr(undisturbed())}
-    what = "workers killed at random moments"
-    figures.note("R9", "parallel on 3", what, "digest and measures of grid", f"the same after {deaths} deaths")
 
     from mpsim.engine import run  # noqa: PLC0415 - the control: a fault that no user can make
 
@@ -444,7 +441,7 @@ def test_an_idle_simulation_burns_no_processor():
         assert idle < 0.05 < busy, f"seconds of processor time: {idle:.2f} in two seconds, {busy:.2f} in a run"
 
 
-def test_workers_that_share_one_core_are_slow_and_right(figures):
+def test_workers_that_share_one_core_are_slow_and_right():
     """A barrier among three on one core means three changes of process; it must not mean three time slices (4 ms)."""
     cores, found = os.sched_getaffinity(0), []
     os.sched_setaffinity(0, {min(cores)})
@@ -460,8 +457,6 @@ def test_workers_that_share_one_core_are_slow_and_right(figures):
     one, digest, shared, same = found
     assert digest == same
     assert shared / one < 60, f"frames cost {shared / one:.0f} times as much; time slices at barriers would be 200"
-    what = f"the same, at {shared / one:.1f} times the processor time"
-    figures.note("R13", "parallel on 3", "all pinned to one core", "digest of grid", what)
 
 
 @pytest.mark.long

@@ -129,13 +129,11 @@ def soak(simulations, acts=ACTS, settled=0):
 
 
 @pytest.mark.timeout(3000)
-def test_nothing_stays_of_many_simulations(figures):
+def test_nothing_stays_of_many_simulations():
     equal, growth, numbers = soak(600, settled=100)
     words = f"descriptors, blocks, threads, processes: {numbers[:4]} before, {numbers[4:]} after"
     assert equal, words
     assert growth < MOST_GROWTH, f"it grew by {growth} MiB"
-    what = "600 simulations used in nine ways, memory over the last 500"
-    figures.note("R23", "all methods", what, "no growth", f"{words}; {growth} MiB more")
     equal, growth, numbers = soak(3, "[leaking]")
     assert not equal, "the control: simulations that are kept"
     assert growth > MOST_GROWTH, "memory"

@@ -30,7 +30,7 @@ def lanes():
     )
 
 
-def test_without_collisions_displacements_are_ballistic_across_any_number_of_periods(figures):
+def test_without_collisions_displacements_are_ballistic_across_any_number_of_periods():
     """The mean square is <v^2> t^2 at every lag, although discs cross the box up to three times between two looks."""
     start = lanes()
     correlations = mpsim.Correlations(every=1, wave_numbers=[0.3])
@@ -44,8 +44,6 @@ def test_without_collisions_displacements_are_ballistic_across_any_number_of_per
     waves = np.cos(0.3 * start.velocity[None] * found.lag[:, None, None]).mean(axis=(1, 2))
     assert correlations.scattering(0.3).value == pytest.approx(waves, abs=1e-8)
     assert correlations.velocity.value == pytest.approx(np.full(len(found), speeds), rel=1e-12)
-    worst = float(np.abs(found.value[1:] / (speeds * found.lag[1:] ** 2) - 1).max())
-    figures.note("ballistic", "exact", "lanes: MSD/(<v^2> t^2) - 1", 0, worst, "")
     with simulate(start, method="event", dt=7.0) as sim:
         sim.run(frames=1)
         after = sim.state
@@ -65,7 +63,7 @@ def dilute():
 
 
 @pytest.mark.slow
-def test_velocities_of_a_dilute_gas_decay_as_enskog_says(figures):
+def test_velocities_of_a_dilute_gas_decay_as_enskog_says():
     """<v(t).v(0)> = 2 kT (1 - 1/N) exp(-rate t) at short times, as a collision takes (v12.n)^2/2 = 2 kT on average."""
     found = dilute()
     count, velocity = 128, found.velocity
@@ -78,13 +76,12 @@ def test_velocities_of_a_dilute_gas_decay_as_enskog_says(figures):
         assert measured.settled
         assert measured.error < 0.008
         assert abs(measured.deviation(expected)) < 3, f"{measured}, expected {expected} at {velocity.lag[index]}"
-        figures.note("Enskog", "exact", f"<v(t).v(0)> at rate t = {index / 10}", f"{expected:.4f}", measured, "")
     wrong = 2 * math.exp(-1.1 * rate * velocity.lag[2])
     assert abs(velocity[2].deviation(wrong)) > 5, f"a rate wrong by ten per cent, {wrong}, must fail; got {velocity[2]}"
 
 
 @pytest.mark.slow
-def test_both_routes_give_the_same_diffusion_constant_and_that_of_enskog(figures):
+def test_both_routes_give_the_same_diffusion_constant_and_that_of_enskog():
     found = dilute()
     by_displacement, by_velocity = found.diffusion(), found.diffusion(route="velocity")
     assert by_displacement.settled
@@ -99,12 +96,10 @@ def test_both_routes_give_the_same_diffusion_constant_and_that_of_enskog(figures
     early = found.diffusion(0.0, 0.5 / RATE)
     assert early.value < 0.3 * by_displacement.value
     assert not early.settled, "velocities have not decayed yet"
-    figures.note("diffusion", "exact", "D by displacements", f"{expected:.3f}", by_displacement, "Enskog, first order")
-    figures.note("diffusion", "exact", "D by velocities", f"{expected:.3f}", by_velocity, "the same run")
 
 
 @pytest.mark.slow
-def test_scattering_is_gaussian_at_long_waves(figures):
+def test_scattering_is_gaussian_at_long_waves():
     """exp(-k^2 MSD / 4) to order k^4; at short waves the discs' straight flights show."""
     found = dilute()
     long, short, squares = found.scattering(0.02), found.scattering(0.2), found.msd.value

@@ -40,7 +40,7 @@ KEEPING = {
 
 
 @pytest.mark.parametrize("name", KEEPING)
-def test_exact_runs_keep_the_energy_and_go_back_when_they_are_turned_round(name, figures):
+def test_exact_runs_keep_the_energy_and_go_back_when_they_are_turned_round(name):
     """No disc is ever in another or in an obstacle. The control: losses of a millionth."""
     scene = crowd(**KEEPING[name])
     with simulate(scene, method="event", dt=1.0) as sim:
@@ -60,7 +60,6 @@ def test_exact_runs_keep_the_energy_and_go_back_when_they_are_turned_round(name,
     with simulate(lossy, method="event", dt=3.0) as sim:
         sim.run(frames=1)
         assert energy(sim.state, lossy) < before - 1e-6 * abs(before)
-    figures.note("crowds", "event", f"energy drift, {name}", 0, f"{drift:.0e}", "e = 1 - 1e-6: > 1e-6")
 
 
 @pytest.mark.parametrize(
@@ -75,7 +74,7 @@ def test_exact_runs_keep_the_energy_and_go_back_when_they_are_turned_round(name,
     ],
     ids=str,
 )
-def test_momentum_and_energy_stay_in_a_periodic_box(settings, features, kept, figures):
+def test_momentum_and_energy_stay_in_a_periodic_box(settings, features, kept):
     """Walls take momentum, and the law `reflect` does not keep it: the controls."""
     scene = Scene.random(count=12, packing=0.4, radius=0.5, seed=3, mass=np.arange(12) % 3 + 1.0,
                          **{"boundary": "periodic", **features})  # fmt: skip
@@ -86,9 +85,6 @@ def test_momentum_and_energy_stay_in_a_periodic_box(settings, features, kept, fi
     drift = np.abs(scene.masses @ (state.velocity.astype(float) - scene.velocity)).max()
     assert drift < rounding if kept else drift > 0.5
     assert energy(state, scene) == pytest.approx(energy(start_of(scene), scene), rel=rounding)
-    figures.note(
-        "A8", settings["method"], f"momentum gained, {settings} {features}", 0, f"{drift:.0e}", "walls, reflect"
-    )
 
 
 STEPPED = {
@@ -106,7 +102,7 @@ STEPPED = {
 
 
 @pytest.mark.parametrize("name", STEPPED)
-def test_stepped_runs_come_to_the_exact_one_as_their_step_shrinks(name, figures):
+def test_stepped_runs_come_to_the_exact_one_as_their_step_shrinks(name):
     """`push` with the step, before chaos has multiplied its errors; who has left is the same."""
     features, other, until, most = STEPPED[name]
     scene, ends = crowd(**features), {}
@@ -127,7 +123,6 @@ def test_stepped_runs_come_to_the_exact_one_as_their_step_shrinks(name, figures)
     assert errors["impact"] < most
     assert errors["push"] / errors["short push"] > 2.5, errors
     assert errors["control"] > max(3 * errors["impact"], 1e-3)
-    figures.note("crowds", "impact", f"rms error of grid, {name}", "small", f"{errors['impact']:.0e}", "other: fails")
 
 
 def test_a_run_goes_back_once_the_piston_has_stopped():
@@ -143,7 +138,7 @@ def test_a_run_goes_back_once_the_piston_has_stopped():
         assert observables.trajectory_error(back.state, start_of(rest), rest).largest < 1e-9
 
 
-def test_a_reversed_run_comes_home_with_impact_but_not_with_push(figures):
+def test_a_reversed_run_comes_home_with_impact_but_not_with_push():
     """But for discs that had two contacts in one frame; `push` is the control."""
     scene, parts = Scene.random(count=16, packing=0.3, radius=0.5, seed=8), {}
     for contact in ("impact", "push"):
@@ -155,7 +150,6 @@ def test_a_reversed_run_comes_home_with_impact_but_not_with_push(figures):
         parts[contact] = (np.hypot(*(there.position - scene.position).T) < 1e-9).mean()
     assert parts["impact"] > 0.85
     assert parts["push"] < 0.5
-    figures.note("H3", "impact", "reversed at T = 0.5: part of discs that came home", 1, parts["impact"], parts["push"])
 
 
 def test_a_disc_added_to_a_mixture_brings_its_momentum():
@@ -183,7 +177,7 @@ def test_a_disc_added_to_a_mixture_brings_its_momentum():
     ids=str,
 )
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
-def test_a_mixture_comes_to_one_temperature_but_under_reflect(boundary, settings, equal, figures):
+def test_a_mixture_comes_to_one_temperature_but_under_reflect(boundary, settings, equal):
     """Energy of the heavy over that of the light discs: 1, or (M - m) / (M - m') where momentum is kept.
 
     Discs that keep their speeds, under `reflect`, keep the ratio of the start: the control.
@@ -201,11 +195,3 @@ def test_a_mixture_comes_to_one_temperature_but_under_reflect(boundary, settings
     heavy, light = np.mean(ratio, axis=0)
     expected = 1 if boundary == "walls" else (5.5 - 1.0) / (5.5 - 0.1)
     assert heavy / light == pytest.approx(expected, rel=0.3) if equal else heavy > 50 * light
-    figures.note(
-        "B5",
-        settings["method"],
-        f"kT heavy / kT light, {boundary}",
-        expected,
-        f"{heavy:.2f}/{light:.2f}",
-        "reflect: > 50",
-    )

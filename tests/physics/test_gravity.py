@@ -51,25 +51,21 @@ def bouncing(how, until=40.0, count=3, **features):
 
 
 @pytest.mark.parametrize("how", ["impact", "event"])
-def test_bounces_keep_their_energy_to_rounding(how, figures):
+def test_bounces_keep_their_energy_to_rounding(how):
     kept, _ = bouncing(how)
     worst = np.abs(kept - 1).max()
     assert worst < 1e-12
-    figures.note("A11", how, "energy, some 6 bounces, dt = 0.05: largest change", 0, f"{worst:.0e}", "push: see below")
 
 
-def test_push_and_walls_with_losses_do_not(figures):
+def test_push_and_walls_with_losses_do_not():
     kept, expected = bouncing("push")
     assert kept.mean() == pytest.approx(expected.mean(), abs=0.04)
     assert kept.mean() < 0.93
     lossy, _ = bouncing("event", wall_restitution=1 - 1e-9)
     assert lossy.max() < 1 - 1e-8
-    figures.note(
-        "A11", "push", "energy kept, some 6 bounces, dt = 0.05", f"{expected.mean():.3f}", f"{kept.mean():.3f}"
-    )
 
 
-def test_a_ball_that_loses_half_of_its_speed_ends_its_bounces_in_time_and_does_not_hang(figures):
+def test_a_ball_that_loses_half_of_its_speed_ends_its_bounces_in_time_and_does_not_hang():
     """From then on it hovers: half a bounce of at most the contact time, and neither sinks nor rises."""
     height, g, guard = 2.0, 1.5, 1e-3
     end, wrong = (math.sqrt(2 * height / g) * (1 + e) / (1 - e) for e in (0.5, 0.51))
@@ -85,7 +81,6 @@ def test_a_ball_that_loses_half_of_its_speed_ends_its_bounces_in_time_and_does_n
     assert abs(last - wrong) > 50 * guard, "a restitution of 0.51 must fail"
     assert 0.0 <= resting <= g * guard**2 / 8 * 1.01
     assert 0.05 / guard * 0.9 < report.guarded < 0.05 / guard / 0.5 * 1.1
-    figures.note("A7", "event", "end of the bounces", f"{end:.5f}", f"{last:.5f}", f"e = 0.51: {wrong:.3f}")
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.3])
@@ -124,7 +119,7 @@ def test_a_grain_rests_on_a_thin_line_and_falls_where_it_ends(restitution):
 
 
 @pytest.mark.parametrize("how", ["impact", "push", "event", "reflect"])
-def test_floor_less_ceiling_is_the_weight(how, figures):
+def test_floor_less_ceiling_is_the_weight(how):
     """Exact at any step, as contacts keep momentum; those of `reflect`, the control, do not."""
     scene = Scene.random(count=9, packing=0.3, radius=0.5, seed=4, gravity=(0, -G), mass=np.arange(1.0, 10.0) % 3 + 1)
     sensors = {wall: mpsim.Sensor(wall=wall) for wall in ("left", "right", "bottom", "top")}
@@ -138,10 +133,9 @@ def test_floor_less_ceiling_is_the_weight(how, figures):
                       pushed["bottom"] - pushed["top"] - weight - gained[1]]).max()  # fmt: skip
     assert missing < 1e-8 * weight if how != "reflect" else missing > 1e-3 * weight
     assert abs(pushed["bottom"] / weight - 1) > 1e-3, "the floor alone carries more than the weight"
-    figures.note("A10", how, "floor less ceiling less weight, part", 0, f"{missing / weight:.0e}", "reflect: > 1e-3")
 
 
-def test_the_virial_of_walls_and_pairs_is_that_of_the_motion(figures):
+def test_the_virial_of_walls_and_pairs_is_that_of_the_motion():
     """d/dt sum r.p = 2 K + r.F: from the box centre both walls of an axis push with the arm L/2 - R."""
     scene, met = Scene.random(count=20, packing=0.3, radius=0.5, seed=6), mpsim.Collisions()
     with simulate(scene, method="event", dt=5.0) as sim:
@@ -154,7 +148,6 @@ def test_the_virial_of_walls_and_pairs_is_that_of_the_motion(figures):
     error, control = (abs(scale - (half - 0.5) * part * walls + pairs - growth) / scale for part in (1.0, 0.999))
     assert error < 1e-12
     assert control > 1e-5, "leaving out one hit in a thousand must fail"
-    figures.note("C6", "event", "virial of walls and pairs", "< 1e-12", f"{error:.0e}", f"0.999 of it: {control:.0e}")
 
 
 # --- energy of many discs
@@ -183,30 +176,26 @@ def pile(seed, count=16):
 
 
 @pytest.mark.parametrize(("kind", "gate"), [(pulled, 5e-4), (pile, 2e-4)])
-def test_impact_keeps_the_energy_of_discs_that_are_pulled_or_piled_up_and_push_does_not(kind, gate, figures):
+def test_impact_keeps_the_energy_of_discs_that_are_pulled_or_piled_up_and_push_does_not(kind, gate):
     """Put on a wall without a bounce, and lifted for nothing, a pile gained a hundred times as much."""
     scenes = [kind(seed) for seed in range(2)]
     found, control = (drifts_of(scenes, 1.0, dt=0.02, method="naive", contact=each) for each in ("impact", "push"))
     assert abs(found.value) < gate
     assert abs(control.value) > 4 * gate, f"push must fail; got {control}"
-    figures.note(
-        "A11", "impact", f"energy drift, {kind.__name__}, dt = 0.02", f"below {gate}", found, f"push: {control}"
-    )
 
 
 @pytest.mark.long
-def test_a_dense_pile_keeps_its_energy_over_a_long_time(figures):
+def test_a_dense_pile_keeps_its_energy_over_a_long_time():
     for dt, gate in {0.02: 5e-5, 0.01: 1e-5}.items():
         scenes = [pile(seed, 100) for seed in range(16)]
         found = drifts_of(scenes, 60.0, dt=dt, method="naive", contact="impact")
         assert abs(found.value) + 2 * found.error < gate, f"a pile gains {found} per time at dt={dt}, allowed {gate}"
         control = drifts_of(scenes[:2], 60.0, dt=dt, method="naive", contact="push")
         assert abs(control.value) > 4 * gate, f"push must fail the gate {gate}; got {control} at dt={dt}"
-        figures.note("A11", "impact", f"dense pile of 100, dt = {dt}: drift", f"below {gate:.0e}", found, control)
 
 
 @pytest.mark.long
-def test_half_of_a_share_of_energy_is_potential(figures):
+def test_half_of_a_share_of_energy_is_potential():
     """Of discs so small that they hardly meet; a packing of 0.003 in the lower half raises them by as much."""
     shares = []
     for seed in range(24):
@@ -225,4 +214,3 @@ def test_half_of_a_share_of_energy_is_potential(figures):
     assert found.error < 0.01
     assert abs(found.value - 1) < 3 * found.error + 0.003, f"potential energy {found} of E/(2N)"
     assert abs(found.deviation(2 / 3)) > 20, "one share of three, as of springs, must fail"
-    figures.note("F2", "event", "small discs: m g y over E/(2N)", 1, found, "2/3: fails")

@@ -25,7 +25,7 @@ def one(position, velocity, obstacles, radius=0.5, side=20.0, **features):
 
 
 @pytest.mark.parametrize("angle", [1.0, 0.4, 0.23])
-def test_a_ball_leaves_a_wedge_as_the_unfolded_line_does(angle, figures):
+def test_a_ball_leaves_a_wedge_as_the_unfolded_line_does(angle):
     """Mirrored in each wall that it meets, the wedge stands still and the path is a straight line."""
     apex, radius, long, until = np.array([2.0, 10.0]), 0.1, 18.0, 9.0
     half = 0.5 * angle
@@ -47,10 +47,9 @@ def test_a_ball_leaves_a_wedge_as_the_unfolded_line_does(angle, figures):
     error = np.abs(found - inner - math.hypot(*line) * np.array([math.cos(image), math.sin(image)])).max()
     assert abs(folds) >= 3
     assert error < 1e-12, "a wedge wider by a thousandth would send it further aside than that"
-    figures.note("wedge", "event", f"place after {abs(folds)} bounces", 0, f"{error:.0e}", "angle + 0.1 %: > 1e-3")
 
 
-def test_a_ball_on_top_of_a_peg_bounces_in_the_time_of_its_fall(figures):
+def test_a_ball_on_top_of_a_peg_bounces_in_the_time_of_its_fall():
     height, gravity = 1.7, 1.3
     period = 2 * math.sqrt(2 * height / gravity)
     for beside, bounces in ((0.0, 20), (1e-9, 10)):
@@ -63,7 +62,6 @@ def test_a_ball_on_top_of_a_peg_bounces_in_the_time_of_its_fall(figures):
         else:
             assert x == 10.0
             assert abs(y - 8.5 - height) < 1e-12
-            figures.note("peg", "event", "height after 20 bounces", 0, f"{abs(y - 8.5 - height):.0e}", "beside: off")
 
 
 def test_restitution_of_an_obstacle_takes_the_same_part_of_each_fall():
@@ -87,7 +85,7 @@ def test_a_ball_rolls_off_the_end_of_a_ledge_round_its_corner():
         assert sim.state.position[0] == pytest.approx([7.9 + 2.0 * speed, 5.5 - 0.5 * late**2], abs=1e-3)
 
 
-def test_the_mean_free_path_of_a_lorentz_gas_is_that_of_chernov(figures):
+def test_the_mean_free_path_of_a_lorentz_gas_is_that_of_chernov():
     """pi A / P: the free area, and the perimeter that a centre can meet."""
     side, radius, bar = 3.0, 0.1, 0.8
     obstacles = [FixedDisc((1.5, 1.5), 0.5), Polyline([(0.2, 0.3), (0.2 + bar, 0.3)], 0.2)]
@@ -105,14 +103,13 @@ def test_the_mean_free_path_of_a_lorentz_gas_is_that_of_chernov(figures):
     assert error / expected < 0.08
     assert abs(mean - expected) < 4 * error
     assert abs(mean - math.pi * area / (perimeter - 2 * bar)) > 4 * error, "without the bar's straight sides: longer"
-    figures.note("Lorentz", "event", "mean free path", f"{expected:.3f}", f"{mean:.3f}({error:.3f})", "no bar: fails")
 
 
 BOUNCED_ON = {"slope": Polyline([(0, 0.8), (8, 1.2)], 0.2), "pegs": [FixedDisc((k + 0.5, 1), 0.5) for k in range(8)]}
 
 
 @pytest.mark.parametrize("name", BOUNCED_ON)
-def test_bounces_on_obstacles_keep_their_energy(name, figures):
+def test_bounces_on_obstacles_keep_their_energy(name):
     """Exact parabolas, exact bounces, on walls of any shape. Push loses energy at each."""
     kept, (dt, until) = {}, (0.01, 15.0) if name == "pegs" else (0.03, 30.0)
     for how in ("impact", "push", "event"):
@@ -125,7 +122,6 @@ def test_bounces_on_obstacles_keep_their_energy(name, figures):
         kept[how] = ((state.velocity**2).sum() / 2 + state.position[0, 1]) / (0.3**2 / 2 + 6.5) - 1
     assert max(abs(kept["impact"]), abs(kept["event"])) < 1e-11
     assert kept["push"] < -0.002, "the control"
-    figures.note("A11", "impact", f"bounces on {name}: energy gained", 0, f"{kept['impact']:.0e}", kept["push"])
 
 
 @pytest.mark.parametrize(("count", "part"), [(1, 0.98), pytest.param(60, 0.3, marks=pytest.mark.long)])

@@ -28,7 +28,7 @@ def one(position, velocity, piston, width=11.0, height=3.0, **features):
 
 @pytest.mark.parametrize("how", [{"method": "event"}, {"method": "naive", "contact": "impact"}], ids=str)
 @pytest.mark.parametrize("wall", ["left", "right", "bottom", "top"])
-def test_a_disc_between_a_wall_and_a_piston_keeps_its_adiabatic_invariant(wall, how, figures):
+def test_a_disc_between_a_wall_and_a_piston_keeps_its_adiabatic_invariant(wall, how):
     """At each impact L (v - V) is the same: L_n = L_0 (v_0 - V) / (v_n - V), v_n = v_0 + 2 n V."""
     start, v, speed, bounces = 10.0, 3.0, 0.25, 9
     sign, across = (1 if wall in ("left", "bottom") else -1), wall in ("bottom", "top")
@@ -52,10 +52,9 @@ def test_a_disc_between_a_wall_and_a_piston_keeps_its_adiabatic_invariant(wall, 
     met = found.box[("left", "right", "bottom", "top").index(wall)] - sign * speed * (now - until) + sign * 0.5
     assert found.position[0, axis] == pytest.approx(met + sign * after * (now - until), abs=1e-9)
     assert after - v > 1, "the control: each impact has added 0.5"
-    figures.note("piston", how["method"], f"speed after {bounces + 1} impacts, {wall}", after, after, "v - 2 V: less")
 
 
-def test_a_ball_on_a_floor_that_rises_bounces_as_on_one_at_rest_and_then_as_on_it(figures):
+def test_a_ball_on_a_floor_that_rises_bounces_as_on_one_at_rest_and_then_as_on_it():
     gravity, rise, height = 1.0, 0.2, 1.0
     relative = math.sqrt(rise**2 + 2 * gravity * height)
     period, first = 2 * relative / gravity, (relative - rise) / gravity
@@ -75,7 +74,6 @@ def test_a_ball_on_a_floor_that_rises_bounces_as_on_one_at_rest_and_then_as_on_i
     assert first + period < 5 < first + 2 * period
     energy = 0.5 * (relative + rise) ** 2 + gravity * rise * (first + period)
     assert 0.5 * found.velocity[0, 1] ** 2 + gravity * (found.position[0, 1] - 0.5) == pytest.approx(energy, rel=1e-13)
-    figures.note("rising floor", "event", "height of a bounce", f"{top:.6f}", f"{top:.6f}", "at rest: -1.0")
 
 
 def test_a_piston_sweeps_up_discs_at_rest_at_twice_its_speed_and_not_after_its_stop():
@@ -216,7 +214,7 @@ def test_a_piston_does_the_work_that_the_gas_gains():
 
 
 @pytest.mark.long
-def test_a_slow_piston_keeps_temperature_times_area(figures):
+def test_a_slow_piston_keeps_temperature_times_area():
     """T A is constant in two dimensions (gamma = 2) for an ideal gas; d ln T = -Z d ln A for discs, A for centres."""
     radius, count, side = 0.1, 200, 40.0
     how = {"method": "naive", "contact": "impact", "dt": 0.02}
@@ -227,4 +225,3 @@ def test_a_slow_piston_keeps_temperature_times_area(figures):
     assert abs(gained.value / expected - 1) < 3 * gained.error / expected + 0.01
     fast, _, _ = compressed(2.0, 0, how, count, radius, side)
     assert fast > 1.5 * expected, f"a piston as fast as the discs must heat by more; got {fast}"
-    figures.note("P1", "impact", "box halved by a piston at 0.02: T/T0", f"{expected:.3f}", gained, f"at 2: {fast:.2f}")
