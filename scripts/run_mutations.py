@@ -56,7 +56,7 @@ FIRST = {
         for family in ("contacts", "laws", "sort", "events")
     },
     "windows": ["tests/twins/test_tiles_of_few.py", "tests/twins", "tests/contracts"],
-    "checkpoint": ["tests/contracts/test_written_files.py", "tests/faults/test_checkpoints_read.py", "tests/contracts"],
+    "checkpoint": ["tests/contracts/test_written_files.py", "tests/faults/test_checkpoints.py", "tests/contracts"],
     "changes": ["tests/doors/test_changes.py", "tests/contracts"],
     "statistics": ["tests/doors/test_averages.py", "tests/doors/test_correlations.py", "tests/physics", "tests/doors"],
     "readers": ["tests/doors/test_files.py", "tests/doors/test_trajectory.py", "tests/doors"],

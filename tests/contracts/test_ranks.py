@@ -1,5 +1,6 @@
 """The same bits on any number of ranks as in one process, with whatever they can do; and files between the two."""
 
+import hashlib
 import json
 import re
 from functools import cache
@@ -259,3 +260,278 @@ def test_each_rank_has_the_correlations_of_one_process_and_one_of_them_writes_th
     expected = [function.value.tolist() for function in (alone.msd, alone.velocity, alone.scattering(1.0))]
     assert told_by_script(2, str(tmp_path), script=CORRELATIONS) == [expected] * 2
     assert mpsim.Correlations.load(tmp_path / "c.npz").msd.value.tolist() == expected[0]
+
+
+# --- no rank needs all discs: starts, frames, digests, measures, files and ranges take a share
+
+READING = """
+import json, sys, threading, warnings, numpy as np, mpsim
+from mpi4py import MPI
+from support.ranks import CASES
+
+warnings.simplefilter("ignore")
+case, comm = CASES[sys.argv[1]](), MPI.COMM_WORLD
+with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi")) as sim:
+    sim.run(frames=30)
+    whole, (numbers, own) = sim.state, sim.local_state()
+    assert (own.position == whole.position[numbers]).all()
+    assert (own.velocity == whole.velocity[numbers]).all()
+    assert (np.diff(numbers) > 0).all()
+    here = np.sort(np.concatenate(comm.allgather(numbers)))
+    assert (here == np.flatnonzero(whole.present)).all(), "each disc is with one rank"
+    part = sim.state_between(50, 170)
+    assert (part.position == whole.position[50:170]).all()
+    told = sim.once(lambda: [comm.rank, sim.digest(), sim.state_between(7, 9).position.tolist(), sim.state.digest()])
+    assert told == [0, sim.digest(), whole.position[7:9].tolist(), whole.digest()]
+    try:
+        sim.once(lambda: 1 / (comm.rank * 0))
+    except ZeroDivisionError:
+        told = "raised"
+    try:
+        sim.once(lambda: lambda: 0)
+    except TypeError as error:
+        assert "sendable" in str(error)
+    class Odd(Exception):
+        def __init__(self, one, other):
+            super().__init__(f"{one} {other}")
+
+    def fail():
+        raise Odd("an odd", "error")
+
+    def refused(act):
+        try:
+            act()
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+
+    assert "Odd: an odd error" in refused(lambda: sim.once(fail))
+    assert refused(lambda: sim.once(lambda: sim.run(3))).startswith("BusyError: what `once` calls may only read")
+    assert refused(lambda: sim.once(lambda: sim.add([3, 3], [0, 0]))).startswith("BusyError")
+    assert "must be the same on all ranks; got (0, 10), (1, 10)" in refused(lambda: sim.state_between(comm.rank, 10))
+    assert refused(lambda: sim.run(3, checkpoint=f"{comm.rank}.mpsim")).startswith("InputError: arguments of run must")
+    assert refused(lambda: sim.save(f"{comm.rank}.mpsim")).startswith("InputError: paths of checkpoints must")
+    all_raised, read = comm.allgather(told), []
+
+    def read_elsewhere(done, frames):
+        thread = threading.Thread(target=lambda: read.append(refused(lambda: sim.state)))
+        thread.start()
+        thread.join()
+
+    sim.run(1, progress=read_elsewhere)
+    assert read[0].startswith("BusyError"), read
+if comm.rank == 0:
+    print(json.dumps([all_raised, whole.digest()]))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["rough torus", "doors"])
+def test_ranks_read_ranges_of_discs_and_what_the_first_one_does_once(name):
+    raised, digest = told_by_script(2, name, script=READING)
+    assert raised == ["raised", "raised"]
+    case = CASES[name]()
+    with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="grid")) as sim:
+        sim.run(frames=30)
+        assert sim.digest() == digest
+        assert sim.state_between(50, 170).digest() == mpsim.State(**parts_of(sim.state, 50, 170)).digest()
+
+
+def parts_of(state, first, last):
+    parts = {name: value[first:last] for name, value in vars(state).items() if hasattr(value, "shape")}
+    return parts | {"box": state.box}
+
+
+AT_A_TIME, AS_TEXT = 16e6, 32e6
+"""Bytes that a rank needs beyond its share, however many discs there are, for those that it reads at a time, and of a
+trajectory for their text."""
+DISCS_OF_A_RANK = 600_000
+MAPPED = 16
+"""Bytes of a disc in a checkpoint, float32: the first rank reads the file through to verify it. Its pages are the
+system's, which takes them back, but count as those of the process."""
+
+MEMORY = """
+import json, psutil, sys, mpsim
+from mpi4py import MPI
+from mpsim.core import columns
+
+comm, count, path = MPI.COMM_WORLD, int(sys.argv[1]), sys.argv[2]
+settings, peaks = mpsim.Settings(dt=0.02, method="mpi", precision="float32"), {}
+
+def scene(count):
+    return mpsim.Scene.lattice(count=count, packing=0.4, radius=0.5, seed=3)
+
+def forget():
+    with open("/proc/self/clear_refs", "w") as file:
+        file.write("5")
+
+def note(what):
+    with open("/proc/self/status") as file:
+        peak = next(int(line.split()[1]) * 1024 for line in file if line.startswith("VmHWM"))
+    peaks[what] = max(comm.allgather((peak - before) / count))
+    forget()
+
+def life(count, note=lambda what: None):
+    with mpsim.Simulation(scene(count), settings) as sim:
+        note("start")
+        sim.run(frames=3)
+        note("frames")
+        sim.digest()
+        note("digest")
+        sim.save(path)
+        note("save")
+        with mpsim.Trajectory.write(path + ".xyz", mode="w", comm=comm) as out:
+            sim.run(frames=1, observe=out)
+        note("trajectory")
+        digest = sim.digest()
+    forget()
+    with mpsim.Simulation.resume(path, method="mpi") as sim:
+        note("resume")
+        sim.run(frames=1)
+        assert sim.digest() == digest
+        forget()
+        columns.CHUNK = count
+        sim.digest()
+        note("digest at once")
+    return digest
+
+CHUNK = columns.CHUNK
+life(3000)
+columns.CHUNK = CHUNK
+before = psutil.Process().memory_info().rss
+forget()
+digest = life(count, note)
+if comm.rank == 0:
+    print(json.dumps([digest, peaks]))
+"""
+
+
+@pytest.fixture
+def memory_given_back(monkeypatch):
+    """What is freed goes back to the system: else the C library keeps more or less of it, from one run to the next."""
+    monkeypatch.setenv("MALLOC_MMAP_THRESHOLD_", str(2**17))
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("memory_given_back")
+@pytest.mark.parametrize("number", [2, 4])
+def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path):
+    """The control: a digest for which the first rank gets all discs at once."""
+    count, path = DISCS_OF_A_RANK * number, str(tmp_path / "run")
+    alone, shared = (told_by_script(each, str(count), path, script=MEMORY) for each in (1, number))
+    assert alone[0] == shared[0], "digests"
+    beyond = {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
+    assert beyond.pop("digest at once") > 1.5 * AT_A_TIME, beyond
+    assert beyond.pop("trajectory") < AS_TEXT, beyond
+    assert beyond.pop("resume") < AT_A_TIME + MAPPED * count, beyond
+    assert max(beyond.values()) < AT_A_TIME, beyond
+
+
+PATHS = """
+import sys, mpsim
+from mpi4py import MPI
+from support.ranks import tell
+
+path, rank = sys.argv[1], MPI.COMM_WORLD.rank
+with mpsim.Simulation(mpsim.Scene.load("gas"), mpsim.Settings(method="mpi")) as sim:
+    sim.save(path)
+for wrong in (f"{path}{rank}", path + ".missing", 5):
+    try:
+        mpsim.Simulation.resume(wrong, method="mpi")
+    except mpsim.MpsimError as error:
+        tell(type(error).__name__, error)
+"""
+
+
+def test_ranks_that_are_given_other_files_or_none_are_told_so(tmp_path):
+    done = on_ranks(2, str(tmp_path / "run"), script=PATHS)
+    assert done.code == 0, done.err
+    assert done.out.count("InputError paths of checkpoints must be the same on all ranks") == 2
+    assert done.out.count("CheckpointError the checkpoint") == 2
+    assert done.out.count("InputError the path of a checkpoint must be a file name; got 5") == 2
+
+
+# --- files are the same to the byte whoever writes them: one process, or any number of ranks
+
+LARGE = {"count": 200_001, "packing": 0.4, "radius": 0.5, "boundary": "periodic", "seed": 3}
+"""Of four chunks, the last one of a few thousand discs; with image flags."""
+
+WRITTEN = """
+import hashlib, json, sys, mpsim
+from pathlib import Path
+from mpi4py import MPI
+
+path, workers, lattice = sys.argv[1:]
+settings = mpsim.Settings(dt=0.02, method="mpi", workers=int(workers) or None)
+with mpsim.Simulation(mpsim.Scene.lattice(**json.loads(lattice)), settings) as sim:
+    sim.run(frames=4)
+    sim.save(path)
+    digest = sim.digest()
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps([digest, hashlib.sha256(Path(path).read_bytes()).hexdigest()]))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("numbers", [[(1, 0), (2, 0)], [(3, 0), (4, 0), (2, 4)]])
+def test_a_checkpoint_in_chunks_has_the_same_bytes_on_any_number_of_ranks(numbers, tmp_path):
+    with mpsim.Simulation(mpsim.Scene.lattice(**LARGE), mpsim.Settings(dt=0.02, method="grid")) as sim:
+        sim.run(frames=4)
+        expected, digest = content_of(sim.save(tmp_path / "one")), sim.digest()
+    files = {}
+    for number, workers in numbers:
+        path = tmp_path / f"{number}-{workers}"
+        told = told_by_script(number, str(path), str(workers), json.dumps(LARGE), script=WRITTEN)
+        assert told[0] == digest
+        assert content_of(path) == expected
+        files.setdefault(workers, set()).add(told[1])
+        with mpsim.Simulation.resume(path, method="grid") as sim:
+            assert sim.digest() == digest
+    assert len(files[0]) == 1, "whole files, to the byte"
+
+
+FRAMES = """
+import hashlib, json, sys, mpsim
+from pathlib import Path
+from mpi4py import MPI
+from mpsim.output import xyz
+
+path, lattice = sys.argv[1:]
+comm, lengths, text = MPI.COMM_WORLD, [], xyz.text_of
+
+def noted(frame):
+    for part in text(frame):
+        lengths.append(len(part))
+        yield part
+
+xyz.text_of = noted
+scene, settings = mpsim.Scene.lattice(**json.loads(lattice)), mpsim.Settings(dt=0.02, method="mpi")
+with mpsim.Simulation(scene, settings) as sim:
+    with mpsim.Trajectory.write(path, 2, comm=comm) as out:
+        sim.run(frames=4, observe=out)
+    assert out.frames == 3
+    with mpsim.Trajectory.write(path, 2, mode="a", comm=comm) as out:
+        sim.run(frames=2, observe=out)
+told = comm.gather([sum(lengths), max(lengths, default=0)])
+if comm.rank == 0:
+    print(json.dumps([told, hashlib.sha256(Path(path).read_bytes()).hexdigest()]))
+"""
+
+
+@pytest.mark.parametrize("number", long_but([1, 2, 4], 2))
+@pytest.mark.parametrize("boundary", long_but(["walls", "periodic"], "walls"))
+def test_frames_of_extended_xyz_have_the_same_bytes_on_any_number_of_ranks(number, boundary, tmp_path):
+    """Of five parts; the first rank, which writes them, holds the text of one."""
+    some = LARGE | {"count": 90_001, "boundary": boundary}
+    told, digest = told_by_script(number, str(tmp_path / "ranks.xyz"), json.dumps(some), script=FRAMES)
+    settings = mpsim.Settings(dt=0.02, method="grid")
+    with (
+        mpsim.Simulation(mpsim.Scene.lattice(**some), settings) as sim,
+        mpsim.Trajectory.write(tmp_path / "one.xyz", 2) as out,
+    ):
+        sim.run(frames=6, observe=out)
+    whole = (tmp_path / "one.xyz").read_bytes()
+    assert hashlib.sha256(whole).hexdigest() == digest
+    (total, most), *others = told
+    assert (total, others) == (len(whole), [[0, 0]] * (number - 1))
+    assert most < 0.3 * len(whole) / 4

@@ -12,8 +12,7 @@ import numpy as np
 import mpsim
 from support.compare import assert_same_bits
 from support.scenes import simulate
-from support.twin_flight import landing
-from support.twin_motion import EDGES, Motion, limited, segments_of
+from support.twin_motion import EDGES, Motion, landing, limited, segments_of
 
 CELLS_PER_DISC = 2
 """At most so many cells for each disc."""

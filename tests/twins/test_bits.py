@@ -8,9 +8,8 @@ import tempfile
 
 import numpy as np
 import pytest
-from support.anything import anything
+from support.anything import any_gas, anything, typical_time
 from support.compare import assert_same_bits
-from support.gases import any_gas, typical_time
 from support.scenes import simulate
 from support.twins import Twin
 

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from support.gases import any_gas, typical_time
+from support.anything import any_gas, typical_time
 from support.scenes import simulate
 
 import mpsim

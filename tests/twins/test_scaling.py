@@ -7,9 +7,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.anything import anything
+from support.anything import any_gas, anything, typical_time
 from support.compare import assert_same_bits
-from support.gases import any_gas, typical_time
 from support.scenes import simulate
 from support.transforms import Units, features_of, is_weighed
 
