@@ -1,6 +1,7 @@
 """Compilation of kernels: their parts, their optional arguments, and the cache of machine code."""
 
 import fcntl
+import functools
 import hashlib
 import logging
 import os
@@ -15,7 +16,7 @@ from typing import Any, Literal, Protocol
 
 import llvmlite
 import numba
-from numba import _dynfunc, config, njit, types
+from numba import _dynfunc, config, njit, typeof, types
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
@@ -424,6 +425,14 @@ def inlined(function: Callable[..., Any]) -> Any:
     contact; the compiler's own judgement of what to inline changes with every edit.
     """
     return register_jitable(forceinline=True, pipeline_class=PartCompiler, **_OPTIONS)(function)
+
+
+def bound(kernel: Any, *arguments: Any) -> Callable[..., Any]:
+    """A compiled kernel with its first arguments, or all, for many calls; a view among them is kept.
+
+    Compiled or loaded now. A call then looks up no types, which takes Numba longer than a frame of a hundred discs.
+    """
+    return functools.partial(kernel if JIT_DISABLED else kernel.compile(tuple(map(typeof, arguments))), *arguments)
 
 
 def compiled_kernels() -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
@@ -32,10 +32,11 @@ from mpsim.engine.solvers.speeds import Speeds, fastest_in, speeds_of
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc_at, state_of
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock
-from mpsim.engine.workers.worker import buffers_of, kernel_arguments, load_kernels
+from mpsim.engine.workers.worker import buffers_of, call_of, kernel_arguments, load_kernels
 from mpsim.errors import DivergedError, InputError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
+from mpsim.kernels.compiling import bound
 from mpsim.kernels.features import collisions
 from mpsim.kernels.frame.rank import run_part
 from mpsim.kernels.frame.stepping import run_grid, run_naive
@@ -86,21 +87,14 @@ class AsTheyLay(ChunkedArray):
         return _pairs_by_id(self.x, self.y, self.numbers)
 
 
-def naive_arguments(block: SharedBlock) -> tuple[Any, ...]:
-    """Arguments of `run_naive`: views of the block. There is one buffer, which is never sorted."""
+def naive_call(block: SharedBlock) -> Callable[[], int]:
+    """`run_naive` with its arguments: views of the block. There is one buffer, which is never sorted."""
     if (known := block.calls.get("naive")) is None:
-        grid = kernel_arguments(block, 0)
-        known = grid.a, grid.features, grid.parameters, grid.control, grid.team, grid.tally, grid.times
+        its = kernel_arguments(block, 0)
+        parameters, control = records.row_of(its.parameters), records.row_of(its.control)
+        known = bound(run_naive, its.a, its.features, parameters, control, its.team, its.tally, its.times)
         block.calls["naive"] = known
     return known
-
-
-def load_naive(block: SharedBlock) -> None:
-    """Compile or load `run_naive`, by running no frame."""
-    discs, features, parameters, control, *rest = naive_arguments(block)
-    control = control.copy()
-    control.frames = 0
-    run_naive(discs, features, parameters, control, *rest)
 
 
 # --- The log of collisions of stepped solvers
@@ -264,13 +258,13 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _run_kernel(self, workers: int) -> int:
         """Run the command that the record `control` holds. Returns records.RUNNING, or why it has ended before."""
         if self.choice.method == "naive":
-            return run_naive(*naive_arguments(self._block))
+            return naive_call(self._block)()
         self._deal(workers)
         pool = self._pool if workers > 1 else None
         if pool is not None:
             pool.wake()
         try:
-            abort = run_grid(*kernel_arguments(self._block, 0))
+            abort = call_of(self._block, run_grid)()
         finally:
             if pool is not None:
                 pool.settle()
@@ -598,14 +592,14 @@ class GridSolver(SteppedSolver, CollisionLog):
         fill_features(block.arrays, self._scene)
 
     def _load_kernels(self) -> None:
-        """Compile or load what will run, by running no frame, before workers start, which then find the machine code.
+        """Compile or load what will run, before workers start, which then find the machine code.
 
         Ctrl-C waits, as Numba looks up the types of arguments inside exceptions of its own. It comes in this frame,
         which holds no view of the block.
         """
         with interrupts_held_back():
             if self.choice.method == "naive":
-                load_naive(self._block)
+                naive_call(self._block)
             else:
                 load_kernels(self._block)
 
@@ -720,7 +714,7 @@ class PassSolver(GridSolver):
     def _run_part(self, part: int) -> None:
         control = self._arrays["control"]
         control.part, control.ahead = part, records.NO_FRAME
-        run_part(*kernel_arguments(self._block, 0))
+        call_of(self._block, run_part)()
 
     def _seen(self, name: str, number: int, owners: NDArray[np.int64]) -> Pass:
         """The pass that has just been run."""

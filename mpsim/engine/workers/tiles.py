@@ -3,6 +3,7 @@
 import math
 import pickle
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,8 +83,8 @@ def _load(block: SharedBlock) -> None:
     run_windows(*_idle_call(arguments._replace(shared=private), 0, 0))
 
 
-def _call(block: SharedBlock, worker: int) -> tuple[Callable[..., int], tuple[Any, ...]]:
-    return _wait_for_windows, _idle_call(_arguments_in(block.arrays, worker), worker, LINGER)
+def _call(block: SharedBlock, worker: int) -> Callable[[], int]:
+    return partial(_wait_for_windows, *_idle_call(_arguments_in(block.arrays, worker), worker, LINGER))
 
 
 def _wait_for_windows(*call: Any) -> int:

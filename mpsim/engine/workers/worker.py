@@ -14,8 +14,6 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import parent_process
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock, refusal_of_process
 from mpsim.errors import ResourceError
 from mpsim.kernels import compiling, records
@@ -45,16 +43,19 @@ class Program(NamedTuple):
     """What the workers of a solver run. A worker imports the module of these functions, and no other solver's.
 
     Attributes:
-        load: compiles or loads what coordinator and workers call, by running no frame on private records of a block.
-        call: the kernel that waits for commands in a block, and its arguments for one worker.
+        load: compiles or loads what coordinator and workers call; of a block it changes nothing.
+        call: the kernel that waits for commands in a block, with its arguments for one worker.
     """
 
-    load: Callable[[SharedBlock], None]
-    call: Callable[[SharedBlock, int], tuple[Callable[..., int], tuple[Any, ...]]]
+    load: Callable[[SharedBlock], object]
+    call: Callable[[SharedBlock, int], Callable[[], int]]
 
 
 class GridArguments(NamedTuple):
-    """Arguments of `run_grid`, or `run_part`, in its order; see there. All but the last two are views of the block."""
+    """Arguments of `run_grid`, or `run_part`, in its order; see there. All but the last two are views of the block.
+
+    parameters, control: the records themselves.
+    """
 
     a: records.Discs
     b: records.Discs
@@ -104,21 +105,23 @@ def buffers_of(block: SharedBlock) -> tuple[records.Discs, records.Discs]:
     return a, b
 
 
-def _load_grid(block: SharedBlock) -> None:
-    kernel, arguments = _grid_call(block, 0)
-    control = arguments.control.copy()
-    control.frames, control.workers = 0, 1
-    control.part, control.ahead = records.ODD, records.NO_FRAME  # of no columns
-    kernel(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
+def call_of(block: SharedBlock, kernel: Callable[..., int], worker: int = 0) -> Callable[[], int]:
+    """`run_grid` or `run_part` with the arguments of one worker."""
+    key = kernel, worker
+    if (known := block.calls.get(key)) is None:
+        given = kernel_arguments(block, worker)
+        rows = {"parameters": records.row_of(given.parameters), "control": records.row_of(given.control)}
+        known = block.calls[key] = compiling.bound(kernel, *given._replace(**rows))
+    return known
 
 
-def _grid_call(block: SharedBlock, worker: int) -> tuple[Callable[..., int], GridArguments]:
+def _grid_call(block: SharedBlock, worker: int = 0) -> Callable[[], int]:
     """A kernel for whole commands, or, on the ranks of MPI, for parts of a step."""
     control = block.arrays["control"]
-    return run_part if control.members > control.workers else run_grid, kernel_arguments(block, worker)
+    return call_of(block, run_part if control.members > control.workers else run_grid, worker)
 
 
-GRID = Program(_load_grid, _grid_call)
+GRID = Program(_grid_call, _grid_call)
 """Of stepped solvers."""
 
 
@@ -177,9 +180,9 @@ def _end_with_coordinator(pid: int) -> None:
 def _serve(worker: int, connection: Connection, block: SharedBlock, program: Program) -> None:
     """Run commands until the coordinator says stop. Does not return."""
     load_kernels(block, program)
-    kernel, arguments = _join(worker, connection, block, program)
+    call = _join(worker, connection, block, program)
     while True:
-        outcome = kernel(*arguments)
+        outcome = call()
         if outcome == records.IDLE:
             _park(connection, block.arrays["control"], block.arrays["team"][worker])
         elif outcome != records.MAILED:
@@ -191,17 +194,15 @@ def _serve(worker: int, connection: Connection, block: SharedBlock, program: Pro
             if kind == "stop":
                 os._exit(0)  # at once, views and all: a worker owns nothing that would need cleaning up
             if kind == "attach":
-                del arguments
+                del call
                 block.close()
                 block = SharedBlock.attach(name, specs)
                 load_kernels(block, program)
-                kernel, arguments = _join(worker, connection, block, program)
+                call = _join(worker, connection, block, program)
 
 
-def _join(
-    worker: int, connection: Connection, block: SharedBlock, program: Program
-) -> tuple[Callable[..., int], tuple[Any, ...]]:
-    """Say that this worker is ready for the next command in the block; returns its kernel and the arguments."""
+def _join(worker: int, connection: Connection, block: SharedBlock, program: Program) -> Callable[[], int]:
+    """Say that this worker is ready for the next command in the block; returns the call of its kernel."""
     control, mine = block.arrays["control"], block.arrays["team"][worker]
     mine.commands = load_word(control.signals, records.COMMAND)
     mine.mails = load_word(control.signals, records.MAIL)

@@ -153,7 +153,7 @@ def run_part(a, b, start, changes, features, parameters, control, team, sent, ta
     MOVE; SORT, with the even pass away from borders; EVEN, of a further pass; ODD, and the move of the next step if
     there is one. After SORT the state is in the other buffer. Contacts at borders come between.
     """
-    mine = team[worker]
+    parameters, control, mine = parameters[0], control[0], team[worker]
     while True:
         heard = next_command(control, mine, worker, linger)
         if heard != RUNNING:

@@ -208,10 +208,11 @@ def run_grid(a, b, start, changes, features, parameters, control, team, sent, ta
     The coordinator, worker 0, gives the command and does its share of it; as both happen in here, nothing can come
     between them. Any other worker runs commands as they come, until none has come for `linger` nanoseconds (IDLE)
     or a message waits (MAILED). control.live says which of the buffers a and b holds the state.
-    times: int64 (frames, phases) and tally: TALLY (frames,), of this worker, zero at first.
+    times: int64 (frames, phases) and tally: TALLY (frames,), of this worker, zero at first. parameters, control: arrays
+    of one record.
     Returns RUNNING, what ended the frames before their number was done, IDLE or MAILED.
     """
-    mine = team[worker]
+    parameters, control, mine = parameters[0], control[0], team[worker]
     while True:
         heard = next_command(control, mine, worker, linger)
         if heard != RUNNING:
@@ -228,8 +229,11 @@ def run_grid(a, b, start, changes, features, parameters, control, team, sent, ta
 
 @compiled
 def run_naive(discs, features, parameters, control, team, tally, times):
-    """All frames of one command by testing all pairs i < j in index order. Returns RUNNING or BAD_STATE."""
-    mine = team[0]
+    """All frames of one command by testing all pairs i < j in index order. Returns RUNNING or BAD_STATE.
+
+    parameters, control: arrays of one record.
+    """
+    parameters, control, mine = parameters[0], control[0], team[0]
     count = control.count
     mine.frame = 0
     started = now(mine.clock)

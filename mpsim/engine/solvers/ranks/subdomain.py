@@ -13,7 +13,7 @@ from mpsim.engine.solvers.grid import shares_of
 from mpsim.engine.solvers.stepped import Grid, block_arrays
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import SharedBlock, remove_stale_blocks
-from mpsim.engine.workers.worker import GridArguments, kernel_arguments, load_kernels
+from mpsim.engine.workers.worker import GridArguments, call_of, kernel_arguments, load_kernels
 from mpsim.errors import InputError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
@@ -408,9 +408,8 @@ class Subdomain:
         control.part, control.ahead = part, ahead
         if pool is not None:
             pool.wake()
-        self.arguments()  # of which the kernel chooses by itself
         try:
-            outcome = kernels.run_part(*self._arguments[0])
+            outcome = call_of(self.block, kernels.run_part)()
         finally:
             if pool is not None:
                 pool.settle()
