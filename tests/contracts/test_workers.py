@@ -1,10 +1,12 @@
 """The same bits on any number of workers, with any start method, on every run; and the race that is the control."""
 
 import itertools
+import time
 
 import numpy as np
 import pytest
 from support.compare import assert_inside_and_finite, assert_same_bits
+from support.internals import block_name
 from support.scenes import ZOO, crowd, digest_after, gas, simulate, state_after, zoo
 from support.selection import slow_but
 
@@ -43,17 +45,6 @@ def test_any_number_of_workers_has_the_bits_of_grid_however_they_start(workers, 
         report = sim.run(frames=FRAMES)
         assert_same_bits(sim.state, expected, f"{workers} workers by {start_method}")
     assert report.collisions > 2000, f"{report.collisions} contacts keep no worker busy"
-
-
-def test_a_repeated_run_has_the_same_bits(expected):
-    assert_same_bits(state_after(dense(), FRAMES, method="parallel", workers=2, **SETTINGS), expected, "again")
-
-
-@pytest.mark.slow
-def test_float32_has_the_bits_of_grid():
-    single = {"precision": "float32", **SETTINGS}
-    grid = state_after(dense(), FRAMES, method="grid", **single)
-    assert_same_bits(state_after(dense(), FRAMES, method="parallel", workers=3, **single), grid, "float32")
 
 
 def test_two_simulations_at_the_same_time_do_not_disturb_each_other():
@@ -157,3 +148,72 @@ def test_every_feature_has_the_bits_of_grid_on_all_cores_of_the_machine(name):
         grid = sim.digest()
     for workers in {3, 5, 8, max(usable_cores() - 1, 1), usable_cores()}:
         assert digest_after(scene, 60, method="parallel", workers=workers, **settings) == grid, f"{workers} workers"
+
+
+# --- in pieces, watched, or grown on the way: the bits of the run in one piece
+
+METHODS = [("naive", 1), ("grid", 1), ("parallel", 3)]
+CROWD, OF_CROWD = 400, 24
+
+
+def overwrite(values):
+    """Write zeros where an array that cannot be written has its values."""
+    owner = values if values.base is None else values.base
+    owner.flags.writeable = True
+    owner[:] = 0
+
+
+@pytest.mark.parametrize(("method", "workers"), METHODS)
+def test_a_run_in_pieces_that_is_looked_at_has_the_bits_of_one_run(method, workers):
+    settings = {"method": method, "workers": workers, "dt": 0.02, "substeps": 2}
+    expected = state_after(crowd(CROWD, 0.8, seed=1), OF_CROWD, **settings)
+    with simulate(crowd(CROWD, 0.8, seed=1), **settings) as sim:
+        for frames in (1, 1, 1, 7, 0, 1, 13):
+            sim.run(frames=frames, progress=lambda done, of: time.sleep(0.0005))
+            assert len(sim.digest()) == 32
+            overwrite(sim.state.position)  # a copy
+        assert sim.frame == OF_CROWD
+        assert_same_bits(sim.state, expected, "in pieces")
+
+
+def grow(method, workers, pieces, scene):
+    """State after a growth experiment, and the number of blocks: `pieces` of discs are added, each after two frames."""
+    rng = np.random.default_rng(4)
+    places = 0.5 + rng.random((sum(pieces), 2)) * (scene.width - 1)
+    speeds = rng.normal(size=(sum(pieces), 2))
+    blocks, added = set(), 0
+    with simulate(scene, method=method, workers=workers, dt=0.02) as sim:
+        for size in pieces:
+            sim.run(frames=2)
+            sim.add(places[added : added + size], speeds[added : added + size])
+            added += size
+            blocks.add(block_name(sim))
+        sim.run(frames=10)
+        assert sim.count == scene.count + added
+        return sim.state, len(blocks)
+
+
+@pytest.mark.parametrize(
+    ("method", "pieces", "packing", "on_workers"),
+    [("grid", [1] * 20 + [5] * 10 + [40], 0.1, ("parallel", 3)), ("auto", [80] * 10, 0.01, ("auto", 2))],
+)
+def test_growth_has_the_same_bits_on_workers_in_larger_blocks_and_where_auto_changes_its_method(
+    method, pieces, packing, on_workers
+):
+    scene = gas(30, packing, seed=3)
+    expected, _ = grow(method, 1, pieces, scene)
+    state, blocks = grow(*on_workers, pieces, scene)
+    assert blocks > 2, "the block never grew, which tests half of it"
+    assert_same_bits(state, expected, f"growth by {on_workers}")
+
+
+def test_discs_added_one_by_one_or_together_give_the_same_bits():
+    scene = gas(50, 0.2, seed=6)
+    with simulate(scene, method="grid") as one, simulate(scene, method="grid") as other:
+        places, speeds = scene.position[:6] * 0.99 + 0.01 * scene.width / 2, scene.velocity[:6]
+        for place, speed in zip(places, speeds, strict=True):
+            one.add(place, speed)
+        other.add(places, speeds)
+        one.run(frames=30)
+        other.run(frames=30)
+        assert_same_bits(one.state, other.state, "added one by one")

@@ -472,12 +472,3 @@ def test_a_named_scene_is_complete_and_starts_without_overlap(name):
     assert 100 <= scene.duration / scene.picture_interval <= 500
     assert scene.count or scene.emitters
     assert scene.overlaps_at_start() == ""
-
-
-def test_these_are_the_named_scenes():
-    assert NAMED == [
-        "brazil-nut", "brownian", "channel", "cooling", "cradle", "dense", "drum", "flipper", "galton", "gas", "growth",
-        "hopper", "mixture", "partition", "pi", "piston", "rough-hopper", "rough-sediment", "sediment",
-    ]  # fmt: skip
-    listed = mpsim_command("scenes").stdout
-    assert all(name in listed for name in NAMED)

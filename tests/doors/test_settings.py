@@ -224,6 +224,7 @@ CORES = {
     "no limits": ({}, 8), "affinity": ({"affinity": 3}, 3), "fewer": ({"cores": 4}, 4), "unknown": ({"cores": None}, 1),
     "quota rounded up": ({"files": JOB | v2("/user/job", "250000 100000")}, 3),
     "user": ({"user": "3"}, 3), "user 0": ({"user": "0"}, 1), "user none": ({"user": "default"}, 8),
+    **{f"user {each!r:.9}": ({"user": each}, 8) for each in ("9" * 5000, "\u00b2", "-1", "x" * 5000)},
     "nonsense": ({"files": JOB | v2("/user/job", "odd")}, 8),
     "quota of half a core": ({"files": JOB | v2("/user/job", "50000 100000")}, 1),
     "quota of a parent": ({"files": JOB | v2("/user/job", "max 100000") | v2("/user", "300000 100000")}, 3),

@@ -13,7 +13,7 @@ import warnings
 import numpy as np
 import pytest
 from support.commands import mpsim_command
-from support.processes import assert_clean, run_script
+from support.processes import assert_clean, limited, refusing, run_script
 from support.scenes import gas, lattice, simulate
 from support.selection import slow_but
 from support.trajectories import content
@@ -121,34 +121,18 @@ def test_what_is_no_regular_file_stays_what_it_is(tmp_path):
 # --- no room
 
 
-def cramped(limit, write, path):
-    """Write with so many bytes for a file at most."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
-    try:
-        write(path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-
-
 @pytest.mark.parametrize("name", writers("picture.png", "animation.gif"))
 def test_what_does_not_fit_is_an_error_and_leaves_no_file(name, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", True)  # of modules that are imported now: it would be cut off
     for limit in (100, 700) if name == "scene.toml" else (100,):  # of its arrays, a part fits
-        with pytest.raises(mpsim.errors.OutputError, match="File too large") as refused:
-            cramped(limit, WRITERS[name], tmp_path / name)
+        too_large = pytest.raises(mpsim.errors.OutputError, match="File too large")
+        with too_large as refused, limited(resource.RLIMIT_FSIZE, limit):
+            WRITERS[name](tmp_path / name)
         assert str(tmp_path) in str(refused.value)
         if not name.startswith("frames"):
             assert list(tmp_path.iterdir()) == []
     WRITERS[name](tmp_path / name)
     assert (tmp_path / name).stat().st_size > 100, "with room it is written"
-
-
-def failing(number):
-    def fail(*arguments):
-        raise OSError(number, os.strerror(number))
-
-    return fail
 
 
 def test_an_animation_that_breaks_off_or_does_not_fit_leaves_the_one_of_before(tmp_path, monkeypatch):
@@ -162,7 +146,7 @@ def test_an_animation_that_breaks_off_or_does_not_fit_leaves_the_one_of_before(t
     with pytest.raises(ZeroDivisionError):
         animation(path, broken)
     with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", failing(errno.ENOSPC))
+        patch.setattr(os, "fsync", refusing(errno.ENOSPC))
         with pytest.raises(mpsim.errors.OutputError, match=r"room on its disk; got .*gas.gif' \(No space left on dev"):
             animation(path)
     assert path.read_bytes() == before
@@ -176,7 +160,7 @@ def test_a_trajectory_whose_disk_fails_at_the_end_says_so_and_is_let_go(tmp_path
         out = mpsim.Trajectory.write(path, every=1)
         sim.run(frames=1, observe=out)
         with monkeypatch.context() as patch:
-            patch.setattr(os, "fsync", failing(errno.EDQUOT))
+            patch.setattr(os, "fsync", refusing(errno.EDQUOT))
             with pytest.raises(mpsim.errors.OutputError, match=r"a\.xyz.*quota exceeded"):
                 out.close()
         with mpsim.Trajectory.write(path, every=1, mode="a") as out:  # neither locked nor open any more

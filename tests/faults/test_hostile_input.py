@@ -16,12 +16,13 @@ import numpy as np
 import psutil
 import pytest
 from click.testing import CliRunner
+from support.checkpoints import rewrite_members, saved
+from support.processes import limited
 from support.seconds import quickest
 
 import mpsim
 from mpsim.cli.app import main
 from mpsim.cli.run import RunFolder
-from mpsim.core.machine import usable_cores
 from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
@@ -42,10 +43,8 @@ HEAD = "schema = 1\nwidth = 10.0\nheight = 8.0\n"
 @pytest.fixture(autouse=True)
 def little_memory():
     """What would fill the memory fails early instead."""
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + SPARE, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_AS, before)
+    with limited(resource.RLIMIT_AS, psutil.Process().memory_info().vms + SPARE):
+        yield
 
 
 def in_time(call):
@@ -177,7 +176,12 @@ DOORS = {
 }
 
 
-SAYS_LESS = {"run.xyz": "is not", "run.gsd": "is not", "run.mpsim": "not a file", "kept.json": "path must be a file"}
+SAYS_LESS = {
+    "run.xyz": "is not",
+    "run.gsd": "is not",
+    "run.mpsim": "not a file",
+    "kept.json": "path must be a file",
+}
 
 
 @pytest.mark.parametrize("door", DOORS)
@@ -223,10 +227,18 @@ NO_ARRAYS = {
     "a text in a header without its end": npy((1, 2), b"\0" * 16).replace(b"'descr'", b"'descr&"),
     "a header of lines": npy((1, 2), b"\0" * 16).replace(b"{'descr': '", b"\t\n  1\n 2   "),
     "a header of 4 GiB": b"\x93NUMPY\2\0\xff\xff\xff\xff" + b" " * 100,
+    "nothing times much": npy((0, 2**62, 2**62)),
+    "objects": npy((1, 2), bytes(16), "|O"),
+    "a type of no size": npy((2**50,), descr="|V0"),
+    "another version": npy((1, 2), bytes(16)).replace(b"NUMPY\1", b"NUMPY\3"),
+    "one byte too many": npy((1, 2), bytes(17)),
 }
+IN_CHECKPOINTS = ("solver.velocity.npy", "scene.position.npy", "mpsim_checkpoint.npy", "digest.npy")
 
 
-def test_an_array_file_holds_what_it_declares(tmp_path):
+def test_an_array_in_a_file_holds_what_it_declares_which_is_compared_before_anything_is_allocated(tmp_path):
+    run = saved(tmp_path / "run")
+    whole = run.read_bytes()
     (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.npy'\n")
     rule = "must be an array of real numbers as numpy.save writes it"
     for content in NO_ARRAYS.values():
@@ -236,6 +248,10 @@ def test_an_array_file_holds_what_it_declares(tmp_path):
             archive.writestr("position.npy", content)
             archive.writestr("velocity.npy", npy((1, 2), b"\0" * 16))
         refused(mpsim.State.load, tmp_path / "state.npz", match="a state must be a .npz with position and velocity")
+        for name in IN_CHECKPOINTS:
+            run.write_bytes(whole)
+            rewrite_members(run, lambda members, name=name, content=content: members.update({name: content}))
+            refused(mpsim.Simulation.resume, run, match="cannot be read|digest", kind=mpsim.CheckpointError)
 
 
 def test_more_emitters_than_a_scene_may_have_are_refused_before_they_are_made(tmp_path):
@@ -348,14 +364,6 @@ def test_records_that_are_none_are_refused(tmp_path):
 def test_a_table_with_a_cell_of_a_megabyte_is_refused(tmp_path):
     (tmp_path / "measures.csv").write_text(f"{','.join(COLUMNS)}\n{'9' * 1_000_000}\n")
     refused(read_table, tmp_path / "measures.csv", match="line 2 of .* must be a row of 7 numbers")
-
-
-def test_a_number_of_cores_that_is_none_is_left_out(monkeypatch):
-    monkeypatch.delenv("PYTHON_CPU_COUNT", raising=False)
-    there = usable_cores()
-    for value in ("9" * 5000, "\u00b2", "-1", "x" * 5000):
-        monkeypatch.setenv("PYTHON_CPU_COUNT", value)
-        assert usable_cores() == there
 
 
 def nested(depth):

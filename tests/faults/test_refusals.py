@@ -10,7 +10,7 @@ import subprocess
 
 import psutil
 import pytest
-from support.processes import SHARED_MEMORY, assert_clean, blocks_of, run_script
+from support.processes import SHARED_MEMORY, assert_clean, blocks_of, limited, refusing, run_script
 from support.scenes import digest_after, gas, lattice, simulate
 from support.selection import long_but
 
@@ -22,17 +22,6 @@ pytestmark = [
 ]
 
 METHODS = ["naive", "grid", "parallel", "event"]
-
-
-@contextlib.contextmanager
-def limited(kind, soft):
-    """A limit of this process."""
-    before = resource.getrlimit(kind)
-    resource.setrlimit(kind, (soft, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(kind, before)
 
 
 @contextlib.contextmanager
@@ -151,12 +140,8 @@ def test_whatever_the_system_answers_is_named(monkeypatch):
     """And a process that cannot be started."""
     before = started_before("parallel")
     for number, words in ERRORS.items():
-
-        def refuse(*_, number=number, **__):
-            raise OSError(number, os.strerror(number))
-
         with monkeypatch.context() as patch:
-            patch.setattr("_posixshmem.shm_open", refuse)
+            patch.setattr("_posixshmem.shm_open", refusing(number))
             for _ in range(3):
                 with pytest.raises(mpsim.errors.SharedMemoryError, match=r"^the shared block needs [\d,]+ b") as caught:
                     begin(lattice(9, 9), "parallel")
@@ -164,11 +149,7 @@ def test_whatever_the_system_answers_is_named(monkeypatch):
                 assert isinstance(caught.value, OSError)
                 del caught
                 assert left() == before, "nothing leaks"
-
-    def no_process(*_):
-        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
-
-    monkeypatch.setattr("multiprocessing.popen_forkserver.Popen._launch", no_process)
+    monkeypatch.setattr("multiprocessing.popen_forkserver.Popen._launch", refusing(errno.EAGAIN))
     rule = r"^worker 1 could .* started: .*ulimit -u.*'grid', which starts no w"
     with pytest.raises(mpsim.errors.ResourceError, match=rule):
         begin(lattice(9, 9), "parallel")
@@ -359,18 +340,8 @@ def test_workers_whose_ends_the_program_takes_for_itself_are_closed_and_named(ha
 @pytest.mark.parametrize("method", ["naive", "grid", "event"])
 def test_a_limit_of_file_sizes_concerns_no_method_of_one_process(method):
     """`ulimit -f`. It counts for shared memory, too."""
-    with simulate(SCENE, method=method) as sim:
-        sim.run(frames=3)
-        digest = sim.digest()
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-    try:
-        with simulate(SCENE, method=method) as sim:
-            sim.run(frames=3)
-            assert sim.digest() == digest
-        with pytest.raises(
-            mpsim.errors.SharedMemoryError, match=r"bytes in one file; .* files of 4,096\. .* \(ulimit -f\)"
-        ):
+    digest, rule = digest_after(SCENE, 3, method=method), r"bytes in one file; .* files of 4,096\. .* \(ulimit -f\)"
+    with limited(resource.RLIMIT_FSIZE, 4096):
+        assert digest_after(SCENE, 3, method=method) == digest
+        with pytest.raises(mpsim.errors.SharedMemoryError, match=rule):
             simulate(SCENE, method="parallel", workers=2)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)

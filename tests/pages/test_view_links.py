@@ -4,7 +4,6 @@ import re
 import signal
 
 import pytest
-from support.commands import mpsim_command
 from support.processes import Script, assert_clean, assert_nothing_left_of
 from support.scenes import gas
 from support.trajectories import written
@@ -126,21 +125,6 @@ def test_what_is_no_scene_of_its_own_understands_a_link_and_does_not_follow_it(t
 
 
 # --- the command
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["http://127.0.0.1:8000/a-token/"], "a link must have a scene, as in ?scene=gas"),
-        (["?scene=gas&dt=foo"], "dt must be a finite number > 0 [time]; got 'foo'."),
-        (["?scene=gas&passes=0"], "passes must be a whole number from 1 to 1000; got 0."),
-        (["?scene=gas&gravity=5"], "gravity in a link must be two numbers"),
-        (["?scene=gas", "--box", "8,6"], "--box can be given only with the file of a trajectory."),
-    ],
-)
-def test_the_command_names_no_option_for_what_stands_in_a_link(words, said):
-    outcome = mpsim_command("view", *words)
-    assert (outcome.exit_code, said in outcome.stderr) == (2, True), outcome.stderr
 
 
 COMMAND = """

@@ -11,7 +11,6 @@ import time
 import webbrowser
 from urllib.parse import urlsplit
 
-import numpy as np
 import pytest
 from support.commands import mpsim_command
 from support.scenes import gas
@@ -19,7 +18,6 @@ from support.visitor import Visitor, digest_alone, fetch, kept, paused, viewed
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import mpsim
-from mpsim import measure
 
 pytestmark = pytest.mark.plain
 
@@ -53,31 +51,6 @@ def still_runs(page, frames=5):
 
 
 # --- what a page gets
-
-
-def test_a_page_sees_the_run_and_controls_it():
-    with viewed(SCENE, GRID, name="a gas") as view, Visitor(view.address) as page:
-        page.hear_until(lambda v: "scene" in v.last and v.phase == "playing")
-        assert page.last["scene"]["name"] == "a gas"
-        page.hear_for(0.3)
-        assert (page.picture, kept(view.address).frame) == (None, 0), "nobody sees it yet"
-        page.say("visible", value=True)
-        page.hear_until(lambda v: v.frame > 20)
-        page.say("pause")
-        page.hear_until(lambda v: v.phase == "paused")
-        page.hear_until(lambda v: v.frame == kept(view.address).frame)
-        frame = page.frame
-        assert kept(view.address).digest == digest_alone(SCENE, GRID, frame)
-        assert digest_alone(SCENE, GRID, frame + 1) != kept(view.address).digest, "the control"
-        with mpsim.Simulation(SCENE, GRID) as alone:
-            alone.run(frames=frame)
-            assert page.gauges_at(frame)["temperature"] == measure.temperature(alone.state, SCENE)
-            assert page.last["gauges"]["time"] == alone.time
-        page.say("step", frames=3)
-        page.hear_until(lambda v: v.frame == frame + 3)
-        page.say("reset")
-        page.hear_until(lambda v: v.frame == 0)
-        assert np.abs(page.picture.position - SCENE.position).max() < 1e-3
 
 
 def test_one_picture_is_in_flight_until_it_is_acknowledged(view):
@@ -388,13 +361,3 @@ def test_without_websockets_the_extra_is_named(monkeypatch):
     failed = mpsim_command("view", "gas")
     assert failed.exit_code == 1
     assert "pip install 'mpsim[view]'" in failed.stderr
-
-
-def test_the_command_names_an_unknown_scene_and_wrong_options():
-    for words, said in (
-        (["gass"], "gass"),
-        (["gas", "--port", "-1"], "port"),
-        (["gas", "--method", "mpi"], "A command runs in one process"),
-    ):
-        failed = mpsim_command("view", *words)
-        assert (failed.exit_code, said in failed.stderr) == (2, True)

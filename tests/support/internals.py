@@ -37,11 +37,6 @@ def write(sim: mpsim.Simulation, particle: int, **values: float) -> None:
         _live(sim, field)[slot] = value
 
 
-def memory_order(sim: mpsim.Simulation) -> list[int]:
-    """Ids in the order in which the discs lie in memory."""
-    return _live(sim, "id").tolist()
-
-
 def scramble(sim: mpsim.Simulation, seed: int) -> None:
     """Permute the discs of the live buffer: another memory order of the same state."""
     order = np.random.default_rng(seed).permutation(sim.count)

@@ -5,6 +5,7 @@ A script starts in a new interpreter or, where its test does not depend on one, 
 
 import contextlib
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import tempfile
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, Queue
@@ -202,3 +203,23 @@ def wait_until(condition: Callable[[], bool], within: float) -> bool:
             return False
         time.sleep(0.01)
     return True
+
+
+@contextlib.contextmanager
+def limited(kind: int, soft: int) -> Iterator[None]:
+    """A limit of this process, such as `resource.RLIMIT_FSIZE`."""
+    before = resource.getrlimit(kind)
+    resource.setrlimit(kind, (soft, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(kind, before)
+
+
+def refusing(error: BaseException | int) -> Callable[..., Any]:
+    """What raises an error, or that of the system with this number, however it is called."""
+
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise OSError(error, os.strerror(error)) if isinstance(error, int) else error
+
+    return refuse
