@@ -8,8 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from support.scenes import At, gas, simulate
-from support.states import box_of, drop, scene_of, state_of
+from support.scenes import At, box_of, drop, gas, scene_of, simulate, state_of
 
 import mpsim
 from mpsim import Emitter, FixedDisc, InputError, Piston, Scene, State, measure

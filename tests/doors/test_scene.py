@@ -12,8 +12,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from support.compare import overlapping_pairs
 from support.refusals import GOOD, assert_refused
-from support.scenes import gas, lattice
-from support.states import after, box_of
+from support.scenes import after, box_of, gas, lattice
 
 import mpsim
 from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, Settings, State

@@ -19,10 +19,9 @@ from enum import Enum
 import numba
 import numpy as np
 import pytest
-from support.executors import process_pool
 from support.processes import Script, assert_clean, run_script, wait_until
 from support.scenes import gas as drawn
-from support.swept import deadly, double, gas, noted
+from support.swept import deadly, double, gas, noted, process_pool
 
 import mpsim
 from mpsim import InputError, Scene, Settings, Simulation, sweep

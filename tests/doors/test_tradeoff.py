@@ -16,8 +16,8 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 import numpy as np
 import pytest
 from support.campaign import PIECES, SCENE, UNTIL, Costs, MadeUp, start
-from support.executors import process_pool
 from support.scenes import gas
+from support.swept import process_pool
 
 import mpsim
 from mpsim import Scene, Settings, tradeoff

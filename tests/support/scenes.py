@@ -199,3 +199,32 @@ def pair(speed=1.0, apart=2.0, side=20.0, **more):
     places = [[middle - apart / 2, middle], [middle + apart / 2, middle]]
     box = {"width": side, "height": side, "radius": 0.5}
     return mpsim.Scene(position=places, velocity=[[speed, 0], [-speed, 0]], **{**box, **more})
+
+
+# --- a few discs whose measures are known
+
+
+def scene_of(position, velocity=None, width=20.0, height=20.0, radius=0.5, **features):
+    velocity = np.zeros((len(position), 2)) if velocity is None else velocity
+    return mpsim.Scene(width=width, height=height, position=position, velocity=velocity, radius=radius, **features)
+
+
+def state_of(scene, precision="float64"):
+    return mpsim.State(scene.position.astype(precision), scene.velocity.astype(precision))
+
+
+def drop(count, side, seed, radius=0.5):
+    """An ideal gas: centres anywhere, overlapping or not."""
+    places = radius + np.random.default_rng(seed).random((count, 2)) * (side - 2 * radius)
+    return scene_of(places, None, side, side, radius)
+
+
+def box_of(**features):
+    """Discs of radius 1/2 in a box of 10 x 8."""
+    return mpsim.Scene(**{"width": 10, "height": 8, "radius": 0.5, **features})
+
+
+def after(scene, until, **settings):
+    with simulate(scene, **{"method": "naive", "contact": "impact", "dt": 0.01, **settings}) as sim:
+        sim.run(until=until)
+        return sim.state

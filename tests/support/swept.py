@@ -1,7 +1,9 @@
 """Functions of a sweep that other processes can import."""
 
+import multiprocessing
 import os
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import mpsim
@@ -40,3 +42,8 @@ def gated(x, folder):
     while not (Path(folder) / f"go{x}").exists():
         time.sleep(0.005)
     return result
+
+
+def process_pool(number):
+    """Processes that are no forks of this one, which has threads."""
+    return ProcessPoolExecutor(number, mp_context=multiprocessing.get_context("forkserver"))
