@@ -222,9 +222,11 @@ def test_random_discs_are_outside_a_filled_polygon_or_inside_a_shape(count, boun
     assert in_triangle(inside.redrawn(1).position).all()
     circle = mpsim.Scene.random(count=count // 2, inside=mpsim.Circle((8, 5), 2.8), **box)
     assert np.hypot(*(circle.position - (8, 5)).T).max() <= 2.55
+    ring = mpsim.Scene.random(count=count // 2, obstacles=mpsim.Circle((7, 5), 4, inside=True), **box)
+    assert np.hypot(*(ring.position - (7, 5)).T).max() <= 3.75
     region = mpsim.Scene.random(count=count // 5, inside=(1, 1, 4, 5), **box)
     assert ((region.position >= 1) & (region.position <= (4, 5))).all()
-    assert [each.overlaps_at_start() for each in (outside, inside, circle, region)] == [""] * 4
+    assert [each.overlaps_at_start() for each in (outside, inside, circle, ring, region)] == [""] * 5
 
 
 def test_no_disc_starts_or_is_added_in_a_filled_polygon_also_after_it_has_moved():

@@ -11,7 +11,6 @@ import os
 import platform
 import signal
 import threading
-import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -667,30 +666,6 @@ try:
 except (KeyboardInterrupt, SystemExit) as error:
     print(type(error).__name__)
 """
-
-
-LONG_RUNS = """
-import mpsim
-scene = mpsim.Scene.random(count=200, packing=0.3, radius=0.5, seed=1)
-with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim:
-    sim.run(frames=1, measures=["overlap"])  # which compiles
-print("ready")
-try:
-    mpsim.sweep(scene, {{"dt": [0.01, 0.02, 0.03], "frames": [10**9], "method": ["grid"]}}, path={kept!r},
-                measures=["overlap"], progress=lambda done, of, what: print(done))
-except KeyboardInterrupt:
-    print("interrupted")
-"""
-
-
-def test_an_interrupt_ends_runs_of_scenes_in_the_threads_of_a_sweep_soon(kept):
-    with Script(LONG_RUNS.format(kept=str(kept)), warm=True) as script:
-        assert [script.line() for _ in range(2)] == ["ready", "0"]
-        time.sleep(0.5)
-        script.send(signal.SIGINT)
-        assert script.line(10) == "interrupted"
-        assert_clean(script.finish())
-    assert kept.read_text().count("\n") == 1, "the head alone"
 
 
 def begun(folder, number):

@@ -98,29 +98,6 @@ def test_a_worker_that_dies_after_the_last_frame_does_not_lose_the_report(on_wor
         assert report.memory_bytes[0] > 0 == report.memory_bytes[1]
 
 
-def held():
-    """File descriptors, shared blocks and child processes of this process."""
-    process = psutil.Process()
-    return process.num_fds(), len(blocks_of(os.getpid())), len(process.children(recursive=True))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("number", "workers", "start"), long_but([(20, 3, "fork"), (4, 2, "forkserver")], (4, 2, "forkserver"))
-)
-def test_many_simulations_leak_no_descriptor_no_block_and_no_process(number, workers, start):
-    def cycle():
-        with begin("parallel", workers, lattice(9, 9), start) as sim:
-            sim.run(frames=3)
-
-    for _ in range(2):
-        cycle()
-    before = held()
-    for _ in range(number):
-        cycle()
-    assert held() == before, f"descriptors, blocks, processes after {number} cycles"
-
-
 # --- a program
 
 ENDINGS = {

@@ -95,11 +95,7 @@ def fork_process(act):
 
 FORKS = {"os.fork": in_fork, "executor": fork_executor, "process": fork_process}
 MATRIX = [(parent, fork, child) for parent in METHODS for fork in FORKS for child in CHILDREN]
-FEW = [
-    ("parallel", "os.fork", "parallel by fork"),
-    ("grid", "process", "event"),
-    ("event", "executor", "parallel"),
-]
+FEW = [("parallel", "os.fork", "parallel by fork"), ("grid", "process", "event"), ("event", "executor", "parallel")]
 
 
 @pytest.mark.slow

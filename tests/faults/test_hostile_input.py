@@ -176,12 +176,7 @@ DOORS = {
 }
 
 
-SAYS_LESS = {
-    "run.xyz": "is not",
-    "run.gsd": "is not",
-    "run.mpsim": "not a file",
-    "kept.json": "path must be a file",
-}
+SAYS_LESS = {"run.xyz": "is not", "run.gsd": "is not", "run.mpsim": "not a file", "kept.json": "path must be a file"}
 
 
 @pytest.mark.parametrize("door", DOORS)

@@ -313,11 +313,7 @@ if comm.rank == 0:
 """
 )
 
-FAILURES = {
-    "too large": "File too large",
-    "fsync": "Input/output error",
-    "rename": "Permission denied",
-}
+FAILURES = {"too large": "File too large", "fsync": "Input/output error", "rename": "Permission denied"}
 
 
 def digest_in(path):

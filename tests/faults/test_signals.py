@@ -137,8 +137,7 @@ def assert_whole(sim, scene, frames):
 
 
 @pytest.mark.parametrize(
-    ("method", "settings"),
-    [("parallel", {"workers": 3}), ("event", {"dt": 0.01}), ("event", {"dt": 300.0})],
+    ("method", "settings"), [("parallel", {"workers": 3}), ("event", {"dt": 0.01}), ("event", {"dt": 300.0})]
 )
 def test_an_interrupted_simulation_is_whole_and_goes_on_with_the_same_bits(method, settings):
     """Ctrl-C may come at any instruction: between short frames, or inside long ones."""
@@ -307,12 +306,7 @@ def terminated(path, method="parallel", start="fork", before="", checkpoint=True
 @pytest.mark.parametrize(
     ("method", "start", "dt"),
     slow_but(
-        [
-            ("grid", "fork", 0.01),
-            ("parallel", "fork", 0.01),
-            ("event", "fork", 1e6),
-            ("parallel", "forkserver", 0.01),
-        ],
+        [("grid", "fork", 0.01), ("parallel", "fork", 0.01), ("event", "fork", 1e6), ("parallel", "forkserver", 0.01)],
         ("parallel", "fork", 0.01),
         ("event", "fork", 1e6),
     ),
@@ -434,16 +428,23 @@ if __name__ == "__main__":
 """
 TRADE = "tradeoff(gas(20, 0.3), candidates, until={until}, replicas=2, path={path!r}, progress=lambda *a: print(*a))"
 TUNE = "tune(gas(20, 0.3), {'pressure': 0.01}, until=1e6)"
+SWEEP = "sweep(gas(20, 0.3), {{'dt': [0.01, 0.02], 'method': ['grid']}}, until=1e6, measures='overlap', path={path!r})"
 
 
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     ("call", "number"),
-    slow_but([("trade", signal.SIGINT), ("trade", signal.SIGTERM), ("tune", signal.SIGTERM)], ("trade", signal.SIGINT)),
+    slow_but(
+        [(TRADE, signal.SIGINT), (SWEEP, signal.SIGINT), (TRADE, signal.SIGTERM), (TUNE, signal.SIGTERM)],
+        (TRADE, signal.SIGINT),
+        (SWEEP, signal.SIGINT),
+    ),
+    ids=["trade", "sweep", "trade, SIGTERM", "tune, SIGTERM"],
 )
 def test_a_signal_ends_a_search_of_long_runs_within_seconds_and_leaves_nothing(call, number, tmp_path):
     """Each run would take minutes; threads that nobody waits for must not go on, nor may the tracker complain."""
-    text = TUNE if call == "tune" else TRADE.format(until=1e6, path=str(tmp_path / "kept.json"))
+    path = tmp_path / "kept"
+    text = call if call == TUNE else call.format(until=1e6, path=str(path))
     with Script(SEARCH.format(call=text), warm=True) as script:
         while not blocks_of(script.pid):
             time.sleep(0.05)
@@ -454,6 +455,7 @@ def test_a_signal_ends_a_search_of_long_runs_within_seconds_and_leaves_nothing(c
         took = time.monotonic() - begun
         assert_nothing_left_of(script.pid)
     assert "over" not in outcome.out
+    assert call != SWEEP or path.read_text().count("\n") == 1, "the head alone"
     assert took < 4, f"it took {took:.1f} s to end"
     if number == signal.SIGTERM:
         assert (outcome.code, outcome.err) == (143, "")

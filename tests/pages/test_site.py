@@ -33,10 +33,7 @@ def test_the_site(tmp_path):
     assert done.returncode == 0, done.stderr
     assert loaded_from_elsewhere(tmp_path) == []
     library, commands = ((tmp_path / "reference" / f"{name}.html").read_text() for name in ("library", "commands"))
-    for module, text in (
-        (mpsim, library),
-        (mpsim.measure, (tmp_path / "reference" / "measure.html").read_text()),
-    ):
+    for module, text in ((mpsim, library), (mpsim.measure, (tmp_path / "reference" / "measure.html").read_text())):
         names = [f"{module.__name__}.{name}" for name in module.__all__ if not inspect.ismodule(getattr(module, name))]
         assert [name for name in names if f'id="{name}"' not in text] == []
     kinds = [kind for kind in vars(mpsim.errors).values() if inspect.isclass(kind) and kind.__module__[:5] == "mpsim"]

@@ -200,6 +200,35 @@ def test_discs_that_made_room_are_put_back_if_what_they_made_it_for_is_refused()
         assert kept(page.view.address) == before
 
 
+CROWDED = {
+    "gas": (gas(48, 0.4), "grid"), "dense": (gas(200, 0.7), "grid"), "dense, exact": (gas(200, 0.7), "event"),
+    "dense, periodic": (gas(48, 0.7, boundary="periodic"), "grid"),
+    "two sizes": (mpsim.Scene.random(count=40, packing=0.6, radius=[0.5, 0.25] * 20, seed=3), "grid"),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", CROWDED)
+def test_there_is_room_for_a_disc_and_for_a_wall_anywhere_and_no_disc_is_moved_farther_than_needed(words):
+    (scene, method), rng = CROWDED[words], np.random.default_rng(4)
+    size, few = np.array([scene.width, scene.height]), words == "gas"
+    with paused(scene, mpsim.Settings(method=method)) as page:
+        for turn in range(20):
+            x, y = 0.5 + rng.random(2) * (size - 1)
+            bx, by = (np.array([x, y]) + rng.uniform(0.3, 0.7, 2) * size) % size
+            told = page.do("wall", ax=x, ay=y, bx=bx, by=by) if turn % 2 else page.do("add", x=x, y=y, same=False)
+            assert told["note"] is None
+            with replayed(page.view.address) as sim:
+                assert mpsim.measure.overlap(sim.state, sim.scene, radii=sim.radii).largest < 1e-12
+                if turn % 2:
+                    assert sim.scene.starting_from(sim.state).overlaps_at_start() == "", "nor with the wall"
+                moved = sim.state.position[: scene.count] - scene.position
+            moved -= np.round(moved / size) * size * np.array(scene.periodic)
+            far = 2 * np.hypot(*moved.T)
+            assert turn % 2 or (far.max() < (2 if few else 4) and (far > 0).sum() <= (8 if few else 100))
+            page.do("undo")
+
+
 def test_each_stage_makes_room_for_itself():
     scene = mpsim.Scene(width=9, height=9, position=[[2, 2], [6, 6]], velocity=[[1, 0], [0, 0]], radius=0.5)
     with paused(scene, PLAIN, beside=mpsim.Settings(method="event")) as page:

@@ -302,12 +302,3 @@ def test_discs_outside_a_container_or_too_large_for_it_are_refused():
             with pytest.raises(mpsim.InputError, match="must be one radius from every obstacle"):
                 sim.add(place, (0, 0))
         sim.add((1.6, 6), (0, 0))
-
-
-@pytest.mark.parametrize("count", [60, 180])  # one after the other, and by overlap removal
-def test_random_discs_are_inside_a_container(count):
-    small = Circle((8, 5), 4, inside=True)
-    scene = mpsim.Scene.random(count=count, width=20, height=10, radius=0.2, obstacles=[small, FixedDisc((8, 5), 1)])
-    away = np.hypot(*(scene.position - (8, 5)).T)
-    assert 1.2 <= away.min() <= away.max() <= 3.8
-    assert scene.overlaps_at_start() == ""
