@@ -231,7 +231,6 @@ class BatchSizer:
     def __init__(self, choices: tuple[int, ...], most_frames: int):
         self._most_frames = most_frames
         self._recent = {workers: deque(maxlen=TRIALS) for workers in choices}
-        self._median = dict.fromkeys(choices, math.inf)  # frame time of the last slices; infinite before the first
         self._seconds_run = 0.0
         self.best: int = choices[0]
 
@@ -240,29 +239,31 @@ class BatchSizer:
         if len(self._recent) > 1:
             if self._seconds_run > TRIAL_AFTER:
                 self._seconds_run = 0.0
-                slowest = max(self._median, key=self._median.__getitem__)
-                self._recent[slowest].clear()
-                self._median[slowest] = math.inf
+                self._recent[max(self._recent, key=self._median)].clear()
             for workers, recent in self._recent.items():
                 if len(recent) < TRIALS and not self._is_hopeless(workers):
-                    return workers, self._fit(TRIAL_SECONDS, self._median[workers], remaining)
-        return self.best, 1 if remaining == 1 else self._fit(MOST_SECONDS, self._median[self.best], remaining)
+                    return workers, self._fit(TRIAL_SECONDS, self._median(workers), remaining)
+        return self.best, 1 if remaining == 1 else self._fit(MOST_SECONDS, self._median(self.best), remaining)
 
     def _is_hopeless(self, workers: int) -> bool:
         """Whether so many workers need not be tried further."""
-        recent, others = self._recent[workers], (self._median[other] for other in self._recent if other != workers)
+        recent, others = self._recent[workers], (self._median(other) for other in self._recent if other != workers)
         return len(recent) >= FEW_TRIALS and min(recent) > HOPELESS * min(others)
 
     def note(self, workers: int, frames: int, seconds_per_frame: float) -> None:
         """Note the time of a frame in the last slice: its median, which one late worker does not disturb [s]."""
         self._seconds_run += frames * seconds_per_frame
-        recent = self._recent[workers]
-        recent.append(max(seconds_per_frame, 1e-9))
-        ordered = sorted(recent)
+        self._recent[workers].append(max(seconds_per_frame, 1e-9))
+        if len(self._recent) > 1:
+            self.best = min(self._recent, key=self._median)
+
+    def _median(self, workers: int) -> float:
+        """Frame time of the last slices on so many workers [s]; infinite before the first."""
+        ordered = sorted(self._recent[workers])
         middle = len(ordered) // 2
-        self._median[workers] = ordered[middle] if len(ordered) % 2 else 0.5 * (ordered[middle - 1] + ordered[middle])
-        if len(self._median) > 1:
-            self.best = min(self._median, key=self._median.__getitem__)
+        if len(ordered) % 2:
+            return ordered[middle]
+        return 0.5 * (ordered[middle - 1] + ordered[middle]) if ordered else math.inf
 
     def _fit(self, seconds: float, seconds_per_frame: float, remaining: int) -> int:
         """Number of frames that take so many seconds; one where nothing is known yet."""

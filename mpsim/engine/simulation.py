@@ -242,8 +242,8 @@ class Simulation(ReadOnly):
 
     def _open_solver(self) -> Solver:
         """The solver, unless it is closed, or was made in another process."""
-        self._access.demand_own_process()
-        if not self._alive:
+        if not self._closing.alive:  # nor in a fork, where it was closed at the fork
+            self._access.demand_own_process()
             self._access.stop_if_ending()
             raise ClosedError(
                 f"this simulation was closed after frame {self._last_frame}. A closed simulation has no state. "

@@ -427,12 +427,18 @@ def inlined(function: Callable[..., Any]) -> Any:
     return register_jitable(forceinline=True, pipeline_class=PartCompiler, **_OPTIONS)(function)
 
 
-def bound(kernel: Any, *arguments: Any) -> Callable[..., Any]:
-    """A compiled kernel with its first arguments, or all, for many calls; a view among them is kept.
+def entry_of(kernel: Any, *arguments: Any) -> Callable[..., Any]:
+    """The machine code of a compiled kernel for arguments of these types, compiled or loaded now.
 
-    Compiled or loaded now. A call then looks up no types, which takes Numba longer than a frame of a hundred discs.
+    Called with others it may end the process: it looks up no types, which takes Numba longer than a frame of a hundred
+    discs.
     """
-    return functools.partial(kernel if JIT_DISABLED else kernel.compile(tuple(map(typeof, arguments))), *arguments)
+    return kernel if JIT_DISABLED else kernel.compile(tuple(map(typeof, arguments)))
+
+
+def bound(kernel: Any, *arguments: Any) -> Callable[[], Any]:
+    """`entry_of` a kernel with its arguments, which it keeps."""
+    return functools.partial(entry_of(kernel, *arguments), *arguments)
 
 
 def compiled_kernels() -> int:

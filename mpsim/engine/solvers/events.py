@@ -71,6 +71,7 @@ class EventSolver(Solver, CollisionLog):
         self._seen: Any = np.zeros((), records.TOTALS)[()]
         self._clock: Any = np.zeros(2, np.int64)
         self._system: Any = None
+        self._played: Any = None  # the system for whose types `_player` is
         self._windows: Windows | None = None
         self._block = self._plan.room(scene.count)
 
@@ -113,7 +114,7 @@ class EventSolver(Solver, CollisionLog):
     def _collisions_so_far(self) -> tuple[int, int]:
         """Collisions of two discs, and those in which the guard has acted."""
         counter = self._system.store.counter
-        return int(counter.pairs), int(counter.guarded)
+        return int(counter["pairs"]), int(counter["guarded"])
 
     def _run_kernel(self, times: NDArray[np.int64], totals: NDArray[Any], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""
@@ -141,11 +142,11 @@ class EventSolver(Solver, CollisionLog):
 
     def _play_whole(
         self, frames: int, times: NDArray[np.int64], totals: NDArray[Any], stop: float
-    ) -> tuple[int, int, int]:
-        """Play the box as a whole, in this process: as `advance_frames`."""
-        before, started = int(self._system.store.counter.events), time.perf_counter()
+    ) -> tuple[int, int, float]:
+        """Play the box as a whole, in this process: as `run_events`."""
+        before, started = int(self._system.store.counter["events"]), time.perf_counter()
         # No call among the arguments: in a signal handler after it the process may fork, and the block be another's.
-        outcome = solver.advance_frames(
+        call = (
             *self._system,
             self._settings.dt,
             frames,
@@ -157,6 +158,9 @@ class EventSolver(Solver, CollisionLog):
             totals,
             self._clock,
         )
+        if self._played is not self._system:
+            self._player, self._played = solver.player(*call), self._system
+        outcome = self._player(solver.PLAY, *call)
         if outcome[1] == records.PAUSED:
             done = int(self._system.store.counter.events) - before
             fitting, last = done * SECONDS_AT_ONCE / max(time.perf_counter() - started, 1e-9), self._events_per_call
@@ -199,7 +203,7 @@ class EventSolver(Solver, CollisionLog):
 
     @property
     def frame(self) -> int:
-        return self._origin.frame + int(self._progress.frame)
+        return self._origin.frame + int(self._progress["frame"])
 
     @property
     def time(self) -> float:
@@ -214,8 +218,9 @@ class EventSolver(Solver, CollisionLog):
 
         To the bit, where `time` rounds to frames.
         """
-        last_event = float(self._system.store.clock.origin + self._system.store.clock.now)
-        return max(int(self._progress.frame) * self._settings.dt, last_event, self._stopped)
+        clock = self._system.store.clock
+        last_event = float(clock["origin"] + clock["now"])
+        return max(int(self._progress["frame"]) * self._settings.dt, last_event, self._stopped)
 
     @property
     def _clock_time(self) -> float:
@@ -373,7 +378,7 @@ class EventSolver(Solver, CollisionLog):
         windows, self._windows = self._windows, None
         if windows is not None:
             windows.close()
-        self._system = self._seen = self._clock = None
+        self._system = self._played = self._seen = self._clock = None
         self._block.close()
 
     # --- snapshots

@@ -32,7 +32,7 @@ from mpsim.engine.solvers.speeds import Speeds, fastest_in, speeds_of
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc_at, state_of
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock
-from mpsim.engine.workers.worker import buffers_of, call_of, kernel_arguments, load_kernels
+from mpsim.engine.workers.worker import buffers_of, call_of, kernel_arguments, load_kernels, numbers_of
 from mpsim.errors import DivergedError, InputError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
@@ -51,20 +51,22 @@ if TYPE_CHECKING:
 
 def live_discs(block: SharedBlock) -> records.Discs:
     """The buffer that holds the state."""
-    return buffers_of(block)[int(block.arrays["control"]["live"])]
+    live: int = numbers_of(block)[0].live
+    return buffers_of(block)[live]
 
 
-def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.int32]) -> NDArray[np.floating]:
+_PAIR = {np.dtype(np.float32): np.dtype(np.complex64), np.dtype(np.float64): np.dtype(np.complex128)}
+
+
+def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.integer]) -> NDArray[np.floating]:
     """Components as rows (x, y), that of disc ids[k] from place k.
 
     Each row is one write: of many discs, most lie where no cache has them.
     """
-    row = np.dtype(f"c{2 * x.itemsize}")
-    rows = np.empty((len(x), 2), x.dtype)
-    rows[:, 0], rows[:, 1] = x, y
-    found = np.empty_like(rows)
-    found.view(row).reshape(-1)[ids] = rows.view(row).reshape(-1)
-    return found
+    rows, found = np.empty((2, len(x)), _PAIR[x.dtype])
+    rows.real, rows.imag = x, y
+    found[ids.astype(np.intp, copy=False)] = rows  # NumPy would convert them one by one
+    return found.view(x.dtype).reshape(-1, 2)
 
 
 class AsTheyLay(ChunkedArray):
@@ -249,7 +251,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         if abort != records.RUNNING:
             raise self._failure(abort)
         arrays = self._block.arrays
-        frames, team = int(arrays["control"]["frames"]), arrays["team"]
+        frames, team = numbers_of(self._block)[0].frames, arrays["team"]
         contacts = sum(team["collisions"].tolist())  # of a few workers: quicker than by NumPy
         self.too_fast: bool = any(team["fastest"].tolist())
         counters = self._counters(arrays["tally"][:, :frames]) if count_enabled else None
@@ -285,19 +287,16 @@ class GridSolver(SteppedSolver, CollisionLog):
 
     def _write_command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> None:
         """Write a command into the block: its record, and zeros where it counts."""
-        arrays = self._block.arrays
-        control, team = arrays["control"], arrays["team"]
+        arrays, (control, _) = self._block.arrays, numbers_of(self._block)
         if stop < math.inf:
             frames = self._frames_to(stop, frames)
-        control["frames"] = frames
-        control["workers"] = control["members"] = workers
-        team["collisions"] = 0
-        team["fastest"] = 0
-        control["tallied"] = count_enabled
+        control.frames, control.workers, control.members, control.tallied = frames, workers, workers, count_enabled
+        arrays["team"]["collisions"] = 0
+        arrays["team"]["fastest"] = 0
         arrays["times"][:, :frames] = 0
         if count_enabled:
             arrays["tally"][:, :frames] = 0
-        self._begun = int(control["done"])
+        self._begun = control.done
 
     def log_collisions(self, enabled: bool) -> None:
         if enabled != self.logging:
@@ -313,15 +312,15 @@ class GridSolver(SteppedSolver, CollisionLog):
 
     @property
     def half_done(self) -> bool:
-        control = self._block.arrays.get("control")
-        if self._moving or control is None:  # none after `close`
+        if self._moving or not self._block.arrays:  # none after `close`
             return self._moving
+        control, _ = numbers_of(self._block)
         left = control.signals[records.ABORT] or control.signals[records.BAD]
         return bool(left and control.done == self._begun)
 
     @property
     def frame(self) -> int:
-        return self._origin.frame + int(self._block.arrays["control"]["done"])
+        return self._origin.frame + numbers_of(self._block)[0].done
 
     # --- who does what
 
@@ -339,9 +338,8 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _deal(self, workers: int) -> None:
         """Assign columns and a slice of the discs to each worker."""
         if workers == 1:
-            alone = self._block.arrays["team"][0]
-            alone["first_column"], alone["last_column"] = 0, self._grid.columns
-            alone["low"], alone["high"] = 0, self.count
+            alone = numbers_of(self._block)[1][0]
+            alone.first_column, alone.last_column, alone.low, alone.high = 0, self._grid.columns, 0, self.count
             return
         team = self._block.arrays["team"][:workers]
         columns, slots = self._shares(workers)
@@ -390,16 +388,19 @@ class GridSolver(SteppedSolver, CollisionLog):
         """Copies of positions and velocities as they lie in the block, of the discs of these numbers; None: of all."""
         x, y, vx, vy, ids = self._as_they_lie()
         if numbers is None:
+            ids = ids.astype(np.intp)
             return _pairs_by_id(x, y, ids), _pairs_by_id(vx, vy, ids)
         slots = self._slots_of(numbers)
         return np.stack([x[slots], y[slots]], axis=1), np.stack([vx[slots], vy[slots]], axis=1)
 
     def _slots_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Where the discs of these numbers lie."""
-        *_, ids = self._as_they_lie()
-        slots = np.flatnonzero(np.isin(ids, numbers))
-        order = np.argsort(ids[slots])
-        return slots[order][np.argsort(np.argsort(numbers))]
+        wanted, ids = np.zeros(self.count, bool), self._as_they_lie()[-1]
+        wanted[numbers] = True
+        slots = np.flatnonzero(wanted[ids])
+        found = np.empty_like(slots)
+        found[np.argsort(numbers)] = slots[np.argsort(ids[slots])]
+        return found
 
     def state(self, first: int = 0, last: int | None = None) -> State:
         last = self.count if last is None else last

@@ -14,6 +14,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import parent_process
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock, refusal_of_process
 from mpsim.errors import ResourceError
 from mpsim.kernels import compiling, records
@@ -103,6 +105,17 @@ def buffers_of(block: SharedBlock) -> tuple[records.Discs, records.Discs]:
     a, b = (records.Discs(*(block.arrays.get(f"{name}.{field}") for field in records.Discs._fields)) for name in "ab")
     block.calls["buffers"] = a, b
     return a, b
+
+
+_Control, _Member = (np.ctypeslib.as_ctypes_type(kind) for kind in (records.CONTROL, records.MEMBER))
+
+
+def numbers_of(block: SharedBlock) -> tuple[Any, Any]:
+    """The records `control` and `team` as ctypes has them: it reads and writes a number five times as fast as NumPy."""
+    if (known := block.calls.get("numbers")) is None:
+        control, team = records.row_of(block.arrays["control"]), block.arrays["team"]
+        known = block.calls["numbers"] = _Control.from_buffer(control), (_Member * len(team)).from_buffer(team)
+    return known
 
 
 def call_of(block: SharedBlock, kernel: Callable[..., int], worker: int = 0) -> Callable[[], int]:
