@@ -28,9 +28,9 @@ class Limits(NamedTuple):
 
 
 SCENES = {
-    "naive, 100 discs": Limits(52, 11, 4),
-    "grid, 1000 discs": Limits(53, 12, 7),
-    "event, 100 discs": Limits(77, 13, 1),
+    "naive, 100 discs": Limits(48, 11, 4),
+    "grid, 1000 discs": Limits(50, 11, 7),
+    "event, 100 discs": Limits(58, 11, 1),
 }
 
 COUNTER = """
