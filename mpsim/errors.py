@@ -204,7 +204,7 @@ class ResolutionWarning(UserWarning):
 
 
 class SweepWarning(UserWarning):
-    """The executor of a sweep broke, its file was truncated, or its function has changed since the file was begun."""
+    """The executor of a sweep broke, the file of a study was cut off, or a function has changed since it was begun."""
 
 
 for _each in (

@@ -24,9 +24,10 @@ from promise_scenes import BY_COLLISIONS, CASES
 import mpsim
 from mpsim.core.text import with_error
 from mpsim.scene import scenefile
-from mpsim.studies.ensemble import Ensemble
+from mpsim.studies.ensemble import FILE, Ensemble
 from mpsim.studies.preliminary import StartsGiven
 from mpsim.studies.replicas import available
+from mpsim.studies.runner import RunFile
 from mpsim.studies.tune import FEWEST_REPLICAS
 
 BUDGETS = {"pressure": (0.1, 0.03, 0.01), "collision_rate": (0.1, 0.03, 0.01), "overlap": (0.1, 0.05, 0.02)}
@@ -72,8 +73,8 @@ def answers(asked: Asked, kept: Path) -> list[dict[str, Any]]:
     verified = {budget: found for budget, (_, found) in rows.items() if found is not None and found.verified}
     if verified:
         until = next(iter(verified.values())).until
-        how: dict[str, Any] = {"starts": asked.starts, "seconds": asked.seconds, "path": kept}
-        with Ensemble(asked.scene, until, (asked.measure,), replicas=FEWEST_REPLICAS, **how) as run:
+        how: dict[str, Any] = {"starts": asked.starts, "seconds": asked.seconds, "replicas": FEWEST_REPLICAS}
+        with RunFile(kept, *FILE) as file, Ensemble(asked.scene, until, (asked.measure,), **how, file=file) as run:
             run.assess([])
             for budget, found in verified.items():
                 rows[budget][0].update(check(run, found.settings, asked, budget))

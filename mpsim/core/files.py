@@ -54,7 +54,7 @@ def content(path: str | os.PathLike[str], most: int) -> bytes:
     """All bytes of a regular file, at most `most`; errors as of `opened`, and an OSError if there are more."""
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
-        found = file.read(most + 1) if size <= most else b""
+        found = file.read(size + 1) if size <= most else b""
     if max(size, len(found)) > most:
         raise OSError(errno.EFBIG, f"it has {max(size, len(found)):,} bytes, and at most {most:,} are read")
     return found

@@ -1,18 +1,16 @@
-"""Runs of many candidates on one scene, through any executor, with saved results."""
+"""Runs of many candidates on one scene, through any executor."""
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mpsim.core import checks, files
+from mpsim.core import checks
 from mpsim.core.machine import usable_cores
 from mpsim.core.state import State
 from mpsim.engine import access
@@ -26,79 +24,10 @@ from mpsim.scene.settings import Settings
 from mpsim.studies.deviations import Deviation, deviations, short_deviations, spans_of, unmeasurable
 from mpsim.studies.preliminary import VARIATION, PreliminaryRun, Starts, StartsGiven, preliminary_run
 from mpsim.studies.replicas import PIECES, Cost, Plan, key_of, long_run, measure, physics_of, quietly, short_run
-from mpsim.studies.runner import Runner, Stopped, checked_path
+from mpsim.studies.runner import RunFile, Runner, Stopped
 
-# --- Saved results of a trade-off study: by key, in memory and in a file
-
-FORMAT = 4
-"""Of the file: results of runs that were divided or counted differently must not be mixed."""
-
-SAVE_EVERY = 1.0
-"""Seconds between two writes of the file."""
-
-MOST_BYTES = 2**23
-"""Largest size of the file: thousands of runs with all their errors."""
-
-
-class SavedResults:
-    """Results by key, in memory and, if there is a path, in a JSON file that is always complete.
-
-    Attributes:
-        results: a dictionary for each key.
-        reference: of the results in words; None before it is known.
-    """
-
-    def __init__(self, path: str | Path | None, scene: str):
-        self.results: dict[str, Any] = {}
-        self.reference: str | None = None
-        self._path = None if path is None else checked_path(path)
-        self._title = {"format": FORMAT, "scene": scene}
-        self._plan: str | None = None
-        self._open = False
-        self._saved = time.monotonic()
-        if self._path is not None and self._path.exists():
-            self._load(self._path)
-
-    def _load(self, path: Path) -> None:
-        try:
-            kept = files.json_value(path, MOST_BYTES)
-            title, self._plan, self.reference = kept["title"], kept["plan"], kept["reference"]
-            self.results = dict(kept["results"])
-        except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-            raise InputError(
-                f"path must be a file of an earlier trade-off study, or none yet; {path} cannot be read as one "
-                f"({error!s:.200}). Remove it, or give another path."
-            ) from None
-        self._demand_same(title == self._title)
-
-    def _demand_same(self, same: bool) -> None:
-        if not same:
-            raise InputError(
-                f"path must be a file of the same scene and the same lengths of runs; {self._path} is of others. "
-                "Remove it, or give another path."
-            )
-
-    def open(self, plan: str, reference: str) -> None:
-        """Start to save results of a plan and a reference, which must be those of an existing file."""
-        self._demand_same(self._plan in (None, plan))
-        self._plan, self.reference, self._open = plan, reference, True
-
-    def put(self, key: str, value: Any) -> None:
-        """Add a result; it is written to the file within SAVE_EVERY seconds, or at the end."""
-        self.results[key] = value
-        if time.monotonic() - self._saved > SAVE_EVERY:
-            self.save()
-
-    def save(self) -> None:
-        """Write the file; if the process is killed, the old or the new one remains."""
-        self._saved = time.monotonic()
-        if self._path is not None and self._open:
-            results = {key: value for key, value in self.results.items() if "machine" not in value}
-            kept = {"title": self._title, "plan": self._plan, "reference": self.reference, "results": results}
-            rule = "be a file in a folder that can be written to, with room on its disk"
-            with files.writable("path", self._path, rule, "Make room, or give another path."):
-                files.write_text(self._path, json.dumps(kept))
-
+FILE = "trade-off study", 5
+"""Kind and version of a file of runs: those that were divided or counted differently must not be mixed."""
 
 PAIRS = 300_000
 """Collisions in all replicas of a candidate together, if no length of the runs is given: they determine the pressure of
@@ -131,7 +60,7 @@ class CandidateFailed(Exception):  # noqa: N818 - an outcome, not an error
 
 
 class Ensemble:
-    """All runs on one scene. Use it in a `with` block: leaving it ends its threads and writes its file.
+    """All runs on one scene. Use it in a `with` block: leaving it ends its threads.
 
     Args:
         scene: the scene.
@@ -142,7 +71,7 @@ class Ensemble:
         seconds: approximate time that everything may take [s]; a stepped reference is as fine as that allows.
         contact_time: of the exact solver as the reference, which makes it a model [time]; None: its own.
         executor: for accuracy runs; None: threads.
-        path: of the file, or None.
+        file: of finished runs.
         progress: called as progress(done, of, what).
     """
 
@@ -157,7 +86,7 @@ class Ensemble:
         seconds: float = 150.0,
         contact_time: float | None = None,
         executor: Executor | None = None,
-        path: str | Path | None = None,
+        file: RunFile,
         progress: Callable[[int, int, str], None] | None = None,
     ):
         until = scene.duration if until is None else checks.positive("until", until, "[time]")
@@ -171,24 +100,33 @@ class Ensemble:
         self._slowness = 1.0  # time of parallel runs over their forecast from a single one
         self._progress = progress or (lambda done, of, what: None)
         contact_time = None if contact_time is None else _checked_contact_time(scene, contact_time)
-        model = "" if contact_time is None else f" contact_time={contact_time!r}"
         _demand_times(scene)
         self.starts: Starts = Starts(scene, starts)
-        self._saved = SavedResults(path, f"{scene.digest()} {self.starts.key}{model}")
+        title = {"scene": scene.digest(), "starts": self.starts.key, "contact_time": contact_time}
+        file.demand(**title)
         self.announce("preliminary run")
-        self.preliminary: PreliminaryRun = preliminary_run(scene, until, self._saved.reference, seconds, contact_time)
+        earlier = file.head.get("reference")
+        self.preliminary: PreliminaryRun = preliminary_run(scene, until, earlier, seconds, contact_time)
         self.chosen: bool = until is None
         self.plan: Plan = self._planned(until)
-        self._saved.open(f"{self.plan}", self.preliminary.reference_name)
+        self._file, self._results = file, dict[str, Any]()
+        title["plan"] = f"{self.plan}"
+        file.begin(title, self._take, reference=self.preliminary.reference_name)
 
     def __enter__(self) -> "Ensemble":
         return self
 
     def __exit__(self, *exception: object) -> None:
-        try:
-            self._runner.__exit__(*exception)
-        finally:
-            self._saved.save()
+        self._runner.__exit__(*exception)
+
+    def _take(self, line: dict[str, Any]) -> None:
+        self._results[str(line["key"])] = dict(line["result"])
+
+    def _put(self, key: str, result: dict[str, Any]) -> None:
+        """Keep a result, in the file as well unless it is due to this machine."""
+        self._results[key] = result
+        if "machine" not in result:
+            self._file.append({"key": key, "result": result})
 
     def _planned(self, until: float | None) -> Plan:
         """The runs that every candidate has to do; until: None for PAIRS collisions and decorrelated replicas."""
@@ -245,17 +183,17 @@ class Ensemble:
         forecast, begun = 0.0, time.monotonic()
         for settings, number in wanted if self._long else ():
             key = f"long {key_of(settings)} {number}"
-            if key not in self._saved.results:
+            if key not in self._results:
                 tasks[key] = long_run, self.starts[number], settings, self.plan, self._limit_of(settings)
                 forecast += self._seconds_of(settings)
         for key, settings in unique.items() if self._short else ():
             for number, start in self._starts(first):
-                if f"short {key} {number}" not in self._saved.results:
+                if f"short {key} {number}" not in self._results:
                     arguments = self._scene, settings, self.plan, start, self.preliminary.reference
                     tasks[f"short {key} {number}"] = short_run, *arguments
         self._runner.run(
             tasks.items(),
-            lambda key, future: self._saved.put(key, future.result()),
+            lambda key, future: self._put(key, future.result()),
             lambda done: self._progress(done, len(tasks), "accuracy"),
         )
         if (forecast := forecast / usable_cores()) > RELIABLE_SECONDS:
@@ -297,8 +235,8 @@ class Ensemble:
             if len(candidates) > 1:
                 self._progress(done, len(candidates), "timing")
             key = f"cost {key_of(settings)}"
-            if key not in self._saved.results:
-                self._saved.put(key, measure(self._scene, settings, self.plan.until))
+            if key not in self._results:
+                self._put(key, measure(self._scene, settings, self.plan.until))
         self._progress(len(candidates), len(candidates), "timing")
 
     def _found(self, keys: Iterable[str], whose: str = "") -> list[dict[str, Any]]:
@@ -307,7 +245,7 @@ class Ensemble:
         Raises:
             CandidateFailed: if one did not reach its end; the text begins with `whose`.
         """
-        found = [self._saved.results[key] for key in keys]
+        found = [self._results[key] for key in keys]
         for each in found:
             if "failure" in each:
                 raise CandidateFailed(whose + each["failure"])

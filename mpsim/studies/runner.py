@@ -1,7 +1,9 @@
-"""Runs tasks through any executor, or in threads of its own."""
+"""What all studies share: tasks run by any executor or in threads, and a file of finished runs."""
 
+import json
 import os
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -9,8 +11,9 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
 from mpsim.core import files
+from mpsim.core.files import FileLock
 from mpsim.core.machine import usable_cores
-from mpsim.errors import InputError
+from mpsim.errors import InputError, OutputError, SweepWarning, level_of_caller, reason_of
 
 POLL_SECONDS = 0.2
 """Seconds between two checks for signals while threads run: one delivered to another thread wakes no waiting one."""
@@ -130,3 +133,154 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
             f"({getattr(error, 'strerror', None) or error}). Make the folder, or give another path."
         ) from None
     return Path(path)
+
+
+# --- The file of a study: a head, and one line of JSON for each finished run
+#
+# A line is written by one system call when its run is done. So Ctrl-C leaves complete lines, and a kill leaves at most
+# one incomplete line, which the next study removes with a warning. Only one study at a time may use the file.
+
+MOST_BYTES = 2**32
+"""Largest size of a file: some ten million runs of a sweep."""
+
+
+class RunFile:
+    """A file of finished runs. Use it in a `with` block; without a path it holds nothing.
+
+    Args:
+        path: of the file, or None.
+        what: the kind of study in words.
+        version: of its lines.
+
+    Attributes:
+        head: facts of the study that began the file; empty for a new one.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None, what: str, version: int):
+        self.head: dict[str, Any] = {}
+        self._what, self._format = what, f"mpsim {what} {version}"
+        self._lines: list[bytes] = []
+        self._descriptor = -1
+        if path is not None:
+            self._path = checked_path(path)
+            self._open()
+
+    def __enter__(self) -> "RunFile":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Hand the file to the disk, and to the next study."""
+        if self._descriptor >= 0:
+            descriptor, self._descriptor = self._descriptor, -1
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+                self._lock.release()
+
+    def demand(self, **title: Any) -> None:
+        """Refuse the file of another study, by the first fact in which it differs."""
+        for name, wanted in {"format": self._format, **title}.items() if self.head else ():
+            has, asked = (json.dumps(each, ensure_ascii=False) for each in (self.head.get(name), wanted))
+            if json.loads(has) != json.loads(asked):
+                raise InputError(
+                    f"path must be a file of the same {self._what}, or none yet; {self._path} has {name} {has:.200}, "
+                    f"and this {self._what} {name} {asked:.200}. Give another path, or remove the file."
+                )
+
+    def begin(self, title: dict[str, Any], take: Callable[[dict[str, Any]], object], **further: Any) -> None:
+        """Read the runs in the file, or begin a new one.
+
+        Args:
+            title: facts that identify the study.
+            take: called with each run.
+            further: facts for the head of a new file, in which others may differ.
+        """
+        if self._descriptor < 0:
+            return
+        self.demand(**title)
+        for number, line in enumerate(self._lines, start=2):
+            row = self._parsed(number, line)
+            try:
+                take(row)
+            except (KeyError, TypeError, ValueError) as error:
+                raise self._unreadable(f"line {number} is not a row: {type(error).__name__} {error}") from None
+        os.ftruncate(self._descriptor, self._whole if self._lines else 0)
+        if not self._lines:  # the head is written anew, for what was put right before any run was done
+            self.append({"format": self._format, **title, **further})
+        self._lines = []
+
+    def append(self, line: dict[str, Any]) -> None:
+        """Add a run.
+
+        Raises:
+            OutputError: if it cannot be written; the file is as it was before.
+        """
+        if self._descriptor < 0:
+            return
+        content = (json.dumps(line) + "\n").encode()
+        before = os.fstat(self._descriptor).st_size
+        try:
+            written = 0
+            while written < len(content):
+                written += os.write(self._descriptor, content[written:])
+        except OSError as error:
+            os.ftruncate(self._descriptor, before)
+            raise OutputError(
+                f"the file of a {self._what} must have room on its disk; {self._path} cannot be written "
+                f"({error.strerror}). Make room and call again: the runs that it holds are not repeated."
+            ) from error
+
+    def warn(self, text: str) -> None:
+        """Warn of the file, whose path takes the place of {path}."""
+        warnings.warn(text.format(path=self._path), SweepWarning, stacklevel=level_of_caller())
+
+    def _open(self) -> None:
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+        try:
+            self._descriptor = os.open(self._path, flags, 0o666)
+            self._lock = FileLock(self._path)
+        except OutputError:
+            os.close(self._descriptor)
+            raise InputError(
+                f"path must be a file that no other {self._what} has; {self._path} is being written by another one, of "
+                "this process or another. Wait for its end, or give another path."
+            ) from None
+        except OSError as error:
+            raise InputError(
+                f"path must be a file that can be written to; got {str(self._path)!r} ({error.strerror}). Give another "
+                "path."
+            ) from None
+        try:
+            self._read()
+        except BaseException:
+            self.__exit__()
+            raise
+
+    def _read(self) -> None:
+        """Read head and whole lines."""
+        begin = f'{{"format": "mpsim {self._what} '.encode()
+        try:
+            content = files.content(self._path, MOST_BYTES)
+        except (OSError, ValueError) as error:
+            raise self._unreadable(reason_of(error)) from None
+        if content and not (content.startswith(begin) or begin.startswith(content)):
+            raise self._unreadable(f"it does not begin with {begin.decode()}")
+        whole, _, torn = content.rpartition(b"\n")
+        if torn:
+            self.warn("the last line of {path} was cut off, as by a kill, and is dropped: its run is repeated.")
+        if whole:
+            head, *self._lines = whole.split(b"\n")
+            self.head, self._whole = self._parsed(1, head), len(whole) + 1
+
+    def _parsed(self, number: int, line: bytes) -> dict[str, Any]:
+        try:
+            return dict(json.loads(line))
+        except (ValueError, TypeError, RecursionError) as error:
+            raise self._unreadable(f"line {number}: {error}") from None
+
+    def _unreadable(self, reason: str) -> InputError:
+        return InputError(
+            f"path must be a file of an earlier {self._what}, or none yet; {self._path} cannot be read as one "
+            f"({reason:.200}). Give another path, or remove the file."
+        )

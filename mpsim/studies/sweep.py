@@ -35,22 +35,21 @@ from typing import Any, ClassVar, cast
 import numba
 import numpy as np
 
-from mpsim.core import checks, files
+from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.files import FileLock
 from mpsim.core.progress import checked_progress, shown
 from mpsim.core.state import State
 from mpsim.core.version import __version__
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import InputError, MpsimError, OutputError, SweepWarning, level_of_caller, reason_of
+from mpsim.errors import InputError, MpsimError, SweepWarning, level_of_caller
 from mpsim.measure import registry
 from mpsim.measure.statistics import Measure
 from mpsim.scene import scenefile
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings, check_settings
-from mpsim.studies.runner import Runner, Stopped, checked_path
+from mpsim.studies.runner import RunFile, Runner, Stopped
 from mpsim.studies.table import Table
 
 # --- The points of a sweep: combinations of the values of a grid, and the seed of each
@@ -400,169 +399,33 @@ def _scalar(name: Any, value: Any) -> Scalar:
     )
 
 
-# --- The file of a sweep: a header, and one line of JSON for each finished run
-#
-# A line is written by one system call when its run is done. So Ctrl-C leaves complete lines, and a kill leaves at most
-# one incomplete line, which the next sweep removes with a warning. Only one sweep at a time may use the file.
+# --- The file of a sweep: one line for each finished run
 
-FORMAT = "mpsim sweep 1"
-
-MOST_BYTES = 2**32
-"""Largest size of a file: some ten million runs."""
-
-_BEGIN = b'{"format": "mpsim sweep '
-"""With this every file begins: text that does not is no sweep, and is left alone."""
+VERSION = 1
+"""Of its lines."""
 
 
-class SweepFile:
-    """The finished runs of a sweep, in memory and, if there is a path, in a file.
+def _finished(file: RunFile, task: Task) -> dict[Key, Outcome]:
+    """The outcomes in a file of this task; if it has another source of the function, a warning is raised."""
+    outcomes: dict[Key, Outcome] = {}
 
-    Args:
-        path: of the file, or None.
-        task: of the runs; if the file has another source of its function, a warning is raised.
+    def take(row: dict[str, Any]) -> None:
+        point = json.dumps(dict(row["point"]), sort_keys=True, separators=(",", ":"))
+        outcomes[point, int(row["run"])] = {
+            "values": dict(row["values"]),
+            "failure": None if row["failure"] is None else str(row["failure"]),
+            "traceback": str(row["traceback"]),
+            "wall_seconds": float(row["wall_seconds"]),
+            "versions": dict(row["versions"]),
+        }
 
-    Attributes:
-        outcomes: of the finished runs.
-    """
-
-    def __init__(self, path: str | os.PathLike[str] | None, task: Task):
-        self.outcomes: dict[Key, Outcome] = {}
-        self._descriptor = -1
-        if path is not None:
-            self._path = checked_path(path)
-            self._open({"format": FORMAT, **task.title}, task.source)
-
-    def __enter__(self) -> SweepFile:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        """Hand the file to the disk, and to the next sweep."""
-        if self._descriptor >= 0:
-            descriptor, self._descriptor = self._descriptor, -1
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
-                self._lock.release()
-
-    def lacks(self, key: Key, retry_failed: bool) -> bool:
-        """Whether a run has to be done."""
-        outcome = self.outcomes.get(key)
-        return outcome is None or (retry_failed and outcome["failure"] is not None)
-
-    def put(self, key: Key, seed: int | None, outcome: Outcome) -> None:
-        """Add the outcome of a run, in the file as well.
-
-        Raises:
-            OutputError: if it cannot be written; the file is as it was before.
-        """
-        self.outcomes[key] = outcome
-        if self._descriptor >= 0:
-            self._append({"point": json.loads(key[0]), "run": key[1], "seed": seed, **outcome})
-
-    def _open(self, title: dict[str, Any], source: str | None) -> None:
-        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
-        try:
-            self._descriptor = os.open(self._path, flags, 0o666)
-            self._lock = FileLock(self._path)
-        except OutputError:
-            os.close(self._descriptor)
-            raise InputError(
-                f"path must be a file that no other sweep has; {self._path} is being written by another one, of this "
-                "process or another. Wait for its end, or give another path."
-            ) from None
-        except OSError as error:
-            raise InputError(
-                f"path must be a file that can be written to; got {str(self._path)!r} ({error.strerror}). Give another "
-                "path."
-            ) from None
-        try:
-            whole = self._read(title, source)
-            os.ftruncate(self._descriptor, whole)
-            if not whole:
-                self._append({**title, "source": source})
-        except BaseException:
-            self.__exit__()
-            raise
-
-    def _read(self, title: dict[str, Any], source: str | None) -> int:
-        """Take what is there; returns the length of its whole lines, in bytes."""
-        try:
-            content = files.content(self._path, MOST_BYTES)
-        except (OSError, ValueError) as error:
-            raise self._unreadable(reason_of(error)) from None
-        if content and not (content.startswith(_BEGIN) or _BEGIN.startswith(content)):
-            raise self._unreadable(f"it does not begin with {_BEGIN.decode()}")
-        whole, _, torn = content.rpartition(b"\n")
-        if torn:
-            self._warn("the last line of {path} was cut off, as by a kill, and is dropped: its run is repeated.")
-        if not whole:
-            return 0
-        head, *lines = (self._line(number, line) for number, line in enumerate(whole.split(b"\n"), start=1))
-        self._demand_same(head, title)
-        if not lines:
-            return 0  # the head is written anew, for a function that was put right before any run was done
-        if source is not None and head.get("source") not in (None, source):
-            self._warn(
-                f"the source of {title['function']} has changed since {{path}} was begun: its rows come from the "
-                "earlier version. Remove the file, or give another path, to run them again."
-            )
-        for number, row in enumerate(lines, start=2):
-            self._take(number, row)
-        return len(whole) + 1
-
-    def _line(self, number: int, line: bytes) -> dict[str, Any]:
-        try:
-            return dict(json.loads(line))
-        except (ValueError, TypeError, RecursionError) as error:
-            raise self._unreadable(f"line {number}: {error}") from None
-
-    def _demand_same(self, head: dict[str, Any], title: dict[str, Any]) -> None:
-        """Refuse the file of another sweep, by the first fact in which it differs."""
-        for name, wanted in title.items():
-            has, asked = (json.dumps(each, ensure_ascii=False) for each in (head.get(name), wanted))
-            if json.loads(has) != json.loads(asked):
-                raise InputError(
-                    f"path must be a file of the same sweep, or none yet; {self._path} has {name} {has:.200}, and this "
-                    f"sweep {name} {asked:.200}. Give another path, or remove the file."
-                )
-
-    def _take(self, number: int, row: dict[str, Any]) -> None:
-        try:
-            point = json.dumps(dict(row["point"]), sort_keys=True, separators=(",", ":"))
-            failure = None if row["failure"] is None else str(row["failure"])
-            self.outcomes[point, int(row["run"])] = {
-                "values": dict(row["values"]),
-                "failure": failure,
-                "traceback": str(row["traceback"]),
-                "wall_seconds": float(row["wall_seconds"]),
-                "versions": dict(row["versions"]),
-            }
-        except (KeyError, TypeError, ValueError) as error:
-            raise self._unreadable(f"line {number} is not a row: {type(error).__name__} {error}") from None
-
-    def _append(self, line: dict[str, Any]) -> None:
-        content = (json.dumps(line) + "\n").encode()
-        before = os.fstat(self._descriptor).st_size
-        try:
-            written = 0
-            while written < len(content):
-                written += os.write(self._descriptor, content[written:])
-        except OSError as error:
-            os.ftruncate(self._descriptor, before)
-            raise OutputError(
-                f"the file of a sweep must have room on its disk; {self._path} cannot be written ({error.strerror}). "
-                "Make room and call again: the runs that it holds are not repeated."
-            ) from error
-
-    def _warn(self, text: str) -> None:
-        warnings.warn(text.format(path=self._path), SweepWarning, stacklevel=level_of_caller())
-
-    def _unreadable(self, reason: str) -> InputError:
-        return InputError(
-            f"path must be a file of an earlier sweep, or none yet; {self._path} cannot be read as one "
-            f"({reason:.200}). Give another path, or remove the file."
+    file.begin(task.title, take, source=task.source)
+    if outcomes and task.source is not None and file.head.get("source") not in (None, task.source):
+        file.warn(
+            f"the source of {task.title['function']} has changed since {{path}} was begun: its rows come from the "
+            "earlier version. Remove the file, or give another path, to run them again."
         )
+    return outcomes
 
 
 # --- The result of a sweep: a table with one row for each run
@@ -926,13 +789,18 @@ def sweep(
             pickle.dumps(task.submission(next(iter(rows.values()))))
         except (pickle.PicklingError, AttributeError, TypeError, RecursionError) as error:
             raise task.unpicklable(error) from error
-    with terminated_by_exit(), SweepFile(path, task) as file, shown(show) as say, runner:
-        missing = {key: row for key, row in rows.items() if file.lacks(key, retry_failed)}
+    with terminated_by_exit(), RunFile(path, "sweep", VERSION) as file, shown(show) as say, runner:
+        outcomes = _finished(file, task)
+        missing = {
+            key: row
+            for key, row in rows.items()
+            if key not in outcomes or (retry_failed and outcomes[key]["failure"] is not None)
+        }
 
         def keep(key: Key, future: Future[Any]) -> None:
             nonlocal failed
-            outcome = _outcome_of(future, task, file, lost)
-            file.put(key, rows[key].seed, outcome)
+            outcomes[key] = outcome = _outcome_of(future, task, outcomes, lost)
+            file.append({"point": json.loads(key[0]), "run": key[1], "seed": rows[key].seed, **outcome})
             failed += outcome["failure"] is not None
 
         def show_done(done: int) -> None:
@@ -940,7 +808,7 @@ def sweep(
 
         show_done(0)
         runner.run(((key, task.submission(row)) for key, row in missing.items()), keep, show_done)
-        done = tuple(dataclasses.replace(row, **file.outcomes[key]) for key, row in rows.items())
+        done = tuple(dataclasses.replace(row, **outcomes[key]) for key, row in rows.items())
     if lost:
         warnings.warn(
             f"the executor broke, and {len(lost)} runs failed with it: {described(lost[-1]):.200} The other rows are "
@@ -965,7 +833,7 @@ def _checked_units(units: Any, known: Mapping[str, str]) -> dict[str, str]:
     return {**known, **given}
 
 
-def _outcome_of(future: Future[Any], task: Task, file: SweepFile, lost: list[BrokenExecutor]) -> Outcome:
+def _outcome_of(future: Future[Any], task: Task, finished: dict[Key, Outcome], lost: list[BrokenExecutor]) -> Outcome:
     """The outcome in a future, or why there is none; errors of an executor that broke are added to `lost`.
 
     Raises:
@@ -981,7 +849,7 @@ def _outcome_of(future: Future[Any], task: Task, file: SweepFile, lost: list[Bro
         raise error
     if isinstance(error, WrongResult):
         error = InputError(str(error))
-        if all(each["failure"] is not None for each in file.outcomes.values()):
+        if all(each["failure"] is not None for each in finished.values()):
             raise error
     elif isinstance(error, BrokenExecutor):
         lost.append(error)

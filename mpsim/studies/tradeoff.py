@@ -24,9 +24,10 @@ from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.ensemble import CandidateFailed, Ensemble
+from mpsim.studies.ensemble import FILE, CandidateFailed, Ensemble
 from mpsim.studies.preliminary import StartsGiven
 from mpsim.studies.replicas import Cost, available, demand_available, quietly, starts_of
+from mpsim.studies.runner import RunFile
 from mpsim.studies.table import Table
 
 # --- The settings that a trade-off study compares by default
@@ -265,7 +266,7 @@ def tradeoff(
         seconds: approximate time that runs of the reference may take, which determines the step of a stepped one [s].
         contact_time: of the exact solver, as the reference and among the default candidates [time], > 0 (see
             `Settings`); None: the solver's own, far below any time between collisions.
-        path: file in which finished runs are saved; an interrupted call continues from it.
+        path: file to which each run is written as soon as it is done; an interrupted call continues from it.
         progress: True: shown on standard error; or a function, called as progress(done, of, what).
 
     Raises:
@@ -281,18 +282,22 @@ def tradeoff(
     """
     names = _measures(measures, scene)
     replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
-    how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts, "contact_time": contact_time}
+    how: dict[str, Any] = {"executor": executor, "starts": starts, "contact_time": contact_time}
     how |= {"replicas": replicas, "seconds": checks.positive("seconds", seconds, "[s]")}
-    with terminated_by_exit(), shown(checked_progress(progress, "progress(done, of, what)")) as show:
-        run = Ensemble(scene, until, names, **how, progress=show)
+    show = shown(checked_progress(progress, "progress(done, of, what)"))
+    with (
+        terminated_by_exit(),
+        RunFile(path, *FILE) as file,
+        show as say,
+        Ensemble(scene, until, names, **how, file=file, progress=say) as run,
+    ):
         if candidates is None:
             speed = run.preliminary.thermal_velocity
             settings = [run.framed(each) for each in default_candidates(scene, speed, contact_time)]
         else:
             settings = checked_candidates(candidates, scene)
-        with run:
-            run.assess(settings)
-            run.time(settings)
+        run.assess(settings)
+        run.time(settings)
     rows = tuple(row_of(run, each) for each in settings)
     return Tradeoff(
         scene=repr(scene),

@@ -22,9 +22,10 @@ from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.ensemble import REFERENCE, CandidateFailed, Ensemble
+from mpsim.studies.ensemble import FILE, REFERENCE, CandidateFailed, Ensemble
 from mpsim.studies.preliminary import StartsGiven
 from mpsim.studies.replicas import PIECES, Cost, demand_available, starts_of
+from mpsim.studies.runner import RunFile
 from mpsim.studies.tradeoff import Row, checked_candidates, families, label, row_of, step
 
 # --- The result of a search for settings: each candidate with its verdict, and the answer
@@ -229,10 +230,15 @@ def tune(
     choices = _families(contact_time, scene) if candidates is None else checked_candidates(candidates)
     replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
     seconds = checks.positive("seconds", seconds, "[s]")
-    how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts, "contact_time": contact_time}
+    how: dict[str, Any] = {"executor": executor, "starts": starts, "contact_time": contact_time}
     how |= {"replicas": replicas, "seconds": seconds}
     show = shown(checked_progress(progress, "progress(done, of, what)"))
-    with terminated_by_exit(), show as say, Ensemble(scene, until, tuple(budgets), **how, progress=say) as run:
+    with (
+        terminated_by_exit(),
+        RunFile(path, *FILE) as file,
+        show as say,
+        Ensemble(scene, until, tuple(budgets), **how, file=file, progress=say) as run,
+    ):
         search = Search(run, scene, budgets, seconds)
         search.run_reference()
         for family in choices:

@@ -26,7 +26,8 @@ from mpsim.cli.run import RunFolder
 from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
-from mpsim.studies.ensemble import SavedResults
+from mpsim.studies.ensemble import FILE
+from mpsim.studies.runner import RunFile
 
 LONGEST = 2.0
 """Seconds of processor time to refuse anything."""
@@ -170,7 +171,7 @@ DOORS = {
     "run.xyz": (mpsim.Trajectory, mpsim.errors.TrajectoryError),
     "run.gsd": (mpsim.Trajectory, mpsim.errors.TrajectoryError),
     "run.mpsim": (mpsim.Simulation.resume, mpsim.CheckpointError),
-    "kept.json": (lambda path: SavedResults(path, "scene"), mpsim.InputError),
+    "kept.json": (lambda path: RunFile(path, *FILE), mpsim.InputError),
     "run.json": (lambda path: RunFolder.open(path.parent), mpsim.InputError),
     "measures.csv": (read_table, mpsim.InputError),
 }
@@ -349,7 +350,7 @@ def test_records_that_are_none_are_refused(tmp_path):
     for text in ("[" * 200_000, '{"format": 1e999}', f'{{"format": {"9" * 5000}}}', "\xff", "[]"):
         path.write_text(text, "latin-1")
         refused(RunFolder.open, tmp_path, match="the folder of a run must hold run.json")
-        refused(SavedResults, path, "scene", match="path must be a file of an earlier trade")
+        refused(RunFile, path, *FILE, match="path must be a file of an earlier trade")
     keys = ("target", "every", "trajectory", "measures", "parts")
     record = {"format": 1, "scene": "gas", "status": "done", "settings": {"method": "grid"}, **dict.fromkeys(keys, 1)}
     path.write_text(json.dumps(record))

@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import json
 import os
 import signal
 import statistics
@@ -389,7 +388,7 @@ def trade(path, **options):
 
 
 def kept_in(path):
-    return json.loads(path.read_text())["results"] if path.exists() else []
+    return path.read_bytes().splitlines()[1:] if path.exists() else []
 
 
 @pytest.mark.slow

@@ -56,9 +56,9 @@ class Costs:
         nothing = MadeUp(lambda settings, number: {"overlap": np.full(PIECES, 0.01 * (1 + number % 3))})
         first = {"executor": nothing, "path": path, "measures": "overlap", "replicas": 2}
         mpsim.tradeoff(SCENE, mpsim.Settings(method="grid"), **first, **self.how)
-        self._head = json.loads(path.read_text())
-        ((key, self._cost),) = [each for each in self._head["results"].items() if each[0].startswith("cost ")]
-        self._names = json.loads(key.removeprefix("cost ")).keys()
+        self._head, *lines = path.read_text().splitlines()
+        (cost,) = [each for each in map(json.loads, lines) if each["key"].startswith("cost ")]
+        self._cost, self._names = cost["result"], json.loads(cost["key"].removeprefix("cost ")).keys()
         self._keys = dict[mpsim.Settings, str]()
 
     def _key(self, settings: mpsim.Settings) -> str:
@@ -71,6 +71,7 @@ class Costs:
     def write(self, path: Path, candidates: Iterable[mpsim.Settings], price: Callable[[mpsim.Settings], float]) -> Path:
         """A file with the price of each candidate."""
         prices = ("median", "low", "high")
-        costs = {self._key(each): self._cost | dict.fromkeys(prices, price(each)) for each in candidates}
-        path.write_text(json.dumps(self._head | {"results": costs}))
+        costs = ((self._key(each), self._cost | dict.fromkeys(prices, price(each))) for each in candidates)
+        lines = (json.dumps({"key": key, "result": cost}) for key, cost in costs)
+        path.write_text("".join(f"{line}\n" for line in (self._head, *lines)))
         return path
