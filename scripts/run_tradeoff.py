@@ -117,7 +117,7 @@ def table_of(
 ) -> mpsim.Tradeoff:
     """The table of one scene; what is finished is kept beside it."""
     place, folder = SCENES[name], options.out / name
-    kept = folder / ("runs-full.json" if options.full else "runs.json")
+    kept = folder / ("runs-full.jsonl" if options.full else "runs.jsonl")
     if options.fresh:
         kept.unlink(missing_ok=True)
     costs = costs_taken(kept) if options.retime and kept.exists() else {}
@@ -137,20 +137,26 @@ def table_of(
 
 def costs_taken(path: Path) -> dict[str, Any]:
     """Take the costs out of a file of finished runs, and return them."""
-    kept = json.loads(path.read_text())
-    costs = {key: kept["results"].pop(key) for key in list(kept["results"]) if key.startswith("cost ")}
-    path.write_text(json.dumps(kept))
-    return costs
+    head, *lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([head, *(line for line in lines if not is_cost(json.loads(line)))]))
+    return costs_in(lines)
 
 
 def keep_lower(path: Path, costs: dict[str, Any]) -> None:
     """Put back the costs that were lower than the new ones: what else runs on a machine only ever adds."""
-    kept = json.loads(path.read_text())
-    for key, cost in costs.items():
-        new = kept["results"].get(key, {})
-        if cost.get("median", math.inf) < new.get("median", 0):
-            kept["results"][key] = cost
-    path.write_text(json.dumps(kept))
+    new = costs_in(path.read_text().splitlines()[1:])
+    with path.open("a") as file:  # the later line counts
+        for key, cost in costs.items():
+            if cost.get("median", math.inf) < new.get(key, {}).get("median", 0):
+                file.write(json.dumps({"key": key, "result": cost}) + "\n")
+
+
+def costs_in(lines: list[str]) -> dict[str, Any]:
+    return {each["key"]: each["result"] for each in map(json.loads, lines) if is_cost(each)}
+
+
+def is_cost(line: dict[str, Any]) -> bool:
+    return line["key"].startswith("cost ")
 
 
 def write(table: mpsim.Tradeoff, words: str, made: str, folder: Path) -> None:
