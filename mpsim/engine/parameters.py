@@ -19,6 +19,7 @@ from mpsim.errors import InputError
 from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.emitters import Emitter
 from mpsim.features.laws import friction_coefficient
+from mpsim.features.piston import Piston
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -116,11 +117,11 @@ def _rubbing(scene: Scene, name: str, value: Any) -> float:
 
 def _at_speed(scene: Scene, speed: Any, time: float) -> dict[str, Any]:
     """The piston at another speed from a time on, and this time."""
-    wall = scene._moving_wall
-    if scene.piston is None or wall is None:
-        raise _without("piston_speed", speed, "with a piston", "Give the scene one; a slow one hardly moves.")
+    if not isinstance(scene.piston, Piston) or scene.piston.speed is None:
+        remedy = "Give the scene one; a slow one hardly moves."
+        raise _without("piston_speed", speed, "with a piston that has a speed", remedy)
     return {
-        "piston": dataclasses.replace(scene.piston, speed=speed, start=wall.place(time)),
+        "piston": dataclasses.replace(scene.piston, speed=speed, start=scene._moving_walls[0].place(time)),
         "_piston_began": time,
     }
 

@@ -114,8 +114,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
         checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
     checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
     checks.fitting("dt", np.array([settings.dt]), precision)
-    if (wall := scene._moving_wall) is not None:
-        checks.fitting("speed of a wall", np.array([wall.speed]), precision)
+    checks.fitting("speed of a wall", np.array([wall.speed for wall in scene._moving_walls]), precision)
     fastest = 0.0
     for first, velocity in scene._velocities_in_pieces():
         checks.fitting("velocity", velocity, precision, first)
@@ -370,10 +369,10 @@ class StepLimits:
         self._surface = OBSTACLES.surface_speed(scene) if scene.obstacles else 0.0  # towards which a disc may move
         narrow = any(
             not wraps and length < 3 * scene.largest_radius
-            for wraps, length in zip(scene.periodic, sides_at(scene, math.inf), strict=True)
+            for wraps, length in zip(scene.periodic, scene._smallest_sides(), strict=True)
         )
         self._often = settings.on_fast == "substep" or narrow
-        self._squeezing, self._squeezed = self._frames_of_moving_wall() if scene._moving_wall else (0, -1)
+        self._squeezing, self._squeezed = self._frames_of_moving_walls() if scene._moving_walls else (0, -1)
         self._may_be_pressed = may_be_pressed(scene, scene.count)
         self._count_at_start = scene.count
         self._last_look, self._next_look, self._discs = 0, 0, 0  # around the frames that were asked for
@@ -384,17 +383,14 @@ class StepLimits:
         other._fast, other._pressed = self._fast, self._pressed
         return other
 
-    def _frames_of_moving_wall(self) -> tuple[int, int]:
-        """Frames in which a wall takes SQUEEZE of the room that is left in the end, and the last of such looks."""
-        wall, dt = self._scene._moving_wall, self._settings.dt
-        assert wall is not None
-        before, after = (sides_at(self._scene, time)[wall.axis] for time in (0.0, math.inf))
-        displacement = abs(wall.speed) * dt
+    def _frames_of_moving_walls(self) -> tuple[int, int]:
+        """Frames in which a wall takes SQUEEZE of the least room that it leaves, and the last of such looks."""
+        walls, dt, room = self._scene._moving_walls, self._settings.dt, self._scene._smallest_sides()
         # A wall that needs 1e18 frames for it has no effect that can be told from none.
-        every = math.ceil(min(max(SQUEEZE * after / displacement, 1.0), 1e18))
-        moved_before = abs(wall.speed) * (self._origin.time - wall.began)
-        last = self._origin.frame + (before - after - moved_before) / displacement
-        return every, every * math.ceil(last / every)
+        frames = min(SQUEEZE * room[wall.axis] / (wall.speed * dt) for wall in walls)
+        every = math.ceil(min(max(frames, 1.0), 1e18))
+        last = self._origin.frame + (max(wall.rests for wall in walls) - self._origin.time) / dt
+        return every, every * math.ceil(min(last / every, 1e18))
 
     def at_start(self) -> Iterator[tuple[str, type[Warning]]]:
         """What to warn of before anything is run: overlaps, lost digits, speeds, unless these are refused."""
@@ -564,8 +560,9 @@ class StepLimits:
 
         Of the last frame at which sub-steps are looked at anyway: what a simulation that is resumed there would find.
         """
-        last, wall = frame - frame % ADAPT_EVERY, self._scene._moving_wall
-        push = 2 * abs(wall.speed) if wall is not None and last <= self._squeezed else 2 * self._surface
+        last, walls = frame - frame % ADAPT_EVERY, self._scene._moving_walls
+        speed = max((wall.speed for wall in walls), default=0.0) if last <= self._squeezed else 0.0
+        push = 2 * (speed or self._surface)
         return self._acceleration * self._settings.dt * frames + push
 
     def _complaint(self, speeds: Speeds, frame: int) -> str | None:

@@ -193,14 +193,14 @@ class ThermalWallsFeature(Feature):
 
     def check(self, scene: Scene) -> None:
         walls: ThermalWalls = self.of(scene)
-        moving = scene._moving_wall
+        moving = {EDGES[wall.edge]: wall.name for wall in scene._moving_walls}
         for edge in walls.temperatures:
             demand_wall("thermal_walls", edge, scene.boundary)
             if edge in scene.absorbing:
                 raise InputError(f"thermal_walls must not be absorbing edges; got {edge!r} for both. Choose one.")
-            if moving is not None and EDGES[moving.edge] == edge:
+            if edge in moving:
                 raise InputError(
-                    f"thermal_walls must be at rest; got {edge!r}, which the {moving.name} moves. Choose another wall."
+                    f"thermal_walls must be at rest; got {edge!r}, which the {moving[edge]} moves. Choose another wall."
                 )
         if scene.wall_friction > 0:
             raise InputError(

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, cast
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.kernels import geometry
+from mpsim.kernels.features import piston
 
 BoundaryName = Literal["walls", "periodic"]
 Edge = Literal["left", "right", "bottom", "top"]
@@ -53,18 +53,15 @@ WALLED: tuple[BoundaryName, BoundaryName] = ("walls", "walls")
 
 
 class MovingWall(NamedTuple):
-    """A wall of the box that moves at constant speed from start to stop, and rests there.
+    """A wall of the box that moves.
 
-    name: what it is called in texts. edge: which wall it is, an index of EDGES. start, stop: coordinates [length].
-    speed: [length/time]. began: time at which it left start [time].
+    name: what it is called in texts. edge: which wall it is, an index of EDGES. record, knots: of `MovingWalls`.
     """
 
     name: str
     edge: int
-    start: float
-    stop: float
-    speed: float
-    began: float = 0.0
+    record: Any
+    knots: Any
 
     @property
     def axis(self) -> int:
@@ -72,13 +69,23 @@ class MovingWall(NamedTuple):
         return self.edge // 2
 
     @property
-    def arrival(self) -> float:
-        """How long it moves [time]."""
-        return (self.stop - self.start) / self.speed
+    def speed(self) -> float:
+        """The highest that it ever has [length/time]."""
+        return float(self.record.fastest)
+
+    @property
+    def innermost(self) -> float:
+        """Its coordinate where the box is smallest [length]."""
+        return float(self.record.low if self.edge % 2 else self.record.high)
+
+    @property
+    def rests(self) -> float:
+        """Time of the run from which it is at rest; infinity if it never is [time]."""
+        return float(self.record.start + self.record.stop)
 
     def place(self, time: float) -> float:
         """Its coordinate at a time [length]: in float64, as both solvers have it."""
-        return geometry.place(self, max(time - self.began, 0.0))
+        return float(piston.place(self.record, self.knots, time))
 
 
 def check_boundary(boundary: object) -> tuple[BoundaryName, BoundaryName]:

@@ -179,14 +179,13 @@ class Feature:
         """The disc that overlaps it most at a time, positions (N, 2), radii (N,) [length]; None if no disc does."""
         return None
 
-    def moving_wall(self, scene: Scene) -> MovingWall | None:
-        """The wall that it moves."""
-        return None
+    def moving_walls(self, scene: Scene) -> tuple[MovingWall, ...]:
+        """The walls of the box that it moves."""
+        return ()
 
     def surface_speed(self, scene: Scene) -> float:
         """The highest speed of a surface that it moves [length/time]."""
-        wall = self.moving_wall(scene)
-        return 0.0 if wall is None else abs(wall.speed)
+        return max((wall.speed for wall in self.moving_walls(scene)), default=0.0)
 
     def works(self, scene: Scene) -> bool:
         """Whether its surfaces do work on discs."""

@@ -1,4 +1,4 @@
-"""A piston: a wall of the box that moves. Checked when made; immutable."""
+"""Pistons: walls of the box that move. Checked when made; immutable."""
 
 # pyright: reportPrivateUsage=false, reportUnnecessaryIsInstance=false
 # Names of Scene with an underscore are for all of mpsim; arguments are checked for callers without a type checker, too.
@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -15,8 +16,10 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
 from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation, Shapes
+from mpsim.features.motions import MOTIONS, Movement, Rotation, Translation
 from mpsim.features.properties import densest_packing
-from mpsim.kernels.records import moving_wall_in
+from mpsim.kernels.features.bodies import MOTION, pose_at
+from mpsim.kernels.features.piston import moving_wall_in
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
@@ -24,14 +27,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Piston:
-    """A wall of the box that moves at constant speed.
+    """A wall of the box that moves: by a motion, or in the short form at constant speed until it stops.
 
     Args:
         wall: "left", "right", "bottom" or "top".
-        speed: along x or y [length/time]; a right wall with a negative speed compresses.
+        speed: along x or y [length/time], into the box; a right wall with a negative speed compresses.
         stop: coordinate at which it comes to rest [length], in the box, in the direction of motion. All discs must
             still fit in the box there.
-        start: coordinate at which it begins [length], from its wall to stop; at stop it is at rest. None: at its wall.
+        start: coordinate at which it is without displacement [length]; with a speed from its wall to stop, and at stop
+            it is at rest. None: at its wall.
+        motion: instead of speed and stop: a Translation, an Oscillation or a Path at right angles to the wall, in and
+            out as it likes. It must stay in the box, and all discs must fit where it is farthest in.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -41,12 +47,24 @@ class Piston:
     """
 
     wall: str
-    speed: float
-    stop: float
+    speed: float | None = None
+    stop: float | None = None
     start: float | None = None
+    motion: Movement | None = None
 
     def __post_init__(self) -> None:
         checks.choice("wall of a Piston", self.wall, EDGES)
+        if (self.speed is None, self.stop is None) != (self.motion is not None,) * 2:
+            given = [name for name in ("speed", "stop", "motion") if getattr(self, name) is not None]
+            raise InputError(
+                "a Piston must have either a speed and a stop, or a motion; got "
+                f"{' and '.join(given) or 'none of them'}. Give those of one way."
+            )
+        if self.start is not None:
+            object.__setattr__(self, "start", checks.non_negative("start of a Piston", self.start, "[length]"))
+        if self.motion is not None:
+            self._check_motion()
+            return
         speed = float(checks.finite_array("speed of a Piston", self.speed, (), "()"))
         if speed == 0 or (speed < 0) != (self.wall in ("right", "top")):
             raise InputError(
@@ -54,37 +72,86 @@ class Piston:
                 f"the {self.wall} wall; got {speed:g}. Turn its sign, or leave the piston out."
             )
         object.__setattr__(self, "speed", speed)
-        object.__setattr__(self, "stop", checks.positive("stop of a Piston", self.stop, "[length]"))
-        if self.start is not None:
-            start = checks.non_negative("start of a Piston", self.start, "[length]")
-            if (self.stop - start) * speed < 0:
-                side = "at or above" if speed < 0 else "at or below"
-                raise InputError(
-                    f"start of a Piston must lie {side} its stop, {self.stop:g}, to which it moves; got {start:g}. "
-                    "Leave it out for a piston that starts at its wall."
-                )
-            object.__setattr__(self, "start", start)
+        stop = checks.positive("stop of a Piston", self.stop, "[length]")
+        object.__setattr__(self, "stop", stop)
+        if self.start is not None and (stop - self.start) * speed < 0:
+            side = "at or above" if speed < 0 else "at or below"
+            raise InputError(
+                f"start of a Piston must lie {side} its stop, {stop:g}, to which it moves; got {self.start:g}. "
+                "Leave it out for a piston that starts at its wall."
+            )
+
+    def _check_motion(self) -> None:
+        """Refuse what does not move a wall, or moves it along itself."""
+        motion = self.motion
+        if not isinstance(motion, MOTIONS) or isinstance(motion, Rotation):
+            names = ", ".join(f"mpsim.{kind.__name__}" for kind in MOTIONS if kind is not Rotation)
+            raise InputError(
+                f"motion of a Piston must be one of {names}; got {type(motion).__name__}. A wall of the box cannot "
+                "turn: take a Polyline."
+            )
+        low, high = motion.swept(np.zeros((1, 2)))
+        axis = EDGES.index(self.wall) // 2
+        if low[1 - axis] or high[1 - axis] or low[axis] == high[axis]:
+            raise InputError(
+                f"motion of a Piston must be along {'xy'[axis]} alone, at right angles to the {self.wall} wall; got "
+                f"{motion!r}. Give it (x, 0) for a left or right wall, (0, y) for the others."
+            )
 
     def __repr__(self) -> str:
-        start = "" if self.start is None else f", start={self.start!r}"
-        return f"Piston(wall={self.wall!r}, speed={self.speed!r}, stop={self.stop!r}{start})"
+        names = ("start",) if self.motion is None else ("start", "motion")
+        rest = "".join(f", {name}={value!r}" for name in names if (value := getattr(self, name)) is not None)
+        short = f", speed={self.speed!r}, stop={self.stop!r}" if self.motion is None else ""
+        return f"Piston(wall={self.wall!r}{short}{rest})"
 
 
-def check_piston(piston: Any, scene: Scene) -> Piston | None:
-    """The piston, checked: it moves a wall, and stops in the box."""
+def check_piston(piston: Any, scene: Scene) -> Piston | tuple[Piston, ...] | None:
+    """One piston, or several of different walls, checked: they move walls, and stay in the box."""
     if piston is None:
         return None
-    if not isinstance(piston, Piston):
-        raise InputError(f"piston must be an mpsim.Piston; got {type(piston).__name__}.")
+    each_of: tuple[Any, ...] = (piston,) if not isinstance(piston, Iterable) else tuple(cast(Any, piston))
+    for each in each_of:
+        if not isinstance(each, Piston):
+            raise InputError(f"piston must be an mpsim.Piston, or a list of them; got {type(each).__name__}.")
+        _check_one(each, scene)
+    walls = [each.wall for each in each_of]
+    if twice := [wall for wall in EDGES if walls.count(wall) > 1]:
+        raise InputError(f"piston must have at most one Piston for each wall; got more for {twice[0]!r}. Leave one.")
+    return each_of[0] if len(each_of) == 1 else each_of or None
+
+
+def _check_one(piston: Piston, scene: Scene) -> None:
     demand_wall("piston", piston.wall, scene.boundary)
     if piston.wall in scene.absorbing:
         raise InputError(f"piston must not be an absorbing edge; got {piston.wall!r} for both. Choose one.")
     length = scene.width if piston.wall in ("left", "right") else scene.height
-    if not 0 < piston.stop < length:
+    if piston.stop is not None and not 0 < piston.stop < length:
         raise InputError(f"stop of the piston must lie in the box, in (0, {length:g}); got {piston.stop:g}.")
     if piston.start is not None and piston.start > length:
         raise InputError(f"start of the piston must lie in the box, in [0, {length:g}]; got {piston.start:g}.")
-    return piston
+    if piston.motion is not None:
+        low, high = _swept(piston, scene)
+        if low < -1e-9 * length or high > (1 + 1e-9) * length:
+            raise InputError(
+                f"the motion of the piston must keep the {piston.wall} wall in the box, in [0, {length:g}]; got "
+                f"[{low:g}, {high:g}]. Give a Translation a stop, an Oscillation a start inside, or move less far."
+            )
+
+
+def _home(piston: Piston, scene: Scene) -> float:
+    """Where it is without displacement [length]."""
+    edge = EDGES.index(piston.wall)
+    return (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
+
+
+def _swept(piston: Piston, scene: Scene) -> tuple[float, float]:
+    """Its least and its largest coordinate at any time [length]."""
+    home = _home(piston, scene)
+    if piston.motion is None:
+        return min(home, piston.stop or 0.0), max(home, piston.stop or 0.0)
+    low, high = piston.motion.swept(np.full((1, 2), home))
+    axis = EDGES.index(piston.wall) // 2
+    return float(low[axis]), float(high[axis])
 
 
 class PistonFeature(Feature):
@@ -92,6 +159,7 @@ class PistonFeature(Feature):
 
     argument = "piston"
     kinds: ClassVar[tuple[type[Any], ...]] = (Piston,)
+    within: ClassVar[tuple[type[Any], ...]] = MOTIONS
     several = False
     examples: ClassVar[tuple[Any, ...]] = (Piston("left", 1.0, stop=1.0), Piston("right", -1.0, stop=1.0))
     drives = "a piston"
@@ -104,71 +172,123 @@ class PistonFeature(Feature):
         ),
     )
 
+    def pistons(self, scene: Scene) -> tuple[Piston, ...]:
+        """All that the scene has."""
+        value: Any = self.of(scene)
+        return (value,) if isinstance(value, Piston) else value
+
     def check(self, scene: Scene) -> None:
-        piston: Piston = self.of(scene)
         largest = scene.largest_radius
-        length = scene.width if piston.wall in ("left", "right") else scene.height
-        left = piston.stop if piston.wall in ("right", "top") else length - piston.stop
-        if 2 * largest > left:
-            raise InputError(
-                f"stop of the piston must leave room for the largest disc, of diameter {2 * largest:g}; got "
-                f"{piston.stop:g}, which leaves {left:g}. Let it stop earlier."
-            )
+        for piston, wall in zip(self.pistons(scene), self.moving_walls(scene), strict=True):
+            left = scene._smallest_sides()[wall.axis]
+            if 2 * largest > left:
+                raise InputError(
+                    f"{_limit(piston)} of the {wall.name} must leave room for the largest disc, of diameter "
+                    f"{2 * largest:g}; got {wall.innermost:g}, which leaves {left:g}. Let it stop earlier."
+                )
         ending = [emitter for emitter in scene.emitters if emitter.limit is not None]
         radii = np.array([emitter.radius or largest for emitter in ending], float)
         number = np.concatenate([np.ones(scene.count), np.array([emitter.limit for emitter in ending], float)])
-        _demand_room(scene, "stop of the piston", np.concatenate([scene.radii, radii]), number)
+        name = f"{_limit(self.pistons(scene)[0])} of the piston"
+        _demand_room(scene, name, np.concatenate([scene.radii, radii]), number)
 
     def check_room(self, scene: Scene, new: AddedDiscs) -> None:
         together = np.append(new.present, new.radius)
         _demand_room(scene, new.name, together, np.ones(len(together)))
 
-    def moving_wall(self, scene: Scene) -> MovingWall:
-        piston: Piston = self.of(scene)
-        edge = EDGES.index(piston.wall)
-        start = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
-        return MovingWall("piston", edge, start, piston.stop, piston.speed, scene._piston_began)
+    def moving_walls(self, scene: Scene) -> tuple[MovingWall, ...]:
+        return tuple(self._moving_wall(each, scene) for each in self.pistons(scene))
 
-    def continued(self, scene: Scene, moment: Continuation) -> Piston | None:
-        piston: Piston = self.of(scene)
-        return check_piston(replace(piston, start=moment.box[EDGES.index(piston.wall)]), scene)
+    def _moving_wall(self, piston: Piston, scene: Scene) -> MovingWall:
+        edge, home, (low, high) = EDGES.index(piston.wall), _home(piston, scene), _swept(piston, scene)
+        motion = piston.motion
+        if motion is None:
+            velocity = np.array([piston.speed, 0.0] if edge < 2 else [0.0, piston.speed])
+            motion = Translation(velocity, start=scene._piston_began)
+        body, knots = motion.body()
+        record = np.zeros(1, moving_wall_in(np.float64))[0]
+        for name, *_ in MOTION:
+            record[name] = body[name]
+        if piston.stop is not None and piston.speed is not None:
+            record.stop = (piston.stop - home) / piston.speed
+        length = (scene.width, scene.height)[edge // 2]
+        record.moves, record.home, record.low, record.high = 1, home, max(low, 0.0), min(high, length)
+        record.end = home if piston.stop is None else piston.stop
+        if piston.stop is None and math.isfinite(record.stop):
+            pose = pose_at(record, knots, record.start + record.stop)
+            record.end = min(max(home + (pose.x + pose.y), record.low), record.high)
+        return MovingWall("piston" if piston is self.of(scene) else f"{piston.wall} piston", edge, record, knots)
+
+    def arrays(self, scene: Scene, real: Any) -> dict[str, Any]:
+        """The arrays of `MovingWalls`, in the precision of a run."""
+        walls, tables = np.zeros(4, moving_wall_in(real)), [np.zeros((0, 3))]
+        for each in scene._moving_walls:
+            wall = walls[each.edge]
+            for name in each.record.dtype.names:
+                wall[name] = each.record[name]
+            wall.knots[:] += sum(map(len, tables))
+            tables.append(each.knots)
+        return {"wall": walls, "knots": np.concatenate(tables)}
+
+    def continued(self, scene: Scene, moment: Continuation) -> Any:
+        found: list[Piston] = []
+        for piston, wall in zip(self.pistons(scene), self.moving_walls(scene), strict=True):
+            place = moment.box[wall.edge]
+            if piston.motion is None:
+                found.append(replace(piston, start=place))
+                continue
+            if abs(wall.place(moment.time) - place) > 1e-4 * max(scene.width, scene.height):
+                raise InputError(
+                    f"time must be that of the state, in which the {wall.name} is at {place:g}; got {moment.time:g}, "
+                    f"when it is at {wall.place(moment.time):g}. Give scene.starting_from(state, sim.time)."
+                )
+            found.append(replace(piston, motion=piston.motion.seen_from(moment.time)))
+        return check_piston(found, scene)
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {"piston": (moving_wall_in(real), ())}
+        return {f"moving_wall.{name}": (each.dtype, each.shape) for name, each in self.arrays(scene, real).items()}
 
     def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        wall, record = self.moving_wall(scene), arrays["piston"]
-        record.edge, record.start, record.stop, record.speed = wall[1:5]
-        record.arrival, record.began = wall.arrival, wall.began
-        record.margin = margin if wall.speed > 0 else -margin
+        walls = arrays["moving_wall.wall"]
+        for name, each in self.arrays(scene, walls["limit"].dtype).items():
+            arrays[f"moving_wall.{name}"][...] = each
+        walls["margin"] = margin, -margin, margin, -margin
 
     def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
-        arrays["piston"].dt, arrays["piston"].origin = dt, origin[1]
+        arrays["moving_wall.wall"]["dt"], arrays["moving_wall.wall"]["origin"] = dt, origin[1]
 
     def description(self, scene: Scene) -> str:
-        piston: Piston = self.of(scene)
-        start = "" if piston.start is None else f"from {piston.start:g} "
-        return f"the {piston.wall} wall, speed {piston.speed:g}, {start}to {piston.stop:g}"
+        words: list[str] = []
+        for piston in self.pistons(scene):
+            start = "" if piston.start is None else f"from {piston.start:g} "
+            how = (
+                f"speed {piston.speed:g}, {start}to {piston.stop:g}" if piston.motion is None else f"{piston.motion!r}"
+            )
+            words.append(f"the {piston.wall} wall, {how}")
+        return "; ".join(words)
 
 
 PISTON = PistonFeature()
 
 
+def _limit(piston: Piston) -> str:
+    return "stop" if piston.motion is None else "motion"
+
+
 def _demand_room(scene: Scene, name: str, radius: Floats, number: Floats) -> None:
-    """Refuse more discs, of the radii and numbers given, shape (K,), than fit in the box where the piston has stopped.
+    """Refuse more discs, of the radii and numbers given, shape (K,), than fit in the box where it is smallest.
 
     name: of the argument.
     """
-    wall = PISTON.moving_wall(scene)
+    wall = scene._moving_walls[0]
     if scene.absorbing or not number.any():  # few enough discs may be left in the end
         return
-    low, high = scene.walls_at(math.inf)
-    length, across = (high - low)[[wall.axis, 1 - wall.axis]].tolist()
+    length, across = (scene._smallest_sides()[axis] for axis in (wall.axis, 1 - wall.axis))
     area, radii = math.pi * float((number * radius**2).sum()), radius[number > 0]
     shortest = area / (densest_packing(float(radii.min()), float(radii.max())) * across)
     if length < shortest * (1 - 1e-12):
         raise InputError(
             f"{name} must leave room for all {number.sum():g} discs, a box at least {shortest:.4g} long and "
-            f"{across:g} across: no arrangement of them is denser; got {wall.stop:g}, which leaves {length:g} (packing "
-            f"{area / (length * across):.3g}). Let the piston stop earlier, or use fewer or smaller discs."
+            f"{across:g} across: no arrangement of them is denser; got {wall.innermost:g}, which leaves {length:g} "
+            f"(packing {area / (length * across):.3g}). Let the piston stop earlier, or use fewer or smaller discs."
         )

@@ -1,4 +1,4 @@
-"""Rows of capsules, walls that move, nearest images at periodic borders, and bounces along parabolas."""
+"""Rows of capsules, nearest images at periodic borders, and bounces along parabolas."""
 
 import numpy as np
 
@@ -18,28 +18,6 @@ OWNER = 7  # number of its obstacle in the scene
 ROW = 8  # numbers in a row
 
 ENDS = slice(AX, RADIUS)
-
-# --- Place and velocity of a wall that moves, as functions of the time since it began: for both solvers and for
-#     Python
-#
-# A wall has the fields start, stop [length], speed [length/time] and arrival, the time at which it comes to rest
-# [time], all in float64.
-
-
-@inlined
-def place(wall, time):
-    """Coordinate of a wall [length]."""
-    if time >= wall.arrival:
-        return wall.stop
-    moved = wall.start + wall.speed * time
-    return max(moved, wall.stop) if wall.speed < 0.0 else min(moved, wall.stop)
-
-
-@inlined
-def velocity(wall, time):
-    """Velocity of a wall along its axis [length/time]."""
-    return wall.speed if time < wall.arrival else 0.0
-
 
 # --- Nearest images of a disc at a periodic border, for exact impacts and for placement
 

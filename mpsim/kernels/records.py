@@ -237,28 +237,6 @@ CONTROL = record_of(
 """The record `control`: what the coordinator commands, and how far the frames have come."""
 
 
-def moving_wall_in(precision: DTypeLike) -> np.dtype[Any]:
-    """The record of a wall that moves: in float64, but for what the motion of discs reads, of the precision of the run.
-
-    Its time is counted from when it began: `origin`, from when steps are counted, and `began` in the time of the run.
-    """
-    return record_of(
-        [
-            ("edge", np.int64),  # LEFT, RIGHT, BOTTOM or TOP
-            ("start", np.float64),  # coordinate [length]
-            ("stop", np.float64),
-            ("speed", np.float64),  # [length/time]
-            ("arrival", np.float64),  # after which it rests [time]
-            ("began", np.float64),  # [time]
-            ("origin", np.float64),  # [time]
-            ("dt", np.float64),  # of a frame [time]
-            ("margin", np.float64),  # from the wall to the limit of centres, along its axis [length]
-            ("limit", precision),  # of centres while contacts are resolved; `parameters` has that of the next step
-            ("velocity", precision),  # in the next step
-        ]
-    )
-
-
 THERMOSTAT = record_of(
     [
         ("probability", np.float64),  # probability that a disc gets a new velocity before a frame

@@ -87,10 +87,10 @@ def demand_scene(scene: object, *states: Discs) -> None:
         raise InputError(
             f"scene must be a Scene; got {type(scene).__name__}. Use sim.scene of a Simulation; the state comes first."
         )
-    moving = scene._moving_wall
+    moving = {wall.axis for wall in scene._moving_walls}
     for box in filter(None, (getattr(state, "box", None) for state in states)):
         sides = (box[1] - box[0]) / scene.width, (box[3] - box[2]) / scene.height
-        fixed = [side for axis, side in enumerate(sides) if moving is None or axis != moving.axis]
+        fixed = [side for axis, side in enumerate(sides) if axis not in moving]
         if any(abs(side - 1) > SAME_BOX for side in fixed):
             raise InputError(
                 f"scene must be that of the state, whose box is {_sides(box)}; got one of {_sides(scene.box)}. "

@@ -164,17 +164,17 @@ def _one_radius(states: Sequence[State], scene: Scene) -> float:
 
 def _box_of(states: Sequence[State], scene: Scene) -> Box:
     """The walls in all states: those of the scene, except for one that has moved and come to rest."""
-    wall = scene._moving_wall
-    if wall is None:
-        return scene.box
-    places = {None if state.box is None else state.box[wall.edge] for state in states}
-    if places != {wall.stop}:
-        raise InputError(
-            f"pair_correlation needs a box at rest; got a {wall.name} on its way to {wall.stop:g}, at "
-            f"{', '.join(sorted(str(place) for place in places))}. Take states after it has arrived, from a simulation."
-        )
     edges = list(scene.box)
-    edges[wall.edge] = wall.stop
+    for wall in scene._moving_walls:
+        edges[wall.edge] = end = float(wall.record.end)
+        places = {None if state.box is None else state.box[wall.edge] for state in states}
+        if math.isinf(wall.rests) or places != {end}:
+            way = "that never rests" if math.isinf(wall.rests) else f"on its way to {end:g}"
+            found = ", ".join(sorted(str(place) for place in places))
+            raise InputError(
+                f"pair_correlation needs a box at rest; got a {wall.name} {way}, at {found}. "
+                "Take states after it has arrived, from a simulation."
+            )
     return edges[0], edges[1], edges[2], edges[3]
 
 

@@ -300,16 +300,19 @@ def colour_bar(
     return figure.colorbar(discs, ax=axes, label=label, extend=outside, **where)
 
 
-def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> Rectangle | None:
-    """The region of the box behind a moving wall, as a shape to be drawn; None if all walls are at rest, or unknown."""
-    wall = scene._moving_wall
-    if wall is None or walls is None:
-        return None
-    length, place = (scene.width, scene.height)[wall.axis], walls[wall.edge]
-    low, high = (place, length) if wall.edge % 2 else (0.0, place)
-    if wall.axis == 0:
-        return Rectangle((low, 0), high - low, scene.height, color=theme.behind)
-    return Rectangle((0, low), scene.width, high - low, color=theme.behind)
+def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> list[Rectangle]:
+    """The regions of the box behind moving walls, as shapes to be drawn; [] if all walls are at rest, or unknown."""
+    shapes: list[Rectangle] = []
+    if walls is None:
+        return shapes
+    for wall in scene._moving_walls:
+        length, place = (scene.width, scene.height)[wall.axis], walls[wall.edge]
+        low, high = (place, length) if wall.edge % 2 else (0.0, place)
+        corner, size = (
+            ((low, 0), (high - low, scene.height)) if wall.axis == 0 else ((0, low), (scene.width, high - low))
+        )
+        shapes.append(Rectangle(corner, *size, color=theme.behind))
+    return shapes
 
 
 class MovingDiscs:
@@ -333,8 +336,8 @@ class MovingDiscs:
         self._obstacles = draw_obstacles(axes, scene, self._capsules, theme)
         self.discs: EllipseCollection = self._draw(position, radii)
         self._closed = closed_off(scene, scene.box, theme)
-        if self._closed is not None:
-            axes.add_patch(self._closed)
+        for shape in self._closed:
+            axes.add_patch(shape)
 
     def _draw(self, position: NDArray[np.floating], radii: NDArray[np.floating]) -> EllipseCollection:
         """New discs: the sizes of a collection cannot change."""
@@ -364,9 +367,8 @@ class MovingDiscs:
         self.discs.set_offsets(with_images(position, self._scene))
         if self._scale is not None:
             self.discs.set_array(on_scale(values, self._scale))
-        closed = closed_off(self._scene, walls)
-        if self._closed is not None and closed is not None:
-            self._closed.set_bounds(*closed.get_bbox().bounds)
+        for shape, now in zip(self._closed, closed_off(self._scene, walls), strict=False):  # [] where walls are unknown
+            shape.set_bounds(*now.get_bbox().bounds)
 
 
 def checked_picture(path: str | os.PathLike[str]) -> Path:
@@ -493,9 +495,8 @@ def draw(
             colour_bar(axes, discs, shown.scene, words, found.outside)
         elif isinstance(colour, str):
             discs.set_facecolor(colour)
-        closed = closed_off(shown.scene, shown.state.box)
-        if closed is not None:
-            axes.add_patch(closed)
+        for shape in closed_off(shown.scene, shown.state.box):
+            axes.add_patch(shape)
         number = f"{len(these):,} of {len(here):,}" if step > 1 else f"{len(here):,}"
         time = "" if shown.time is None else f"time {shown.time:.4g}, "
         axes.set_title(f"{time}{number} disc{'s' * (len(here) != 1)}")

@@ -89,7 +89,7 @@ def _demand_free_flight(scene: Any) -> None:
     there = {
         "obstacles": scene.obstacles,
         "emitters": scene.emitters,
-        "a piston": scene._moving_wall,
+        "a piston": scene._moving_walls,
         "absorbing edges or removed discs": scene._loses_discs,
         **{kind.not_exact: kind.not_exact for kind in kinds_of(scene.boundary)},
     }

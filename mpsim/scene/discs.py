@@ -211,12 +211,12 @@ def demand_whole_box(scene: Any) -> None:
             "obstacles must be left out for discs on a lattice, which fills the box; got one or more. Use "
             "Scene.random, whose discs keep clear of them."
         )
-    wall = scene._moving_wall
-    if wall is not None and scene.box != (0.0, scene.width, 0.0, scene.height):
-        raise InputError(
-            f"start of the {wall.name} must be its wall for discs on a lattice, which fills the box; got "
-            f"{wall.start:g}. Leave it out, or give the places of the discs."
-        )
+    for wall in scene._moving_walls:
+        if (place := wall.place(0.0)) != (0.0, scene.width, 0.0, scene.height)[wall.edge]:
+            raise InputError(
+                f"start of the {wall.name} must be its wall for discs on a lattice, which fills the box; got "
+                f"{place:g}. Leave it out, or give the places of the discs."
+            )
 
 
 def _words(*numbers: int) -> NDArray[np.uint64]:

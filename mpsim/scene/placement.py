@@ -35,9 +35,10 @@ def placed(state: State, scene: Scene) -> State:
     [[1.0, 1.0]]
     """
     box = scene.box if state.box is None else state.box
-    corner, wall = [box[0], box[2]], scene._moving_wall
-    if wall is not None and wall.edge % 2 == 0:
-        corner[wall.axis] = box[wall.edge + 1] - (scene.width, scene.height)[wall.axis]
+    corner, moving = [box[0], box[2]], [wall.edge for wall in scene._moving_walls]
+    for low in (0, 2):
+        if low in moving:  # of two walls that move, none tells where the box begins: as in states of this scene
+            corner[low // 2] = 0.0 if low + 1 in moving else box[low + 1] - (scene.width, scene.height)[low // 2]
     return moved_into(state, box, scene.periodic, (corner[0], corner[1]))
 
 

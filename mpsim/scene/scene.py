@@ -82,7 +82,7 @@ class Scene(ReadOnly):
         obstacles: FixedDisc, Polyline and Circle objects, in the box.
         emitters: Emitter objects, which add discs while the scene runs.
         absorbing: edges, of "left", "right", "bottom", "top", at which discs leave for good.
-        piston: one wall that moves.
+        piston: a wall that moves, or a list of such walls.
         thermostat: a Thermostat, which gives discs new velocities at random.
         thermal_walls: ThermalWalls, which discs leave with new velocities.
         duration: recommended length of a run [time], > 0. It and the following are not part of the digest.
@@ -142,7 +142,7 @@ class Scene(ReadOnly):
         obstacles: Sequence[Obstacle] | Obstacle = (),
         emitters: Sequence[Emitter] | Emitter = (),
         absorbing: Sequence[Edge] | Edge = (),
-        piston: Piston | None = None,
+        piston: Piston | Iterable[Piston] | None = None,
         thermostat: Thermostat | None = None,
         thermal_walls: ThermalWalls | None = None,
         duration: float | None = None,
@@ -165,7 +165,7 @@ class Scene(ReadOnly):
         self.obstacles: tuple[Obstacle, ...] = check_obstacles(obstacles, self.width, self.height)
         self.emitters: tuple[Emitter, ...] = check_emitters(emitters)
         self.absorbing: tuple[str, ...] = check_edges(absorbing, self.boundary)
-        self.piston: Piston | None = check_piston(piston, self)
+        self.piston: Piston | tuple[Piston, ...] | None = check_piston(piston, self)
         vars(self).update(
             given("thermostat", thermostat, Thermostat) | given("thermal_walls", thermal_walls, ThermalWalls)
         )
@@ -286,12 +286,15 @@ class Scene(ReadOnly):
         """Lower left and upper right corner (x, y) of the box at a time: a wall may have moved [length].
 
         Raises:
-            InputError: for a time that is not a number >= 0; it may be infinite.
+            InputError: for a time that is not a number >= 0; it may be infinite, where no wall moves for ever.
 
         >>> Scene.load("piston").walls_at(float("inf"))[1].tolist()
         [20.0, 20.0]
         """
-        box = self._box_at(checks.time_to_come("time", time))
+        time = checks.time_to_come("time", time)
+        if any(time == wall.rests == math.inf for wall in self._moving_walls):
+            raise InputError("time must be finite in a scene with a wall that never rests; got inf. Choose one.")
+        box = self._box_at(time)
         return np.array(box[::2]), np.array(box[1::2])
 
     def limits(
@@ -699,13 +702,9 @@ class Scene(ReadOnly):
         return tuple(each for each in FEATURES if each.is_in(self))
 
     @functools.cached_property
-    def _moving_wall(self) -> MovingWall | None:
-        """The wall that a feature moves; None if all are at rest."""
-        walls = [wall for feature in self._features if (wall := feature.moving_wall(self)) is not None]
-        if len(walls) > 1:
-            names = " and ".join(wall.name for wall in walls)
-            raise InputError(f"a scene must have at most one wall that moves; got {names}. Leave one of them out.")
-        return walls[0] if walls else None
+    def _moving_walls(self) -> tuple[MovingWall, ...]:
+        """The walls that move; () if all are at rest."""
+        return tuple(wall for feature in self._features for wall in feature.moving_walls(self))
 
     @functools.cached_property
     def _surface_speed(self) -> float:
@@ -715,9 +714,16 @@ class Scene(ReadOnly):
     def _box_at(self, time: float) -> Box:
         """The box at a time >= 0 [time]: x_low, x_high, y_low, y_high [length]."""
         edges = [0.0, self.width, 0.0, self.height]
-        if (wall := self._moving_wall) is not None:
+        for wall in self._moving_walls:
             edges[wall.edge] = wall.place(time)
         return edges[0], edges[1], edges[2], edges[3]
+
+    def _smallest_sides(self) -> tuple[float, float]:
+        """Width and height of the box with all walls that move at their innermost places [length]."""
+        edges = [0.0, self.width, 0.0, self.height]
+        for wall in self._moving_walls:
+            edges[wall.edge] = wall.innermost
+        return edges[1] - edges[0], edges[3] - edges[2]
 
     def _check_inside(
         self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64], time: float = 0.0
@@ -733,8 +739,8 @@ class Scene(ReadOnly):
         outside = np.argwhere(((position < low - slack) | (position > high + slack)).any(axis=1))
         if len(outside):
             index = int(outside[0, 0])
-            wall = self._moving_wall
-            now = f", the {wall.name}'s place at time {time:g} included" if wall is not None and time > 0 else ""
+            walls = " and ".join(f"the {wall.name}'s" for wall in self._moving_walls)
+            now = f", {walls} place at time {time:g} included" if walls and time > 0 else ""
             shape = position.shape
             (x_low, y_low), (x_high, y_high) = (np.broadcast_to(limit, shape)[index] for limit in (low, high))
             raise InputError(

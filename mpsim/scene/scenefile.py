@@ -101,7 +101,7 @@ def keys_of(table: str) -> list[str]:
     """The keys of all kinds of a table, such as "piston".
 
     >>> keys_of("piston")
-    ['wall', 'speed', 'stop', 'start']
+    ['wall', 'speed', 'stop', 'start', 'motion']
     """
     if (part := PARTS.get(table)) is None:
         return KEYS.get(table, [])

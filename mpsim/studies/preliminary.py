@@ -372,7 +372,7 @@ def _speed_to_come(scene: Scene) -> float:
         speeds.append(math.sqrt(2 * energy.gravity_strength(scene) * 2 * scene.largest_radius))
     if scene.count:
         speeds.append(math.sqrt(2) * energy.thermal_speed(scene))
-        speeds += [] if scene._moving_wall is None else [abs(scene._moving_wall.speed)]
+        speeds += [wall.speed for wall in scene._moving_walls]
     return max(speeds)
 
 

@@ -62,7 +62,7 @@ VALUES: Mapping[str, Callable[[Scene], Any]] = {
     "restitution": lambda scene: scene.restitution,
     "wall_restitution": lambda scene: scene.wall_restitution,
     **{name: partial(_friction, name=name) for name in parameters.OF_FRICTION},
-    "piston_speed": lambda scene: None if scene.piston is None else scene.piston.speed,
+    "piston_speed": lambda scene: getattr(scene.piston, "speed", None),
     "temperature": lambda scene: None if scene.thermostat is None else scene.thermostat.temperature,
     "wall_temperature": _wall_temperature,
     "interval": partial(_rate, name="interval"),

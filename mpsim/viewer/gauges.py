@@ -244,7 +244,7 @@ def _or_nan(function: Any, state: State, scene: Scene) -> float:
 def _why_energy_changes(scene: Scene) -> str | None:
     """Why kinetic and potential energy together are not constant; None if they are."""
     reasons = {
-        "a wall moves": scene._moving_wall is not None,
+        "a wall moves": bool(scene._moving_walls),
         "a thermostat heats or cools": is_heated(scene),
         "contacts take energy": has_losses(scene),
         "discs enter": adds_discs(scene),

@@ -33,6 +33,7 @@ from mpsim.features.capsules import lists_of_cells
 from mpsim.features.edges import kinds_of
 from mpsim.features.energy import gravity_strength, is_inelastic, thermal_speed
 from mpsim.features.obstacles import OBSTACLES
+from mpsim.features.piston import PISTON
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import cells as stores
@@ -40,11 +41,11 @@ from mpsim.kernels.events import records, solver
 from mpsim.kernels.events.boundary import COARSE, Box
 from mpsim.kernels.events.cells import plan_cells
 from mpsim.kernels.events.features.capsules import CellCapsules
-from mpsim.kernels.events.features.edges import Wall
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.kernels.events.solver import worst_overlap
 from mpsim.kernels.features import collisions
 from mpsim.kernels.features.bodies import Bodies
+from mpsim.kernels.features.piston import MovingWalls
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -157,9 +158,10 @@ def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float
 
 def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> StalledError:
     """The error for a disc that a wall has made so fast [length/time] by a time [time]."""
-    wall, name, what = scene._moving_wall, "obstacle", "an obstacle that moves"
-    if wall is not None:
-        name, what = wall.name, f"the {wall.name}, now at {wall.place(time):.6g} and on its way to {wall.stop:g},"
+    name, what = "obstacle", "an obstacle that moves"
+    for wall in scene._moving_walls[:1]:
+        way = "" if math.isinf(wall.rests) else f" and on its way to {wall.record.end:g}"
+        name, what = wall.name, f"the {wall.name}, now at {wall.place(time):.6g}{way},"
     return StalledError(
         f"disc {disc} is crushed in frame {frame}: {what} leaves it no room before an obstacle, a wall or other discs, "
         f"and has driven it to a speed of {speed:.3g}, more than {CRUSHING:g} times any at the start. Let the {name} "
@@ -170,7 +172,7 @@ def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> S
 def stalled(scene: Scene, dt: float, disc: int, frame: int, contact_time: float) -> StalledError:
     """The error for a disc that collides without end at one instant."""
     what = f"disc {disc} collided without end at one instant of frame {frame}. Time must pass between collisions"
-    moving = "" if scene._moving_wall is None else f", let the {scene._moving_wall.name} stop earlier"
+    moving = "".join(f", let the {wall.name} stop earlier" for wall in scene._moving_walls[:1])
     if not is_inelastic(scene) and scene.gravity is None:
         return StalledError(
             f"{what}, but the disc touches others or walls on all sides, as in a crystal without gaps, and no "
@@ -234,9 +236,10 @@ def given(scene: Scene, cells: tuple[int, int], dt: float, origin: Origin) -> di
         found["bodies"] = Bodies(**bodies)
     if (bath := scene.thermostat) is not None:
         found["thermostat"] = (probability_of(bath, dt), bath.temperature, bath.seed, origin.frame)
-    if (wall := scene._moving_wall) is not None:
-        edge, start, stop, speed, began = wall[1:]
-        found["moving_wall"] = Wall(edge, start, stop, speed, wall.arrival, began - origin.time)
+    if scene._moving_walls:
+        found["moving_wall"] = walls = MovingWalls(**PISTON.arrays(scene, np.float64))
+        # Their clock begins with their motion: as long as that is 0, the bits are those of any time.
+        walls.wall["origin"], walls.wall["start"] = walls.wall["start"] - origin.time, 0.0
     return found
 
 
@@ -258,7 +261,7 @@ def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: N
     for column in in_state():
         if column.name in found and not column.rests:
             found[column.name][absorbed] = 0
-    if (wall := scene._moving_wall) is not None:
+    for wall in scene._moving_walls:
         least, most = (limit[..., wall.axis] for limit in scene.limits(radii, time))
         along = found["position"][:, wall.axis]
         np.clip(along, least, most, out=along, where=~absorbed)
@@ -411,7 +414,9 @@ def _check_links(scene: Scene, arrays: SolverState) -> None:
     meets = disc["collision_time"] < disc["crossing_time"]
     demand(((partner >= 0) & (partner != np.arange(count)))[meets].all(), "an impact must have a partner")
     after_capsules = records.FIRST_CAPSULE + len(OBSTACLES.arrays(scene).get("capsule", ()))
-    known = (side >= 0) & (side < after_capsules) & ((side != records.MOVING_WALL) | (scene._moving_wall is not None))
+    known = (side >= 0) & (side < after_capsules) & ((side <= records.TOP) | (side >= records.FIRST_CAPSULE))
+    if scene._moving_walls:
+        known |= np.isin(side, [records.LOOK, *(records.MOVING_WALL + wall.edge for wall in scene._moving_walls)])
     if bodies := OBSTACLES.bodies(scene):
         known |= (side >= records.LOOK) & (side < records.FIRST_BODY + len(bodies["capsule"]))
     demand(known.all(), "a disc leaves its cell by one of four sides, or meets what is there before")

@@ -153,10 +153,10 @@ class StepLog:
 
 def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDArray[np.float64]:
     """Where the wall of an edge is at times [length]."""
-    wall = scene._moving_wall
-    if wall is None or wall.edge != edge:
-        return scene.box[edge]
-    return np.array([wall.place(each) for each in time.tolist()])
+    for wall in scene._moving_walls:
+        if wall.edge == edge:
+            return np.array([wall.place(each) for each in time.tolist()])
+    return scene.box[edge]
 
 
 FEW = 16

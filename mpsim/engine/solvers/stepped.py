@@ -171,13 +171,13 @@ class SteppedSolver(Solver, Steps):
         self.substeps: int = settings.substeps
         self._speed_limit = SpeedLimit()
         self._tally_scale = _tally_scale(scene, settings)
-        self._box_at_rest = None if scene._moving_wall else scene.box
+        self._box_at_rest = None if scene._moving_walls else scene.box
 
     def _set_terms(self, terms: Terms) -> None:
         if terms != self.terms:
             super()._set_terms(terms)
             self._tally_scale = _tally_scale(terms.scene, terms.settings)
-            self._box_at_rest = None if terms.scene._moving_wall else terms.scene.box
+            self._box_at_rest = None if terms.scene._moving_walls else terms.scene.box
 
     @property
     @abstractmethod

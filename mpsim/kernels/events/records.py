@@ -134,11 +134,11 @@ REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, OUTSIDE, STOPPED, ABORTED, FULL
 
 # Borders of a cell, and walls of the box: side >> 1 is the axis, side & 1 whether it is the high one.
 LEFT, RIGHT, BOTTOM, TOP = range(4)
-# Other things that a disc meets: a moving wall, and capsules from this number on.
-MOVING_WALL, FIRST_CAPSULE = 4, 5
-# Capsules of obstacles that move, from this number on; and nothing, at an instant from which a disc is looked at again.
-FIRST_BODY = 1 << 30
+# Other things that a disc meets: capsules from this number on, and from that on those of obstacles that move.
+FIRST_CAPSULE, FIRST_BODY = 5, 1 << 30
+# Nothing, at an instant from which a disc is looked at again; and moving walls: this number and their edge.
 LOOK = FIRST_BODY - 1
+MOVING_WALL = LOOK - 4
 
 
 def _record(number: DTypeLike, *fields: str | tuple[str, int]) -> np.dtype[Any]:
@@ -164,7 +164,7 @@ EVENT = _record(
     "partner",  # of the predicted impact, or -1
     "partner_collision_count",  # its `collision_count` at the prediction: unchanged until it is deflected
     "collision_count",  # impacts of this disc so far, on discs and walls
-    "side",  # border where it leaves its cell: LEFT, ...; or what it hits before: MOVING_WALL, FIRST_CAPSULE + k, ...
+    "side",  # border where it leaves its cell: LEFT, ...; or what it hits before: FIRST_CAPSULE + k, ...
     ("cell", 2),  # column and row
     "number",  # of the disc, wherever it lies in memory; orders equal times
     "spare",

@@ -24,21 +24,30 @@ from mpsim.kernels.features.contact_hooks import on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.geometry import OWNER, RADIUS
-from mpsim.kernels.records import IMPACT, record_of
+from mpsim.kernels.records import IMPACT, Field, record_of
 
 # --- Motions: displacement, angle and velocities at a time
 
 TRANSLATION, OSCILLATION, ROTATION, PATH = range(4)
 
+MOTION: list[Field] = [
+    ("kind", np.int64),  # TRANSLATION, ...
+    ("start", np.float64),  # time of the run at which it begins [time]
+    ("stop", np.float64),  # how long it moves [time]; infinity of oscillations
+    ("vector", np.float64, (2,)),  # velocity [length/time], amplitude [length], or centre of a rotation [length]
+    ("rate", np.float64),  # turns per time of an oscillation or a rotation, counter-clockwise [1/time]
+    ("phase", np.float64),  # of an oscillation [turns]
+    ("knots", np.int64, (2,)),  # of a path: the first of its rows in `knots`, and one past the last
+    ("fastest", np.float64),  # largest speed of its points, without that of a rotation [length/time]
+    ("bend", np.float64),  # and acceleration [length/time^2]
+    ("origin", np.float64),  # time from which steps are counted [time]
+    ("dt", np.float64),  # of a frame [time]
+]
+"""Fields of a motion, of a body or a wall of the box."""
+
 BODY = record_of(
     [
-        ("kind", np.int64),  # of its motion: TRANSLATION, ...
-        ("start", np.float64),  # time of the run at which it begins to move [time]
-        ("stop", np.float64),  # how long it moves [time]; of translations and rotations
-        ("vector", np.float64, (2,)),  # velocity [length/time], amplitude [length], or centre of a rotation [length]
-        ("rate", np.float64),  # turns per time of an oscillation or a rotation, counter-clockwise [1/time]
-        ("phase", np.float64),  # of an oscillation [turns]
-        ("knots", np.int64, (2,)),  # of a path: the first of its rows in `knots`, and one past the last
+        *MOTION,
         ("nearest", np.int64, (2,)),  # by axis, 1: discs see its nearest image; 0: its capsules include all images
         ("low", np.float64, (2,)),  # lower left corner of the grid of its near lists [length]
         ("middle", np.float64, (2,)),  # of that grid [length]
@@ -46,10 +55,6 @@ BODY = record_of(
         ("per_length", np.float64, (2,)),  # columns per length along x, and rows along y [1/length]
         ("first", np.int64),  # of its cells in `near`
         ("margin", np.float64),  # gap up to which the near lists name all capsules; 0 for stepped solvers [length]
-        ("fastest", np.float64),  # largest speed of its points, without that of a rotation [length/time]
-        ("bend", np.float64),  # and acceleration [length/time^2]
-        ("origin", np.float64),  # time from which steps are counted [time]
-        ("dt", np.float64),  # of a frame [time]
         # At the end of the current step:
         ("now", np.float64),  # [time]
         ("displacement", np.float64, (2,)),  # [length]

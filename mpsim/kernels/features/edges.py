@@ -101,12 +101,14 @@ MOST_PERIODS = 2.0**53
 
 
 class Walls(NamedTuple):
-    """The walls of an axis: least and largest coordinate of a centre [length], and their speeds [length/time]."""
+    """The walls of an axis: least and largest coordinate of a centre, speeds, and accelerations."""
 
     low: Any
     high: Any
     low_speed: Any
     high_speed: Any
+    low_acceleration: Any
+    high_acceleration: Any
 
 
 class WallContact(NamedTuple):
@@ -134,7 +136,7 @@ def no_contact(p, v, zero):
 @inlined
 def reach_wall(p, v, walls, parameters):
     """The wall rule for a straight motion that has led to p: position, velocity and time of a `WallContact`."""
-    low, high, low_speed, high_speed = walls
+    low, high, low_speed, high_speed, _, _ = walls
     bounce, restitution = parameters.wall_bounce, parameters.wall_restitution
     time = low - low
     if p < low:
@@ -152,13 +154,13 @@ def reach_wall(p, v, walls, parameters):
 
 @inlined
 def reach_wall_on_parabola(p, v, acceleration, walls, parameters):
-    """`reach_wall` for an accelerated motion."""
-    low, high, low_speed, high_speed = walls
+    """`reach_wall` for an accelerated motion, of the disc or of the wall: in the frame of the wall."""
+    low, high, low_speed, high_speed, low_acceleration, high_acceleration = walls
     if p < low:
-        inside, inward, time = bounce_back(low - p, low_speed - v, -acceleration, parameters)
+        inside, inward, time = bounce_back(low - p, low_speed - v, -(acceleration - low_acceleration), parameters)
         return min(low + inside, high), low_speed + inward, time
     if p > high:
-        inside, inward, time = bounce_back(p - high, v - high_speed, acceleration, parameters)
+        inside, inward, time = bounce_back(p - high, v - high_speed, acceleration - high_acceleration, parameters)
         return max(high - inside, low), high_speed - inward, time
     return p, v, low - low
 
@@ -173,7 +175,10 @@ def reach_boundary(p, v, acceleration, accelerated, walls, wrap, parameters):
     if wrap is not None:
         return no_contact(p, v, zero)
     if accelerated is None:
-        place, turned, time = reach_wall(p, v, walls, parameters)
+        if (walls.low_acceleration if p < walls.low else walls.high_acceleration) == zero:
+            place, turned, time = reach_wall(p, v, walls, parameters)
+        else:
+            place, turned, time = reach_wall_on_parabola(p, v, acceleration, walls, parameters)
     else:
         place, turned, time = reach_wall_on_parabola(p, v, acceleration, walls, parameters)
     low_change = turned - v if p < walls.low else zero

@@ -50,6 +50,12 @@ def wall_speed(edge, features, parameters):
 
 
 @inlined
+def wall_acceleration(edge, features, parameters):
+    """Acceleration of the wall at an edge [length/time^2]."""
+    return piston.wall_acceleration(features.moving_wall, edge, parameters)
+
+
+@inlined
 def wall_place(edge, features, parameters):
     """Position of the limit of an edge while contacts are resolved [length]."""
     return piston.wall_place(features.moving_wall, edge, parameters)

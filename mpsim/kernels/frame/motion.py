@@ -16,6 +16,7 @@ from mpsim.kernels.features.hooks import (
     is_absent,
     lets_out,
     special_borders,
+    wall_acceleration,
     wall_place,
     wall_speed,
 )
@@ -27,18 +28,26 @@ from mpsim.kernels.records import ALONG_X, ALONG_Y, BAD, BOTTOM, FASTEST_SCALE, 
 
 
 @inlined
+def with_motions(low, high, edges, features, parameters):
+    """Walls at such places, with the motions of those at these edges."""
+    speeds = wall_speed(edges[0], features, parameters), wall_speed(edges[1], features, parameters)
+    bends = wall_acceleration(edges[0], features, parameters), wall_acceleration(edges[1], features, parameters)
+    return Walls(low, high, speeds[0], speeds[1], bends[0], bends[1])
+
+
+@inlined
 def walls_of_step(edges, margin, features, parameters):
     """The walls at these edges at the end of a step, as a flight meets them."""
     limit = parameters.limit
     low, high = limit[edges[0]] + margin, limit[edges[1]] - margin
-    return Walls(low, high, wall_speed(edges[0], features, parameters), wall_speed(edges[1], features, parameters))
+    return with_motions(low, high, edges, features, parameters)
 
 
 @inlined
 def walls_at_contacts(edges, margin, features, parameters):
     """The same while contacts are resolved, when the limits are already those of the next step."""
     low, high = wall_place(edges[0], features, parameters) + margin, wall_place(edges[1], features, parameters) - margin
-    return Walls(low, high, wall_speed(edges[0], features, parameters), wall_speed(edges[1], features, parameters))
+    return with_motions(low, high, edges, features, parameters)
 
 
 @inlined

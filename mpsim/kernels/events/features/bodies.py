@@ -174,9 +174,9 @@ def owner_of(capsules, bodies, side):
 
 
 @inlined
-def is_look(bodies, side):
-    """Whether `side` of an event is LOOK."""
-    if bodies is None:
+def is_look(moving, side):
+    """Whether `side` of an event is LOOK; moving: None if nothing moves by itself."""
+    if moving is None:
         return False
     return side == LOOK
 

@@ -4,8 +4,9 @@ import math
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.bodies import owner_of
+from mpsim.kernels.events.features.edges import is_moving_wall
 from mpsim.kernels.events.features.properties import mass_of, radius_of
-from mpsim.kernels.events.records import FIRST_CAPSULE, counts
+from mpsim.kernels.events.records import MOVING_WALL, counts
 from mpsim.kernels.features.collisions import DISC, OBSTACLE, WALL, write
 
 FIELDS = {"log": None}
@@ -57,7 +58,7 @@ def on_wall(log, i, axis, inward, change, sliding, store, box, features):
 def on_surface(log, i, nx, ny, change, sliding, moving_wall, capsules, bodies, store, box, features):
     """Impact of disc i on a capsule, at rest or moving, or a moving wall, according to `side` of its event."""
     side = store.event[i].side
-    if side >= FIRST_CAPSULE:
+    if is_moving_wall(moving_wall, side):
+        on_fixed(log, WALL, i, side - MOVING_WALL, nx, ny, change, sliding, store, box, features)
+    else:
         on_fixed(log, OBSTACLE, i, owner_of(capsules, bodies, side), nx, ny, change, sliding, store, box, features)
-    elif moving_wall is not None:
-        on_fixed(log, WALL, i, moving_wall.edge, nx, ny, change, sliding, store, box, features)

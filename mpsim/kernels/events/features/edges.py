@@ -1,12 +1,16 @@
 """Walls that move, and edges that absorb discs."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
-from mpsim.kernels import geometry as motion
-from mpsim.kernels.compiling import inlined
+import numpy as np
+
+from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.events.features.bodies import MOST_STEPS, TOUCH, next_jump, step_to_contact
 from mpsim.kernels.events.features.properties import component, radius_of
-from mpsim.kernels.events.flight import time_to_limit
-from mpsim.kernels.events.records import MOVING_WALL
+from mpsim.kernels.events.flight import INFINITY, time_to_limit
+from mpsim.kernels.events.records import LOOK, MOVING_WALL
+from mpsim.kernels.features import piston as motion
+from mpsim.kernels.features.bodies import OSCILLATION
 
 # --- Edges that absorb discs: a disc that touches one stays there, at rest, in no cell, and has no further event
 
@@ -42,78 +46,94 @@ def leave(exits, disc, i):
         disc.velocity[0], disc.velocity[1] = 0.0, 0.0
 
 
-# --- A wall of the box that moves at constant speed until it stops. `side` of an impact on it is MOVING_WALL
+# --- Walls of the box that move. `side` of an impact on one is MOVING_WALL and its edge
 #
-# Its place follows from the time since it began. All other times here are counted from the start of the lap;
-# `since_it_began` converts them.
-
-
-class Wall(NamedTuple):
-    """A wall as `moving_wall.py` has it, its edge (LEFT, ...), and when it began on the clock of the solver [time]."""
-
-    edge: int
-    start: float
-    stop: float
-    speed: float
-    arrival: float
-    began: float = 0.0
+# The place of a wall follows from the time since it began. All other times here are counted from the start of the lap;
+# `since_it_began` converts them. Wherever the velocity of a wall is constant, the time of an impact is a closed form.
+# That on a wall that oscillates is found as on a body (`bodies.py`), by steps that cannot pass it.
 
 
 @inlined
-def is_crushed(wall, crushing_speed, disc):
-    """Whether a disc leaves the wall so fast that it has been crushed."""
-    if wall is None or crushing_speed is None:
+def is_moving_wall(moving_wall, side):
+    """Whether `side` of an event is a wall that moves."""
+    if moving_wall is None:
         return False
-    return abs(disc.velocity[wall.edge >> 1]) > crushing_speed
+    return (side >= MOVING_WALL) & (side < LOOK)
+
+
+@inlined
+def is_crushed(moving_wall, crushing_speed, side, disc):
+    """Whether a disc leaves a wall so fast that it has been crushed."""
+    if moving_wall is None or crushing_speed is None:
+        return False
+    return abs(disc.velocity[(side - MOVING_WALL) >> 1]) > crushing_speed
 
 
 @inlined
 def since_it_began(wall, t, store):
     """The time since the wall began, from one that is counted from the start of the lap [time]."""
-    return store.clock.origin + t - wall.began
+    return store.clock.origin + t - wall.origin
 
 
-@inlined
-def time_to_wall(wall, disc, radius, gravity, store):
-    """Time from its last event until a disc meets the wall, moving or at rest [time]."""
-    axis = wall.edge >> 1
-    inward = -1.0 if wall.edge & 1 else 1.0
+@linked
+def time_to_wall(wall, knots, axis, inward, disc, radius, gravity, within, store):
+    """(time from its last event until a disc meets a wall, True), or (time up to which it does not, False).
+
+    within: the longest time that is asked for [time].
+    """
     place, speed, pull = disc.position[axis], inward * disc.velocity[axis], inward * component(gravity, axis)
-    present = since_it_began(wall, disc.last_update, store)
-    left = wall.arrival - present
-    if left <= 0.0:
-        return time_to_limit(inward * (place - wall.stop) - radius, speed, pull)
-    ahead = inward * (place - motion.place(wall, present)) - radius
-    t = time_to_limit(ahead, speed - inward * wall.speed, pull)
-    if t < left:
-        return t
-    # A disc on which the wall stops is on it, or beyond it by rounding.
-    ahead = inward * (place - wall.stop) - radius + left * (speed + 0.5 * pull * left)
-    return left + time_to_limit(ahead, speed + pull * left, pull)
+    began = since_it_began(wall, disc.last_update, store)
+    time, t, bend = began, 0.0, max(wall.bend - pull, 0.0)
+    for _ in range(MOST_STEPS):
+        jump = next_jump(wall, knots, time)
+        opening = speed + pull * t - inward * motion.velocity(wall, knots, time)
+        # A disc on which the wall stops or turns is on it, or beyond it by rounding.
+        gap = inward * (place - motion.place(wall, knots, time)) - radius + t * (speed + 0.5 * pull * t)
+        if wall.kind != OSCILLATION:
+            met = time_to_limit(gap, opening, pull)
+            if met < jump - time:
+                return t + met, True
+            time, t = jump, jump - began
+        else:
+            if gap <= TOUCH * (radius + abs(place)):
+                if opening < 0.0 or (opening == 0.0 and bend > 0.0):
+                    return t, True
+                gap = 0.0
+            t += max(min(step_to_contact(gap, opening, bend), jump - time), np.spacing(time))
+            time = began + t
+        if t > within or t == INFINITY:
+            return INFINITY, False
+    return t, False
 
 
 @inlined
-def before_border(wall, i, store, box, features):
-    """Predict the impact of disc i, whose stored state is current, on the wall before it leaves its cell."""
-    if wall is not None:
-        disc = store.disc[i]
-        t = disc.last_update + time_to_wall(wall, disc, radius_of(i, box, features), features.gravity, store)
-        if t <= disc.crossing_time:
-            disc.crossing_time = t
-            store.event[i].side = MOVING_WALL
+def before_border(moving_wall, i, store, box, features):
+    """Predict the impact of disc i, whose stored state is current, on a wall before it leaves its cell."""
+    if moving_wall is not None:
+        disc, radius = store.disc[i], radius_of(i, box, features)
+        for edge in range(4):
+            if moving_wall.wall[edge].moves != 0:
+                wall, inward = moving_wall.wall[edge], 1.0 - 2.0 * (edge & 1)
+                within, rest = disc.crossing_time - disc.last_update, (radius, features.gravity)
+                t, met = time_to_wall(wall, moving_wall.knots, edge >> 1, inward, disc, *rest, within, store)
+                t += disc.last_update
+                if t <= disc.crossing_time:
+                    disc.crossing_time = t
+                    store.event[i].side = MOVING_WALL + edge if met else LOOK
 
 
 @inlined
-def surface(wall, i, now, store, box, features):
+def surface(moving_wall, i, side, now, store, box, features):
     """The wall that disc i, whose stored state is current, has hit; see `hooks.surface`."""
-    if wall is None:
+    if moving_wall is None:
         return False, 0.0, 0.0, 0.0, 0.0, 0.0, -1
-    axis = wall.edge >> 1
-    inward = -1.0 if wall.edge & 1 else 1.0
+    edge = side - MOVING_WALL
+    wall, axis, inward = moving_wall.wall[edge], edge >> 1, 1.0 - 2.0 * (edge & 1)
     present = since_it_began(wall, now, store)
-    speed = inward * motion.velocity(wall, present)
-    depth = radius_of(i, box, features) - inward * (store.disc[i].position[axis] - motion.place(wall, present))
-    return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, 0.0, wall.edge
+    speed = inward * motion.velocity(wall, moving_wall.knots, present)
+    ahead = inward * (store.disc[i].position[axis] - motion.place(wall, moving_wall.knots, present))
+    depth = radius_of(i, box, features) - ahead
+    return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, 0.0, edge
 
 
 FIELDS = {"absorbing": absorbing_of, "exits": None, "moving_wall": None, "crushing_speed": None}

@@ -12,9 +12,8 @@ from collections import namedtuple
 from collections.abc import Mapping
 from typing import Any
 
-from mpsim.kernels.compiling import copy_entry, copy_row, inlined, swap_entries, swap_rows
+from mpsim.kernels.compiling import any_present, copy_entry, copy_row, inlined, swap_entries, swap_rows
 from mpsim.kernels.events.features import baths, bodies, capsules, collisions, edges, expansion, laws, properties
-from mpsim.kernels.events.records import MOVING_WALL
 
 FEATURES = (properties, laws, edges, capsules, bodies, baths, collisions, expansion)
 
@@ -127,8 +126,8 @@ def surface(i, side, now, store, box, features):
     touch (a rounding); the speed of the surface along it, and along (-ny, nx); which edge of the box it is (LEFT, ...),
     or -1.
     """
-    if side == MOVING_WALL:
-        return edges.surface(features.moving_wall, i, now, store, box, features)
+    if edges.is_moving_wall(features.moving_wall, side):
+        return edges.surface(features.moving_wall, i, side, now, store, box, features)
     if bodies.is_one(features.bodies, side):
         return bodies.surface(features.bodies, i, side, now, store, box, features)
     return capsules.surface(features.capsules, i, side, store, box, features)
@@ -137,7 +136,7 @@ def surface(i, side, now, store, box, features):
 @inlined
 def is_look(side, features):
     """Whether an event is nothing but an instant from which the disc is looked at again."""
-    return bodies.is_look(features.bodies, side)
+    return bodies.is_look(any_present(features.bodies, features.moving_wall), side)
 
 
 @inlined
@@ -145,7 +144,9 @@ def is_crushed(i, side, store, features):
     """Whether disc i, which has just hit `side` of its event, is crushed there: no solver can follow it."""
     if bodies.is_one(features.bodies, side):
         return bodies.is_crushed(features.crushing_speed, store.disc[i])
-    return side == MOVING_WALL and edges.is_crushed(features.moving_wall, features.crushing_speed, store.disc[i])
+    if edges.is_moving_wall(features.moving_wall, side):
+        return edges.is_crushed(features.moving_wall, features.crushing_speed, side, store.disc[i])
+    return False
 
 
 # --- the points of an event at which they act ---------------------------------------------------------------------
