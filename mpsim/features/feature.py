@@ -90,7 +90,7 @@ class Feature:
         argument: its name, also the key in scene files and checkpoints.
         kinds: dataclasses of its value; () if the value is words.
         within: further dataclasses that can be in it.
-        several: whether its value is a tuple of them.
+        several: whether its value is a tuple of them; None: it is one, or a tuple of at least two.
         numbers: if it consists of numbers instead, these arguments of Scene with their defaults.
         vectors: likewise (x, y) or None.
         per_disc: likewise a value for each disc, or None: those that are no columns, or need more than these declare.
@@ -113,7 +113,7 @@ class Feature:
     argument: ClassVar[str]
     kinds: ClassVar[tuple[type[Any], ...]] = ()
     within: ClassVar[tuple[type[Any], ...]] = ()
-    several: ClassVar[bool] = True
+    several: ClassVar[bool | None] = True
     numbers: ClassVar[dict[str, float]] = {}
     vectors: ClassVar[tuple[str, ...]] = ()
     per_disc: ClassVar[dict[str, PerDisc]] = {}
@@ -234,12 +234,13 @@ class Feature:
     def to_plain(self, scene: Scene) -> Any:
         """Its value as plain values, from which `from_plain` restores it bit for bit."""
         value = self.of(scene)
-        return [plain(each) for each in value] if self.kinds and self.several else plain(value)
+        return [plain(each) for each in value] if self.kinds and isinstance(value, tuple) else plain(value)
 
     def from_plain(self, values: Any) -> Any:
         """The value from which `to_plain` made plain values."""
         kinds = (*self.kinds, *self.within)
-        return [restored(each, kinds) for each in values] if kinds and self.several else restored(values, kinds)
+        many = isinstance(values, list) and not (values and isinstance(values[-1], dict))
+        return [restored(each, kinds) for each in values] if self.kinds and many else restored(values, kinds)
 
 
 def given(name: str, value: Any, kind: type[Any]) -> dict[str, Any]:

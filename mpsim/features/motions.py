@@ -110,7 +110,8 @@ class Translation(Movement):
     def swept(self, points: Floats) -> tuple[Floats, Floats]:
         velocity = np.asarray(self.velocity)
         with np.errstate(invalid="ignore"):
-            way = np.nan_to_num(velocity * (math.inf if self.stop is None else self.stop / np.hypot(*velocity)))
+            way = velocity * (math.inf if self.stop is None else self.stop / np.hypot(*velocity))
+        way[velocity == 0] = 0
         return points.min(axis=0) + np.minimum(way, 0), points.max(axis=0) + np.maximum(way, 0)
 
 

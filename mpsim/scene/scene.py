@@ -621,7 +621,7 @@ class Scene(ReadOnly):
             discs += f" of radius {self.largest_radius:g}"
         elif self.count:
             discs += f" of radii {self.radii.min():g} to {self.radii.max():g}"
-        extras = [each.brief(self) for each in sorted(FEATURES, key=lambda each: each.several)]
+        extras = [each.brief(self) for each in sorted(FEATURES, key=lambda each: bool(each.several))]
         extras += [f"{name} {getattr(self, name):g}" for name in Restitution.numbers if getattr(self, name) < 1]
         axes = "".join(axis for axis, wraps in zip("xy", self.periodic, strict=True) if wraps)
         extras += [f"periodic {axes}"] if axes else []

@@ -105,7 +105,7 @@ def keys_of(table: str) -> list[str]:
     """
     if (part := PARTS.get(table)) is None:
         return KEYS.get(table, [])
-    return [*dict.fromkeys(key for kind in part.kinds for key in _keys(kind, part.several))]
+    return [*dict.fromkeys(key for kind in part.kinds for key in _keys(kind, bool(part.several)))]
 
 
 def _keys(kind: type[Any], many: bool = False) -> dict[str, bool]:
@@ -448,7 +448,7 @@ class _Reader:
     def _part(self, part: Feature, tables: dict[str, Any]) -> Any:
         """The value of an argument that is a table, or a list of tables of one or more values each."""
         name = part.argument
-        if not part.several:
+        if not part.several and not (part.several is None and isinstance(tables[name], list)):
             _, make = self._table(name, tables[name], part.kinds, part)
             return next(iter(make()), None)
         found: list[Callable[[], list[Any]]] = []
@@ -469,7 +469,7 @@ class _Reader:
 
         part: the feature of the table; None of a table in another one.
         """
-        many, before = part is not None and part.several, self._problems
+        many, before = part is not None and bool(part.several), self._problems
         words = table if isinstance(table, dict) else {}
         kind = max(kinds, key=lambda each: _fit(_keys(each, many), words))
         keys = _keys(kind, many)
@@ -790,7 +790,10 @@ def save(
         tables = max(tables, own.count(f"[[{feature.argument}]]"))
         lines += own
         if not feature.several and feature.is_in(scene):
-            lines += [f"[{feature.argument}]", *pairs(vars(feature.of(scene))), ""]
+            value, name = feature.of(scene), feature.argument
+            each_of = [(name, value)] if not isinstance(value, tuple) else [(f"[{name}]", each) for each in value]
+            for head, each in each_of:
+                lines += [f"[{head}]", *pairs(vars(each)), ""]
     length = sum(len(line) + 1 for line in lines)
     if length > MOST_BYTES or tables > MOST_TABLES:
         raise OutputError(

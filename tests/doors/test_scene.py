@@ -15,7 +15,20 @@ from support.refusals import GOOD, assert_refused
 from support.scenes import after, box_of, gas, lattice
 
 import mpsim
-from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, Settings, State
+from mpsim import (
+    Emitter,
+    FixedDisc,
+    InputError,
+    Oscillation,
+    Path,
+    Piston,
+    Polyline,
+    Rotation,
+    Scene,
+    Settings,
+    State,
+    Translation,
+)
 
 pytestmark = pytest.mark.plain
 
@@ -46,6 +59,16 @@ SCENES = {
     "a piston that stops outside": ({"piston": Piston("left", 1, 9)}, ["stop of the piston", "(0, 8)", "9"]),
     "a piston that leaves no room": ({"piston": Piston("left", 1, 7.5)}, ["room for the largest disc", "0.5"]),
     "a start outside": ({"piston": Piston("right", -1, 3, start=11)}, ["start of the piston must lie in the box"]),
+    "a piston that leaves the box": ({"piston": Piston("left", motion=Oscillation((0.5, 0), 1))},
+                                     ["the motion of the piston must keep the left wall in the box", "[-0.5, 0.5]"]),
+    "a piston without an end": ({"piston": Piston("left", motion=Translation((0.5, 0)))}, ["[0, 8]; got [0, inf]"]),
+    "a motion that leaves no room": ({"piston": Piston("left", motion=Translation((1, 0), 7.5))},
+                                     ["motion of the piston must leave room for the largest disc", "got 7.5"]),
+    "two of one wall": ({"piston": [Piston("top", -1, 4), Piston("left", 1, 1), Piston("top", -1, 5)]},
+                        ["at most one Piston for each wall; got more for 'top'", "Leave one"]),
+    "two that meet": ({"piston": [Piston("top", -1, 2), Piston("bottom", 1, 2)]},
+                      ["stop of the top piston must leave room for the largest disc"]),
+    "no piston": ({"piston": ["left"]}, ["piston must be an mpsim.Piston, or a list of them; got str"]),
     "a disc behind the piston": ({"piston": Piston("right", -1, 3, start=4)}, ["position[1] must lie in [0.5, 3.5]"]),
     "pictures": ({"picture_interval": 0}, ["picture_interval must be a finite number > 0 [time]; got 0"]),
     "a measure": ({"measures": ["presure"]}, ["measures must be one of", "got 'presure'. Did you mean 'pressure'?"]),
@@ -73,7 +96,23 @@ LATTICE = {
 
 PARTS = {
     "a peg without a radius": (lambda: FixedDisc((1, 1), 0), ["radius of a FixedDisc", "> 0"]),
-    "a piston without an end": (lambda: Piston("left", 1, 0), ["stop of a Piston", "> 0"]),
+    "a piston that stops nowhere": (lambda: Piston("left", 1, 0), ["stop of a Piston", "> 0"]),
+    "speed and motion": (
+        lambda: Piston("left", 1.0, motion=Translation((1, 0), 3)),
+        ["a Piston must have either a speed and a stop, or a motion; got speed and motion"],
+    ),
+    "a piston at rest": (lambda: Piston("left"), ["either a speed and a stop, or a motion; got none of them"]),
+    "a speed alone": (lambda: Piston("left", 1.0), ["either a speed and a stop, or a motion; got speed."]),
+    "a piston that turns": (
+        lambda: Piston("left", motion=Rotation((0, 0), 1)),
+        ["motion of a Piston must be one of mpsim.Translation", "got Rotation", "Polyline"],
+    ),
+    "a piston along its wall": (
+        lambda: Piston("top", motion=Oscillation((0.5, 1), 1)),
+        ["motion of a Piston must be along y alone", "amplitude=(0.5, 1.0)"],
+    ),
+    "a piston on the spot": (lambda: Piston("top", motion=Path([0, 1], [(0, 1), (0, 1)])), ["along y alone"]),
+    "a period that is no number": (lambda: Piston("top", motion=Oscillation((0, 1), math.nan)), ["period", "nan"]),
     "a start beyond": (lambda: Piston("right", -1, 3, start=2), ["start of a Piston must lie at or above its stop, 3"]),
 }
 

@@ -101,6 +101,80 @@ def test_a_disc_that_is_on_the_wall_when_it_stops_stays_inside():
             assert 3.5 - 1e-12 <= sim.state.position[0, 0] <= 10.5
 
 
+def hit(wall, phase, **how):
+    """(position, velocity) inwards at time 2, and at the end of the closed form, of a disc that meets a wall once.
+
+    The wall is at rest at 2 + 0.5 sin(phase) from its edge until it oscillates, from the time 0.1 on.
+    """
+    edge = ("left", "right", "bottom", "top").index(wall)
+    axis, sign = edge // 2, 1 - 2 * (edge % 2)
+    turned, size = (lambda x, y: ((x, y), (y, x))[axis]), ((11.0, 3.0), (3.0, 11.0))[axis]
+    motion = mpsim.Oscillation(turned(0.5 * sign, 0.0), period=7.0, phase=phase, start=0.1)
+    place = turned(5.0 if sign > 0 else 6.0, 1.5)
+    piston = Piston(wall, motion=motion, start=2.0 if sign > 0 else 9.0)
+    with simulate(one(place, turned(-3.0 * sign, 0.4), piston, *size), **how) as sim:
+        sim.run(until=2.0)
+        x, v = sim.state.position[0, axis], sim.state.velocity[0, axis]
+    turns = 2 * math.pi / 7
+    angle = lambda t: turns * max(t - 0.1, 0) + phase  # noqa: E731
+    early, late = 0.0, 2.0
+    for _ in range(60):
+        time = (early + late) / 2
+        early, late = (time, late) if 5 - 3 * time - 0.5 > 2 + 0.5 * math.sin(angle(time)) else (early, time)
+    after = 3 + 2 * 0.5 * turns * math.cos(angle(early))
+    return np.array([x if sign > 0 else 11 - x, sign * v]), np.array([5 - 3 * early + after * (2 - early), after])
+
+
+def test_a_disc_meets_a_wall_that_oscillates_where_and_as_fast_as_the_wall_then_is():
+    """`event` to rounding, `impact` to second order in dt, over many phases of the contact in a step."""
+    phases = np.linspace(0, 5.7, 20)
+    for number, phase in enumerate(phases):
+        found, expected = hit(("left", "right", "bottom", "top")[number % 4], phase, method="event", dt=0.5)
+        assert np.abs(found - expected).max() < 1e-9
+    errors = []
+    for dt in (0.1, 0.05, 0.025):
+        each = [np.subtract(*hit("top", phase, method="naive", contact="impact", dt=dt)) for phase in phases]
+        errors.append(np.sqrt(np.mean(np.square(each))))
+    assert min(np.log2(errors[:-1]) - np.log2(errors[1:])) > 1.8, errors
+    assert errors[-1] < 1e-4
+
+
+BREATHING = [
+    Piston("right", motion=mpsim.Path([0, 1, 3, 4], [(0, 0), (-1, 0), (0.5, 0), (0, 0)]), start=8.0),
+    Piston("top", motion=mpsim.Oscillation((0, 0.5), period=1.5), start=6.0),
+    Piston("left", 0.25, 0.5),
+]
+
+
+@pytest.mark.parametrize("how", [{"method": "event"}, {"method": "parallel"}, {"method": "naive"}], ids=str)
+def test_several_walls_move_at_once_and_no_disc_is_ever_behind_one(how, tmp_path):
+    """Whoever computes it, and whether it was saved on the way; the walls are where the scene has them."""
+    scene = Scene.random(count=30, width=9, height=7, radius=0.3, seed=3, piston=BREATHING, inside=(0.5, 0.5, 7, 5))
+    ends = set()
+    for workers in (1, 2) if how["method"] != "naive" else (1,):
+        with simulate(scene, dt=0.01, workers=workers, **how) as sim:
+            for _ in range(8):
+                sim.run(frames=50)
+                (low, high), state = sim.scene.walls_at(sim.time), sim.state
+                assert state.box == (low[0], high[0], low[1], high[1])
+                assert (np.clip(state.position, low + 0.3, high - 0.3) == state.position).all()
+                if sim.frame == 200:
+                    sim.save(tmp_path / "run")
+                    assert low[0] == 0.5
+                    assert scene.starting_from(state, sim.time).box == state.box
+            ends.add(sim.digest())
+        with mpsim.Simulation.resume(tmp_path / "run") as again:
+            again.run(frames=200)
+            ends.add(again.digest())
+    assert len(ends) == 1
+    with pytest.raises(mpsim.InputError, match="time must be finite in a scene with a wall that never rests; got inf"):
+        scene.walls_at(math.inf)
+    with pytest.raises(
+        mpsim.InputError, match=r"time must be that of the state, in which the top piston is at .*; got 0"
+    ):
+        scene.starting_from(mpsim.State(state.position, state.velocity, box=(*state.box[:3], 6.3)))
+
+
 # --- no room
 
 
@@ -211,6 +285,27 @@ def test_a_piston_does_the_work_that_the_gas_gains():
         assert energy > 1.5
         assert abs(work - (energy - 1)) < 1e-8
         assert abs(other - (energy - 1)) > 0.1
+
+
+def breathed(period, seed):
+    """T/T0 after half a period of a piston that goes in and comes out, and after all of it."""
+    motion = mpsim.Oscillation((-1.5, 0), period, phase=-math.pi / 2)
+    piston = Piston("right", motion=motion, start=6.5)
+    scene, energy = Scene.random(count=40, width=8, height=9.7, radius=0.15, seed=seed, piston=piston), []
+    with exactly(scene, dt=period / 2) as sim:
+        for _ in range(2):
+            sim.run(frames=1)
+            energy.append((sim.state.velocity**2).sum())
+    return np.array(energy) / (scene.velocity**2).sum()
+
+
+@pytest.mark.long
+def test_a_gas_that_is_compressed_slowly_and_let_out_again_has_its_temperature():
+    """The control: of a piston as fast as the discs it is heated for good."""
+    middle, end = np.mean([breathed(400.0, seed) for seed in range(4)], axis=0)
+    assert middle > 1.4
+    assert end == pytest.approx(1, abs=0.01)
+    assert breathed(8.0, 0)[1] > 1.1
 
 
 @pytest.mark.long

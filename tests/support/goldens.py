@@ -306,6 +306,16 @@ SCENES: dict[str, Pinned] = {
         {"thermal_walls": ThermalWalls(left=25.0, right=16.0, top=36.0, seed=5)},
         acts=lambda state: np.abs(state.velocity).max() > 4,
     ),
+    "pistons in and out": Pinned(
+        {
+            "piston": [
+                Piston("left", motion=Oscillation((0.25, 0), 0.75, phase=3 * np.pi / 2), start=0.25),
+                Piston("top", motion=Track([0.25, 0.5, 1.25], [(0, 0), (0, -0.5), (0, 0)])),
+                Piston("right", -0.25, 7.75),
+            ],
+        },
+        acts=lambda state: state.box[:2] == (0.0, 7.75) and state.box[3] == 7.0,
+    ),
 }
 """By name. A periodic axis, a piston and so on are arrays of their own to the kernels."""
 
@@ -328,7 +338,7 @@ EXACT = {
     "bare", "giants", "periodic", "periodic y", "everything exact", "stream exact", "thermostat", "thermal walls",
     "absorbing left", "absorbing right", "absorbing top", "piston left", "piston right", "piston bottom",
     "law reflect", "acceleration", "unguarded", "everything", "everything rough", "moving, everything",
-    "container", "container that moves",
+    "container", "container that moves", "pistons in and out",
 }  # fmt: skip
 """Scenes that `event` refuses or plays by code, or with ends, that the two exact ones of many features lack."""
 
