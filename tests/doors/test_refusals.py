@@ -23,6 +23,12 @@ def sim(**more):
     return mpsim.Simulation(scene(), mpsim.Settings(method="naive", **more))
 
 
+MEASURES = (
+    "measures must be one of 'pressure', 'pressure_virial', 'pressure_xx', 'pressure_yy', 'pressure_xy', "
+    "'collision_rate', 'contact_rate', 'overlap', 'largest_overlap', 'kinetic_energy', 'temperature', "
+    "'speed_kurtosis', 'energy_drift', 'momentum_drift'; got "
+)
+
 WHOLE = [
     (lambda: mpsim.Settings(dt=-1), "dt must be a finite number > 0 [time]; got -1."),
     (
@@ -56,19 +62,8 @@ WHOLE = [
         "simulation that runs.",
     ),
     (lambda: sim().run(frames=3, until=2.0), "run needs either frames or until; got frames=3, until=2.0."),
-    (
-        lambda: sim().run(frames=0, measures=["presure"]),
-        "measures must be one of 'pressure', 'pressure_virial', 'pressure_xx', 'pressure_yy', "
-        "'pressure_xy', 'collision_rate', 'contact_rate', 'overlap', 'largest_overlap', 'kinetic_energy', "
-        "'temperature', 'speed_kurtosis', 'energy_drift', 'momentum_drift'; got 'presure'. Did you mean "
-        "'pressure'?",
-    ),
-    (
-        lambda: sim().run(frames=0, measures=5),
-        "measures must be one of 'pressure', 'pressure_virial', 'pressure_xx', 'pressure_yy', "
-        "'pressure_xy', 'collision_rate', 'contact_rate', 'overlap', 'largest_overlap', 'kinetic_energy', "
-        "'temperature', 'speed_kurtosis', 'energy_drift', 'momentum_drift'; got 5.",
-    ),
+    (lambda: sim().run(frames=0, measures=["presure"]), MEASURES + "'presure'. Did you mean 'pressure'?"),
+    (lambda: sim().run(frames=0, measures=5), MEASURES + "5."),
     (lambda: sim().kick(7, (1, 0)), "ids must be numbers of discs, from 0 to 1; got 7. There are 2 discs."),
     (
         lambda: sim().change(),

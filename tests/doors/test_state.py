@@ -109,8 +109,7 @@ def test_what_is_no_state_is_refused_by_name(make, words):
 def test_a_file_that_is_no_state_is_refused(tmp_path):
     (tmp_path / "bad.npz").write_bytes(b"PK nonsense")
     np.savez(tmp_path / "other.npz", position=np.zeros((3, 2)), velocity=ZEROS)
-    np.savez(tmp_path / "code.npz", position=np.array([print], object), velocity=np.zeros((1, 2)))
-    wrong = {"bad": "a .npz with position", "other": r"shape \(3, 2\).*got \(2, 2\)", "code": "holds object"}
+    wrong = {"bad": "a .npz with position", "other": r"shape \(3, 2\).*got \(2, 2\)"}
     for name, words in wrong.items():
         with pytest.raises(InputError, match=words):
             State.load(tmp_path / f"{name}.npz")

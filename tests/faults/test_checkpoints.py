@@ -4,7 +4,6 @@ import errno
 import hashlib
 import json
 import os
-import pickle
 import re
 import resource
 import tracemalloc
@@ -180,32 +179,6 @@ def assert_refused(path, what, rule):
     except mpsim.CheckpointError as error:
         said = str(error)
     assert re.search(rule, said), f"{what}: {said}"
-
-
-class Bomb:
-    def __reduce__(self):
-        return os.mkdir, (Bomb.target,)
-
-
-def test_a_pickle_in_disguise_executes_nothing(tmp_path):
-    Bomb.target = str(tmp_path / "executed")
-    path = saved(tmp_path / "run")
-    content = pickle.dumps(Bomb())
-    np.save(tmp_path / "array.npy", np.array([Bomb()], dtype=object), allow_pickle=True)
-    member = (tmp_path / "array.npy").read_bytes()
-    whole = path.read_bytes()
-
-    def disguise(members):
-        members["solver.position.npy"] = member
-
-    for write in (lambda: path.write_bytes(content), lambda: rewrite_members(path, disguise)):
-        path.write_bytes(whole)
-        write()
-        with pytest.raises(mpsim.CheckpointError, match="cannot be read"):
-            mpsim.Simulation.resume(path)
-    assert not (tmp_path / "executed").exists()
-    pickle.loads(content)
-    assert (tmp_path / "executed").exists(), "the control does execute"
 
 
 def test_bombs_of_compressed_or_overlapping_members_are_refused_before_they_are_read(tmp_path):

@@ -5,7 +5,6 @@ number, so a failure names the one to try again.
 """
 
 import contextlib
-import os
 import random
 import time
 import tracemalloc
@@ -125,8 +124,6 @@ def executions(request):
 def test_damaged_scene_files(request, tmp_path):
     texts = [SAYS_WHERE, *((PACKAGED / f"{name}.toml").read_text() for name in SCENES)]
     texts = [text.replace("count = 800", "count = 80") for text in texts]
-    os.mkfifo(tmp_path / "pipe.npy")
-    (tmp_path / "zero.csv").symlink_to("/dev/zero")
 
     def trial(rng):
         text = rng.choice(texts)
@@ -215,22 +212,6 @@ NUMBERS = [0, -0.0, -1, 1, 2, 3.5, 1e-320, 1e-9, 1e9, 1e30, 1e300, float("nan"),
 WORDS = ["", "walls", "periodic", "left", "../../../etc/passwd", "/dev/zero", "a\0b", "event", "x" * 5000, "ü\u202e"]
 
 
-HOSTILE = [
-    "a." * 3000 + "b = 1",
-    "[" + "a." * 3000 + "b]",
-    "k = " + "[" * 3000,
-    "k = " + "{a = " * 3000 + "1" + "}" * 3000,
-    f"width = 0x{'f' * 6000}",
-    f"gravity = [1, {'9' * 6000}]",
-    "obstacles = [" + "{}, " * 3000 + "]",
-    "[[discs]]\nradius = 1\nposition = '" + "a" * 5000 + ".npy'",
-    "[[discs]]\nradius = 1\nposition = 'pipe.npy'",
-    "[[discs]]\nradius = 'zero.csv'\nplaces = 'random'\ncount = 1",
-    "".join(f"k{i} = 1\n" for i in range(3000)),
-]
-"""Lines of a scene file that cost a careless reader its time, its memory or its stack: of its length alone little."""
-
-
 def anything(rng: random.Random, depth: int = 3) -> Any:
     """A value of any kind."""
     kind = rng.randrange(8 if depth else 5)
@@ -274,12 +255,10 @@ def damaged_text(text: str, rng: random.Random) -> str:
     lines = text.splitlines()
     for _ in range(rng.choice([1, 1, 2, 4])):
         at = rng.randrange(len(lines))
-        match rng.randrange(6):
+        match rng.randrange(5):
             case 0:
                 del lines[at]
                 lines = lines or [""]
-            case 5:
-                lines.insert(at, rng.choice(HOSTILE))
             case 1:
                 lines.insert(rng.randrange(len(lines)), lines[at])
             case 2:

@@ -8,6 +8,7 @@ import io
 import itertools
 import json
 import os
+import pickle
 import resource
 import traceback
 import zipfile
@@ -211,6 +212,15 @@ def npy(shape, content=b"", descr="<f8"):
     return file.getvalue() + content
 
 
+class Bomb:
+    """Makes a folder when it is unpickled."""
+
+    def __reduce__(self):
+        return os.mkdir, ("exploded",)
+
+
+BOMB = pickle.dumps([[Bomb(), 2]])
+
 NO_ARRAYS = {
     "more than there is": npy((10**12, 2), b"\0" * 64),
     "less than there is": npy((1, 2), b"\0" * 640),
@@ -225,6 +235,8 @@ NO_ARRAYS = {
     "a header of 4 GiB": b"\x93NUMPY\2\0\xff\xff\xff\xff" + b" " * 100,
     "nothing times much": npy((0, 2**62, 2**62)),
     "objects": npy((1, 2), bytes(16), "|O"),
+    "objects that are code": npy((1, 2), BOMB, "|O"),
+    "code": BOMB,
     "a type of no size": npy((2**50,), descr="|V0"),
     "another version": npy((1, 2), bytes(16)).replace(b"NUMPY\1", b"NUMPY\3"),
     "one byte too many": npy((1, 2), bytes(17)),
@@ -232,7 +244,8 @@ NO_ARRAYS = {
 IN_CHECKPOINTS = ("solver.velocity.npy", "scene.position.npy", "mpsim_checkpoint.npy", "digest.npy")
 
 
-def test_an_array_in_a_file_holds_what_it_declares_which_is_compared_before_anything_is_allocated(tmp_path):
+def test_an_array_in_a_file_holds_what_it_declares_and_nothing_is_allocated_or_executed_before(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     run = saved(tmp_path / "run")
     whole = run.read_bytes()
     (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.npy'\n")
@@ -248,6 +261,13 @@ def test_an_array_in_a_file_holds_what_it_declares_which_is_compared_before_anyt
             run.write_bytes(whole)
             rewrite_members(run, lambda members, name=name, content=content: members.update({name: content}))
             refused(mpsim.Simulation.resume, run, match="cannot be read|digest", kind=mpsim.CheckpointError)
+    run.write_bytes(BOMB)
+    (tmp_path / "state.npz").write_bytes(BOMB)
+    refused(mpsim.Simulation.resume, run, match="cannot be read", kind=mpsim.CheckpointError)
+    refused(mpsim.State.load, tmp_path / "state.npz", match="a state must be a .npz with position and velocity")
+    assert not (tmp_path / "exploded").exists()
+    pickle.loads(BOMB)
+    assert (tmp_path / "exploded").exists(), "the control does execute"
 
 
 def test_more_emitters_than_a_scene_may_have_are_refused_before_they_are_made(tmp_path):

@@ -14,17 +14,16 @@ runs under --long:
 
     <!-- not run: needs a cluster -->
     <!-- long -->
-
-    python tests/support/pages.py           how many blocks there are, and what is not run, with the reasons
 """
 
 import doctest
 import os
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+
+from mpsim.scene import scenefile
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT / "scripts"))
@@ -104,26 +103,6 @@ def _run(name: str, block: Block, command: str) -> str:
 
 
 def _scene(block: Block) -> None:
-    from mpsim.scene import scenefile  # noqa: PLC0415 - counting blocks needs no mpsim
-
     assert block.file is not None
     Path(block.file).write_text(block.code)
     scenefile.load(Path(block.file))
-
-
-def main() -> None:
-    counts: Counter[str] = Counter()
-    for page in PAGES:
-        for block in blocks_of(page.read_text()):
-            if block.language != DRAWING:
-                word = "not run" if block.why else "run under --long" if block.long else "run"
-                counts[word] += 1
-                if block.why or block.long:
-                    print(f"{page.relative_to(ROOT)}:{block.line}: {word}{': ' if block.why else ''}{block.why or ''}")
-            else:
-                counts["drawings"] += 1
-    print(", ".join(f"{number} {word}" for word, number in counts.items()))
-
-
-if __name__ == "__main__":
-    main()
