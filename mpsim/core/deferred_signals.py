@@ -5,7 +5,7 @@ import inspect
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
@@ -15,7 +15,9 @@ Handler = Callable[[int, FrameType | None], Any]
 _NUMBERS = tuple(int(number) for number in signal.valid_signals())
 
 _handler_of: Callable[[int], Any] = _signal.getsignal
-"""`signal.getsignal` makes enumeration members: for all signals that takes as long as a short run."""
+_set_handler: Callable[[int, Any], Any] = _signal.signal
+_set_mask: Callable[[int, Iterable[int]], set[int]] = _signal.pthread_sigmask
+"""Those of `signal` make enumeration members, which takes longer than a short run."""
 
 
 @contextmanager
@@ -31,14 +33,14 @@ def interrupts_held_back() -> Iterator[None]:
         yield
         return
     held = _Held()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    before = _set_mask(signal.SIG_BLOCK, ())
     try:
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        _set_mask(signal.SIG_BLOCK, {signal.SIGINT})
         held.begin()
         yield
     finally:
         try:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)  # while no handler can raise yet
+            _set_mask(signal.SIG_SETMASK, before)  # while no handler can raise yet
         finally:
             try:
                 held.put_back()
@@ -61,7 +63,7 @@ class _Held:
         self._handlers = {number: handler for number in _NUMBERS if callable(handler := _handler_of(number))}
         _held.append(self)
         for number in self._handlers:
-            signal.signal(number, self._note)
+            _set_handler(number, self._note)
 
     def _note(self, number: int, frame: object) -> None:
         if number not in self._came:  # a pending signal is delivered once, as by the system
@@ -75,7 +77,7 @@ class _Held:
         while remaining:
             try:
                 while remaining:
-                    signal.signal(remaining[-1], self._handlers[remaining[-1]])
+                    _set_handler(remaining[-1], self._handlers[remaining[-1]])
                     remaining.pop()
             except BaseException as error:
                 raised = error

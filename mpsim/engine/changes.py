@@ -322,9 +322,9 @@ def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
     for wrong in array[(array < 0) | (array >= count)].tolist()[:1]:
         raise InputError(f"ids must be numbers of discs, from 0 to {count - 1}; got {wrong}. There are {count} discs.")
     numbers = array.astype(np.int64)
-    values, times = np.unique(numbers, return_counts=True)
-    for twice in values[times > 1].tolist()[:1]:
-        raise InputError(f"ids must hold each disc once; disc {twice} is in it {times[values == twice][0]} times.")
+    times = np.bincount(numbers)
+    for twice in np.flatnonzero(times > 1).tolist()[:1]:
+        raise InputError(f"ids must hold each disc once; disc {twice} is in it {times[twice]} times.")
     if (gone := solver.absorbed[numbers]).any():
         raise InputError(
             f"ids must be discs that are there; disc {numbers[gone][0]} has been removed, or has left through an "
@@ -337,7 +337,7 @@ def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
 def _pairs(name: str, value: Any, count: int, solver: Solver) -> Floats:
     """One pair for all, or one each, shape (count, 2)."""
     if checks.dimensions(value) == 1 and len(value) == 2:
-        value = np.tile(checks.finite_array(name, value, (2,), "(2,)"), (count, 1))
+        value = np.full((count, 2), checks.finite_array(name, value, (2,), "(2,)"))
     pairs = checks.finite_array(name, value, (count, 2), f"(2,) or ({count}, 2), one row per disc of ids")
     checks.fitting(name, pairs, solver.terms.settings.precision)
     return pairs

@@ -1026,7 +1026,8 @@ class Simulation(ReadOnly):
         try:
             substeps = self._look(changed=numbers)
             self._access.notices.give()  # where a filter makes an error of a warning, nothing is changed
-            self._between_frames(lambda: set_substeps(self._solver, substeps))
+            if isinstance(self._solver, Steps) and self._solver.substeps != substeps:
+                self._between_frames(lambda: set_substeps(self._solver, substeps))
         except Exception:
             with interrupts_held_back():
                 self._between_frames(undo)

@@ -17,6 +17,7 @@ from typing import Any, Literal, Protocol
 import llvmlite
 import numba
 from numba import _dynfunc, config, njit, typeof, types
+from numba._dispatcher import compute_fingerprint
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
@@ -433,7 +434,15 @@ def entry_of(kernel: Any, *arguments: Any) -> Callable[..., Any]:
     Called with others it may end the process: it looks up no types, which takes Numba longer than a frame of a hundred
     discs.
     """
-    return kernel if JIT_DISABLED else kernel.compile(tuple(map(typeof, arguments)))
+    if JIT_DISABLED:
+        return kernel
+    key = kernel, compute_fingerprint(arguments)  # of their types, in microseconds, where `typeof` takes a millisecond
+    if (known := _entries.get(key)) is None:
+        known = _entries[key] = kernel.compile(tuple(map(typeof, arguments)))
+    return known
+
+
+_entries: dict[tuple[Any, bytes], Callable[..., Any]] = {}
 
 
 def bound(kernel: Any, *arguments: Any) -> Callable[[], Any]:

@@ -1,5 +1,6 @@
 """The shared arrays: records with named fields, and named constants for their numbers."""
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -188,6 +189,7 @@ def record_of(fields: list[Field], multiple: int = 1) -> np.dtype[Any]:
     return np.dtype((Record, whole))
 
 
+@functools.cache  # each dtype that Numba sees stays for good
 def parameters_in(precision: DTypeLike) -> np.dtype[Any]:
     """The record `parameters`: real numbers of the precision of the run."""
     real = np.dtype(precision)

@@ -391,7 +391,9 @@ class GridSolver(SteppedSolver, CollisionLog):
             ids = ids.astype(np.intp)
             return _pairs_by_id(x, y, ids), _pairs_by_id(vx, vy, ids)
         slots = self._slots_of(numbers)
-        return np.stack([x[slots], y[slots]], axis=1), np.stack([vx[slots], vy[slots]], axis=1)
+        position, velocity = np.empty((2, len(slots), 2), x.dtype)
+        position[:, 0], position[:, 1], velocity[:, 0], velocity[:, 1] = x[slots], y[slots], vx[slots], vy[slots]
+        return position, velocity
 
     def _slots_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Where the discs of these numbers lie."""
