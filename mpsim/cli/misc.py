@@ -13,6 +13,7 @@ from mpsim.cli import terminal
 from mpsim.cli.run import MEASURES, RunFolder
 from mpsim.cli.terminal import Whole, complete_scene
 from mpsim.core.checks import refusal
+from mpsim.core.progress import shown
 from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.workers import shared
@@ -44,10 +45,9 @@ def warmup(scenes: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) 
     """
     files = [scenefile.load(scene) for scene in scenes or scenefile.names()]
     found: list[dict[str, Any]] = []
-    with terminal.progress(quiet) as progress:
+    with shown(not quiet) as progress:
         for number, file in enumerate(files):
-            if progress is not None:
-                progress(number, len(files), file.name)
+            progress(number, len(files), file.name)
             before, started = compiled_kernels(), time.perf_counter()
             with Simulation(file.scene, terminal.settings_of(file, options)) as sim:
                 sim.run(frames=0)
@@ -243,18 +243,17 @@ def animate(
     settings = terminal.settings_of(file, options)
     frames, every = animation.pictures_of(file.scene, settings, frames, every, until)
     try:
-        with terminal.progress(quiet) as progress:
-            animation.animate(
-                file.scene,
-                settings,
-                out,
-                frames,
-                every=every,
-                pictures_per_second=fps,
-                colour=None if colour == "none" else colour,
-                **look,
-                progress=False if progress is None else lambda done, of: progress(done, of, "pictures"),
-            )
+        animation.animate(
+            file.scene,
+            settings,
+            out,
+            frames,
+            every=every,
+            pictures_per_second=fps,
+            colour=None if colour == "none" else colour,
+            **look,
+            progress=not quiet,
+        )
     except KeyboardInterrupt:
         raise terminal.Interrupted(f"Interrupted; {str(out)!r} was not written.") from None
     size = out.stat().st_size

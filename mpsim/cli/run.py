@@ -435,9 +435,7 @@ def _run(sim: Simulation, target: int, quiet: bool, **how: Any) -> tuple[Report,
     """Run to a frame, with progress; the report, and what `part_of` makes of it."""
     compiled = sim.run(frames=0, measures=how["measures"]).compile_seconds  # before progress, whose rate it distorts
     started = time.perf_counter() - compiled
-    with terminal.progress(quiet) as show:
-        see = None if show is None else lambda done, of: show(done, of, "frames")
-        report = sim.run(frames=target - sim.frame, **how, progress=see)
+    report = sim.run(frames=target - sim.frame, **how, progress=not quiet)
     return report, part_of(sim, report, time.perf_counter() - started, compiled + report.compile_seconds)
 
 

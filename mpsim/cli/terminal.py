@@ -1,17 +1,16 @@
-"""Arguments and progress, shared by the commands."""
+"""Arguments, shared by the commands."""
 
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
-from mpsim.core.progress import Show, above, shown
+from mpsim.core.progress import above
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene import scenefile
 from mpsim.scene.scene import settings_for
@@ -168,16 +167,6 @@ def _note_quiet(ctx: click.Context, param: click.Parameter | None, quiet: bool) 
 
 
 _QUIET = f"{__name__}.quiet"
-
-
-@contextmanager
-def progress(quiet: bool) -> Iterator[Show | None]:
-    """Shows progress on standard error; nothing with --quiet."""
-    if quiet:
-        yield None
-    else:
-        with shown(True, last=False) as show:
-            yield show
 
 
 class Compiling:

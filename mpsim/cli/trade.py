@@ -84,8 +84,7 @@ def tune(scene: str, as_json: bool, quiet: bool, **options: Any) -> None:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in ERRORS)
         raise click.UsageError(f"Give at least one budget: {names}.")
     chosen = scenefile.load(scene).scene
-    with terminal.progress(quiet) as progress:
-        tuned = tuning.tune(chosen, asked, progress=progress, **options)
+    tuned = tuning.tune(chosen, asked, progress=not quiet, **options)
     if as_json:
         click.echo(json_text(_record(tuned)))
         return
@@ -149,8 +148,7 @@ def tradeoff(
         with files.writable("--out", out):
             files.check_target(out)  # before the long work, not after
     chosen = scenefile.load(scene).scene
-    with terminal.progress(quiet) as progress:
-        table = tradeoffs.tradeoff(chosen, measures=measures or None, path=keep, progress=progress, **options)
+    table = tradeoffs.tradeoff(chosen, measures=measures or None, path=keep, progress=not quiet, **options)
     if out is None:
         click.echo(table.to_json() if as_json else table.to_csv() if as_csv else str(table), nl=False)
         return

@@ -1,27 +1,23 @@
 """Progress of runs, studies and commands on standard error: fraction done, rate, time left.
 
-On a terminal and in a notebook it is a line that is rewritten; elsewhere, as in a log file, a new line now and then.
+It is a line of a terminal or a notebook, which is rewritten; elsewhere nothing is shown.
 """
 
+import importlib
 import os
-import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import Any
 
 from mpsim.core import checks
-from mpsim.core.text import duration
 
 Show = Callable[[int, int, str], None]
 """Called as show(done, of, what)."""
 
-OFTEN, SPARSE = 0.1, 10.0
-"""Seconds between two states of a line that is rewritten, and between two lines elsewhere."""
-
-BAR = 20
-"""Characters of the bar."""
+OFTEN = 0.1
+"""Seconds between two states of the line."""
 
 
 def checked_progress(progress: Any, call: str) -> Any:
@@ -39,40 +35,41 @@ Use True to see it on standard error.
     return progress
 
 
-def is_watched() -> bool:
-    """Whether standard error is a terminal or a notebook, where a line can be rewritten."""
-    terminal = sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
-    return terminal or _is_notebook(sys.stderr)
-
-
 @contextmanager
-def shown(progress: bool | Show | None, *, last: bool = True) -> Iterator[Show]:
+def shown(progress: bool | Show | None) -> Iterator[Show]:
     """A function that shows progress: on standard error if that is True, or the one that is given.
 
     Args:
         progress: what to do with it; None and False: nothing.
-        last: whether the end too is a line where no line can be rewritten.
     """
+    stream = sys.stderr
+    is_notebook = type(stream).__module__.startswith("ipykernel")
+    is_terminal = stream is not None and stream.isatty() and os.environ.get("TERM") != "dumb"
     if callable(progress):
         yield progress
-        return
-    if not progress or sys.stderr is None:
+    elif not (progress and (is_terminal or is_notebook)):
         yield lambda done, of, what: None
-        return
-    line = _Line(sys.stderr, is_watched(), last)
-    _lines.append(line)
-    try:
-        yield line
-    finally:
-        _lines.remove(line)
-        line.end()
-
-
-def above(text: str) -> bool:
-    """Print a text above the line that is shown now; False if none is."""
-    if _lines:
-        _lines[-1].above(text)
-    return bool(_lines)
+    else:
+        rich = importlib.import_module("rich.progress")  # for those who see it alone: it takes long
+        bar = rich.Progress(
+            rich.TextColumn("{task.description}", markup=False),
+            rich.BarColumn(20),
+            rich.MofNCompleteColumn(),
+            "{task.fields[rate]}",
+            rich.TimeRemainingColumn(),
+            console=rich.Console(file=stream, force_terminal=True, force_jupyter=False),
+            auto_refresh=False,  # by a thread, which a fork would not have
+            transient=is_terminal,
+            redirect_stdout=False,
+            redirect_stderr=False,
+            get_time=time.monotonic,
+        )
+        with bar:
+            _bars.append(bar)
+            try:
+                yield _show_on(bar)
+            finally:
+                _bars.remove(bar)
 
 
 @contextmanager
@@ -85,72 +82,30 @@ def of_frames(progress: bool | Callable[[int, int], None] | None, what: str = "f
             yield lambda done, of: show(done, of, what)
 
 
-_lines: list["_Line"] = []
-"""Lines that are shown now."""
+_bars: list[Any] = []
+"""What is shown now, each a rich.progress.Progress."""
 
 
-class _Line:
-    """Progress on a stream: a line that is rewritten if somebody watches, else a new line now and then.
+def above(text: str) -> bool:
+    """Print a text above the line that is shown now; False if none is."""
+    if _bars:
+        _bars[-1].console.print(text, markup=False, emoji=False, highlight=False, soft_wrap=True)
+    return bool(_bars)
 
-    last: whether the end too is a new line.
-    """
 
-    def __init__(self, stream: TextIO, watched: bool, last: bool):
-        self._stream, self._watched, self._last = stream, watched, last
-        self._due = time.monotonic() + (0.0 if watched else SPARSE)
-        self._first: int | None = None
-        self._started = 0.0
-        self._text = ""
+def _show_on(bar: Any) -> Show:
+    """The function that shows progress on a bar."""
+    task, due = bar.add_task("", visible=False, rate=""), 0.0
 
-    def __call__(self, done: int, of: int, what: str) -> None:
+    def show(done: int, of: int, what: str) -> None:
+        nonlocal due
         if (done, of) == (0, 1):  # which announces what comes
-            self.above(what)
+            above(what)
             return
-        now = time.monotonic()
-        if self._first is None or done < self._first:  # less after a run has gone back to a snapshot
-            self._first, self._started = done, now
-        if now < self._due and not (done >= of and (self._watched or self._last)):
-            return
-        self._due = now + (OFTEN if self._watched else SPARSE)
-        words = ", ".join([what, *self._rate(now, done, of)])
-        if self._watched:
-            filled = BAR * done // of if of else BAR
-            words = words.replace(what, f"{what} [{'#' * filled}{' ' * (BAR - filled)}] {done}/{of}", 1)
-            self._write(words[: shutil.get_terminal_size((100, 24)).columns - 1])
-        else:
-            self.above(f"{done} of {of}: {words}")
+        bar.update(task, completed=done, total=of, description=what, visible=True)
+        if (now := time.monotonic()) >= due:
+            due, speed = now + OFTEN, bar.tasks[0].speed or 0.0
+            rate = f"{speed:,.0f}/s" if speed >= 100 else f"{speed:.3g}/s" if speed else ""
+            bar.update(task, rate=rate, refresh=True)
 
-    def _rate(self, now: float, done: int, of: int) -> list[str]:
-        """Rate since the first call and remaining time, such as ["120/s", "12 s left"]; none before they are known."""
-        seconds, gained = now - self._started, done - (self._first or 0)
-        if seconds <= 0 or gained <= 0:
-            return []
-        rate = gained / seconds
-        left = [f"{duration((of - done) / rate)} left"] if done < of else []
-        return [f"{rate:,.0f}/s" if rate >= 100 else f"{rate:.3g}/s", *left]
-
-    def above(self, text: str) -> None:
-        """Print a text above the line."""
-        shown = self._text
-        self._write("")
-        self._stream.write(f"{text}\n")
-        self._write(shown)
-
-    def end(self) -> None:
-        """The line goes from a terminal; in a notebook it stays."""
-        if _is_notebook(self._stream):
-            self._stream.write("\n")
-        else:
-            self._write("")
-
-    def _write(self, text: str) -> None:
-        """Show a text in the place of the line."""
-        if self._text or text:
-            blank = f"\r{' ' * len(self._text)}\r" if len(text) < len(self._text) else "\r"
-            self._stream.write(f"{blank}{text}")
-        self._stream.flush()
-        self._text = text
-
-
-def _is_notebook(stream: object) -> bool:
-    return type(stream).__module__.startswith("ipykernel")
+    return show

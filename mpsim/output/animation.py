@@ -25,7 +25,7 @@ from PIL import Image
 
 from mpsim.core import checks, files
 from mpsim.core.late import imported
-from mpsim.core.progress import checked_progress, is_watched, of_frames
+from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import Box
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import frames_until
@@ -298,7 +298,7 @@ def animate(
     _check_colours(colour, scale)
     target = checked_target(path)
     checked_progress(progress, "progress(done, of)")
-    seen = of_frames(progress if callable(progress) or is_watched() else None, "pictures")
+    seen = of_frames(progress, "pictures")
     simulated = Simulation(scene, settings)
     with (
         files.writable("an animation", target, "be a file with room on its disk", "Make room, or choose another path."),
