@@ -1,7 +1,7 @@
 """The registry of methods, and the method that `auto` chooses."""
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
 from mpsim.core.late import named
@@ -13,59 +13,37 @@ from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import MethodName, Settings
 
 
-@dataclass(frozen=True)
-class Capabilities:
+class Method(NamedTuple):
     """What can be known of a method before there is a solver.
 
     Attributes:
+        solver: class that runs the method, by name: a simulation loads no other solver than its own.
         has_steps: frames are made of steps, so that a disc can be too fast for one: its solver has `Steps`. Without
             steps `dt` only says when frames end, and `contact`, `passes` and `substeps` change nothing.
         is_exact: its only error is rounding, so that other methods are compared with it.
         on_ranks: several processes make the same calls, each with a simulation of its own.
-    """
-
-    has_steps: bool
-    is_exact: bool = False
-    on_ranks: bool = False
-
-
-class Method(NamedTuple):
-    """One line of the registry.
-
-    Attributes:
-        solver: class that runs the method, by name: a simulation loads no other solver than its own.
-        capabilities: what it can do.
-        workers: whether it runs on as many processes as Settings.workers says; otherwise on one.
+        workers: it runs on as many processes as Settings.workers says; otherwise on one.
         phases: what it does in a phase, where that is not what the phase is called after.
-        by_columns: whether it resolves the columns of the grid in an even and an odd pass: all that do have the same
-            bits.
+        by_columns: it resolves the columns of the grid in an even and an odd pass: all that do have the same bits.
     """
 
     solver: str
-    capabilities: Capabilities
+    has_steps: bool = True
+    is_exact: bool = False
+    on_ranks: bool = False
     workers: bool = False
     phases: dict[str, str] = {}  # noqa: RUF012 - never changed
     by_columns: bool = False
 
 
-STEPS = Capabilities(has_steps=True)
+GRID, EVENTS = "mpsim.engine.solvers.grid:GridSolver", "mpsim.engine.solvers.events:EventSolver"
 
 METHODS: dict[str, Method] = {
-    "naive": Method("mpsim.engine.solvers.grid:GridSolver", STEPS, phases={"even columns": "pairs"}),
-    "grid": Method("mpsim.engine.solvers.grid:GridSolver", STEPS, by_columns=True),
-    "parallel": Method("mpsim.engine.solvers.grid:GridSolver", STEPS, workers=True, by_columns=True),
-    "event": Method(
-        "mpsim.engine.solvers.events:EventSolver",
-        Capabilities(has_steps=False, is_exact=True),
-        workers=True,
-        phases={"move": "events"},
-    ),
-    "mpi": Method(
-        "mpsim.engine.solvers.ranks.solver:MpiSolver",
-        Capabilities(has_steps=True, on_ranks=True),
-        workers=True,
-        by_columns=True,
-    ),
+    "naive": Method(GRID, phases={"even columns": "pairs"}),
+    "grid": Method(GRID, by_columns=True),
+    "parallel": Method(GRID, workers=True, by_columns=True),
+    "event": Method(EVENTS, has_steps=False, is_exact=True, workers=True, phases={"move": "events"}),
+    "mpi": Method("mpsim.engine.solvers.ranks.solver:MpiSolver", on_ranks=True, by_columns=True),
 }
 """Every method by its name in Settings; `auto` is one of AUTO."""
 
@@ -93,14 +71,14 @@ def solver_of(method: str) -> type[Solver]:
     return named(METHODS[method].solver)
 
 
-def capabilities_of(settings: Settings) -> Capabilities:
+def capabilities_of(settings: Settings) -> Method:
     """What the method of these settings can do; those of AUTO can do the same."""
-    return METHODS[AUTO[0] if settings.method == "auto" else settings.method].capabilities
+    return METHODS[AUTO[0] if settings.method == "auto" else settings.method]
 
 
 def on_ranks(method: str | None) -> bool:
     """Whether a method of this name runs on ranks."""
-    return isinstance(method, str) and method in METHODS and METHODS[method].capabilities.on_ranks
+    return isinstance(method, str) and method in METHODS and METHODS[method].on_ranks
 
 
 def number_of_ranks(comm: Any) -> int:
