@@ -39,7 +39,6 @@ KINDS = {
     "2 workers": (1, {"method": "parallel", "workers": 2}),
     "1 rank": (1, {"method": "mpi"}),
     "2 ranks": (2, {"method": "mpi"}),
-    "1 rank, 2 workers": (1, {"method": "mpi", "workers": 2}),
 }
 """Ranks, and settings."""
 

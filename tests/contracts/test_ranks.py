@@ -24,14 +24,14 @@ def alone(name):
     return found(name, method="grid")
 
 
-def told_by(number, names, workers=1):
-    """What so many ranks find, each with so many workers."""
-    done = on_ranks(number, str(workers), *names)
+def told_by(number, names):
+    """What so many ranks find."""
+    done = on_ranks(number, *names)
     assert done.code == 0, done.err
     return json.loads(done.out.splitlines()[-1])
 
 
-@pytest.mark.parametrize("name", long_but((*DEFAULT, "everything"), "bare"))  # doors by ranks with workers, below
+@pytest.mark.parametrize("name", long_but((*DEFAULT, "everything"), "bare"))
 @pytest.mark.parametrize("number", long_but((1, 2, 3, 4, 8), 2))
 def test_ranks_find_what_one_process_finds(number, name):
     assert told_by(number, [name])[name] == alone(name)
@@ -41,16 +41,9 @@ OTHERS = [name for name in CASES if name not in DEFAULT]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("number", "workers", "names"),
-    [
-        *((number, 1, OTHERS) for number in (2, 3, 4, 8)),
-        *((*each, ["doors"]) for each in ((2, 2), (1, 3), (3, 2), (4, 4))),
-    ],
-    ids=str,
-)
-def test_ranks_with_any_number_of_workers_find_it_in_other_scenes(number, workers, names):
-    assert told_by(number, names, workers) == {name: alone(name) for name in names}
+@pytest.mark.parametrize("number", [2, 3, 4, 8])
+def test_any_number_of_ranks_finds_it_in_other_scenes(number):
+    assert told_by(number, OTHERS) == {name: alone(name) for name in OTHERS}
 
 
 WRONG = """
@@ -150,16 +143,15 @@ from mpsim.engine.solvers.ranks import subdomain
 from support.ranks import found
 
 subdomain.SPARE, subdomain.FEWEST = 1.0, 4
-told = found("corner", method="mpi", workers=int(sys.argv[1]))
+told = found("corner", method="mpi")
 if MPI.COMM_WORLD.rank == 0:
     print(json.dumps(told))
 """
 
 
-@pytest.mark.parametrize("workers", long_but([1, 2], 2))
-def test_ranks_make_room_in_the_middle_of_a_step(workers):
+def test_ranks_make_room_in_the_middle_of_a_step():
     """Discs that spread from a corner: the other rank begins with few, and has half of them in the end."""
-    assert told_by_script(2, str(workers), script=GROWING) == alone("corner")
+    assert told_by_script(2, script=GROWING) == alone("corner")
 
 
 BALANCED = """
@@ -217,20 +209,19 @@ def played(**settings):
     with mpsim.Simulation(stage(), mpsim.Settings(dt=0.025, **settings)) as sim:
         play(sim)
         journal = sim.journal
-        with mpsim.Simulation.replay(journal, workers=settings.get("workers")) as again:
+        with mpsim.Simulation.replay(journal) as again:
             replayed = again.digest()
         return [sim.digest(), sim.count, sim.time, int(sim.state.present.sum()), len(journal), replayed]
 
-told = [played(method="mpi", workers=int(sys.argv[1])), played(method="grid")]
+told = [played(method="mpi"), played(method="grid")]
 if MPI.COMM_WORLD.rank == 0:
     print(json.dumps(told))
 """
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_session_with_every_change_has_the_bits_of_one_process(workers):
-    on_two, alone_there = told_by_script(2, str(workers), script=SESSION)
+def test_a_session_with_every_change_has_the_bits_of_one_process():
+    on_two, alone_there = told_by_script(2, script=SESSION)
     assert on_two == alone_there
     assert on_two[0] == on_two[5]
 
@@ -461,9 +452,8 @@ import hashlib, json, sys, mpsim
 from pathlib import Path
 from mpi4py import MPI
 
-path, workers, lattice = sys.argv[1:]
-settings = mpsim.Settings(dt=0.02, method="mpi", workers=int(workers) or None)
-with mpsim.Simulation(mpsim.Scene.lattice(**json.loads(lattice)), settings) as sim:
+path, lattice = sys.argv[1:]
+with mpsim.Simulation(mpsim.Scene.lattice(**json.loads(lattice)), mpsim.Settings(dt=0.02, method="mpi")) as sim:
     sim.run(frames=4)
     sim.save(path)
     digest = sim.digest()
@@ -473,21 +463,21 @@ if MPI.COMM_WORLD.rank == 0:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("numbers", [[(1, 0), (2, 0)], [(3, 0), (4, 0), (2, 4)]])
+@pytest.mark.parametrize("numbers", [(1, 2), (3, 4)])
 def test_a_checkpoint_in_chunks_has_the_same_bytes_on_any_number_of_ranks(numbers, tmp_path):
     with mpsim.Simulation(mpsim.Scene.lattice(**LARGE), mpsim.Settings(dt=0.02, method="grid")) as sim:
         sim.run(frames=4)
         expected, digest = content_of(sim.save(tmp_path / "one")), sim.digest()
-    files = {}
-    for number, workers in numbers:
-        path = tmp_path / f"{number}-{workers}"
-        told = told_by_script(number, str(path), str(workers), json.dumps(LARGE), script=WRITTEN)
+    files = set()
+    for number in numbers:
+        path = tmp_path / f"{number}"
+        told = told_by_script(number, str(path), json.dumps(LARGE), script=WRITTEN)
         assert told[0] == digest
         assert content_of(path) == expected
-        files.setdefault(workers, set()).add(told[1])
+        files.add(told[1])
         with mpsim.Simulation.resume(path, method="grid") as sim:
             assert sim.digest() == digest
-    assert len(files[0]) == 1, "whole files, to the byte"
+    assert len(files) == 1, "whole files, to the byte"
 
 
 FRAMES = """

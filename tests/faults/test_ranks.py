@@ -119,6 +119,7 @@ acts = {
     "giants": lambda: runs(giants),
     "unguarded": lambda: runs(start, unguarded=True),
     "restart": lambda: runs(start, on_worker_death="restart"),
+    "workers": lambda: runs(start, workers=2),
     "no communicator": lambda: runs(start, comm=5),
     "communicator of grid": lambda: runs(start, comm=world, method="grid"),
     "different scenes": lambda: runs(gas(200, 0.2, seed=world.rank)),
@@ -151,6 +152,7 @@ WORDS = {
     "giants": ("InputError", "a few discs are far larger than all others"),
     "unguarded": ("InputError", "unguarded=True"),
     "restart": ("InputError", "on_worker_death must be 'raise' with method='mpi'; got 'restart'"),
+    "workers": ("InputError", "workers must be 1 with method='mpi', where each rank is one process; got 2"),
     "no communicator": ("InputError", "comm must be a communicator of mpi4py"),
     "communicator of grid": ("InputError", "comm may be given only with method='mpi'"),
     "different scenes": ("InputError", "those of rank 1 differ from those of rank 0"),
@@ -178,35 +180,6 @@ def test_what_ranks_cannot_do_is_one_error_on_all():
     for name, (kind, words) in WORDS.items():
         assert told[0][name][0] == kind, (name, told[0][name])
         assert words in told[0][name][1], name
-
-
-LOSING = """
-import os, signal, mpsim
-from mpi4py import MPI
-from support.ranks import tell
-from support.scenes import gas
-
-with mpsim.Simulation(gas(2000, 0.3), mpsim.Settings(method="mpi", workers=2, dt=0.01)) as sim:
-    sim.run(frames=10)
-    def at(done, frames):
-        if done > 30 and MPI.COMM_WORLD.rank == 1:
-            os.kill(sim.pids[0], signal.SIGKILL)
-    try:
-        sim.run(frames=10**9, progress=at)
-    except mpsim.WorkerDiedError as death:
-        tell("worker", death.worker, "signal" in str(death))
-    try:
-        sim.state
-    except mpsim.errors.ClosedError:
-        tell("closed")
-"""
-
-
-def test_a_worker_of_a_rank_that_dies_is_one_error_on_all():
-    done = on_ranks(2, script=LOSING, bound=BOUND)
-    assert done.code == 0, done.err
-    assert done.out.count("worker 1 True") == 2
-    assert done.out.count("closed") == 2
 
 
 def test_without_mpi_the_error_says_what_to_install():

@@ -169,9 +169,9 @@ def tell(*words: Any) -> None:
         print(*each)
 
 
-def main(workers: str, *names: str) -> None:
-    """Run cases on these ranks, each with so many workers, and print what the first finds."""
-    told = {name: found(name, method="mpi", workers=int(workers)) for name in names}
+def main(*names: str) -> None:
+    """Run cases on these ranks, and print what the first finds."""
+    told = {name: found(name, method="mpi") for name in names}
     if MpiRanks().rank == 0:
         print(json.dumps(told))
 

@@ -95,6 +95,11 @@ def check_processes(settings: Settings, processes: Processes) -> None:
     method, can = settings.method, capabilities_of(settings)
     if can.on_ranks:
         number_of_ranks(processes.comm)
+        if settings.workers not in (None, 1):
+            raise InputError(
+                f"workers must be 1 with method={method!r}, where each rank is one process; got {settings.workers}. "
+                "Leave it out, and start more ranks: mpiexec -n ..."
+            )
         if processes.on_worker_death != "raise":
             raise InputError(
                 f"on_worker_death must be 'raise' with method={method!r}; got {processes.on_worker_death!r}. Leave it "
@@ -111,18 +116,18 @@ def choose(count: int, settings: Settings, processes: Processes = Processes()) -
     method = settings.method
     if method == "auto":
         method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
+    if on_ranks(method):
+        return Choice(method, (number_of_ranks(processes.comm),), processes=processes)
     if not METHODS[method].workers:
         return Choice(method, (1,), processes=processes)
-    alone = on_ranks(method) or (method == "event" and count < EVENT_FROM)
-    workers, remark = settings.workers or (1 if alone else usable_cores()), ""
+    workers = settings.workers or (1 if method == "event" and count < EVENT_FROM else usable_cores())
+    remark = ""
     if workers > 1 and not may_start_processes():
         remark = "mpsim: this process is daemonic and may not start others; running on one worker."
     elif workers > 1 and JIT_DISABLED:
         remark = "mpsim: without compilation there are no atomics to wait with; running on one worker."
     if remark:
         workers = 1
-    if on_ranks(method):
-        return Choice(method, (workers * number_of_ranks(processes.comm),), remark, processes)
     if settings.method != "auto":
         return Choice(method, (workers,), remark, processes)
     if workers > 1:

@@ -71,7 +71,6 @@ class MpiSolver(SteppedSolver):
         super().__init__(scene, settings, choice)
         refuse_giants(scene, scene.radii)
         self._fastest = Fastest()
-        self._workers = 1  # of each rank, itself included
         self._ranks: MpiRanks | None = None
         self._part: Subdomain | None = None
         self._last_frame = 0
@@ -100,10 +99,6 @@ class MpiSolver(SteppedSolver):
     def _control(self) -> Any:
         return self._subdomain.arrays["control"]
 
-    @property
-    def pids(self) -> list[int]:
-        return [] if self._part is None else self._part.pids
-
     def start(self) -> None:
         self._meet()
         self._enter_all(self._scene.rows, given_in(self._scene), (0, 0))
@@ -115,7 +110,7 @@ class MpiSolver(SteppedSolver):
             ranks.close()
 
     def _leave_part(self) -> None:
-        """Stop the workers of this rank, and remove its block."""
+        """Remove the block of this rank."""
         if self._part is not None and self._part.arrays:
             self._last_frame = self.frame
         part, self._part = self._part, None
@@ -127,7 +122,6 @@ class MpiSolver(SteppedSolver):
         if self._ranks is None:
             self._ranks = MpiRanks(self.choice.processes.comm)
             self._ranks.answer = self._answer
-        self._workers = max(self.choice.workers) // self._ranks.size
         versions = __version__, source_digest()
         self._ranks.assert_same_on_ranks("versions of mpsim and of its compiler", versions)
         self._ranks.assert_same_on_ranks("scene and settings", (self._scene.digest(), self._settings))
@@ -169,7 +163,7 @@ class MpiSolver(SteppedSolver):
                 f"{ranks.size}. Start fewer: mpiexec -n {grid.columns}."
             )
         if self._part is None:
-            self._part = Subdomain(self._scene, self._settings, self.choice.processes.start_method, self._workers)
+            self._part = Subdomain(self._scene, self._settings)
         part = self._part
         given = records(part, grid)
         column = given["cell"] // (grid.rows + 2)
@@ -204,9 +198,9 @@ class MpiSolver(SteppedSolver):
         return result
 
     def _begin_command(self, part: Subdomain, frames: int, count_enabled: bool) -> None:
-        """Deal own columns to the workers, and write zeros where they count."""
+        """Say where contacts end, and write zeros where they are counted."""
         self._control.frames = frames
-        part.deal(any(border.is_left for border in self._borders))
+        part.stop_at(any(border.is_left for border in self._borders))
         team = part.arrays["team"]
         team["collisions"] = team["fastest"] = team["frame"] = 0
         self._control.tallied = count_enabled
@@ -266,10 +260,10 @@ class MpiSolver(SteppedSolver):
 
     def _result(self, part: Subdomain, ranks: MpiRanks, frames: int, count_enabled: bool) -> BatchResult:
         """The times and counts of all ranks."""
-        arrays, own = part.arrays, slice(self._workers)
-        tally = arrays["tally"][own, :frames] if count_enabled else None
+        arrays = part.arrays
+        tally = arrays["tally"][:1, :frames] if count_enabled else None
         counts = fastest_in(part.team), int(part.team["collisions"].sum())
-        told = ranks.all_of((part.failure, *counts, arrays["times"][own, :frames], tally))
+        told = ranks.all_of((part.failure, *counts, arrays["times"][:1, :frames], tally))
         failures, fastest, contacts, times, tallies = zip(*told, strict=True)
         ranks.raise_any(failures)
         self._fastest = max(fastest)
@@ -449,7 +443,7 @@ class MpiSolver(SteppedSolver):
             progress = 0, 0
             self.substeps: int = terms.settings.substeps
         self._set_terms(terms)
-        self.choice, self._workers = choice, max(choice.workers) // self.ranks.size
+        self.choice = choice
         self._leave_part()
         self._continue_with(discs, progress)
 

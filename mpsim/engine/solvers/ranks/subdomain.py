@@ -8,10 +8,8 @@ from numpy.typing import NDArray
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.engine.feature_arrays import columns_of, feature_specs, fill_features, giant_radius
-from mpsim.engine.solvers.base import NewDiscs, StartMethod
-from mpsim.engine.solvers.grid import shares_of
+from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.solvers.stepped import Grid, block_arrays
-from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import SharedBlock, remove_stale_blocks
 from mpsim.engine.workers.worker import GridArguments, call_of, kernel_arguments, load_kernels
 from mpsim.errors import InputError
@@ -117,20 +115,14 @@ SPARE, FEWEST = 1.25, 256
 
 
 class Subdomain:
-    """The block of one rank and its workers: arrays of its discs, and columns by id of all discs.
-
-    Args:
-        scene, settings: of the simulation.
-        workers: of this rank, itself included.
+    """The block of one rank: arrays of its discs, and columns by id of all discs.
 
     Attributes:
-        failure: why this rank cannot go on, as when a worker of it has ended; None: it can. Else parts of a step do
-            nothing.
+        failure: why this rank cannot go on, as for lack of memory; None: it can. Else parts of a step do nothing.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, start_method: StartMethod | None, workers: int):
-        self._scene, self._settings, self._workers = scene, settings, workers
-        self._start_method = start_method
+    def __init__(self, scene: Scene, settings: Settings):
+        self._scene, self._settings = scene, settings
         names = [column.name for column in columns_of(scene)]
         has_spins, has_images = columns.SPIN.name in names, columns.IMAGE.name in names
         self._record = records.message_in(settings.precision, has_radii(scene), has_spins, has_images)
@@ -138,7 +130,6 @@ class Subdomain:
         self._outgoing = [np.zeros(FEWEST, self._record) for _ in range(3)]
         self._pair = self._room_for_pair(2 * FEWEST)
         self._block: SharedBlock | None = None
-        self._pool: WorkerPool | None = None
         self._arguments: dict[int, GridArguments] = {}  # by the buffer that holds the state
         self._sorted: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None  # numbers, and their places
         self.failure: Exception | None = None
@@ -149,14 +140,9 @@ class Subdomain:
         return {} if self._block is None else self._block.arrays
 
     @property
-    def pids(self) -> list[int]:
-        """Process numbers of its workers, without itself."""
-        return [] if self._pool is None else self._pool.pids
-
-    @property
     def team(self) -> Any:
-        """Records of its workers."""
-        return self.arrays["team"][: self._workers]
+        """The record of this rank, shape (1,); that behind it in the block stands for all others."""
+        return self.arrays["team"][:1]
 
     @property
     def count(self) -> int:
@@ -265,21 +251,13 @@ class Subdomain:
         self._begin(len(records))
 
     def start(self) -> None:
-        """Compile or load the kernels, and start the workers, unless they run already."""
-        if self._pool is not None:
-            return
+        """Compile or load the kernels."""
         remove_stale_blocks()  # which a job that was ended leaves behind: its trackers are ended with it
         with interrupts_held_back():
             load_kernels(self.block)
-        if self._workers > 1:
-            self._pool = WorkerPool(self.block, self._start_method)
-            self._pool.start(self._workers)
 
     def close(self) -> None:
-        """Stop the workers and remove the block. May be called again."""
-        pool, self._pool = self._pool, None
-        if pool is not None:
-            pool.stop()
+        """Remove the block. May be called again."""
         self._arguments = {}
         block, self._block = self._block, None
         if block is not None:
@@ -298,31 +276,15 @@ class Subdomain:
         control, own, team = self.arrays["control"], self._own, self.arrays["team"]
         self._sorted = None
         control.in_order = 0
-        control.workers, control.members = self._workers, self._workers + 1
+        control.workers, control.members = 1, 2
         team["bad_slot"] = -1
-        team["low"] = team["high"] = count
-        team["first_column"] = team["last_column"] = own.last - own.before
-        share = np.arange(self._workers + 1)
-        self._deal(share * (own.last - own.first) // self._workers, share * count // self._workers)
+        team["low"], team["high"] = (0, count), count
+        last = own.last - own.before
+        team["first_column"], team["last_column"] = (own.first - own.before, last), last
 
-    def deal(self, open_end: bool) -> None:
-        """Deal own columns to the workers, in nearly equal numbers of discs.
-
-        open_end: whether contacts of the last column are those of a border.
-        """
-        if self.arrays["control"].in_order:
-            share = np.arange(self._workers + 1) * self.count // self._workers
-            first_of_column = np.append(0, np.cumsum(self.discs_in_columns()))
-            dealt = shares_of(first_of_column[:-1], share)
-            self._deal(dealt, first_of_column[dealt])
-        last = self._own.last - self._own.before
-        self.team["stop"] = np.minimum(self.team["last_column"], last - open_end)
-
-    def _deal(self, shares: NDArray[np.int64], slots: NDArray[np.int64]) -> None:
-        """First of own columns, and first slot, of each worker, and the ends."""
-        first = self._own.first - self._own.before
-        self.team["first_column"], self.team["last_column"] = first + shares[:-1], first + shares[1:]
-        self.team["low"], self.team["high"] = slots[:-1], slots[1:]
+    def stop_at(self, open_end: bool) -> None:
+        """Say where the contacts of own columns end; open_end: whether those of the last one are those of a border."""
+        self.team["stop"] = self._own.last - self._own.before - open_end
 
     def discs(self) -> NDArray[Any]:
         """All own discs, cells as in the grid of the scene."""
@@ -356,8 +318,8 @@ class Subdomain:
         capacity = int(SPARE * count) + FEWEST
         features = feature_specs(self._scene, max(capacity, self._count_of_all), self._settings.precision)
         grid = Grid(self._own.last - self._own.before, self._grid.rows)
-        specs = block_arrays(capacity, grid, self._workers + 1, self._settings.precision, features)
-        old, new = self._block, SharedBlock(specs, alone=self._workers == 1)
+        specs = block_arrays(capacity, grid, 2, self._settings.precision, features)
+        old, new = self._block, SharedBlock(specs, alone=True)
         with new.closed_on_error():
             new.create()
             for name, values in {} if old is None else old.arrays.items():
@@ -367,14 +329,8 @@ class Subdomain:
         if not with_discs:
             new.arrays["control"].live = 0
         self._block, self._arguments, self._capacity = new, {}, capacity
-        try:
-            if self._pool is not None:
-                with interrupts_held_back():
-                    load_kernels(new)  # before the workers do, which then find them
-                self._pool.move_to(new)
-        finally:
-            if old is not None:
-                old.close()
+        if old is not None:
+            old.close()
 
     def _room_for_pair(self, count: int) -> records.Discs:
         """A buffer for the discs of two columns."""
@@ -393,7 +349,7 @@ class Subdomain:
         return self._arguments[int(self.arrays["control"].live)]
 
     def run(self, part: int, ahead: int = records.NO_FRAME) -> None:
-        """A part of a step, MOVE, SORT, EVEN or ODD, on all workers: all of it that lies away from borders.
+        """A part of a step, MOVE, SORT, EVEN or ODD: all of it that lies away from borders.
 
         SORT has the first even pass in it.
 
@@ -401,21 +357,10 @@ class Subdomain:
             part: which.
             ahead: frame of the step that is to begin after ODD; NO_FRAME: none.
         """
-        if self.failure is not None:
-            return
-        self._sorted = None
-        control, pool = self.arrays["control"], self._pool
-        control.part, control.ahead = part, ahead
-        if pool is not None:
-            pool.wake()
-        try:
-            outcome = call_of(self.block, kernels.run_part)()
-        finally:
-            if pool is not None:
-                pool.settle()
-        if outcome != records.RUNNING:
-            assert pool is not None  # only its watcher, or a barrier, ends a part
-            self.failure = pool.failure()
+        if self.failure is None:
+            self._sorted = None
+            self.arrays["control"].part, self.arrays["control"].ahead = part, ahead
+            call_of(self.block, kernels.run_part)()
 
     @property
     def is_finite(self) -> bool:
@@ -478,7 +423,7 @@ class Subdomain:
         if own + len(beyond) > len(self._pair.x) - records.PADDING:
             self._pair = self._room_for_pair(2 * (own + len(beyond)))
         now, own_place = self.arguments(), int(not border.is_left)
-        member = 0 if border.is_left else self._workers
+        member = int(not border.is_left)
         tally, control = self.arrays["tally"][member], now.control
         if border.is_periodic:  # as if the two were all columns: the bracket of the last one with the first
             own_place, control = 1 - own_place, now.control.copy()
