@@ -314,29 +314,6 @@ def test_a_series_notes_each_frame_once_with_its_time():
     assert repr(found) == "<Series: 6 values>"
 
 
-# --- refusals
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: block_average([]), "series must hold at least 1 sample; got 0"),
-        (lambda: block_average([1.0, math.nan]), r"series\[1\] is nan"),
-        (lambda: fit_order([0.1], [1.0], [1.0]), "h must hold at least 2"),
-        (lambda: fit_order([0.1, 0.2], [1.0, 2.0]), "h must hold at least 3"),
-        (lambda: fit_order([0.1, 0.1], [1.0, 2.0], [1.0, 1.0]), "not all equal"),
-        (lambda: fit_order([0.1, 0.2], [1.0, -2.0], [1.0, 1.0]), "bias must be of one sign"),
-        (lambda: equilibration(np.zeros(49)), "at least 10 batches of 5 samples .* part; got 49 samples"),
-        (lambda: predictability([0, 1, 3], [1, 2, 3], highest=9), "equal steps"),
-        (lambda: predictability([0, 1, 2], [1, 1, 1], highest=9), "distance must grow"),
-        (lambda: Series("temperature"), r"must be called as function\(state, scene\); got 'temp"),
-    ],
-)  # fmt: skip
-def test_wrong_input_is_refused_by_name(call, words):
-    with pytest.raises(InputError, match=words):
-        call()
-
-
 # --- closed forms of equilibrium: published tables, and each against an independent evaluation
 
 
@@ -417,6 +394,16 @@ def test_two_discs_published_figures_and_virial():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
+        (lambda: block_average([]), "series must hold at least 1 sample; got 0"),
+        (lambda: block_average([1.0, math.nan]), r"series\[1\] is nan"),
+        (lambda: fit_order([0.1], [1.0], [1.0]), "h must hold at least 2"),
+        (lambda: fit_order([0.1, 0.2], [1.0, 2.0]), "h must hold at least 3"),
+        (lambda: fit_order([0.1, 0.1], [1.0, 2.0], [1.0, 1.0]), "not all equal"),
+        (lambda: fit_order([0.1, 0.2], [1.0, -2.0], [1.0, 1.0]), "bias must be of one sign"),
+        (lambda: equilibration(np.zeros(49)), "at least 10 batches of 5 samples .* part; got 49 samples"),
+        (lambda: predictability([0, 1, 3], [1, 2, 3], highest=9), "equal steps"),
+        (lambda: predictability([0, 1, 2], [1, 1, 1], highest=9), "distance must grow"),
+        (lambda: Series("temperature"), r"must be called as function\(state, scene\); got 'temp"),
         (lambda: reference.compressibility(0.63), r"packing must be at most 0\.62 .* got 0\.63"),
         (lambda: reference.finite_size(0.3, 1), "count must be"),
         (lambda: reference.closed_box(100, 5.0, 0.5), "closed_box holds at most"),
@@ -424,6 +411,6 @@ def test_two_discs_published_figures_and_virial():
         (lambda: reference.speed_kurtosis(1, at_rest=True), "count must be a whole number from 2"),
     ],
 )  # fmt: skip
-def test_wrong_input_of_closed_forms_is_refused_by_name(call, words):
+def test_wrong_input_is_refused_by_name(call, words):
     with pytest.raises(InputError, match=words):
         call()

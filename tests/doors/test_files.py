@@ -7,7 +7,7 @@ import gsd.hoomd
 import numpy as np
 import pytest
 from support.scenes import gas
-from support.trajectories import content, written
+from support.trajectories import DT, SCENES, content, written
 
 import mpsim
 from mpsim import measure
@@ -450,3 +450,41 @@ def test_all_coordinates_and_quantities_of_lammps_are_read(tmp_path):
 )
 def test_a_dump_that_is_no_plane_in_a_box_is_refused(tmp_path, old, new, words):
     refused(tmp_path, DUMP.replace(old, new, 1), words, "a.dump")
+
+
+# --- files of mpsim in other programs
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:Setting the shape:DeprecationWarning")  # of NumPy 2.5, by ASE up to 3.29
+@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning", "ignore::mpsim.FastWarning")
+@pytest.mark.parametrize("name", SCENES)
+def test_ase_and_freud_read_what_mpsim_writes_with_the_same_numbers(name, tmp_path):
+    import ase.io  # noqa: PLC0415 - only where it is used
+    import freud  # noqa: PLC0415
+
+    settings = {"method": "grid" if name == "everything" else "naive", "dt": DT}
+    for ending in ("xyz", "gsd"):
+        written(tmp_path / f"a.{ending}", SCENES[name](), 80, 20, **settings)
+    pages = list(mpsim.Trajectory(tmp_path / "a.xyz"))
+    for atoms, page in zip(ase.io.read(tmp_path / "a.xyz", index=":"), pages, strict=True):
+        assert np.array_equal(atoms.positions[:, :2], page.position)
+        assert np.array_equal(atoms.get_masses(), page.mass)
+        assert atoms.get_velocities()[:, :2] == pytest.approx(page.velocity, rel=1e-15)
+        energy = 0.5 * (page.mass[:, None] * page.velocity**2).sum()
+        assert atoms.get_kinetic_energy() == pytest.approx(energy, rel=1e-14)
+        for theirs, ours in {"radius": page.radius, "id": page.ids}.items():
+            assert np.array_equal(atoms.arrays[theirs], ours)
+        assert np.array_equal(atoms.arrays.get("map_shift", np.zeros((len(atoms), 3)))[:, :2], page.image)
+        assert atoms.cell.lengths() == pytest.approx([*page.box, 1.0])
+        assert atoms.info["Origin"] == pytest.approx([*page.origin, 0.0])
+        assert atoms.pbc.tolist() == [*page.periodic, False]
+        assert (atoms.info["Time"], atoms.info["Frame"]) == (page.time, page.frame)
+    with gsd.hoomd.open(str(tmp_path / "a.gsd")) as frames:
+        for theirs, page in zip(frames, pages, strict=True):
+            box = freud.box.Box.from_box(theirs.configuration.box)
+            assert box.is2D
+            assert (box.Lx, box.Ly) == pytest.approx(page.box)
+            away = box.unwrap(theirs.particles.position, theirs.particles.image)[:, :2]
+            assert away + np.add(page.origin, np.divide(page.box, 2)) == pytest.approx(page.unwrapped, abs=2e-5)
+            assert len(freud.locality.AABBQuery.from_system(theirs).points) == len(page.ids)

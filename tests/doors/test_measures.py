@@ -71,12 +71,6 @@ def random_points(count, seed, boundary="periodic"):
     return scene_at(0.02 + np.random.default_rng(seed).random((count, 2)) * [9.96, 7.96], 10, 8, boundary)
 
 
-def triangular(columns=12, rows=14):
-    column, row = np.divmod(np.arange(columns * rows), rows)
-    places = np.stack([column + 0.5 * (row % 2) + 0.1, (row + 0.1) * ROW], axis=1)
-    return scene_at(np.mod(places, [columns, rows * ROW]), columns, rows * ROW)
-
-
 def test_the_structure_factor_is_that_of_its_slow_twin_and_of_points_at_random_one():
     scene = random_points(40, 1)
     found = measure.structure_factor(state_of(scene), scene, bins=7, k_max=6.0)
@@ -98,7 +92,9 @@ def test_the_structure_factor_is_that_of_its_slow_twin_and_of_points_at_random_o
 
 
 def test_a_triangular_lattice_is_in_order_at_any_distance_and_points_are_not():
-    start = triangular()
+    column, row = np.divmod(np.arange(12 * 14), 14)
+    places = np.stack([column + 0.5 * (row % 2) + 0.1, (row + 0.1) * ROW], axis=1)
+    start = scene_at(np.mod(places, [12, 14 * ROW]), 12, 14 * ROW)
     found = measure.hexatic_order(state_of(start), start)
     assert found.psi == pytest.approx(np.ones(168))
     assert (found.local, found.whole) == pytest.approx((1.0, 1.0))

@@ -43,11 +43,6 @@ def handled(number, handler):
         signal.signal(number, before)
 
 
-def alarm(seconds):
-    """Ctrl-C in so many seconds. On a busy machine that may be before the next line runs."""
-    threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
-
-
 # --- Ctrl-C that ends a program
 
 SCRIPT = """
@@ -143,7 +138,7 @@ def test_an_interrupted_simulation_is_whole_and_goes_on_with_the_same_bits(metho
     alone = {"method": "grid" if method == "parallel" else method, "contact": "impact", **settings, "workers": 1}
     with begin(SMALL, method, **settings) as sim:
         for attempt in range(2):
-            alarm(0.03 + attempt * 0.0137)
+            threading.Timer(0.03 + attempt * 0.0137, os.kill, (os.getpid(), signal.SIGINT)).start()
             with pytest.raises(KeyboardInterrupt):
                 sim.run(frames=10**9)
             frames = sim.frame

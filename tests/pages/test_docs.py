@@ -70,14 +70,11 @@ def test_a_block_that_does_not_do_what_it_says_is_found():
 # --- lists on pages
 
 
-def names_table() -> str:
-    rows = re.findall(r"^([\w-]+) {2,}(\S.*)$", mpsim_command("scenes").output, re.MULTILINE)
-    return "\n".join(["| name | what it is |", "|---|---|", *(f"| `{name}` | {title} |" for name, title in rows)])
-
-
 def test_the_list_of_scenes_is_up_to_date(request):
     """Run with --renew to write it anew."""
-    page, wanted = ROOT / "docs" / "scenes.md", f"\n{names_table().strip()}\n\n"
+    page, names = ROOT / "docs" / "scenes.md", mpsim_command("scenes").output
+    rows = [f"| `{name}` | {title} |\n" for name, title in re.findall(r"^([\w-]+) {2,}(\S.*)$", names, re.MULTILINE)]
+    wanted = f"\n| name | what it is |\n|---|---|\n{''.join(rows)}\n"
     pattern = re.compile("(?<=<!-- names -->\n).*(?=<!-- /names -->)", re.DOTALL)
     if request.config.getoption("--renew"):
         page.write_text(pattern.sub(lambda _: wanted, page.read_text()))

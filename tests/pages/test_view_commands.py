@@ -197,18 +197,14 @@ def test_collisions_are_those_since_the_start_and_go_back_with_the_run():
 # --- colours
 
 
-def interpolated(values):
-    """Bytes on the scale by percentiles."""
-    return np.interp(values, np.percentile(values, (0, 2, 98, 100)), (0, FASTEST - KNEE, KNEE, FASTEST))
-
-
 def test_own_values_are_on_a_scale_by_percentiles_and_are_read_again_for_each_picture():
     values = np.random.default_rng(1).normal(size=200)
     values[:2] = -1e6, 1e6
     with mpsim.Simulation(gas(200, 0.2), GRID) as sim, paused(sim, colour=values) as page:
         page.hear_until(lambda v: "colours" in v.last and v.last["colours"]["by"] == "own")
         page.step_to(1)
-        assert np.abs(page.picture.colour - interpolated(values)).max() <= 1
+        expected = np.interp(values, np.percentile(values, (0, 2, 98, 100)), (0, FASTEST - KNEE, KNEE, FASTEST))
+        assert np.abs(page.picture.colour - expected).max() <= 1
         assert np.ptp(page.picture.colour[2:].astype(int)) > 150, "two values of a million darken no others"
         assert page.last["colours"]["values"] == np.percentile(values, (0, 2, 98, 100)).tolist()
         assert page.last["colours"]["choices"] == ["speed", "worker", "column", "collision", "own"]

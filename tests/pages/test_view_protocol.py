@@ -19,11 +19,6 @@ EVENT = mpsim.Settings(method="event")
 GAS = gas(20, 0.2)
 
 
-def step_of(scene):
-    """The largest rounding of a place."""
-    return 0.5001 * max(scene.width, scene.height) / STEPS
-
-
 def test_bytes_of_a_picture_are_where_the_format_says():
     scene = mpsim.Scene(
         width=4, height=2, position=[[1.0, 0.5], [3.5, 1.5]], velocity=[[0.0, 2.0], [9.0, 0.0]], radius=[0.5, 0.25]
@@ -57,7 +52,7 @@ def test_pictures_of_a_run_show_its_state():
     here = state.present
     assert 0 < here.sum() < 9, "some have left"
     assert (picture.walls, picture.extent, picture.time) == (state.box, (9.0, 4.0), 1.0)
-    assert np.abs(picture.position - state.position)[here].max() <= step_of(scene)
+    assert np.abs(picture.position - state.position)[here].max() <= 0.5001 * 9 / STEPS, "rounded"
     assert (picture.colour == ABSORBED).tolist() == (~here).tolist()
     speeds = np.hypot(*state.velocity.T)
     expected = np.interp(speeds, [0, *picture.scale], [0, KNEE, FASTEST])

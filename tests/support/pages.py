@@ -47,7 +47,8 @@ def run_blocks(name: str, blocks: Iterable[Block], long: bool = False) -> int:
         elif block.language == "sh":
             _run(name, block, "set -e\n" + block.code)
         elif block.language == "toml":
-            _scene(block)
+            Path(block.file).write_text(block.code)
+            scenefile.load(Path(block.file))
         else:
             raise AssertionError(f"{name}, line {block.line}: no way to run a block of {block.language!r}")
         ran += 1
@@ -100,9 +101,3 @@ def _run(name: str, block: Block, command: str) -> str:
     shows_failure = block.language == "console"
     assert shows_failure or done.returncode == 0, f"{name}, line {block.line}: {command}\n{done.stdout}"
     return done.stdout
-
-
-def _scene(block: Block) -> None:
-    assert block.file is not None
-    Path(block.file).write_text(block.code)
-    scenefile.load(Path(block.file))

@@ -103,14 +103,10 @@ SCENES = {
 }
 
 
-def scene_of(name, **more):
-    features = {"radius": 0.4, **SCENES[name][0], **more}
-    return mpsim.Scene(width=SIDE, height=SIDE, position=CORNERS, velocity=VELOCITY, **features)
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_every_collision_is_that_of_the_slow_twin(name):
-    scene, contact_time = scene_of(name), SCENES[name][1]
+    features, contact_time = SCENES[name]
+    scene = mpsim.Scene(width=SIDE, height=SIDE, position=CORNERS, velocity=VELOCITY, **{"radius": 0.4, **features})
     twin = Twin(scene, contact_time)
     kinds = compare(scene, twin, 16 if name == "absorbing" else 40, contact_time, 1e-7)
     assert set(kinds) >= {"periodic": {0}, "obstacles": {0, 1, 2}}.get(name, {0, 1}), "the scene shows too little"
