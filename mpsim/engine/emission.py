@@ -126,9 +126,6 @@ TRIES = 8
 FEW_LOOKS = 32
 """Discs of one frame that are compared with all others, which is quicker than sorting those."""
 
-MOST_STRIPS = 2**16
-"""Strips of the box into which discs are sorted, at most."""
-
 Progress = dict[str, list[Any]]
 
 
@@ -291,63 +288,38 @@ class Emission:
 class _Occupied:
     """Places that are occupied: by the discs of a simulation, and by those that are about to enter.
 
-    After a few looks discs are sorted into strips across the longer side of the box, so broad that what overlaps a disc
-    is in its own strip or in one beside it.
+    radius: of each disc, shape (N,) [length]. After a few looks those of the simulation are sorted along the longer
+    side of the box.
     """
 
     def __init__(self, scene: Scene, solver: Solver):
         here = ~solver.absorbed
         self._scene = scene
-        self._position = solver.state().position[here]
-        self._radius = solver.radii[here]
-        self._count = len(self._radius)
-        self._looks = 0
-        self._axis = int(scene.height > scene.width)
-        length = (scene.width, scene.height)[self._axis]
-        self._number = max(int(min(length / (2 * scene.largest_radius * (1 + 1e-6)), MOST_STRIPS)), 1)
-        self._per_length = self._number / length
+        self._position, self.radius = solver.state().position[here], solver.radii[here]
         self._sides = np.array([scene.width, scene.height])
-        self._strips: list[list[int]] = []  # made when there are looks enough
-
-    @property
-    def radius(self) -> NDArray[np.float64]:
-        """Of each disc, shape (N,) [length]."""
-        return self._radius[: self._count]
+        self._axis = int(scene.height > scene.width)
+        self._looks = self._sorted = 0
 
     def admits(self, place: NDArray[np.float64], radius: float) -> bool:
         """Whether a disc overlaps none; if so, it is added to them."""
-        near = self._near(place)
+        near = self._near(float(place[self._axis]))
         offset = self._position[near] - place
         offset -= np.where(self._scene.periodic, np.round(offset / self._sides) * self._sides, 0.0)  # nearest images
-        free = not ((offset**2).sum(axis=1) < (self._radius[near] + radius) ** 2).any()
+        free = not ((offset**2).sum(axis=1) < (self.radius[near] + radius) ** 2).any()
         if free:
-            self._add(place, radius)
+            self._position = np.append(self._position, place[None].astype(self._position.dtype), axis=0)
+            self.radius = np.append(self.radius, radius)
         return free
 
-    def _near(self, place: NDArray[np.float64]) -> slice | NDArray[np.int64]:
-        """Discs that may overlap one at a place."""
+    def _near(self, place: float) -> slice | NDArray[np.int64]:
+        """Discs that may overlap one at a place along the longer side, some of them perhaps twice."""
         self._looks += 1
         if self._looks < FEW_LOOKS:
-            return slice(0, self._count)
-        if not self._strips:
-            self._strips = [[] for _ in range(self._number)]
-            for index, strip in enumerate(self._strip(self._position[: self._count]).tolist()):
-                self._strips[strip].append(index)
-        strip = int(self._strip(place[None])[0])
-        beside = {each % self._number for each in (strip - 1, strip, strip + 1)}
-        return np.array([index for each in beside for index in self._strips[each]], np.int64)
-
-    def _strip(self, position: NDArray[np.floating]) -> NDArray[np.int64]:
-        """The strip of each place, shape (N,)."""
-        along = position[:, self._axis].astype(np.float64) * self._per_length
-        return np.clip(along, 0, self._number - 1).astype(np.int64)
-
-    def _add(self, place: NDArray[np.float64], radius: float) -> None:
-        if self._count == len(self._radius):
-            more = self._count + 16
-            self._position = np.concatenate([self._position, np.empty((more, 2), self._position.dtype)])
-            self._radius = np.concatenate([self._radius, np.empty(more)])
-        self._position[self._count], self._radius[self._count] = place, radius
-        if self._strips:
-            self._strips[int(self._strip(self._position[self._count, None])[0])].append(self._count)
-        self._count += 1
+            return slice(None)
+        if self._looks == FEW_LOOKS:
+            order = np.argsort(self._position[:, self._axis])
+            self._position, self.radius, self._sorted = self._position[order], self.radius[order], len(order)
+        along, reach = self._position[: self._sorted, self._axis], 2 * self._scene.largest_radius * (1 + 1e-6)
+        images = place + self._sides[self._axis] * np.array((-1, 0, 1) if self._scene.periodic[self._axis] else (0,))
+        strips = map(np.arange, np.searchsorted(along, images - reach), np.searchsorted(along, images + reach))
+        return np.concatenate([*strips, np.arange(self._sorted, len(self.radius))])
