@@ -40,11 +40,11 @@ from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
 from mpsim.kernels.events.boundary import COARSE, Box
 from mpsim.kernels.events.cells import plan_cells
-from mpsim.kernels.events.features.capsules import CellCapsules
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.kernels.events.solver import worst_overlap
 from mpsim.kernels.features import collisions
 from mpsim.kernels.features.bodies import Bodies
+from mpsim.kernels.features.capsules import Capsules
 from mpsim.kernels.features.piston import MovingWalls
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -268,11 +268,12 @@ def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: N
     return State(**found, present=~absorbed, box=scene._box_at(time))
 
 
-def _capsules(scene: Scene, cells: tuple[int, int]) -> CellCapsules:
+def _capsules(scene: Scene, cells: tuple[int, int]) -> Capsules:
     """The scene's capsules, listed by cells."""
     arrays = OBSTACLES.arrays(scene)
     lists, shift = lists_of_cells(arrays["capsule"], (scene.width, scene.height), scene.largest_radius, cells)
-    return CellCapsules(arrays["capsule"], lists.near, lists.listed, int(lists.grid[1]), shift, arrays.get("around"))
+    around = arrays.get("around")
+    return Capsules(arrays["capsule"], None, lists.near, lists.listed, lists.grid, None, around, shift)
 
 
 # --- Snapshots of the exact solver: their content, and checks of it

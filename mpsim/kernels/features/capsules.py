@@ -33,6 +33,8 @@ class Capsules(NamedTuple):
     index: numbers of capsules. grid: columns and rows, shape (2,).
     per_length: columns per length along x and rows per length along y, shape (2,) [1/length].
     around: numbers of containers, which are in no cell, shape (M,); None: there is none.
+    shift: of the exact solver, whose grid is of squares of 2^shift of its cells. It uses neither next_end nor
+    per_length, and lists containers too.
     """
 
     capsule: Any
@@ -42,6 +44,7 @@ class Capsules(NamedTuple):
     grid: Any
     per_length: Any
     around: Any
+    shift: Any
 
 
 FIELDS = {"capsules": Capsules}

@@ -6,7 +6,6 @@ predicted only up to the border of the disc's cell, whose list names those near 
 """
 
 import math
-from typing import Any, NamedTuple
 
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.features.properties import component, radius_of
@@ -14,24 +13,6 @@ from mpsim.kernels.events.flight import INFINITY, approach_of, time_to_circle, t
 from mpsim.kernels.events.records import FIRST_CAPSULE
 from mpsim.kernels.features.capsules import surface_speed
 from mpsim.kernels.geometry import AX, AY, BX, BY, RADIUS
-
-
-class CellCapsules(NamedTuple):
-    """Capsules, and which of them are near each cell.
-
-    capsule: as of `Capsules`.
-    near: where the list of each square of cells begins in `listed`, column by column. listed: rows of `capsule`.
-    rows: of squares. shift: squares are 2^shift cells wide.
-    around: numbers of containers; None: there is none.
-    """
-
-    capsule: Any
-    near: Any
-    listed: Any
-    rows: Any
-    shift: Any
-    around: Any
-
 
 FIELDS = {"capsules": None}
 
@@ -136,9 +117,9 @@ def before_border(capsules, i, store, box, features):
             travel = (abs(vx) + abs(vy) + 0.5 * pull * within) * within
             radius = radius_of(i, box, features)
             cell = store.event[i].cell
-            square = (cell[0] >> capsules.shift) * capsules.rows + (cell[1] >> capsules.shift)
+            square = (cell[0] >> capsules.shift) * capsules.grid[1] + (cell[1] >> capsules.shift)
             for entry in range(capsules.near[square], capsules.near[square + 1]):
-                k = capsules.listed[entry]
+                k = capsules.index[entry]
                 reach = radius + capsules.capsule[k, RADIUS]
                 t = time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, features.gravity)
                 if disc.last_update + t < disc.crossing_time or (t <= within and store.event[i].side < FIRST_CAPSULE):
