@@ -53,9 +53,7 @@ def speeds_in_equilibrium(speeds: Speeds, scene: Scene) -> Speeds:
         speed=float(speed[worst]),
         limit=float(scene.radii[worst]),
         between="",
-        collision_rate=estimated_collision_rate(
-            scene.radii, mean_speed, sides_at(scene, 0.0), list(scene._start.pieces())
-        ),
+        collision_rate=estimated_collision_rate(scene.radii, mean_speed, sides_at(scene, 0.0)),
         mean_speed=mean_speed,
         when="once collisions have shared the energy out",
     )

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -15,8 +15,6 @@ from mpsim.kernels import records
 from mpsim.scene.scene import Scene
 
 # --- Speeds of the discs of a state, relative to what the step allows
-
-Pieces = Sequence[tuple[int, int]]
 
 DENSE = 0.7
 """Packing from which on discs are taken for a crystal."""
@@ -88,13 +86,13 @@ def speeds_at_start(scene: Scene) -> Speeds:
     """Speeds of the discs of a scene, looked at piece by piece."""
     if not scene.count:
         return Speeds()
-    radii, sides, pieces = scene.radii, sides_at(scene, 0.0), list(scene._start.pieces())
+    radii, sides = scene.radii, sides_at(scene, 0.0)
     walls, fastest, squares = BoxSides(sides, scene.periodic, float(radii.max())), (), 0.0
     for first, velocity in scene._velocities_in_pieces():
         last = first + len(velocity)
         part = DiscSpeeds.of(np.arange(first, last), velocity, radii[first:last], walls)
         fastest, squares = faster_of(fastest, part.fastest), squares + float(part.squares.sum())
-    return _with_means(fastest, squares / len(radii), radii, sides, pieces)
+    return _with_means(fastest, squares / len(radii), radii, sides)
 
 
 def speeds_together(
@@ -113,7 +111,7 @@ def speeds_together(
     if not count:
         return Speeds()
     mean_square = mean_from(sum(all_of(part.counted(largest, count))), largest, count)
-    return _with_means(fastest, mean_square, radius, sides, ranges(count))
+    return _with_means(fastest, mean_square, radius, sides)
 
 
 class BoxSides(NamedTuple):
@@ -197,11 +195,10 @@ def _with_means(
     mean_square: float,
     radius: NDArray[np.float64],
     sides: tuple[float, float],
-    pieces: Pieces,
 ) -> Speeds:
     """The fastest disc, with what is said of all."""
     found, mean_speed = max(fastest, key=lambda speeds: speeds.fraction(1.0)), math.sqrt(mean_square)
-    rate = estimated_collision_rate(radius, mean_speed, sides, pieces)
+    rate = estimated_collision_rate(radius, mean_speed, sides)
     return replace(found, collision_rate=rate, mean_speed=mean_speed, smallest=float(radius.min()))
 
 
@@ -212,9 +209,7 @@ def sides_at(scene: Scene, time: float) -> tuple[float, float]:
     return width, height
 
 
-def estimated_collision_rate(
-    radius: NDArray[np.float64], speed: float, sides: tuple[float, float], pieces: Pieces
-) -> float:
+def estimated_collision_rate(radius: NDArray[np.float64], speed: float, sides: tuple[float, float]) -> float:
     """Collisions of a disc with others per time, after Enskog: 2 sqrt(pi) n sigma g sqrt(kT/m).
 
     g, the pair correlation at contact: of a fluid (Henderson 1975), or above packing 0.7 of a crystal by its free
@@ -224,10 +219,9 @@ def estimated_collision_rate(
         radius: of each disc, shape (N,) [length].
         speed: root mean square [length/time].
         sides: width and height of the box [length].
-        pieces: first disc and the one after the last of pieces of all discs, which are summed one by one.
     """
     area = sides[0] * sides[1]
-    squares = sum(float((radius[first:last] * radius[first:last]).sum()) for first, last in pieces)
+    squares = sum(float(np.square(radius[first:last]).sum()) for first, last in ranges(len(radius)))
     packing = math.pi * squares / area
     if speed == 0 or len(radius) < 2:
         return 0.0
