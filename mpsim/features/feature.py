@@ -234,13 +234,13 @@ class Feature:
     def to_plain(self, scene: Scene) -> Any:
         """Its value as plain values, from which `from_plain` restores it bit for bit."""
         value = self.of(scene)
-        return [plain(each) for each in value] if self.kinds and isinstance(value, tuple) else plain(value)
+        return [plain(each) for each in cast(Any, value)] if self.kinds and isinstance(value, tuple) else plain(value)
 
     def from_plain(self, values: Any) -> Any:
         """The value from which `to_plain` made plain values."""
         kinds = (*self.kinds, *self.within)
-        many = isinstance(values, list) and not (values and isinstance(values[-1], dict))
-        return [restored(each, kinds) for each in values] if self.kinds and many else restored(values, kinds)
+        several = self.kinds and isinstance(values, list) and not (values and isinstance(values[-1], dict))
+        return [restored(each, kinds) for each in cast(Any, values)] if several else restored(values, kinds)
 
 
 def given(name: str, value: Any, kind: type[Any]) -> dict[str, Any]:

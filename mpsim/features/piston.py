@@ -258,14 +258,13 @@ class PistonFeature(Feature):
         arrays["moving_wall.wall"]["dt"], arrays["moving_wall.wall"]["origin"] = dt, origin[1]
 
     def description(self, scene: Scene) -> str:
-        words: list[str] = []
-        for piston in self.pistons(scene):
-            start = "" if piston.start is None else f"from {piston.start:g} "
-            how = (
-                f"speed {piston.speed:g}, {start}to {piston.stop:g}" if piston.motion is None else f"{piston.motion!r}"
-            )
-            words.append(f"the {piston.wall} wall, {how}")
-        return "; ".join(words)
+        how = {
+            each.wall: f"speed {each.speed:g}, {'' if each.start is None else f'from {each.start:g} '}to {each.stop:g}"
+            if each.motion is None
+            else repr(each.motion)
+            for each in self.pistons(scene)
+        }
+        return "; ".join(f"the {wall} wall, {words}" for wall, words in how.items())
 
 
 PISTON = PistonFeature()

@@ -370,13 +370,13 @@ class Scene(ReadOnly):
     def starting_from(self, state: State, time: float = 0.0) -> Scene:
         """The same scene with the positions, velocities and spins of a state, to continue from there.
 
-        Absorbed discs are left out, with all their properties. The piston starts where the state has it. Image flags
+        Absorbed discs are left out, with all their properties. A piston starts where the state has it. Image flags
         start at 0. A thermostat gets another seed, which follows from its own and the state.
 
         Args:
             state: of as many discs as the scene has, absorbed ones included. Coordinates may lie beyond a wall by the
                 rounding of their precision (float32 if each is a float32 number); they are moved to the wall.
-            time: of the run at which the state was, such as sim.time: obstacles that move go on from there [time].
+            time: of the run at which the state was, such as sim.time: motions go on from there [time].
 
         Raises:
             InputError: if the number of discs differs, or the state does not fit the box.

@@ -44,15 +44,9 @@ def features_of(arrays: Mapping[str, Any], worker: int = 0) -> Any:
 
 
 @inlined
-def wall_speed(edge, features, parameters):
-    """Speed of the wall at an edge (LEFT, ...) [length/time]."""
-    return piston.wall_speed(features.moving_wall, edge, parameters)
-
-
-@inlined
-def wall_acceleration(edge, features, parameters):
-    """Acceleration of the wall at an edge [length/time^2]."""
-    return piston.wall_acceleration(features.moving_wall, edge, parameters)
+def wall_motion(edge, features, parameters):
+    """Speed and acceleration of the wall at an edge (LEFT, ...) [length/time], [length/time^2]."""
+    return piston.wall_motion(features.moving_wall, edge, parameters)
 
 
 @inlined

@@ -93,19 +93,11 @@ def prepare_next_step(moving_wall, parameters, control):
 
 
 @inlined
-def wall_speed(moving_wall, edge, parameters):
-    """Speed of the wall at an edge (LEFT, ...)."""
+def wall_motion(moving_wall, edge, parameters):
+    """Speed and acceleration of the wall at an edge (LEFT, ...)."""
     if moving_wall is None:
-        return real(parameters, 0)
-    return moving_wall.wall[edge].velocity
-
-
-@inlined
-def wall_acceleration(moving_wall, edge, parameters):
-    """Acceleration of the wall at an edge."""
-    if moving_wall is None:
-        return real(parameters, 0)
-    return moving_wall.wall[edge].acceleration
+        return real(parameters, 0), real(parameters, 0)
+    return moving_wall.wall[edge].velocity, moving_wall.wall[edge].acceleration
 
 
 @inlined

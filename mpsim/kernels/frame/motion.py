@@ -16,9 +16,8 @@ from mpsim.kernels.features.hooks import (
     is_absent,
     lets_out,
     special_borders,
-    wall_acceleration,
+    wall_motion,
     wall_place,
-    wall_speed,
 )
 from mpsim.kernels.features.properties import accelerate, accelerations_of
 from mpsim.kernels.machine import atomic_store
@@ -30,9 +29,9 @@ from mpsim.kernels.records import ALONG_X, ALONG_Y, BAD, BOTTOM, FASTEST_SCALE, 
 @inlined
 def with_motions(low, high, edges, features, parameters):
     """Walls at such places, with the motions of those at these edges."""
-    speeds = wall_speed(edges[0], features, parameters), wall_speed(edges[1], features, parameters)
-    bends = wall_acceleration(edges[0], features, parameters), wall_acceleration(edges[1], features, parameters)
-    return Walls(low, high, speeds[0], speeds[1], bends[0], bends[1])
+    low_speed, low_acceleration = wall_motion(edges[0], features, parameters)
+    high_speed, high_acceleration = wall_motion(edges[1], features, parameters)
+    return Walls(low, high, low_speed, high_speed, low_acceleration, high_acceleration)
 
 
 @inlined
