@@ -42,7 +42,7 @@ from mpsim.core.state import State
 from mpsim.core.version import __version__
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN
-from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.engine.solvers.methods import in_one_process
 from mpsim.errors import InputError, MpsimError, SweepWarning, level_of_caller
 from mpsim.measure import registry
 from mpsim.measure.statistics import Measure
@@ -276,12 +276,7 @@ class SceneRun:
         """
         usual = check_settings(self.settings or Settings()) if scene is None else settings_for(scene, self.settings)
         changes = {name: value for name, value in varied.items() if name not in LENGTHS}
-        settings = dataclasses.replace(usual, **changes)
-        if capabilities_of(settings).on_ranks:
-            raise InputError(
-                f"method must be one that runs in a process, as each run of a sweep does; got {settings.method!r}. Use "
-                "'grid', which has the same bits."
-            )
+        settings = in_one_process(dataclasses.replace(usual, **changes), "each run of a sweep")
         return settings if settings.workers else dataclasses.replace(settings, workers=1)
 
     def length_of(self, varied: Mapping[str, Any], scene: Scene | None) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from mpsim.engine.room import make_room
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.base import InPlace, in_place
-from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.engine.solvers.methods import capabilities_of, in_one_process
 from mpsim.errors import ClosedError, InputError, MpsimError
 from mpsim.features.capsules import of_discs
 from mpsim.features.obstacles import Polyline, capsules_of
@@ -261,20 +261,6 @@ def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:
     return dataclasses.replace(settings, dt=dt / each), each
 
 
-def demand_one_process(settings: Settings) -> Settings:
-    """Settings that a view can run, unchanged.
-
-    Raises:
-        InputError: if they need several ranks.
-    """
-    if capabilities_of(settings).on_ranks:
-        raise InputError(
-            f"a view runs in one process; got method {settings.method!r}, which runs on ranks. Use method='grid', "
-            "which has the same bits."
-        )
-    return settings
-
-
 # --- Runs long work in a thread of its own, and can cancel it
 
 CLOSING_SECONDS = 5.0  # longest time that `stop` waits for cancelled work to end
@@ -359,7 +345,7 @@ class Comparison:
             return
         try:
             wanted = self._wanted if isinstance(self._wanted, Settings) else self._wanted(settings)
-            self._settings = demand_one_process(wanted)
+            self._settings = in_one_process(wanted, "a view")
             self.second = SecondStage(scene, wanted, settings.dt)
         except MpsimError as error:
             self._note = str(error)

@@ -18,13 +18,14 @@ from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation, read_in_place
 from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.grid import Pass, next_frame_in_passes
+from mpsim.engine.solvers.methods import in_one_process
 from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.viewer import export, share_url
 from mpsim.viewer.colouring import CHOICES, Colouring, scale_of
-from mpsim.viewer.comparison import Comparison, Tuning, demand_one_process
+from mpsim.viewer.comparison import Comparison, Tuning
 from mpsim.viewer.edits import Interactions, Moment
 from mpsim.viewer.gauges import Gauges, Meter, bulk_pressure
 from mpsim.viewer.protocol import MOST_NUMBER, Action, command, one_of, whole
@@ -94,9 +95,9 @@ class Session(Source):
         self._owned = isinstance(shown, Scene)
         self._sim = None if isinstance(shown, Scene) else shown
         if beside is not None:
-            demand_one_process(beside)
+            in_one_process(beside, "a view")
         own = settings_for(self.scene, settings) if self._sim is None else self._sim.settings
-        self._settings = demand_one_process(own)
+        self._settings = in_one_process(own, "a view")
         self._given, self._seed, self._name = self.scene, 0, name
         self._parameters: Mapping[str, Any] = {}
         self._has_link = self._owned and export.is_named(self.scene, name)

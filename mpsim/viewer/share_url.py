@@ -16,7 +16,7 @@ from urllib.parse import parse_qsl, quote, urlencode
 
 from mpsim.core import checks
 from mpsim.engine import parameters
-from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.engine.solvers.methods import capabilities_of, in_one_process
 from mpsim.errors import InputError
 from mpsim.scene import scenefile
 from mpsim.scene.scene import Scene, settings_for
@@ -174,8 +174,7 @@ def _demand_short_frames(settings: Settings, usual: float, frames: int = 1) -> N
 
     usual: dt of the scene [time]; frames: of these settings in one frame of the first stage.
     """
-    if capabilities_of(settings).on_ranks:
-        raise InputError(f"method of a link must run in one process; got {settings.method!r}. Use method=grid.")
+    in_one_process(settings, "the view of a link")
     _demand_near("dt", settings.dt, usual)
     for name in ("passes", "substeps"):
         checks.whole(name, getattr(settings, name), 1, MOST_DIVISIONS, "A link may not ask for more.")

@@ -30,7 +30,7 @@ HOSTILE = {
     "scene=gas&passes=1000": "passes must be a whole number from 1 to 100",
     "scene=gas&seed=99999999999999999999": "seed must be a whole number from 0",
     "scene=cradle&seed=3": "seed must be left out",
-    "scene=gas&method=mpi": "must run in one process",
+    "scene=gas&method=mpi": "that runs in one process",
     "scene=gas&method=events": "Did you mean 'event'",
     "scene=gas&gravity=5": "gravity in a link must be two numbers, such as gravity=0,-5; got '5'. Give x and y.",
     "scene=gas&gravity=inf,0": "gravity must be finite",

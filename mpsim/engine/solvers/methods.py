@@ -4,6 +4,7 @@ import logging
 from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
+from mpsim.core.checks import refusal
 from mpsim.core.late import named
 from mpsim.core.machine import may_start_processes, usable_cores
 from mpsim.engine.access import Notices
@@ -79,6 +80,14 @@ def capabilities_of(settings: Settings) -> Method:
 def on_ranks(method: str | None) -> bool:
     """Whether a method of this name runs on ranks."""
     return isinstance(method, str) and method in METHODS and METHODS[method].on_ranks
+
+
+def in_one_process(settings: Settings, what: str) -> Settings:
+    """The settings, refused if they need ranks; what: is to run with them, in words."""
+    if capabilities_of(settings).on_ranks:
+        rule = f"be one that runs in one process, as {what} does"
+        raise refusal("method", rule, repr(settings.method), "Use 'grid', which has the same bits.")
+    return settings
 
 
 def number_of_ranks(comm: Any) -> int:
