@@ -429,11 +429,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 
 def entry_of(kernel: Any, *arguments: Any) -> Callable[..., Any]:
-    """The machine code of a compiled kernel for arguments of these types, compiled or loaded now.
-
-    Called with others it may end the process: it looks up no types, which takes Numba longer than a frame of a hundred
-    discs.
-    """
+    """The machine code of a kernel for arguments of these types, which looks up none; others may end the process."""
     if JIT_DISABLED:
         return kernel
     key = kernel, compute_fingerprint(arguments)  # of their types, in microseconds, where `typeof` takes a millisecond

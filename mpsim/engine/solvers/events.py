@@ -39,6 +39,7 @@ from mpsim.engine.solvers.event_tiles import Windows
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.errors import DivergedError, StalledError
 from mpsim.kernels import records as stepped
+from mpsim.kernels.compiling import entry_of
 from mpsim.kernels.events import cells, records, solver
 from mpsim.kernels.features import collisions
 from mpsim.scene.scene import Scene
@@ -146,21 +147,11 @@ class EventSolver(Solver, CollisionLog):
         """Play the box as a whole, in this process: as `run_events`."""
         before, started = int(self._system.store.counter["events"]), time.perf_counter()
         # No call among the arguments: in a signal handler after it the process may fork, and the block be another's.
-        call = (
-            *self._system,
-            self._settings.dt,
-            frames,
-            self._events_per_call,
-            stop,
-            self._progress,
-            self._seen,
-            times[0],
-            totals,
-            self._clock,
-        )
+        call = (solver.PLAY, *self._system, self._settings.dt, frames, self._events_per_call, stop)
+        call += self._progress, self._seen, times[0], totals, self._clock
         if self._played is not self._system:
-            self._player, self._played = solver.player(*call), self._system
-        outcome = self._player(solver.PLAY, *call)
+            self._player, self._played = entry_of(solver.run_events, *call), self._system
+        outcome = self._player(*call)
         if outcome[1] == records.PAUSED:
             done = int(self._system.store.counter.events) - before
             fitting, last = done * SECONDS_AT_ONCE / max(time.perf_counter() - started, 1e-9), self._events_per_call

@@ -94,8 +94,8 @@ def naive_call(block: SharedBlock) -> Callable[[], int]:
     if (known := block.calls.get("naive")) is None:
         its = kernel_arguments(block, 0)
         parameters, control = records.row_of(its.parameters), records.row_of(its.control)
-        known = bound(run_naive, its.a, its.features, parameters, control, its.team, its.tally, its.times)
-        block.calls["naive"] = known
+        call = its.a, its.features, parameters, control, its.team, its.tally, its.times
+        known = block.calls["naive"] = bound(run_naive, *call)
     return known
 
 

@@ -54,10 +54,7 @@ class Program(NamedTuple):
 
 
 class GridArguments(NamedTuple):
-    """Arguments of `run_grid`, or `run_part`, in its order; see there. All but the last two are views of the block.
-
-    parameters, control: the records themselves.
-    """
+    """Arguments of `run_grid`, or `run_part`, in its order; see there. All but the last two are views of the block."""
 
     a: records.Discs
     b: records.Discs

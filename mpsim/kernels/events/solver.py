@@ -21,7 +21,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, entry_of, inlined, linked
+from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.boundary import is_wall
 from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times
 from mpsim.kernels.events.cells import (
@@ -317,13 +317,8 @@ def run_events(
     return finished, status, float(particle)
 
 
-def player(*call):
-    """What plays frames when called with PLAY and arguments of the same types."""
-    return entry_of(run_events, PLAY, *call)
-
-
 def advance_frames(*call):
-    """As `play_frames`, once."""
+    """As `play_frames`."""
     finished, status, particle = run_events(PLAY, *call)
     return finished, status, int(particle)
 

@@ -229,10 +229,7 @@ def run_grid(a, b, start, changes, features, parameters, control, team, sent, ta
 
 @compiled
 def run_naive(discs, features, parameters, control, team, tally, times):
-    """All frames of one command by testing all pairs i < j in index order. Returns RUNNING or BAD_STATE.
-
-    parameters, control: arrays of one record.
-    """
+    """All frames of one command by testing all pairs i < j in index order. Returns RUNNING or BAD_STATE."""
     parameters, control, mine = parameters[0], control[0], team[0]
     count = control.count
     mine.frame = 0
