@@ -96,7 +96,7 @@ class Ensemble:
         self._short = [name for name in measures if name in SHORT]
         self._scene = scene
         self._runner = Runner[str](executor)
-        self._further: dict[int, tuple[State, ...]] = {}
+        self._further: dict[int, tuple[tuple[State, float], ...]] = {}
         self._slowness = 1.0  # time of parallel runs over their forecast from a single one
         self._progress = progress or (lambda done, of, what: None)
         contact_time = None if contact_time is None else _checked_contact_time(scene, contact_time)
@@ -344,7 +344,7 @@ class Ensemble:
             f"that is doubled. Allow a larger error, give {finer}, or ask for another measure."
         )
 
-    def _starts(self, first: int) -> list[tuple[int, State]]:
+    def _starts(self, first: int) -> list[tuple[int, tuple[State, float]]]:
         """Numbered starts of short runs, different for each `first`."""
         if first and first not in self._further:
             self._further[first] = self.preliminary.further_starts(self._scene, first)

@@ -197,7 +197,7 @@ class PreliminaryRun:
         guard: contact time of the reference [time]; 0 if it has none, because nothing needs one or it is stepped.
         thermal_velocity: root mean square of one velocity component [length/time].
         collisions: of pairs, per time [1/time].
-        starts: states along the run.
+        starts: states along the run, and their times.
         gap: time between the last two of them [time].
         seconds: wall time that the reference takes for a unit of time on one core [s/time].
         growth: Lyapunov exponent, at least 1/100 of a crossing time's inverse [1/time].
@@ -212,7 +212,7 @@ class PreliminaryRun:
     guard: float
     thermal_velocity: float
     collisions: float
-    starts: tuple[State, ...]
+    starts: tuple[tuple[State, float], ...]
     gap: float
     seconds: float
     growth: float = 0.0
@@ -239,16 +239,16 @@ class PreliminaryRun:
         alike = alike and not (self.by_frames and settings.dt != self.reference.dt)
         return all(capabilities_of(each).is_exact for each in (settings, self.reference)) and alike
 
-    def further_starts(self, scene: Scene, first: int) -> tuple[State, ...]:
+    def further_starts(self, scene: Scene, first: int) -> tuple[tuple[State, float], ...]:
         """As many other states, between each start and the next, different for each number `first`."""
         elapsed = self.gap * (first * GOLDEN % 1)
         settings = replace(self.settings, dt=min(self.settings.dt, elapsed / 2))
-        states = []
-        for start in self.starts:
-            with quietly(), Simulation(scene.starting_from(start), settings) as sim:
+        starts = []
+        for state, time in self.starts:
+            with quietly(), Simulation(scene.starting_from(state, time), settings) as sim:
                 sim.run(until=elapsed)
-                states.append(sim.state)
-        return tuple(states)
+                starts.append((sim.state, time + sim.time))
+        return tuple(starts)
 
 
 def preliminary_run(
@@ -433,7 +433,7 @@ def _observed(scene: Scene, settings: Settings, crossing: float, until: float | 
     """
     collisions, guarded, guard, seconds = 0, 0, 0.0, 0.0
     with quietly(), Simulation(scene, settings) as sim:
-        states = [sim.state]
+        starts = [(sim.state, 0.0)]
         progress = _limit(limit)
         block = done = likely = 1
         for number in range(1, STARTS + 1):
@@ -448,8 +448,8 @@ def _observed(scene: Scene, settings: Settings, crossing: float, until: float | 
             guard = report.contact_time
             likely = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))
             block = likely if until is None else block
-            states.append(sim.state)
-        moving = [(state.velocity[state.present] ** 2).mean() for state in states if state.present.any()]
+            starts.append((sim.state, sim.time))
+        moving = [(state.velocity[state.present] ** 2).mean() for state, _ in starts if state.present.any()]
         by_frames = scene.thermostat is not None
         return PreliminaryRun(
             settings=settings,
@@ -458,7 +458,7 @@ def _observed(scene: Scene, settings: Settings, crossing: float, until: float | 
             guard=guard,
             thermal_velocity=float(np.sqrt(np.mean(moving))) if moving else 0.0,
             collisions=collisions / sim.time,
-            starts=tuple(states[:-1]),
+            starts=tuple(starts[:-1]),
             gap=done * settings.dt,
             seconds=seconds / sim.time,
             by_frames=by_frames,

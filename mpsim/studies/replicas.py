@@ -216,9 +216,14 @@ def _cumulative(state: State, unit: float) -> list[float]:
 
 @_attempt
 def short_run(
-    scene: Scene, settings: Settings, plan: Plan, start: State, reference: Settings, stop: threading.Event | None = None
+    scene: Scene,
+    settings: Settings,
+    plan: Plan,
+    start: tuple[State, float],
+    reference: Settings,
+    stop: threading.Event | None = None,
 ) -> dict[str, Any]:
-    """A run of length plan.short beside the reference, both from `start`, rounded to whole frames.
+    """A run of length plan.short, in whole frames, and the reference, both from `start`: a state and its time.
 
     Returns:
         "trajectory", the deviation of the positions [diameters], and "collisions" of both: a stepped run resolves
@@ -228,7 +233,7 @@ def short_run(
         InputError: if two correct solvers do not agree for that long.
         Stopped: if `stop` is set.
     """
-    scene, progress = scene.starting_from(start), time_limit(math.inf, "", stop)
+    scene, progress = scene.starting_from(*start), time_limit(math.inf, "", stop)
     frames = max(round(plan.short / settings.dt), 1)
     until = frames * settings.dt
     require_predictable(until, plan.rate)

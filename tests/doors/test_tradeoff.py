@@ -130,10 +130,10 @@ def test_trajectories_are_compared_from_states_along_a_run(studied):
     table, done = studied
     settings, distances, missed, total = COARSE, [], [], 0
     starts = [each for (_, chosen, *rest), _ in done if chosen == settings for each in rest
-              if isinstance(each, mpsim.State)]  # fmt: skip
+              if isinstance(each, tuple) and isinstance(each[0], mpsim.State)]  # fmt: skip
     frames = round(table.short / settings.dt)
     for each in starts:
-        scene, states, met = gas(20, 0.5).starting_from(each), [], []
+        scene, states, met = gas(20, 0.5).starting_from(*each), [], []
         for way, count in ((settings, frames), (Settings(method="event", dt=frames * settings.dt), 1)):
             with mpsim.Simulation(scene, way) as sim:
                 met.append(sim.run(frames=count).collisions)
@@ -146,6 +146,15 @@ def test_trajectories_are_compared_from_states_along_a_run(studied):
     assert errors["trajectory"].value == pytest.approx(np.mean(distances), rel=1e-9)
     assert errors["trajectory"].error == pytest.approx(np.std(distances, ddof=1) / math.sqrt(len(starts)), rel=1e-9)
     assert errors["missed_collisions"].value == pytest.approx(sum(missed) / total, rel=1e-9)
+
+
+@pytest.mark.long
+def test_short_runs_begin_where_what_moves_is_at_their_time():
+    piston = mpsim.Piston("right", start=18.0, motion=mpsim.Oscillation((1.0, 0.0), period=5.0))
+    scene = Scene.random(count=20, width=20, height=20, radius=0.5, inside=(0.5, 0.5, 15, 19.5), piston=piston)
+    table = tradeoff(scene, [Settings(dt=0.02, method="naive")], until=4, replicas=2, measures=["trajectory"])
+    assert table.rows[0].failure is None
+    assert table.rows[0].errors["trajectory"].value < 0.1
 
 
 def test_the_default_candidates_have_each_contact_law_precision_and_method(costs, tmp_path):
