@@ -297,7 +297,7 @@ def test_a_run_that_fails_is_a_row_and_measures_that_cannot_be_are_left_out_unle
     [
         (SCENE, {"dtt": [0.1]}, {"until": 1}, r"grid\['dtt'\] must be one of 'dt', .*Did you mean 'dt'.*give a fun"),
         (SCENE, {"method": ["grid", "mpi"]}, {"until": 1}, "method must be one that runs in one.*got 'mpi'"),
-        (SCENE, {"dt": [1]}, {"until": 1, "settings": Settings(method="mpi")}, "method must be one that runs in one process"),
+        (SCENE, {"dt": [1]}, {"until": 1, "settings": Settings(method="mpi")}, "method must be one that runs in one"),
         (SCENE, {"dt": [0.1]}, {}, "a sweep of runs must have their length.*got neither"),
         (SCENE, {"dt": [0.1]}, {"until": 1, "frames": 2}, "a sweep of runs must have.*got until and frames"),
         ("no.toml", {"dt": [0.1]}, {"until": 1}, "scene must be a file that can be read; got 'no.toml'"),
