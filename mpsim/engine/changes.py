@@ -4,6 +4,7 @@ import math
 import numbers
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks
 from mpsim.core.columns import EXITS, MASS, SPIN, Column, check_names, given
 from mpsim.engine.feature_arrays import columns_of
-from mpsim.engine.parameters import in_force
+from mpsim.engine.parameters import in_force, plain
 from mpsim.engine.solvers.base import NewDiscs, Solver, Terms
 from mpsim.errors import InputError
 from mpsim.features import feature
 from mpsim.features.motions import Movement
-from mpsim.features.obstacles import Polyline, Removed, capsules_of
+from mpsim.features.obstacles import OBSTACLES, Obstacle, Polyline, Removed, capsules_of, listed
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
@@ -143,7 +144,7 @@ def after(scene: Scene, settings: Settings, change: Change) -> tuple[Scene, Sett
         return in_force(scene, settings, change.values, change.time)
     if change.what == REMOVE and not scene._loses_discs:
         return scene._replace(_has_gaps=True), settings
-    return with_walls(scene, change) if change.what in WALLS else scene, settings
+    return _with_walls(scene, change) if change.what in WALLS else scene, settings
 
 
 def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]) -> tuple[Scene, Settings]:
@@ -241,60 +242,81 @@ def checked_remove(solver: Solver, ids: ArrayLike) -> Change:
     return made(solver, REMOVE, {"ids": _present_numbers(solver, ids)})
 
 
-def checked_wall(solver: Solver, start: Scene, wall: Polyline) -> Change:
-    """`Simulation.add_wall`, checked; start: the scene at the start, whose emitters and piston must keep their room."""
-    values: dict[str, Any] = {"points": np.array(wall.points), "thickness": wall.thickness}
-    values |= {"motion": wall.motion} if wall.motion else {}
-    values |= {"surface_velocity": wall.surface_velocity} if wall.surface_velocity else {}
-    scene = solver.terms.scene
-    size = scene.width, scene.height
-    for index in np.flatnonzero(((values["points"] < 0) | (values["points"] > size)).any(axis=1))[:1].tolist():
-        raise InputError(
-            f"points of a wall must be in the box, [0, {size[0]:g}] x [0, {size[1]:g}]; points[{index}] is "
-            f"{tuple(values['points'][index].tolist())}. Move it."
-        )
-    change = made(solver, WALL, values)
-    after = with_walls(scene, change)
-    _check_without_discs(with_walls(start, change))
-    discs, here = solver.discs(), np.flatnonzero(~solver.absorbed)
-    position, radius = discs.position[here].astype(np.float64), discs.radius[here]
-    alone = scene._replace(obstacles=after.obstacles[-1])
-    if (found := alone._deepest(position, radius, change.time)) is not None:
-        number, at = here[found.disc], tuple(position[found.disc].tolist())
-        raise InputError(
-            f"a wall must be clear of all discs; got disc {number} at {at}, {found.depth:.3g} inside it with radius "
-            f"{radius[found.disc]:g}. Put it elsewhere, or move the disc first."
-        )
-    return change
+def checked_parameters(solver: Solver, start: Scene, given: Mapping[str, Any]) -> Change:
+    """`Simulation.change`, checked but for speeds, and for what `in_force` checks."""
+    if "obstacles" not in given:
+        return made(solver, PARAMETERS, plain(given))
+    there = [each for each in listed(given["obstacles"]) if not isinstance(each, Removed)]
+    return _checked_obstacles(solver, start, PARAMETERS, plain({**given, "obstacles": there}))
 
 
-def _check_without_discs(scene: Scene) -> None:
-    """Check the features of a scene that changes in a run: its discs are no longer where they began."""
-    bare = scene._without_discs()
+def checked_wall(solver: Solver, start: Scene, wall: ArrayLike | Obstacle) -> Change:
+    """`Simulation.add_wall`, checked."""
+    return _checked_obstacles(solver, start, WALL, {"wall": _obstacle(wall)})
+
+
+def _obstacle(wall: Any) -> Obstacle:
+    """An obstacle, or the Polyline that points make."""
+    if not isinstance(wall, Obstacle):
+        return Polyline(wall)
+    if not isinstance(wall, OBSTACLES.kinds):
+        kinds = ", ".join(f"mpsim.{kind.__name__}" for kind in OBSTACLES.kinds)
+        raise checks.refusal("wall", f"be one of {kinds}, or points", f"a {type(wall).__name__}", "Use one of these.")
+    return wall
+
+
+def checked_move(solver: Solver, start: Scene, wall: int, motion: Movement | None) -> Change:
+    """`Simulation.move_wall`, checked."""
+    values: dict[str, Any] = {"wall": _present_wall(solver.terms.scene, wall)}
+    return _checked_obstacles(solver, start, MOVE_WALL, values | ({"motion": motion} if motion else {}))
+
+
+def checked_removal(solver: Solver, start: Scene, wall: int) -> Change:
+    """`Simulation.remove_wall`, checked."""
+    return _checked_obstacles(solver, start, REMOVE_WALL, {"wall": _present_wall(solver.terms.scene, wall)})
+
+
+def _checked_obstacles(solver: Solver, start: Scene, what: str, values: Mapping[str, Any]) -> Change:
+    """A change of obstacles: new ones are clear of discs, and those that move go on from where they are.
+
+    start: the scene at the start, whose emitters and pistons must keep their room.
+    """
+    change, (scene, settings, _) = made(solver, what, values), solver.terms
+    before, now = scene.obstacles, after(scene, settings, change)[0].obstacles
+    differ = tuple(Removed() if each == old else each for each, old in zip_longest(now, before))
+    bare = start._replace(obstacles=differ)._without_discs()
     for each in bare._features:
         each.check(bare)
-
-
-def checked_move(solver: Solver, wall: int, motion: Movement | None) -> Change:
-    """`Simulation.move_wall`, checked."""
-    scene = solver.terms.scene
-    number = _present_wall(scene, wall)
-    change = made(solver, MOVE_WALL, {"wall": number, "motion": motion} if motion else {"wall": number})
-    moved = with_walls(scene, change)
-    _check_without_discs(moved)
-    before, after = (each.obstacles[number] for each in (scene, moved))
-    jump = np.abs(capsules_of((after,), change.time) - capsules_of((before,), change.time)).max()
-    if jump > 1e-9 * max(scene.width, scene.height):
-        raise InputError(
-            f"motion must begin where the wall is; got {motion!r}, which would displace it at once by {jump:.3g}. Use "
-            "a phase of 0, or a first displacement of (0, 0)."
-        )
+    _check_moved(scene, differ, change)
+    if len(now) > len(before):
+        new = (Removed(),) * len(before) + differ[len(before) :]
+        _check_clear(solver, scene._replace(obstacles=new), change.time)
     return change
 
 
-def checked_removal(solver: Solver, wall: int) -> Change:
-    """`Simulation.remove_wall`, checked."""
-    return made(solver, REMOVE_WALL, {"wall": _present_wall(solver.terms.scene, wall)})
+def _check_moved(scene: Scene, differ: tuple[Obstacle, ...], change: Change) -> None:
+    """Refuse motions of obstacles that are there if they begin elsewhere."""
+    for before, now in zip(scene.obstacles, differ, strict=False):
+        if isinstance(now, Removed):
+            continue
+        jump = np.abs(capsules_of((now,), change.time) - capsules_of((before,), change.time)).max()
+        if jump > 1e-9 * max(scene.width, scene.height):
+            raise InputError(
+                f"motion must begin where the wall is; got {now.motion!r}, which would displace it at once by "
+                f"{jump:.3g}. Use a phase of 0, or a first displacement of (0, 0)."
+            )
+
+
+def _check_clear(solver: Solver, scene: Scene, time: float) -> None:
+    """Refuse discs that are there in the obstacles of a scene, or outside its containers."""
+    discs, here = solver.discs(), np.flatnonzero(~solver.absorbed)
+    position, radius = discs.position[here].astype(np.float64), discs.radius[here]
+    if (found := scene._deepest(position, radius, time)) is not None:
+        number, at = here[found.disc], tuple(position[found.disc].tolist())
+        raise InputError(
+            f"a wall must be clear of all discs; got disc {number} at {at} with radius {radius[found.disc]:g}, "
+            f"{found.depth:.3g} inside {found.where}. Put it elsewhere, or move the disc first."
+        )
 
 
 def _present_wall(scene: Scene, wall: int) -> int:
@@ -355,18 +377,16 @@ def _check_room(solver: Solver, numbers: NDArray[np.int64], position: Floats) ->
     _check_new(scene, solver.time, beside, "position", position, solver.radii[numbers])
 
 
-def with_walls(scene: Scene, change: Change) -> Scene:
+def _with_walls(scene: Scene, change: Change) -> Scene:
     """A scene after a change of its obstacles, of one of the kinds WALLS."""
-    values, obstacles = dict(change.values), list(scene.obstacles)
-    motion = values.pop("motion", None)
+    values, obstacles, time = change.values, [*scene.obstacles], change.time
     if change.what == WALL:
-        obstacles.append(Polyline(**values).turned_over_to(motion, change.time))
+        obstacles.append(_obstacle(values["wall"]).seen_from(-time))
+    elif change.what == MOVE_WALL:
+        obstacles[values["wall"]] = obstacles[values["wall"]].turned_over_to(values.get("motion"), time)
     else:
-        number = values["wall"]
-        obstacles[number] = (
-            Removed() if change.what == REMOVE_WALL else obstacles[number].turned_over_to(motion, change.time)
-        )
-    return scene._replace(obstacles=tuple(obstacles))
+        obstacles[values["wall"]] = Removed()
+    return scene._replace(obstacles=obstacles)
 
 
 def edited(discs: NewDiscs, change: Change) -> NewDiscs:

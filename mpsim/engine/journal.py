@@ -21,7 +21,7 @@ from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN, Origin
 from mpsim.engine.solvers.methods import settings_to_go_on
 from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.features.feature import plain, restored
-from mpsim.features.motions import MOTIONS
+from mpsim.features.obstacles import OBSTACLES
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.scene.toml import pairs
@@ -189,9 +189,9 @@ def _checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:
             raise ValueError(f"frames must be whole numbers that do not fall, up to {frame!r:.30}; got {at!r:.30}")
         if type(time) not in (int, float) or what not in KINDS or not isinstance(values, dict):
             raise ValueError(f"change {number} must have a time and be one of {', '.join(KINDS)}; got {what!r:.60}")
-        if "motion" in values:
-            values["motion"] = restored(values["motion"], MOTIONS)
-        found.append(Change(at, float(time), what, values))
+        kinds = (*OBSTACLES.kinds, *OBSTACLES.within) if what in (PARAMETERS, *WALLS) else ()
+        given = {name: restored(value, kinds) for name, value in values.items()} if kinds else values
+        found.append(Change(at, float(time), what, given))
     return tuple(found)
 
 

@@ -19,6 +19,7 @@ from mpsim.errors import InputError
 from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.emitters import Emitter
 from mpsim.features.laws import friction_coefficient
+from mpsim.features.obstacles import Obstacle, exchanged, listed
 from mpsim.features.piston import Piston
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -37,6 +38,7 @@ class Parameters(TypedDict, total=False):
     every: int | Sequence[int]
     temperature: float
     wall_temperature: float | Sequence[float]
+    obstacles: Sequence[Obstacle] | Obstacle
     dt: float
     contact: str
     passes: int
@@ -91,6 +93,8 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], time: f
             values["thermostat"] = _at_temperature(scene.thermostat, value)
         elif name == "wall_temperature":
             values["thermal_walls"] = _with_walls_at(scene.thermal_walls, value)
+        elif name == "obstacles":
+            values["obstacles"] = exchanged(scene.obstacles, listed(value), time)
     changed = dataclasses.replace(settings, **{name: given[name] for name in OF_SETTINGS if name in given})
     scene = scene._replace(**values) if values else scene
     for feature in scene._features:

@@ -38,7 +38,7 @@ from mpsim.engine.checkpoint import checked_place
 from mpsim.engine.emission import Emission, Insert
 from mpsim.engine.journal import Changed, Journal, replayed
 from mpsim.engine.observers import Observer, Observers
-from mpsim.engine.parameters import Parameters, check_names, plain
+from mpsim.engine.parameters import Parameters, check_names
 from mpsim.engine.report import Measures, Report
 from mpsim.engine.room import room_for
 from mpsim.engine.run import (
@@ -84,7 +84,7 @@ from mpsim.errors import (
 )
 from mpsim.features.capsules import of_discs
 from mpsim.features.motions import Movement
-from mpsim.features.obstacles import Obstacle, Polyline
+from mpsim.features.obstacles import Obstacle
 from mpsim.kernels.compiling import compile_seconds
 from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene, settings_for
@@ -889,8 +889,10 @@ class Simulation(ReadOnly):
                 wall_friction, of a scene in which they are > 0, and > 0 again; temperature, of a thermostat;
                 wall_temperature, one number for all thermal walls or a list with one for each, in the order left,
                 right, bottom, top; interval or every of emitters, one number for all that have it or a list with one
-                for each; piston_speed, of a piston that then goes on from where it is. What is left of an emitter's
-                interval shrinks or grows as the interval does. dt not in a callback of `run`.
+                for each; piston_speed, of a piston that then goes on from where it is; obstacles, of which those equal
+                to one of `scene.obstacles` stay as they are with their numbers, the others there are removed, and new
+                ones come as by `add_wall`. What is left of an emitter's interval shrinks or grows as the interval
+                does. dt not in a callback of `run`.
 
         Raises:
             InputError, TooFastError: as `set`; the first says what can be changed.
@@ -912,29 +914,21 @@ class Simulation(ReadOnly):
                 "length; got "
                 f"{given['dt']!r}. Return from the run before."
             )
-        self._take_over(changes.made(solver, changes.PARAMETERS, plain(given)))
+        self._take_over(changes.checked_parameters(solver, self._start[0], given))
 
     @exclusive
-    def add_wall(
-        self,
-        points: ArrayLike,
-        thickness: float = 0.0,
-        *,
-        motion: Movement | None = None,
-        surface_velocity: float = 0.0,
-    ) -> int:
-        """Put up a wall between two frames: one more Polyline among the obstacles of `scene`.
+    def add_wall(self, wall: ArrayLike | Obstacle) -> int:
+        """Put up a wall, or any other obstacle, between two frames: one more among the obstacles of `scene`.
 
         The first obstacle of a scene makes the simulation load other kernels, compiled once on each machine. Measures
         that mean nothing in a scene with obstacles are NaN for a run in which a wall is put up.
 
         Args:
-            points: its corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
-            thickness: of the wall, >= 0 [length].
-            motion, surface_velocity: as of Polyline; times of the motion count from now.
+            wall: a FixedDisc, Polyline or Circle, whose motion counts its times from now; or the points of a Polyline,
+                shape (K, 2) [length].
 
         Returns:
-            Its number, the index in `scene.obstacles`. A wall keeps its number; none is used twice.
+            Its number, the index in `scene.obstacles`. An obstacle keeps its number; none is used twice.
 
         Raises:
             InputError: as `set`, also where it leaves a disc, an emitter or the piston no room.
@@ -947,9 +941,7 @@ class Simulation(ReadOnly):
         ...     wall, sim.scene.obstacles, sim.state.velocity.tolist()
         (0, (Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
         """
-        solver = self._demand_alike("add_wall", points, thickness, motion, surface_velocity)
-        wall = Polyline(points, thickness, motion=motion, surface_velocity=surface_velocity)
-        self._take_over(changes.checked_wall(solver, self._start[0], wall))
+        self._take_over(changes.checked_wall(self._demand_alike("add_wall", wall), self._start[0], wall))
         return len(self.scene.obstacles) - 1
 
     @exclusive
@@ -972,7 +964,8 @@ class Simulation(ReadOnly):
         ...     sim.state.velocity.round(9).tolist()
         [[-2.0, 0.0]]
         """
-        self._take_over(changes.checked_move(self._demand_alike("move_wall", wall, motion), wall, motion))
+        solver = self._demand_alike("move_wall", wall, motion)
+        self._take_over(changes.checked_move(solver, self._start[0], wall, motion))
 
     @exclusive
     def remove_wall(self, wall: int) -> None:
@@ -993,7 +986,7 @@ class Simulation(ReadOnly):
         ...     sim.state.position.round(9).tolist()
         [[5.0, 2.0]]
         """
-        self._take_over(changes.checked_removal(self._demand_alike("remove_wall", wall), wall))
+        self._take_over(changes.checked_removal(self._demand_alike("remove_wall", wall), self._start[0], wall))
 
     def _demand_alike(self, call: str, *given: Any) -> Solver:
         """The solver, at a call that is alike on all ranks; all but `add` need a whole frame."""

@@ -233,14 +233,11 @@ class Feature:
 
     def to_plain(self, scene: Scene) -> Any:
         """Its value as plain values, from which `from_plain` restores it bit for bit."""
-        value = self.of(scene)
-        return [plain(each) for each in cast(Any, value)] if self.kinds and isinstance(value, tuple) else plain(value)
+        return plain(self.of(scene))
 
     def from_plain(self, values: Any) -> Any:
         """The value from which `to_plain` made plain values."""
-        kinds = (*self.kinds, *self.within)
-        several = self.kinds and isinstance(values, list) and not (values and isinstance(values[-1], dict))
-        return [restored(each, kinds) for each in cast(Any, values)] if several else restored(values, kinds)
+        return restored(values, (*self.kinds, *self.within))
 
 
 def given(name: str, value: Any, kind: type[Any]) -> dict[str, Any]:
@@ -260,9 +257,11 @@ def chosen(value: Any) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """A dataclass as its name and its fields, an array as a list; what is neither, as it is."""
+    """A dataclass as its name and its fields, an array or a tuple as a list; what is none of them, as it is."""
     if isinstance(value, np.ndarray | np.generic):
         return cast(Any, value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in cast(Any, value)]
     if dataclasses.is_dataclass(value):
         return [type(value).__name__, {name: plain(each) for name, each in chosen(value).items()}]
     return value
@@ -274,8 +273,12 @@ def restored(values: Any, kinds: Iterable[type[Any]]) -> Any:
     Raises:
         ValueError, LookupError, TypeError, InputError: if it is of no such class.
     """
-    if isinstance(values, list) and values and isinstance(values[-1], dict):
-        name, fields = cast(Any, values)
-        kind = {each.__name__: each for each in kinds}[name]
-        return kind(**{key: restored(each, kinds) for key, each in fields.items()})
-    return cast(Any, values)
+    if not isinstance(values, list):
+        return values
+    if not (values and isinstance(values[-1], dict)):
+        return [restored(each, kinds) for each in cast(Any, values)]
+    name, fields = cast(Any, values)
+    known = {each.__name__: each for each in kinds}
+    if name not in known:
+        raise ValueError(f"it has a {name!r:.60}, and this version of mpsim knows {', '.join(known)}")
+    return known[name](**{key: restored(each, kinds) for key, each in fields.items()})

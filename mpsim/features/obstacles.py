@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import weakref
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain, pairwise
@@ -77,13 +78,12 @@ class Obstacle:
 
     def turned_over_to(self, motion: Movement | None, time: float) -> Obstacle:
         """The same obstacle with another motion, from where it is at a time on; times of the motion count from then."""
-        here = self if self.motion is None else dataclasses.replace(
-            self, **self.at_place(capsules_of((self,), time)), motion=None
-        )  # fmt: skip
-        if motion is None:
-            return here
-        checked = dataclasses.replace(here, motion=motion)
-        return dataclasses.replace(checked, motion=motion.seen_from(-time))
+        here = {} if self.motion is None else self.at_place(capsules_of((self,), time))
+        return dataclasses.replace(self, **here, motion=motion).seen_from(-time)
+
+    def seen_from(self, time: float) -> Obstacle:
+        """The same obstacle, where the clock of its motion is set to 0 at a time of the run."""
+        return self if self.motion is None else dataclasses.replace(self, motion=self.motion.seen_from(time))
 
 
 _UNSAID = {"filled": False, "inside": False, "motion": None, "surface_velocity": 0.0}
@@ -265,6 +265,16 @@ def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> N
     return rows
 
 
+def exchanged(present: tuple[Obstacle, ...], wanted: Iterable[Obstacle], time: float) -> tuple[Obstacle, ...]:
+    """Obstacles of a run after a change to those wanted: equal ones stay, others are Removed, or begin at this time."""
+    left, kept = Counter(wanted), list[Obstacle]()
+    for each in present:
+        stays = left[each] > 0
+        left[each] -= stays
+        kept.append(each if stays else Removed())
+    return (*kept, *(each.seen_from(-time) for each in left.elements()))
+
+
 def listed(obstacles: object) -> tuple[Obstacle, ...]:
     """The obstacles as a tuple; a single one may come without a list."""
     each_of: Any = obstacles
@@ -348,11 +358,7 @@ class Obstacles(Feature):
         return any(each.motion is not None or each.surface_velocity for each in self.of(scene))
 
     def continued(self, scene: Scene, moment: Continuation) -> tuple[Obstacle, ...]:
-        return tuple(
-            each if each.motion is None else dataclasses.replace(each, motion=each.motion.seen_from(moment.time))
-            for each in self.of(scene)
-            if not isinstance(each, Removed)
-        )
+        return tuple(each.seen_from(moment.time) for each in self.of(scene) if not isinstance(each, Removed))
 
     def deepest(self, scene: Scene, position: Floats, radius: Floats, time: float) -> Deepest | None:
         size = (scene.width, scene.height)

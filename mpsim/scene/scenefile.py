@@ -465,19 +465,23 @@ class _Reader:
     def _table(
         self, path: str, table: Any, kinds: tuple[Any, ...], part: Feature | None = None
     ) -> tuple[int, Callable[[], list[Any]]]:
-        """The number of values of a table, and what makes them: of the class that fits its keys best.
+        """The number of values of a table, and what makes them: of the class that it names, or that fits its keys best.
 
         part: the feature of the table; None of a table in another one.
         """
         many, before = part is not None and bool(part.several), self._problems
         words = table if isinstance(table, dict) else {}
-        kind = max(kinds, key=lambda each: _fit(_keys(each, many), words))
-        keys = _keys(kind, many)
+        kind = _kind_of(words, kinds, many)
+        keys = _keys(kind, many) | ({"kind": False} if len(kinds) > 1 else {})
+        if "kind" in keys and words.get("kind", kind.__name__) != kind.__name__:
+            names = " or ".join(each.__name__ for each in kinds)
+            self._add(path, f"kind must be {names}; got {checks.brief(words['kind'])}. Use one of these.", ["kind"])
         if many and "places" in words and "position" in keys:
             keys |= dict.fromkeys(LATTICE, True) | {"position": False}
         values = {
             name: self._tried(f"{path}.{name}", self._value, f"{path}.{name}", name, value, _hints(kind).get(name))
             for name, value in self._known(path, table, keys).items()
+            if name != "kind"
         }
         examples: list[Any] = [] if part is None else [each for each in part.examples if type(each) is kind]
         if self._problems == before:
@@ -624,6 +628,12 @@ class _Reader:
 
 _BARE: dict[str, Any] = {"width": 1.0, "height": 1.0, "position": (), "velocity": (), "radius": 0.1}
 """Arguments of a scene in which any value of an argument that is no table can be tried."""
+
+
+def _kind_of(table: dict[str, Any], kinds: tuple[type[Any], ...], many: bool) -> type[Any]:
+    """The class that a table is of; many: whether it may hold several values."""
+    named = [each for each in kinds if each.__name__ == table.get("kind")]
+    return max(named or kinds, key=lambda each: _fit(_keys(each, many), table))
 
 
 def _fit(keys: dict[str, bool], table: dict[str, Any]) -> int:
@@ -833,6 +843,9 @@ def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: 
     examples = {type(each) for each in feature.examples}
     for (kind, *_), group in groupby(values, _likeness):
         alike = list(group)
+        if kind not in feature.kinds:
+            rule = f"each be a {' or '.join(each.__name__ for each in feature.kinds)} itself"
+            raise checks.refusal(f"{feature.argument} of a scene file", rule, f"a {kind.__name__}", "Use one of these.")
         many = len(alike) > INLINE and kind in examples and not hasattr(alike[0], "points")  # of any number
         for some in [alike] if many else [[each] for each in alike]:
             columns, common = dict[str, Any](), dict[str, Any]()
@@ -844,6 +857,8 @@ def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: 
                     columns[name] = column[0]
                 else:
                     common[name] = column[0]
+            if _kind_of(columns | common, feature.kinds, True) is not kind:
+                common["kind"] = kind.__name__
             prefix = f"{feature.argument}-{len(arrays)}."
             lines += [f"[[{feature.argument}]]", *array_lines(columns, target, prefix, arrays), *pairs(common), ""]
     return lines

@@ -27,7 +27,7 @@ from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.methods import capabilities_of, in_one_process
 from mpsim.errors import ClosedError, InputError, MpsimError
 from mpsim.features.capsules import of_discs
-from mpsim.features.obstacles import Polyline, capsules_of
+from mpsim.features.obstacles import capsules_of
 from mpsim.measure.observables import trajectory_error
 from mpsim.measure.registry import refusal
 from mpsim.measure.statistics import Predictability
@@ -203,7 +203,7 @@ class SecondStage:
     def _change(self, what: str, values: Mapping[str, Any]) -> None:
         try:
             if what == WALL:
-                make_room(self.sim, capsules_of((Polyline(values["points"], values["thickness"]),)))
+                make_room(self.sim, capsules_of((values["wall"],)))
             elif what == ADD:
                 places = values["position"]
                 radii = np.broadcast_to(values.get("radius", self.sim.scene.largest_radius), len(places))

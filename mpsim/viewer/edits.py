@@ -23,8 +23,8 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, InputError
-from mpsim.features.capsules import of_discs
-from mpsim.features.obstacles import Polyline, capsules_of
+from mpsim.features.capsules import of_discs, shifted
+from mpsim.features.obstacles import Obstacle, Polyline, capsules_of
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.kernels import records
 from mpsim.measure.moments import lengths_of, to_nearest_image
@@ -379,16 +379,14 @@ class Interactions:
 
     @command(id=DISC, dx=number, dy=number)
     def do_move_wall(self, sim: Simulation, id: int, dx: float, dy: float) -> None:
-        """Put a wall elsewhere, from where it is now; discs make room for it. It gets another number, and rests."""
+        """Put an obstacle elsewhere, from where it is now; discs make room. It gets another number, and rests."""
         with self._gesture(("wall", None)):
-            wall = sim.scene.obstacles[id] if id < len(sim.scene.obstacles) else None
-            if not isinstance(wall, Polyline) or wall.filled:
-                raise InputError(f"id must be the number of a wall, which can be moved; got {id}. Take another.")
-            before = self._moment()
+            before, scene = self._moment(), sim.scene
             sim.remove_wall(id)
-            ends = wall.at_place(capsules_of((wall,), sim.time))["points"]
+            wall = scene.obstacles[id]
+            place = wall.at_place(shifted(capsules_of((wall,), sim.time), np.array([dx, dy])))
             try:
-                self._build(sim, replace(wall, points=np.add(ends, (dx, dy)), motion=None))
+                self._build(sim, replace(wall, **place, motion=None))
             except REFUSALS:
                 self._back(before)
                 raise
@@ -399,11 +397,11 @@ class Interactions:
         with self._gesture(("remove", None), same):
             sim.remove_wall(id)
 
-    def _build(self, sim: Simulation, wall: Polyline) -> None:
+    def _build(self, sim: Simulation, wall: Obstacle) -> None:
         if self._walls >= MOST_WALLS:
             raise InputError(f"pages may draw or move at most {MOST_WALLS:,} walls; got one more. Reset the view.")
         with self._room(sim, capsules_of((wall,))):
-            sim.add_wall(wall.points, wall.thickness, surface_velocity=wall.surface_velocity)
+            sim.add_wall(wall)
         self._walls += 1
 
     @contextlib.contextmanager

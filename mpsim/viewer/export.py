@@ -20,8 +20,7 @@ from mpsim.engine.journal import Journal
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
-from mpsim.features.feature import Continuation
-from mpsim.features.motions import Movement
+from mpsim.features.feature import Continuation, chosen
 from mpsim.output.animation import DPI, image_of, write_film
 from mpsim.output.drawing import PAGE, ColourScale, MovingDiscs
 from mpsim.scene import scenefile, settings
@@ -216,7 +215,7 @@ def _program(journal: Journal, name: str) -> str:
         "import mpsim",
         "",
         f"scene = {scene}",
-        f"settings = {_call(journal.settings, leave_defaults=True)}",
+        f"settings = {_call(journal.settings)}",
         "with mpsim.Simulation(scene, settings) as sim:",
     ]
     frame = 0
@@ -252,7 +251,7 @@ def _named_or_written_out(scene: Scene, name: str) -> str:
 
 def _text(value: Any) -> str:
     """A value as a Python expression that evaluates to the same bits."""
-    if isinstance(value, (*(kind for feature in FEATURES for kind in feature.kinds), Movement)):
+    if dataclasses.is_dataclass(value):
         return _call(value)
     if isinstance(value, np.ndarray | np.generic):
         return repr(value.tolist())
@@ -264,7 +263,7 @@ def _text(value: Any) -> str:
     return repr(value)
 
 
-def _call(part: Any, leave_defaults: bool = False) -> str:
+def _call(part: Any) -> str:
     """A dataclass of mpsim as a call that makes it.
 
     Raises:
@@ -275,10 +274,7 @@ def _call(part: Any, leave_defaults: bool = False) -> str:
         raise InputError(
             f"a program can contain only what mpsim offers by name; got a {kind.__name__}. Download the session."
         )
-    values = {each.name: getattr(part, each.name) for each in dataclasses.fields(part) if each.init}
-    if leave_defaults:
-        values = {name: value for name, value in values.items() if value != getattr(kind(), name)}
-    return f"mpsim.{kind.__name__}({_arguments_as_text(values)})"
+    return f"mpsim.{kind.__name__}({_arguments_as_text(chosen(part))})"
 
 
 # --- named scenes

@@ -64,6 +64,42 @@ def test_restore_keeps_the_workers_and_heals_after_the_death_of_one():
         assert sim.digest() == expected
 
 
+IN_A_DRUM = mpsim.Scene.random(
+    count=2000, width=110, height=110, radius=0.5, temperature=4.0, seed=1, inside=mpsim.Circle((55, 55), 50),
+    obstacles=mpsim.FixedDisc((55, 55), 4, motion=mpsim.Rotation((55, 55), rate=1)),
+)  # fmt: skip
+
+
+def played_in_a_drum(sim, folder=None, drum=True, paddle=True):
+    """The last state of a run in which a drum is put up, and a paddle takes the place of a peg."""
+    sim.run(frames=5)
+    if drum:
+        sim.add_wall(mpsim.Circle((55, 55), 51.5, inside=True, motion=mpsim.Oscillation((1, 0), period=2)))
+    sim.run(frames=20)
+    rotor = mpsim.Polyline([(51.5, 55), (58.5, 55)], 0.25, motion=mpsim.Rotation((55, 55), rate=1))
+    sim.change(obstacles=[*[rotor] * paddle, *sim.scene.obstacles[1:]])
+    sim.run(frames=20)
+    if folder is not None:
+        sim = mpsim.Simulation.resume(sim.save(folder / "run"), workers=1)
+    with sim:
+        sim.run(frames=30)
+        return sim.state
+
+
+@pytest.mark.parametrize("method", ["parallel", "event"])
+def test_obstacles_that_come_and_go_have_the_same_bits_on_other_workers_and_after_resume(method, tmp_path):
+    def played(workers, *how, **without):
+        with simulate(IN_A_DRUM, method=method, workers=workers, dt=0.02) as sim:
+            assert len(sim.pids) == workers - 1
+            return played_in_a_drum(sim, *how, **without)
+
+    expected = played(1)
+    for workers in (1, 2):
+        assert_same_bits(played(workers, tmp_path), expected, f"{method} on {workers}, then resumed on 1")
+    for without in ("drum", "paddle"):
+        assert played(1, **{without: False}).digest() != expected.digest(), f"the {without} is not met"
+
+
 def test_auto_goes_on_with_the_method_it_had(tmp_path):
     for scene in (gas(100, 0.5, seed=2), gas(900, 0.5, seed=2)):
         expected = state_after(scene, FRAMES, method="auto", workers=2)

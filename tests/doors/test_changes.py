@@ -64,8 +64,8 @@ OF_GAS = {
         ({"restitution": 0.5, "dt": -1}, ["dt must be a finite number > 0", "-1"]),
     ],
     "add_wall": [
-        ({"points": [(1, 1), (2, 1)], "thickness": -1}, ["thickness of a Polyline", "-1"]),
-        ({"points": [(0, 0), (8, 8)], "thickness": 3}, ["a wall must be clear of all discs; got disc ", "inside it"]),
+        ({"wall": [(1, 1), (1, 1)]}, ["points of a Polyline", "[1.0, 1.0]"]),
+        ({"wall": [(0, 0), (8, 8)]}, ["a wall must be clear of all discs; got disc ", "inside obstacles[0]"]),
     ],
     "run": [
         ({"until": 0.01}, ["until must not lie in the past", "the time is 0.02", "got 0.01"]),
@@ -252,16 +252,16 @@ def test_a_wall_is_met_from_both_sides_once_it_stands(method):
     places = [[2, 2], [10, 2], [6, 2]]
     scene = mpsim.Scene(width=12, height=4, position=places, velocity=[[2, 0], [-2, 0], [0, 0]], radius=0.5)
     with simulate(scene, dt=0.0625, contact="impact", method=method) as sim:
-        wall = {"points": WALL, "thickness": 0.5}
+        wall = mpsim.Polyline(WALL, 0.5)
         with pytest.raises(InputError, match=r"a wall must be clear of all discs; got disc 2 at \(6.0, 2.0\)"):
-            sim.add_wall(**wall)
+            sim.add_wall(wall)
         sim.remove(2)
         sim.run(frames=8)
-        sim.add_wall(**wall)
+        sim.add_wall(wall)
         sim.run(frames=24)
         assert sim.state.velocity.tolist() == [[-2, 0], [2, 0], [0, 0]]
         assert sim.state.position[:2, 0] == pytest.approx([4.5, 7.5], abs=1e-9), "having turned at 5.25 and 6.75"
-        assert sim.scene.obstacles == (mpsim.Polyline(**wall),)
+        assert sim.scene.obstacles == (wall,)
         assert scene.obstacles == (), "the scene that was given is as it was"
         sim.run(frames=64)
         assert sim.state.position[0, 0] < 5.3, "and for good"
@@ -365,6 +365,7 @@ def everything(name):
     )  # fmt: skip
 
 
+PEG, OTHER = (mpsim.FixedDisc(place, 0.125) for place in [(3, 0.5), (0.25, 3)])
 VALUES = {
     "gravity": ((0.25, 0.0), (0.0, 1.0), (0.5, -0.25)),
     "restitution": (0.9, 0.5, 0.8),
@@ -376,6 +377,7 @@ VALUES = {
     "every": (6, 100, 3),
     "temperature": (4.0, 9.0, 0.25),
     "wall_temperature": (4.0, 9.0, [0.25, 1.0]),
+    "obstacles": (PEG, [], [OTHER, PEG]),
     "dt": (0.02, 1.0, 0.0125),
     "contact": ("impact", "push", "impact"),
     "passes": (2, 3, 4),

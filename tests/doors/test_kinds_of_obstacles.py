@@ -9,6 +9,7 @@ from support.twins import Twin
 
 import mpsim
 from mpsim.features.obstacles import OBSTACLES, Obstacle
+from mpsim.viewer import export
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore")]
 
@@ -72,15 +73,49 @@ def test_every_kind_goes_through_every_door(tmp_path):
 
 
 def test_a_kind_that_only_its_feature_knows_is_kept_or_refused_by_name(tmp_path, monkeypatch):
-    monkeypatch.setattr(OBSTACLES, "kinds", (*OBSTACLES.kinds, Probe))  # as a new kind would be declared
-    monkeypatch.setattr(mpsim, "Probe", Probe, raising=False)
-    scene = scene_of([Probe(place, 0.25) for place in HERE])
-    scene.save(tmp_path / "probes.toml")
-    assert mpsim.draw(scene).axes
-    last = run_resumed_and_kept(scene, tmp_path, **HOW)
-    with mpsim.Simulation(scene_of(EXAMPLES[mpsim.FixedDisc]), mpsim.Settings(**HOW)) as pegs:
-        pegs.run(frames=20)
-        assert pegs.state.digest() == last.digest()
+    with monkeypatch.context() as declared:
+        declared.setattr(OBSTACLES, "kinds", (*OBSTACLES.kinds, Probe))  # as a new kind would be
+        declared.setattr(mpsim, "Probe", Probe, raising=False)
+        scene = scene_of([Probe(place, 0.25) for place in HERE])
+        scene.save(tmp_path / "probes.toml")
+        assert mpsim.Scene.load(tmp_path / "probes.toml").obstacles == scene.obstacles
+        assert mpsim.draw(scene).axes
+        last = run_resumed_and_kept(scene, tmp_path, **HOW)
+        checkpoint, session = tmp_path / "run.mpsim", tmp_path / "session.toml"
+        with mpsim.Simulation(scene_of([]), mpsim.Settings(**HOW)) as sim:
+            sim.change(obstacles=EXAMPLES[mpsim.FixedDisc][1:])
+            sim.remove_wall(sim.add_wall(Probe(HERE[0], 0.25)))
+            sim.add_wall(mpsim.FixedDisc(HERE[0], 0.25))
+            sim.run(frames=20)
+            assert sim.digest() == last.digest()
+            sim.save(checkpoint), sim.journal.save(session)
+            program = export.program(sim, "").content.decode()
+        exec(program, {})
+        for again in (mpsim.Simulation.resume(checkpoint), mpsim.Simulation.replay(session)):
+            with again:
+                assert [type(each).__name__ for each in again.scene.obstacles[-2:]] == ["Removed", "FixedDisc"]
+                assert [type(each.values.get("wall")) for each in again.journal][1] is Probe
+    for again, text in (
+        (
+            lambda: mpsim.Scene.load(tmp_path / "probes.toml"),
+            "kind must be FixedDisc or Polyline or Circle; got 'Probe'",
+        ),
+        (lambda: mpsim.Simulation.resume(checkpoint), "it has a 'Probe'"),
+        (lambda: mpsim.Simulation.replay(session), "it has a 'Probe'"),
+        (lambda: exec(program, {}), "module 'mpsim' has no attribute 'Probe'"),
+    ):
+        with pytest.raises((mpsim.InputError, mpsim.errors.CheckpointError, AttributeError), match=text):
+            again()
+    with mpsim.Simulation(scene_of([]), mpsim.Settings(**HOW)) as sim:
+        for wall in (Probe(HERE[0], 0.25), *scene.obstacles[:1]):
+            with pytest.raises(mpsim.InputError, match=r"wall must be one of mpsim\.FixedDisc, .*; got a Probe"):
+                sim.add_wall(wall)
+
+    class Peg(mpsim.FixedDisc):
+        pass
+
+    with pytest.raises(mpsim.InputError, match=r"obstacles of a scene file must each be a FixedDisc or .*; got a Peg"):
+        scene_of([Peg(HERE[0], 0.25)]).save(tmp_path / "peg.toml")
     with pytest.raises(mpsim.InputError, match="method='event' cannot do a Probe"):
         mpsim.Simulation(scene, mpsim.Settings(method="event"))
     with pytest.raises(AssertionError, match="the twin does not know a Probe"):

@@ -8,7 +8,7 @@ import pytest
 from support.scenes import simulate
 
 import mpsim
-from mpsim import FixedDisc, Oscillation, Path, Polyline, Rotation, Translation
+from mpsim import Circle, FixedDisc, Oscillation, Path, Polyline, Rotation, Translation
 
 pytestmark = pytest.mark.plain
 
@@ -157,8 +157,8 @@ HOW = {"dt": 1 / 64, "contact": "impact"}
 def a_busy_run(sim):
     """Walls of all kinds of change; returns their numbers."""
     sim.run(frames=10)
-    one = sim.add_wall([(5, 0), (5, 6)], 0.25)
-    other = sim.add_wall([(7, 3), (8, 3)], motion=Rotation((7, 3), rate=1.0, start=0.25), surface_velocity=0.0)
+    one = sim.add_wall(Polyline([(5, 0), (5, 6)], 0.25))
+    other = sim.add_wall(Polyline([(7, 3), (8, 3)], motion=Rotation((7, 3), rate=1.0, start=0.25)))
     sim.run(frames=40)
     sim.move_wall(one, Translation((-0.5, 0), stop=1.0))
     sim.run(frames=40)
@@ -167,7 +167,12 @@ def a_busy_run(sim):
     sim.run(frames=40)
     sim.remove_wall(one)
     last = sim.add_wall([(6, 5), (6, 6)])
+    peg, _, rotor, wall = sim.scene.obstacles
+    drum = Circle((6, 3), 6.25, inside=True, motion=Oscillation((0.125, 0), period=0.5, start=0.125))
+    sim.change(obstacles=(each for each in [wall, drum, peg, wall, rotor]), gravity=(0, -0.125))
     sim.run(frames=40)
+    sim.change(obstacles=sim.scene.obstacles)
+    sim.remove_wall(sim.add_wall(FixedDisc((6, 1), 0.25)))
     return one, other, last
 
 
@@ -176,16 +181,20 @@ def test_every_change_is_kept_in_checkpoints_sessions_and_snapshots(tmp_path, me
     scene = mpsim.Scene(**FLAT, obstacles=FixedDisc((3, 5), 0.25))
     with simulate(scene, method=method, **HOW) as sim:
         assert a_busy_run(sim) == (1, 2, 3), "the numbers go on, and none is used twice"
-        assert [type(each).__name__ for each in sim.scene.obstacles] == ["FixedDisc", "Removed", "Polyline", "Polyline"]
+        kinds = ["FixedDisc", "Removed", "Polyline", "Polyline", "Polyline", "Circle", "Removed"]
+        assert [type(each).__name__ for each in sim.scene.obstacles] == kinds
+        assert sim.scene.obstacles[3] == sim.scene.obstacles[4], "what is given twice is there twice"
+        assert sim.scene.obstacles[5].motion.start == 130 / 64 + 0.125
+        assert [each.what for each in sim.journal][-4:] == ["change", "change", "add_wall", "remove_wall"]
         sim.set(1, position=(7.5, 4.75), velocity=(0, -1.5))
         sim.save(tmp_path / "run.mpsim")
         sim.journal.save(tmp_path / "run.toml")
         snapshot, middle = sim.snapshot(), sim.digest()
-        sim.remove_wall(2)
+        sim.change(obstacles=[each for each in sim.scene.obstacles if not isinstance(each, Polyline)])
         sim.run(frames=80)
         other = sim.digest()
         sim.restore(snapshot)
-        assert (sim.digest(), len(sim.scene.capsules_at(0.0))) == (middle, 3)
+        assert (sim.digest(), len(sim.scene.capsules_at(0.0))) == (middle, 5)
         sim.run(frames=80)
         end = sim.digest()
     assert end != other, "the wall that was removed is met"
@@ -194,13 +203,17 @@ def test_every_change_is_kept_in_checkpoints_sessions_and_snapshots(tmp_path, me
         assert resumed.digest() == middle
         resumed.run(frames=80)
         assert resumed.digest() == end
-        with pytest.raises(mpsim.InputError, match=re.escape("there are [0, 2, 3]")):
+        with pytest.raises(mpsim.InputError, match=re.escape("there are [0, 2, 3, 4, 5]")):
             resumed.remove_wall(1)
     with mpsim.Simulation.replay(tmp_path / "run.toml") as again:
         assert again.digest() == middle
         assert again.scene.obstacles == sim.scene.obstacles
         again.scene.starting_from(again.state, again.time).save(tmp_path / "now.toml")
-    assert len(mpsim.Scene.load(tmp_path / "now.toml").obstacles) == 3
+    assert len(mpsim.Scene.load(tmp_path / "now.toml").obstacles) == 5
+    text = (tmp_path / "run.toml").read_text()
+    (tmp_path / "run.toml").write_text(text.replace('wall = ["FixedDisc"', 'wall = ["Sieve"'))
+    with pytest.raises(mpsim.InputError, match="it has a 'Sieve', and this version of mpsim knows FixedDisc, Polyline"):
+        mpsim.Simulation.replay(tmp_path / "run.toml")
 
 
 @pytest.mark.parametrize("method", ["grid", "event"])
@@ -221,7 +234,7 @@ def test_a_partition_that_is_removed_lets_discs_through(method):
 @pytest.mark.parametrize("method", ["grid", "event"])
 def test_a_wall_is_moved_from_where_it_is_and_stopped_there(method):
     with simulate(mpsim.Scene(**FLAT), method=method, **HOW) as sim:
-        wall = sim.add_wall([(6, 0), (6, 6)], motion=Translation((1, 0), stop=5, start=0.5))
+        wall = sim.add_wall(Polyline([(6, 0), (6, 6)], motion=Translation((1, 0), stop=5, start=0.5)))
         sim.run(frames=96)
         sim.move_wall(wall)
         assert sim.scene.obstacles[wall].points == pytest.approx(np.array([[7, 0], [7, 6]]))
@@ -239,13 +252,28 @@ REFUSED_IN_A_RUN = [
     (lambda sim: sim.move_wall(0, Translation((1, 0))), "the motion of obstacles[0] must keep it in the box"),
     (lambda sim: sim.move_wall(0, Oscillation((1, 0), 1, phase=1.5)), "motion must begin where the wall is"),
     (lambda sim: sim.move_wall(0, 7), "motion of a Polyline must be one of mpsim.Translation"),
-    (
-        lambda sim: sim.add_wall([(2, 0), (2, 6)], motion=Translation((1, 0), stop=1)),
-        "a wall must be clear of all discs",
-    ),
-    (lambda sim: sim.add_wall([(7, 1), (7, 2)], motion=Rotation((0, 0), 1)), "the motion of obstacles[1] must keep it"),
-    (lambda sim: sim.add_wall([(7, 1), (7, 2)], surface_velocity=1), "acts through friction, and wall_friction is 0"),
+    (lambda sim: sim.add_wall("abc"), "points of a Polyline must be numbers"),
+    (lambda sim: sim.add_wall(Translation((1, 0))), "points of a Polyline must be numbers"),
+    (lambda sim: sim.add_wall(sim.scene.obstacles), "points of a Polyline must be numbers"),
+    (lambda sim: sim.change(obstacles=None), "obstacles[0] must be an mpsim.FixedDisc or"),
+    (lambda sim: sim.change(obstacles=[*sim.scene.obstacles, (7, 1)]), "obstacles[1] must be an mpsim.FixedDisc or"),
+    (lambda sim: sim.change(obstacles=[], dt=-1), "dt must be a finite number > 0"),
+    (lambda sim: sim.change(obstacles=[], gravity=3), "gravity must be two numbers"),
 ]
+REFUSED_OBSTACLES = [
+    (Polyline([(2, 0), (2, 6)], motion=Translation((1, 0), stop=1)), "a wall must be clear of all discs; got disc 0"),
+    (Polyline([(9, 2), (11, 2), (10, 5), (9, 2)], filled=True), "got disc 1"),
+    (Circle((6, 3), 4, inside=True), "inside obstacles[1]. Put it elsewhere"),
+    (Circle((6, 3), 0.5, inside=True), "radius of obstacles[1], a Circle with discs inside, must be above"),
+    (FixedDisc((12.5, 3), 0.1), "obstacles[1] must lie in the box, [0, 12] x [0, 6]"),
+    (FixedDisc((7, 1), 0.1, motion=Rotation((0, 0), 1)), "the motion of obstacles[1] must keep it"),
+    (Polyline([(7, 1), (7, 2)], surface_velocity=1), "acts through friction, and wall_friction is 0"),
+]
+for _wall, _words in REFUSED_OBSTACLES:
+    REFUSED_IN_A_RUN += [
+        (lambda sim, wall=_wall: sim.add_wall(wall), _words),
+        (lambda sim, wall=_wall: sim.change(obstacles=[wall, *sim.scene.obstacles]), _words),
+    ]
 
 
 @pytest.mark.parametrize(("act", "words"), REFUSED_IN_A_RUN, ids=range(len(REFUSED_IN_A_RUN)))

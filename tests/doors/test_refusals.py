@@ -68,19 +68,19 @@ WHOLE = [
     (
         lambda: sim().change(),
         "change needs something to change, one of gravity, restitution, wall_restitution, friction, "
-        "wall_friction, piston_speed, interval, every, temperature, wall_temperature, dt, contact, passes, "
+        "wall_friction, piston_speed, interval, every, temperature, wall_temperature, obstacles, dt, contact, passes, "
         "substeps, workers; got none of them. Give one.",
     ),
     (
         lambda: sim().change(method="grid"),
         "change must be given parameters that may change; 'method' is fixed from the start of a "
         "simulation. What can be changed: gravity, restitution, wall_restitution, friction, wall_friction, "
-        "piston_speed, interval, every, temperature, wall_temperature, dt, contact, passes, substeps, "
+        "piston_speed, interval, every, temperature, wall_temperature, obstacles, dt, contact, passes, substeps, "
         "workers.",
     ),
     (
         lambda: sim().add_wall([(0, 0), (99, 0)]),
-        "points of a wall must be in the box, [0, 8] x [0, 6]; points[1] is (99.0, 0.0). Move it.",
+        "obstacles[0] must lie in the box, [0, 8] x [0, 6]; got a point (99.0, 0.0). Move it, or enlarge the box.",
     ),
     (
         lambda: mpsim.Trajectory("run.txt"),

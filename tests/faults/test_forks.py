@@ -115,7 +115,7 @@ GIVEN = {
     "run": {"frames": 3}, "add": {"position": (0.1, 0.1), "velocity": (0.0, 0.0)},
     "set": {"ids": 0, "velocity": (0, 0)},
     "kick": {"ids": 0, "impulse": (0.5, 0.0)}, "remove": {"ids": 0}, "change": {"passes": 2},
-    "add_wall": {"points": [(0.1, 0.1), (0.2, 0.1)]}, "save": {"path": "/dev/null/never"},
+    "add_wall": {"wall": [(0.1, 0.1), (0.2, 0.1)]}, "save": {"path": "/dev/null/never"},
     "state_between": {"first": 1, "last": 3}, "once": {"act": lambda: 0},
     "nearest": {"x": 1.0, "y": 1.0}, "within": {"shape": ((0, 0), (1, 1))},
 }  # fmt: skip

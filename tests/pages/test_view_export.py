@@ -30,7 +30,12 @@ def played(sim):
     sim.kick([2, 3], (0.25, 0.0))
     sim.change(dt=0.005, gravity=(0.0, -0.5))
     sim.remove([4])
-    sim.add_wall([(0, 0.01), (0.4, 0.01)], thickness=0.01)
+    wall = mpsim.Polyline([(0, 0.01), (0.4, 0.01)], thickness=0.01)
+    sim.add_wall(wall)
+    sim.run(frames=5)
+    sim.change(
+        obstacles=[*sim.scene.obstacles, mpsim.FixedDisc((0.1, 0.1), 0.05, motion=mpsim.Rotation((0.2, 0.2), 1))]
+    )
     sim.run(frames=5)
     return sim
 
@@ -47,10 +52,13 @@ def test_a_session_and_a_program_run_again_to_the_same_bits(words, tmp_path):
     with mpsim.Simulation.replay(tmp_path / "session.toml", method="parallel", workers=1) as again:
         assert again.digest() == digest
     tables = tomllib.loads((tmp_path / "session.toml").read_text())
-    assert [each["what"] for each in tables["change"]] == ["set", "kick", "change", "remove", "add_wall"]
-    assert (tables["frame"], tables["digest"]) == (12, digest)
+    assert [each["what"] for each in tables["change"]] == ["set", "kick", "change", "remove", "add_wall", "change"]
+    assert (tables["frame"], tables["digest"]) == (17, digest)
     assert "Scene.load" not in text, "the scene is not the one of that name"
-    assert "    sim.add_wall(points=[[0.0, 0.01], [0.4, 0.01]], thickness=0.01)\n" in text
+    wall = "mpsim.Polyline(points=[[0.0, 0.01], [0.4, 0.01]], thickness=0.01)"
+    assert f"    sim.add_wall(wall={wall})\n" in text
+    peg = "mpsim.FixedDisc(motion=mpsim.Rotation(centre=[0.2, 0.2], rate=1.0), position=[0.1, 0.1], radius=0.05)"
+    assert f"{wall}, {peg}])\n" in text
     assert f'    assert sim.digest() == "{digest}", ' in text
     exec(compile(text, "program.py", "exec"), {})  # it ends by comparing digests
     with pytest.raises(AssertionError, match="another version of mpsim"):

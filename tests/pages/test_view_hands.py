@@ -140,8 +140,8 @@ REFUSED = [
     ("hold", {"id": 3, "x": -4.0, "y": 1.0}, "one radius from the walls"),
     ("add", {"x": 1e99, "y": 1.0, "same": False}, "one radius from the walls"),
     ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 0.9}, "as long as a disc is wide, 1; got 0.9. Drag further."),
-    ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": -9.0}, "must be in the box"),
-    ("move_wall", {"id": 0, "dx": 1.0, "dy": 0.0}, "id must be the number of a wall, which can be moved; got 0"),
+    ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": -9.0}, "must lie in the box"),
+    ("move_wall", {"id": 0, "dx": 1.0, "dy": 0.0}, "wall must be the number of an obstacle that is there"),
     ("remove_wall", {"id": 0, "same": False}, "wall must be the number of an obstacle that is there"),
     ("change", {"name": "dt", "value": -1.0, "same": False}, "dt must be from 0.001 to 0.1 here; got -1"),
     ("change", {"name": "gravity", "value": 3.0, "same": False}, "gravity must"),
@@ -253,7 +253,7 @@ def test_a_drawn_wall_has_the_bits_of_one_that_a_program_adds_and_is_gone_after_
     )
     with mpsim.Simulation(scene, PLAIN) as alone:
         alone.run(frames=5)
-        alone.add_wall([(2, 0), (2, 8)], thickness=0.25)
+        alone.add_wall(mpsim.Polyline([(2, 0), (2, 8)], thickness=0.25))
         alone.run(frames=60)
         expected = alone.digest()
     with paused(scene, PLAIN) as page:
@@ -292,11 +292,13 @@ def test_a_wall_is_moved_and_removed_like_a_disc():
         assert page.last["obstacles"]["numbers"] == [0, 2]
         with replayed(page.view.address) as sim:
             assert np.hypot(*(sim.state.position[0] - (1, 1))) == pytest.approx(0.55, abs=1e-2)
-        assert "must be in the box" in page.do("move_wall", id=2, dx=-1.0, dy=0.0)["note"]
-        assert "which can be moved; got 0" in page.do("move_wall", id=0, dx=1.0, dy=0.0)["note"]
-        assert page.do("remove_wall", id=0, same=False)["note"] is None
-        assert page.do("remove_wall", id=2, same=True)["undo"] == 2, "a stroke"
+        assert "must lie in the box" in page.do("move_wall", id=2, dx=-1.0, dy=0.0)["note"]
+        assert page.do("move_wall", id=0, dx=1.0, dy=0.0)["note"] is None
+        page.hear_until(lambda v: v.last["obstacles"]["capsules"][1] == [2, 7, 2, 7, 0.5])
+        assert page.do("remove_wall", id=3, same=False)["note"] is None
+        assert page.do("remove_wall", id=2, same=True)["undo"] == 3, "a stroke"
         page.hear_until(lambda v: v.last["obstacles"]["capsules"] == [])
+        page.do("undo")
         page.do("undo")
         page.do("undo")
         page.hear_until(lambda v: v.last["obstacles"]["numbers"] == [0, 1])
