@@ -78,11 +78,11 @@ def played_in_a_drum(sim, folder=None, drum=True, paddle=True):
     sim.run(frames=20)
     rotor = mpsim.Polyline([(51.5, 55), (58.5, 55)], 0.25, motion=mpsim.Rotation((55, 55), rate=1))
     sim.change(obstacles=[*[rotor] * paddle, *sim.scene.obstacles[1:]])
-    sim.run(frames=20)
+    sim.run(frames=40)
     if folder is not None:
         sim = mpsim.Simulation.resume(sim.save(folder / "run"), workers=1)
     with sim:
-        sim.run(frames=30)
+        sim.run(frames=20)
         return sim.state
 
 
@@ -94,8 +94,8 @@ def test_obstacles_that_come_and_go_have_the_same_bits_on_other_workers_and_afte
             return played_in_a_drum(sim, *how, **without)
 
     expected = played(1)
-    for workers in (1, 2):
-        assert_same_bits(played(workers, tmp_path), expected, f"{method} on {workers}, then resumed on 1")
+    for workers, *how in ((2,), (1, tmp_path), (2, tmp_path)):
+        assert_same_bits(played(workers, *how), expected, f"{method} on {workers}, resumed on 1: {how != []}")
     for without in ("drum", "paddle"):
         assert played(1, **{without: False}).digest() != expected.digest(), f"the {without} is not met"
 
