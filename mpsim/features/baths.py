@@ -85,7 +85,7 @@ class ThermostatFeature(Feature):
 
     argument = "thermostat"
     kinds: ClassVar[tuple[type[Any], ...]] = (Thermostat,)
-    several = False
+    several: ClassVar[bool | None] = False
     examples: ClassVar[tuple[Any, ...]] = (Thermostat(temperature=1.0, rate=1.0),)
     drives = "a thermostat"
     draws = True
@@ -178,7 +178,7 @@ class ThermalWallsFeature(Feature):
 
     argument = "thermal_walls"
     kinds: ClassVar[tuple[type[Any], ...]] = (ThermalWalls,)
-    several = False
+    several: ClassVar[bool | None] = False
     examples: ClassVar[tuple[Any, ...]] = (ThermalWalls(left=1.0),)
     draws = True
     heats = True

@@ -23,7 +23,7 @@ class Restitution(Feature):
     """The arguments `restitution` and `wall_restitution`."""
 
     argument = "restitution"
-    several = False
+    several: ClassVar[bool | None] = False
     numbers: ClassVar[dict[str, float]] = {"restitution": 1.0, "wall_restitution": 1.0}
 
     def is_in(self, scene: Scene) -> bool:

@@ -160,7 +160,7 @@ class PistonFeature(Feature):
     argument = "piston"
     kinds: ClassVar[tuple[type[Any], ...]] = (Piston,)
     within: ClassVar[tuple[type[Any], ...]] = MOTIONS
-    several = None
+    several: ClassVar[bool | None] = None
     examples: ClassVar[tuple[Any, ...]] = (Piston("left", 1.0, stop=1.0), Piston("right", -1.0, stop=1.0))
     drives = "a piston"
     relief = "let a piston stop earlier"

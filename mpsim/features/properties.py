@@ -48,7 +48,7 @@ class Radii(Feature):
     """The argument `radius`. Grid and giants among the discs are the solver's: `mpsim.engine.feature_arrays`."""
 
     argument = "radius"
-    several = False
+    several: ClassVar[bool | None] = False
     per_disc: ClassVar[dict[str, PerDisc]] = {"radius": PerDisc(check_radius, unit="[length]", default=None)}
 
     def is_in(self, scene: Scene) -> bool:
@@ -90,7 +90,7 @@ class Gravity(Feature):
     """The argument `gravity`."""
 
     argument = "gravity"
-    several = False
+    several: ClassVar[bool | None] = False
     vectors: ClassVar[tuple[str, ...]] = ("gravity",)
     drives = "gravity"
 
@@ -109,7 +109,7 @@ class Acceleration(Feature):
     """The argument `acceleration`."""
 
     argument = "acceleration"
-    several = False
+    several: ClassVar[bool | None] = False
     per_disc: ClassVar[dict[str, PerDisc]] = {"acceleration": PerDisc(check_acceleration, components=("ax", "ay"))}
     not_exact = "acceleration per disc, under which the relative motion of two discs is not uniform"
     columns: ClassVar[tuple[Column, ...]] = (ACCELERATION,)
@@ -130,7 +130,7 @@ class Masses(Feature):
     """The argument `mass`."""
 
     argument = "mass"
-    several = False
+    several: ClassVar[bool | None] = False
     per_disc: ClassVar[dict[str, PerDisc]] = {"mass": PerDisc(checks.masses, unit="[mass]", default=1.0)}
     columns: ClassVar[tuple[Column, ...]] = (MASS,)
 
