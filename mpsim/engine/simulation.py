@@ -658,8 +658,7 @@ class Simulation(ReadOnly):
             self._warn_of_rest(record.guarded)
         if part.too_fast:  # look now: the run may end here, or be saved
             self._adapt()
-        if limits.may_be_pressed(solver.count):
-            limits.look_for_pressed(solver, self._access.notices)
+        limits.look_for_pressed(solver, self._access.notices)
         if self._emission.emits:
             self._emit(self._emission.in_time)
 

@@ -1,86 +1,24 @@
-"""What a scene and its time step must fulfil: speeds, collision rates, precision, compression."""
+"""What a scene and its time step must fulfil: precision, room, speeds, collision rates."""
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import given
-from mpsim.core.late import named
-from mpsim.core.state import State
 from mpsim.engine.access import Notices, Once
 from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Steps
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, estimated_collision_rate, sides_at, speeds_at_start
+from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, sides_at, speeds_at_start
 from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.features import FEATURES, VECTORS
-from mpsim.features.energy import acceleration_bound, is_inelastic, thermal_speed
+from mpsim.features.energy import acceleration_bound, is_inelastic
 from mpsim.features.obstacles import OBSTACLES
-from mpsim.kernels.records import LAWS
 from mpsim.scene.placement import overlaps
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-
-# --- Speeds that discs will reach: after a fall, in equilibrium, from emitters, at a moving wall, in a heat bath
-
-
-def speeds_after_fall(speeds: Speeds, scene: Scene) -> Speeds:
-    """Speed of the fastest disc after a fall through the box; in a scene without discs, of one from an emitter."""
-    fall = math.sqrt(2 * acceleration_bound(scene) * max(sides_at(scene, 0.0)))
-    if not scene.count:
-        speeds = speeds_of_emitters(scene) if scene.emitters else Speeds()
-    return replace(speeds, speed=math.hypot(speeds.speed, fall), when="after a fall through the box")
-
-
-def speeds_in_equilibrium(speeds: Speeds, scene: Scene) -> Speeds:
-    """Speeds of discs of different masses in equilibrium: each has the same mean energy, so light ones are fast.
-
-    With E = <m v^2> the mean square of a disc's speed is E / m, and the fastest of N is sqrt(ln N) times faster:
-    speeds in two dimensions exceed s with probability exp(-s^2 m / E).
-    """
-    masses = scene.masses
-    energy = float((masses * (scene.velocity**2).sum(axis=1)).mean())
-    speed = np.sqrt(energy / masses * max(math.log(scene.count), 1.0))
-    worst = int((speed / scene.radii).argmax())
-    mean_speed = math.sqrt(energy * float((1 / masses).mean()))
-    return replace(
-        speeds,
-        disc=worst,
-        speed=float(speed[worst]),
-        limit=float(scene.radii[worst]),
-        between="",
-        collision_rate=estimated_collision_rate(scene.radii, mean_speed, sides_at(scene, 0.0)),
-        mean_speed=mean_speed,
-        when="once collisions have shared the energy out",
-    )
-
-
-def speeds_of_emitters(scene: Scene) -> Speeds:
-    """Speed of the disc from an emitter that moves the largest fraction of its radius in a step."""
-    common = scene.largest_radius
-    limits = [common if emitter.radius is None else emitter.radius for emitter in scene.emitters]
-    velocities: Any = [emitter.velocity for emitter in scene.emitters]
-    speeds = [math.hypot(*velocity) for velocity in velocities]
-    index = int((np.array(speeds) / limits).argmax())
-    return Speeds(speed=speeds[index], limit=limits[index], when=f"from emitters[{index}]")
-
-
-def speeds_of_pushed(speeds: Speeds, scene: Scene) -> Speeds:
-    """Speed of the smallest disc after a moving surface has hit it at rest: without loss twice that of the surface."""
-    fastest = max(scene._features, key=lambda feature: feature.surface_speed(scene))
-    speed = (1 + scene.wall_restitution) * fastest.surface_speed(scene)
-    return Speeds(speed=speed, limit=speeds.smallest, when=f"pushed by the {fastest.argument}")
-
-
-def speeds_in_bath(speeds: Speeds, scene: Scene) -> Speeds:
-    """Speed of the fastest of N discs of the mean mass in equilibrium with a thermostat: sqrt(2 ln(N) kT / m)."""
-    speed = thermal_speed(scene) * math.sqrt(2 * max(math.log(max(scene.count, 1)), 1.0))
-    return Speeds(speed=speed, limit=speeds.smallest, when="at the temperature of the heat bath")
-
 
 # --- Checks whether the floating-point precision is sufficient for a scene; refuses it or warns
 
@@ -222,78 +160,34 @@ STEPS = 4.0
 """Steps at the rms speed that explain an overlap. In gases below the bounds of speed, at packings 0.3 to 0.78, the
 deepest was 3.5 (docs/stability.md)."""
 
-MEAN_OVERLAP = 0.1
-"""Overlap for each disc, on average over all, as a fraction of the smallest radius, from which on they are pressed at
-any speed, or steps are far too long. In those gases it was 0.015 at most, and 0.024 in lossy discs that a wall
-holds at packing 0.785."""
-
-
-def may_be_pressed(scene: Scene, count: int) -> bool:
-    """Whether discs can have come to lack room: by a moving wall, emitters, or added discs."""
-    return scene._surface_speed > 0 or bool(scene.emitters) or count > scene.count
-
 
 def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     """Which discs are pressed into each other or into a capsule now, and what to do, in words; None if none are."""
-    state, radii = solver.state(), solver.radii
-    if not state.present.any():
+    state = solver.state()
+    here = np.flatnonzero(state.present)
+    if not len(here):
         return None
-    displacement = (
-        np.hypot(*state.velocity.T.astype(np.float64))
-        * settings.dt
-        / (solver.substeps if isinstance(solver, Steps) else 1)
-    )
-    mean = float(np.sqrt((displacement[state.present] ** 2).mean()))
-    deep, many = _into_each_other(state, scene, radii, displacement, mean)
-    words = deep or _into_capsules(state, scene, solver.time, radii, displacement, mean) or many
-    if words is None:
-        return None
-    cause = "They were placed that way, or there is no room for them: smaller steps and on_fast='substep' do not help"
-    cause += ", or steps are far too long" if words is many else ""
-    relief = ", ".join(sorted(feature.relief for feature in FEATURES if feature.relief))
-    return (
-        f"discs are pressed into each other: at time {solver.time:g} {words}, and discs move {mean:.3g} in a step on "
-        f"average. {cause}. {relief[0].upper()}{relief[1:]}, or use smaller ones or a larger box."
-    )
-
-
-def _into_each_other(
-    state: State, scene: Scene, radii: Floats, displacement: Floats, mean: float
-) -> tuple[str | None, str | None]:
-    """In words: the two discs that overlap more than steps explain, and how many overlap by how much on average."""
-    position, own = state.position[state.present].astype(np.float64), radii[state.present]
-    smallest = float(own.min())
-    diameter = 2 * (float(own[0]) if (own == own[0]).all() else own)
-    pairs, _, depth = overlaps(position, scene.width, scene.height, diameter, scene.periodic)
-    if depth <= DEEP * smallest and pairs * depth <= MEAN_OVERLAP * smallest * len(own):
-        return None, None  # so that the slow search is not worth while
-    found = named("mpsim.measure.observables:overlap")(state, scene, radii)
-    if found.worst is None:
-        return None, None
-    i, j = found.worst
-    smaller, deep, many = float(min(radii[i], radii[j])), None, None
-    if found.largest > DEEP * smaller + STEPS * max(mean, float(displacement[[i, j]].max())):
-        deep = f"discs {i} and {j} overlap by {found.largest:.3g}, {found.largest / smaller:.2g} of a radius"
-    if found.pairs * found.mean > MEAN_OVERLAP * smallest * len(own):
-        deepest = f"discs {i} and {j} deepest, by {found.largest:.3g}"
-        many = f"{found.pairs} pairs overlap by {found.mean:.3g} on average, {deepest}"
-    return deep, many
-
-
-def _into_capsules(
-    state: State, scene: Scene, time: float, radii: Floats, displacement: Floats, mean: float
-) -> str | None:
-    if not scene.obstacles:
-        return None
-    discs = np.flatnonzero(state.present)
-    position = state.position[discs].astype(np.float64)
-    found = scene._deepest(position, radii[discs], time)
-    if found is None:
-        return None
-    disc, depth = int(discs[found.disc]), found.depth
-    if depth <= DEEP * radii[disc] + STEPS * max(mean, float(displacement[disc])):
-        return None
-    return f"disc {disc} is {depth:.3g} deep in {found.where}, {depth / radii[disc]:.2g} of its radius"
+    position, radius = state.position[here].astype(np.float64), solver.radii[here]
+    steps = solver.substeps if isinstance(solver, Steps) else 1
+    moved = np.hypot(*state.velocity[here].T.astype(np.float64)) * settings.dt / steps
+    mean = float(np.sqrt((moved**2).mean()))
+    diameter = 2 * (float(radius[0]) if (radius == radius[0]).all() else radius)
+    pairs, (i, j), depth = overlaps(position, scene.width, scene.height, diameter, scene.periodic)
+    found = [([i, j], depth, f"discs {here[i]} and {here[j]} overlap by {depth:.3g}")] if pairs else []
+    if (deepest := scene._deepest(position, radius, solver.time)) is not None:
+        words = f"disc {here[deepest.disc]} is {deepest.depth:.3g} deep in {deepest.where}"
+        found.append(([deepest.disc], deepest.depth, words))
+    for discs, depth, words in found:
+        smaller = float(radius[discs].min())
+        if depth > DEEP * smaller + STEPS * max(mean, float(moved[discs].max())):
+            relief = ", ".join(sorted(feature.relief for feature in FEATURES if feature.relief))
+            return (
+                f"discs are pressed into each other: at time {solver.time:g} {words}, {depth / smaller:.2g} of a "
+                f"radius, and discs move {mean:.3g} in a step on average. They were placed that way, or there is no "
+                "room for them: smaller steps and on_fast='substep' do not help. "
+                f"{relief[0].upper()}{relief[1:]}, or use smaller ones or a larger box."
+            )
+    return None
 
 
 # --- Limits of the time step: checks speeds and collision rates, and warns, refuses or uses sub-steps
@@ -371,8 +265,8 @@ class StepLimits:
         )
         self._often = settings.on_fast == "substep" or narrow
         self._squeezing, self._squeezed = self._frames_of_moving_walls() if scene._moving_walls else (0, -1)
-        self._may_be_pressed = may_be_pressed(scene, scene.count)
-        self._count_at_start = scene.count
+        lacks_room = scene._surface_speed > 0 or bool(scene.emitters)
+        self._roomy_count = -1 if lacks_room else scene.count  # up to which discs cannot be pressed into each other
         self._last_look, self._next_look, self._discs = 0, 0, 0  # around the frames that were asked for
 
     def under(self, scene: Scene, settings: Settings, origin: Origin) -> "StepLimits":
@@ -411,8 +305,7 @@ class StepLimits:
         if self.adapts:
             self.substeps_for(speeds_at_start(scene), 0)
             return
-        fast = self.forecast()
-        if fast:
+        if fast := self._complaint(speeds_at_start(scene), 0):
             self._refuse_if_wanted(fast)
             yield fast, FastWarning
             self._fast.given = True
@@ -431,24 +324,9 @@ class StepLimits:
         scene, settings = self._scene, self._settings
         if settings.contact != "push" or is_inelastic(scene) or all(scene.periodic):
             return 0.0
-        fastest = speeds_after_fall(speeds_at_start(scene), scene).speed
+        fall = math.sqrt(2 * self._acceleration * max(sides_at(scene, 0.0)))
+        fastest = math.hypot(speeds_at_start(scene).speed, fall)
         return self._acceleration * settings.dt / settings.substeps / fastest
-
-    def forecast(self) -> str | None:
-        """The complaint about speeds at the start, or about those that are certain to come; None: they are low."""
-        scene, speeds = self._scene, speeds_at_start(self._scene)
-        ahead = [speeds]
-        if self._acceleration:
-            ahead.append(speeds_after_fall(speeds, scene))
-        if scene.emitters:
-            ahead.append(speeds_of_emitters(scene))
-        if scene.count and scene._surface_speed:
-            ahead.append(speeds_of_pushed(speeds, scene))
-        if scene.count and any(each.heats for each in scene._features):
-            ahead.append(speeds_in_bath(speeds, scene))
-        if scene.count > 1 and scene.mass is not None and LAWS[self._settings.law].exchanges_energy:
-            ahead.append(speeds_in_equilibrium(speeds, scene))
-        return next(filter(None, (self._complaint(each, 0) for each in ahead)), None)
 
     @property
     def adapts(self) -> bool:
@@ -481,8 +359,8 @@ class StepLimits:
         return any(frame % every == 0 for every in self._intervals(frame, count))
 
     def may_be_pressed(self, count: int) -> bool:
-        """Whether n discs are looked at for what presses them into each other."""
-        return (self._may_be_pressed or count > self._count_at_start) and not self._pressed.given
+        """Whether n discs are checked for being pressed: by a moving surface, emitters, or added discs."""
+        return count > self._roomy_count and not self._pressed.given
 
     def set_limit(self, solver: Solver) -> None:
         """Have the solver end its commands when a disc is too fast; never, once that has been warned of."""

@@ -107,23 +107,17 @@ class ContactLaw(NamedTuple):
 
     Attributes:
         number: in `control.law`.
-        exchanges_energy: whether discs give each other energy, so that collisions bring their speeds to equilibrium.
         not_exact: what the exact solver cannot do, in words; "": its impacts follow the law.
     """
 
     number: int
-    exchanges_energy: bool
     not_exact: str
 
 
 REFLECT, ELASTIC = range(2)
 LAWS = {
-    "reflect": ContactLaw(
-        REFLECT,
-        exchanges_energy=False,
-        not_exact="law='reflect', which acts on discs that separate",
-    ),
-    "elastic": ContactLaw(ELASTIC, exchanges_energy=True, not_exact=""),
+    "reflect": ContactLaw(REFLECT, not_exact="law='reflect', which acts on discs that separate"),
+    "elastic": ContactLaw(ELASTIC, not_exact=""),
 }
 """By the word for it in `Settings`; what each does is written in `frame/laws.py`."""
 

@@ -80,24 +80,14 @@ def test_a_disc_that_moves_more_than_its_radius_is_told_with_number_disc_and_rem
         sim.run(frames=1)
 
 
-DISCS = {name: getattr(gas(100, 0.3), name) for name in ("width", "height", "position", "velocity")}
-LIGHT = Scene(**DISCS, radius=0.5, mass=np.where(np.arange(100) % 2, 1.0, 1e-3))
-"""At one speed for all, the light half has next to no energy; with its share it is 28 times as fast."""
-
-FALLING = Scene(**WALL, **NOBODY, gravity=(0, -2), emitters=Emitter((5, 9), (0, 0), interval=1.0))
 STARTS = [
     (one((0.6, 4), (1, 0), width=1.2), "1.5 times its free path 0.2 between the walls along x .* bounces", 0.3, 0.15),
     (gas(64, 0.75), r"a disc collides about [\d.]+ times in one step .* above 1 many", 0.05, 0.01),
-    (LIGHT, r"once collisions have shared the energy out disc \d+ moves .* times its radius 0.5", 0.01, 0.002),
-    (one(piston=Piston("left", 30, 9)), r"pushed by the piston a disc moves 1.2 .* \(speed 60, step", 0.01, 0.008),
-    (row(emitters=Emitter((1, 5), (400, 0), every=10)), r"from emitters\[0\] a disc moves 8 times", 0.01, 0.001),
-    (one(thermostat=mpsim.Thermostat(400.0, 0.5)), "at the temperature of the heat bath .* disc moves", 0.1, 0.001),
-    (FALLING, "after a fall through the box a disc moves [0-9.]+ times its radius", 0.1, 0.01),
 ]
 
 
 @pytest.mark.parametrize(("scene", "text", "long", "short"), STARTS, ids=lambda value: str(value)[:20])
-def test_what_will_be_fast_is_told_at_the_start_and_refused_by_error(scene, text, long, short):
+def test_what_is_fast_is_told_at_the_start_and_refused_by_error(scene, text, long, short):
     told(scene, text, dt=long, method="grid")
     with pytest.raises(TooFastError, match=text):
         Simulation(scene, Settings(dt=long, on_fast="error", method="grid"))
@@ -106,8 +96,6 @@ def test_what_will_be_fast_is_told_at_the_start_and_refused_by_error(scene, text
 
 def test_what_is_no_danger_is_not_told():
     quiet(one((0.6, 4), (0, 1), width=1.2), dt=0.3)
-    quiet(LIGHT, dt=0.01, law="reflect")  # which gives no disc the speed of another
-    quiet(one(piston=Piston("left", 30, 9), wall_restitution=0.5), dt=0.01)  # half as much of its own speed only
     for scene in (gas(30, 0.4), gas(30, 0.4, gravity=(0, -1.0))):
         assert refused(scene, 60, on_fast="warn", dt=0.02) == (None, 60)
 
@@ -178,13 +166,28 @@ def test_the_frame_in_which_a_disc_is_fast_is_the_one_that_is_told():
     ("method", "contact", "radius"), [("naive", "impact", [0.5, 0.5]), ("grid", "push", [0.5, 0.4])]
 )
 def test_a_light_disc_that_a_heavy_one_meets_is_told_in_the_next_frame(method, contact, radius):
-    """The heavy one is fast only after the start, where it would be told what collisions may bring."""
     discs = {"position": [[3, 5], [5, 5]], "velocity": np.zeros((2, 2)), "radius": radius, "mass": [1e4, 1]}
     with simulate(Scene(width=20, height=10, **discs), method=method, contact=contact) as sim:
         sim.set(0, velocity=(40, 0))
         with pytest.warns(FastWarning, match=r"in frame \d+ disc 1 moves (1\.6|2) times its radius") as caught:
             sim.run(frames=10)
         assert (sim.frame, len(caught), caught[0].filename) == (10, 1, __file__)
+
+
+ON_THE_WAY = {
+    "pushed by a piston": (one(piston=Piston("left", 30, 9)), {"dt": 0.01}),
+    "from an emitter": (row(emitters=Emitter((1, 5), (400, 0), every=2)), {"dt": 0.01}),
+    "in a heat bath": (one(thermostat=mpsim.Thermostat(400.0, 5.0)), {"dt": 0.1}),
+    "by a fall": (one(gravity=(0, -2)), {"dt": 0.2}),
+}
+
+
+@pytest.mark.parametrize("name", ON_THE_WAY)
+def test_what_becomes_fast_is_told_in_its_frame(name):
+    scene, settings = ON_THE_WAY[name]
+    text, frame = refused(scene, 60, **settings)
+    assert re.search(r"in frame \d+ disc \d+ moves [\d.]+ times its radius", text)
+    assert 0 < frame < 60
 
 
 def test_a_piston_that_heats_a_gas_is_told_before_collisions_are_missed():
