@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from mpsim import measure
     from mpsim.core.state import State
     from mpsim.core.units import Units
+    from mpsim.engine.checkpoint import Snapshot
     from mpsim.engine.observers import Collisions, Sensor
     from mpsim.engine.report import Report
     from mpsim.engine.simulation import Simulation
-    from mpsim.engine.snapshot import Snapshot
     from mpsim.features import (
         Circle,
         Emitter,
@@ -66,7 +66,7 @@ _NAMES_OF = {
     "mpsim.engine.observers": "Collisions Sensor",
     "mpsim.engine.report": "Report",
     "mpsim.engine.simulation": "Simulation",
-    "mpsim.engine.snapshot": "Snapshot",
+    "mpsim.engine.checkpoint": "Snapshot",
     "mpsim.features": "Emitter Piston ThermalWalls Thermostat",
     "mpsim.features.motions": "Oscillation Path Rotation Translation",
     "mpsim.features.obstacles": "Circle FixedDisc Polyline",

@@ -157,7 +157,7 @@ class RunFolder:
     @property
     def scene(self) -> Scene:
         """The scene, from the checkpoint; a CheckpointError if there is no complete one."""
-        return checkpoint.read(self[CHECKPOINT]).scene
+        return checkpoint.read(self[CHECKPOINT]).snapshot.start[0]
 
     @property
     def timings(self) -> str:

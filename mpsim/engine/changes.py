@@ -14,7 +14,7 @@ from mpsim.core import checks
 from mpsim.core.columns import EXITS, MASS, SPIN, Column, check_names, given
 from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.parameters import in_force, plain
-from mpsim.engine.solvers.base import NewDiscs, Solver, Terms
+from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Terms
 from mpsim.errors import InputError
 from mpsim.features import feature
 from mpsim.features.motions import Movement
@@ -138,21 +138,25 @@ def made(solver: Solver, what: str, values: Mapping[str, Any]) -> Change:
     return Change(solver.frame, solver.time, what, values)
 
 
-def after(scene: Scene, settings: Settings, change: Change) -> tuple[Scene, Settings]:
-    """Scene and settings after a change."""
+def after(terms: Terms, change: Change) -> Terms:
+    """Scene, settings, and when frames of this length began, after a change."""
+    scene, settings, origin = terms
     if change.what == PARAMETERS:
-        return in_force(scene, settings, change.values, change.time)
-    if change.what == REMOVE and not scene._loses_discs:
-        return scene._replace(_has_gaps=True), settings
-    return _with_walls(scene, change) if change.what in WALLS else scene, settings
+        scene, settings = in_force(scene, settings, change.values, change.time)
+        origin = Origin(change.frame, change.time) if "dt" in change.values else origin
+    elif change.what == REMOVE and not scene._loses_discs:
+        scene = scene._replace(_has_gaps=True)
+    elif change.what in WALLS:
+        scene = _with_walls(scene, change)
+    return Terms(scene, settings, origin)
 
 
-def parameters_after(scene: Scene, settings: Settings, changes: Iterable[Change]) -> tuple[Scene, Settings]:
-    """Scene and settings in force after changes; the number of workers is that of the settings."""
-    workers = settings.workers
+def terms_after(scene: Scene, settings: Settings, changes: Iterable[Change]) -> Terms:
+    """What is in force after changes; the number of workers is that of the settings."""
+    terms = Terms(scene, settings, Origin())
     for each in changes:
-        scene, settings = after(scene, settings, each)
-    return scene, replace(settings, workers=workers)
+        terms = after(terms, each)
+    return terms._replace(settings=replace(terms.settings, workers=settings.workers))
 
 
 def demand_apart(solver: Solver, new: NewDiscs) -> None:
@@ -281,8 +285,8 @@ def _checked_obstacles(solver: Solver, start: Scene, what: str, values: Mapping[
 
     start: the scene at the start, whose emitters and pistons must keep their room.
     """
-    change, (scene, settings, _) = made(solver, what, values), solver.terms
-    before, now = scene.obstacles, after(scene, settings, change)[0].obstacles
+    change, scene = made(solver, what, values), solver.terms.scene
+    before, now = scene.obstacles, after(solver.terms, change).scene.obstacles
     differ = tuple(Removed() if each == old else each for each, old in zip_longest(now, before))
     bare = start._replace(obstacles=differ)._without_discs()
     for each in bare._features:

@@ -1,4 +1,4 @@
-"""Checkpoints: the complete state of a simulation in one file without executable code.
+"""The complete state of a simulation: `Snapshot` in memory, and checkpoints, one file without executable code.
 
 A checkpoint is a NumPy .npz without pickled objects: one JSON header, and arrays. It is written as every file is (see
 mpsim.core.files); the one before is kept as <name>.previous. A kill at any moment leaves a whole checkpoint under
@@ -15,9 +15,9 @@ import os
 import platform
 import shutil
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 from mpsim.core import checks, files
 from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, ArrayWriter
 from mpsim.core.columns import Array, chunks_of, of_each_disc
-from mpsim.engine.changes import parameters_after
-from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed
-from mpsim.engine.solvers.base import MOST_STEPS, count_in, demand
+from mpsim.engine.changes import Change, terms_after
+from mpsim.engine.emission import Progress
+from mpsim.engine.journal import JOURNAL, packed, unpacked
+from mpsim.engine.solvers.base import MOST_STEPS, SolverState, Terms, count_in, demand
 from mpsim.engine.solvers.methods import capabilities_of, choose, solver_of
 from mpsim.engine.step_limits import MOST_SUBSTEPS
 from mpsim.errors import (
@@ -43,6 +44,61 @@ from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings
+
+# --- A moment of a simulation in memory
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Snapshot:
+    """Copies of all that the next frame of a simulation depends on, by `Simulation.snapshot`.
+
+    `Simulation.restore` goes back to it, any number of times, and `Simulation.from_snapshot` starts another simulation
+    from it. It stays valid when its simulation is closed, and is freed like any other object.
+
+    Attributes:
+        frame, time: number of frames since the start, and simulated time [time].
+        start: scene and settings at the start of the simulation.
+        changes: made since the start, as in `Simulation.journal`.
+        terms: scene and settings in force, and since when.
+        arrays: of the discs, read-only.
+        emission: how far the emitters were.
+
+    >>> from mpsim import Scene, Simulation
+    >>> with Simulation(Scene.random(count=50, packing=0.2, radius=0.5, seed=1)) as sim:
+    ...     snap = sim.snapshot()
+    ...     report = sim.run(frames=10)
+    ...     sim.restore(snap)
+    >>> snap
+    <Snapshot: 50 discs, frame 0, time 0>
+    """
+
+    frame: int
+    time: float
+    start: tuple[Scene, Settings]
+    changes: tuple[Change, ...]
+    terms: Terms
+    arrays: SolverState
+    emission: Progress
+
+    def __post_init__(self) -> None:
+        for array in self.arrays.values():
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False
+
+    @property
+    def count(self) -> int:
+        """Number of discs, removed ones included."""
+        return count_in(self.arrays)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of its arrays [bytes]: 32 a disc for smooth discs in steps, 100 with `event`."""
+        shared = [id(self.arrays[name]) for name in ("radii", "masses")]  # with the simulation
+        return sum(array.nbytes for array in self.arrays.values() if id(array) not in shared)
+
+    def __repr__(self) -> str:
+        return f"<Snapshot: {self.count} discs, frame {self.frame}, time {self.time:g}>"
+
 
 # --- The scene of a checkpoint: plain values in its header, and arrays
 
@@ -127,26 +183,18 @@ SIZES = ("radii", "masses")
 of discs."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Checkpoint:
+class Checkpoint(NamedTuple):
     """What a file holds.
 
     Attributes:
         path: of the file that was read (the previous one, if the newest is damaged).
-        scene, settings: at the start of the simulation.
-        run: plain values that the engine needs to continue, such as the frame and what emitters have done.
-        arrays: of the solver.
+        snapshot: the moment at which it was written.
         digest: over all that the file holds.
-        changed: what has been changed since the start.
     """
 
     path: Path
-    scene: Scene
-    settings: Settings
-    run: dict[str, Any]
-    arrays: Arrays
+    snapshot: Snapshot
     digest: str
-    changed: Changed = UNCHANGED
 
 
 def place_of(path: str | os.PathLike[str]) -> Path:
@@ -207,17 +255,10 @@ def _check_place(target: Path) -> None:
     files.check_target(target)
 
 
-def write(
-    path: str | os.PathLike[str],
-    scene: Scene,
-    settings: Settings,
-    run: dict[str, Any],
-    arrays: Mapping[str, Array],
-    changed: Changed = UNCHANGED,
-) -> Path:
+def write(path: str | os.PathLike[str], snapshot: Snapshot) -> Path:
     """Write a checkpoint, arrays in chunks; the file that was there is kept beside it as <name>.previous."""
     target = place_of(path)
-    header, everything = _packed(scene, settings, run, arrays, changed)
+    header, everything = _packed(snapshot)
     with _as_output_error(target):
         _check_place(target)
         with _kept_as_previous(target), files.atomic_write(target) as file, ArrayWriter(file) as out:
@@ -268,7 +309,7 @@ def read(path: str | os.PathLike[str], mapped: bool = False) -> Checkpoint:
             ) from None
         warnings.warn(
             f"the checkpoint {str(target)!r} cannot be used: {damage}. Continuing from the previous one, "
-            f"{str(previous)!r}, at frame {found.run['frame']}. Check that disk.",
+            f"{str(previous)!r}, at frame {found.snapshot.frame}. Check that disk.",
             CheckpointWarning,
             stacklevel=level_of_caller(),
         )
@@ -288,23 +329,22 @@ class _DamagedError(Exception):
     """A file cannot be used; the text says why."""
 
 
-def _packed(
-    scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array], changed: Changed
-) -> tuple[bytes, dict[str, Array]]:
+def _packed(snapshot: Snapshot) -> tuple[bytes, dict[str, Array]]:
     """The header of a file, as text, and its arrays."""
+    (scene, settings), arrays = snapshot.start, snapshot.arrays
     plain, parts = scene_parts(scene)
     everything: dict[str, Array] = {f"scene.{name}": value for name, value in parts.items()}
     once = {name: np.asarray(sizes[0]) for name in SIZES if _are_equal(sizes := np.asarray(arrays[name]))}
     everything |= {f"solver.{name}": value for name, value in sorted({**arrays, **once}.items())}
-    if changed.changes:
-        everything[JOURNAL], run = packed(changed.changes), run | {"origin": list(changed.origin)}
+    if snapshot.changes:
+        everything[JOURNAL] = packed(snapshot.changes)
     header: dict[str, Any] = {
         "format": FORMAT,
         "versions": VERSIONS,
         "settings": dataclasses.asdict(settings),
         "scene": plain,
-        "run": run,
-        "discs": len(arrays["radii"]),
+        "run": {"frame": snapshot.frame, "emission": snapshot.emission},
+        "discs": snapshot.count,
     }
     text = json.dumps(header).encode()
     length = len(text)
@@ -429,9 +469,7 @@ def _verified(path: Path, mapped: bool) -> Checkpoint:
             raise _DamagedError("its content does not match its digest")
     try:
         with np.errstate(all="ignore"):
-            checkpoint = _made_from(path, header, arrays, digest.hex())
-            check(checkpoint)
-            return checkpoint
+            return Checkpoint(path, _checked(_made_from(header, arrays), header["run"]), digest.hex())
     except _NO_STATE as error:  # the digest is right, so somebody has made it so; still nothing may break
         raise _DamagedError(f"its content is not a state of a simulation ({type(error).__name__}: {error})") from None
 
@@ -449,15 +487,17 @@ def _header_of(archive: ArrayFile) -> tuple[bytes, dict[str, Any]]:
     return text.tobytes(), header
 
 
-def _made_from(path: Path, header: dict[str, Any], found: Arrays, digest: str) -> Checkpoint:
-    """A checkpoint from the header and the arrays of its file."""
+def _made_from(header: dict[str, Any], found: Arrays) -> Snapshot:
+    """The moment from the header and the arrays of its file."""
     parts = _named("scene.", found), _named("solver.", found)
     if len(parts[0]) + len(parts[1]) + (JOURNAL in found) != len(found) or not parts[0].keys() <= set(ARRAYS):
         raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
     scene, settings = scene_from(header["scene"], parts[0]), Settings(**header["settings"])
     arrays = of_each_disc(parts[1], SIZES, header.get("discs"))
-    changed = changed_in(header["run"], found[JOURNAL]) if JOURNAL in found else UNCHANGED
-    return Checkpoint(path, scene, settings, header["run"], arrays, digest, changed)
+    frame, emission = header["run"]["frame"], header["run"]["emission"]
+    changes = unpacked(found[JOURNAL], frame) if JOURNAL in found else ()
+    terms = terms_after(scene, settings, changes)
+    return Snapshot(frame, terms.time_of(frame), (scene, settings), changes, terms, arrays, emission)
 
 
 def _named(prefix: str, arrays: Arrays) -> Arrays:
@@ -467,21 +507,21 @@ def _named(prefix: str, arrays: Arrays) -> Arrays:
 # --- Checks whether the state in a checkpoint is possible for its scene
 
 
-def check(found: Checkpoint) -> None:
-    """Raise ValueError for a checkpoint in which no simulation can have been, saying why."""
-    arrays, changed = found.arrays, found.changed
-    scene, settings = parameters_after(found.scene, found.settings, changed.changes)
-    count = count_in(arrays)
+def _checked(found: Snapshot, run: dict[str, Any]) -> Snapshot:
+    """The moment; raise ValueError for one in which no simulation can have been, saying why."""
+    arrays, (scene, settings, origin), count = found.arrays, found.terms, found.count
+    demand(run.get("origin", [*origin]) == [*origin], f"its origin must be {[*origin]}; got {run.get('origin')!r:.60}")
     demand(scene.count <= count <= LARGEST_COUNT, f"it has {count} discs; its scene has {scene.count}")
     solver_of(choose(count, settings).method).check_snapshot(scene, settings, arrays)
     _check_sizes(scene, arrays)
     frames, second = arrays["progress"].tolist()
     demand(0 <= frames <= MOST_STEPS and second >= 0, f"frames and steps must be >= 0; got {frames}, {second}")
-    frame = changed.origin.frame + frames
-    demand(found.run["frame"] == frame, f"its frame must be {frame}; got {found.run['frame']!r}")
-    _check_emission(scene, found.run["emission"], count)
+    frame = origin.frame + frames
+    demand(found.frame == frame, f"its frame must be {frame}; got {found.frame!r}")
+    _check_emission(scene, found.emission, count)
     if capabilities_of(settings).has_steps:
         _check_steps(settings, frames, second)
+    return found
 
 
 def _check_steps(settings: Settings, frames: int, steps: int) -> None:

@@ -10,14 +10,14 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks, files
 from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALLS, Change
-from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN, Origin
+from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.solvers.methods import settings_to_go_on
 from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.features.feature import plain, restored
@@ -167,16 +167,6 @@ def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:
     }
 
 
-class Changed(NamedTuple):
-    """All changes since the start of a simulation, in order, and when the present length of frames began to act."""
-
-    changes: tuple[Change, ...] = ()
-    origin: Origin = Origin()
-
-
-UNCHANGED = Changed()
-
-
 def _checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:
     """Changes from plain values (frame, time, what, values), in order and none after a frame.
 
@@ -187,7 +177,8 @@ def _checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:
         before = found[-1].frame if found else 0
         if type(at) is not int or type(frame) is not int or not before <= at <= frame:
             raise ValueError(f"frames must be whole numbers that do not fall, up to {frame!r:.30}; got {at!r:.30}")
-        if type(time) not in (int, float) or what not in KINDS or not isinstance(values, dict):
+        is_time = type(time) in (int, float) and 0 <= time < math.inf
+        if not is_time or what not in KINDS or not isinstance(values, dict):
             raise ValueError(f"change {number} must have a time and be one of {', '.join(KINDS)}; got {what!r:.60}")
         kinds = (*OBSTACLES.kinds, *OBSTACLES.within) if what in (PARAMETERS, *WALLS) else ()
         given = {name: restored(value, kinds) for name, value in values.items()} if kinds else values
@@ -201,17 +192,14 @@ def packed(changes: Iterable[Change]) -> NDArray[np.uint8]:
     return np.frombuffer(json.dumps(entries).encode(), np.uint8)
 
 
-def changed_in(run: dict[str, Any], array: NDArray[Any]) -> Changed:
-    """What a checkpoint says of changes, in its header and its array."""
-    frame, time = run["origin"]
-    if type(frame) is not int or not 0 <= frame <= run["frame"] or not math.isfinite(time) or time < 0:
-        raise ValueError(f"the origin must be a frame that is done, and its time; got {run['origin']!r:.60}")
+def unpacked(array: NDArray[Any], frame: int) -> tuple[Change, ...]:
+    """The changes in such an array, none after a frame."""
     if array.dtype != np.uint8 or array.ndim != 1:
         raise ValueError("its journal is not a text")
     entries = json.loads(array.tobytes())
     if not isinstance(entries, list):
         raise ValueError("its journal is not a list")
-    return Changed(_checked_entries(entries, run["frame"]), Origin(frame, float(time)))
+    return _checked_entries(entries, frame)
 
 
 def _plain_values(change: Change) -> dict[str, Any]:

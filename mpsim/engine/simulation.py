@@ -33,10 +33,10 @@ from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import Discs, State, StateInChunks
 from mpsim.engine import changes, checkpoint, report
 from mpsim.engine.access import Access, Closing, Once, exclusive, reading, warn
-from mpsim.engine.changes import REMOVE, Change, edited, parameters_after
-from mpsim.engine.checkpoint import checked_place
+from mpsim.engine.changes import REMOVE, Change, edited, terms_after
+from mpsim.engine.checkpoint import Snapshot, checked_place
 from mpsim.engine.emission import Emission, Insert
-from mpsim.engine.journal import Changed, Journal, replayed
+from mpsim.engine.journal import Journal, replayed
 from mpsim.engine.observers import Observer, Observers
 from mpsim.engine.parameters import Parameters, check_names
 from mpsim.engine.report import Measures, Report
@@ -48,7 +48,6 @@ from mpsim.engine.run import (
     RunRecord,
     retried_on_new_workers,
 )
-from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import (
     MOST_FRAMES_OF_A_RUN,
@@ -58,7 +57,6 @@ from mpsim.engine.solvers.base import (
     InPlace,
     NewDiscs,
     OnWorkerDeath,
-    Origin,
     Processes,
     Solver,
     StartMethod,
@@ -74,7 +72,6 @@ from mpsim.engine.step_limits import StepLimits, check_precision
 from mpsim.engine.workers.shared import MOST_FRAMES, refusals_named
 from mpsim.errors import (
     BusyError,
-    CheckpointError,
     ClosedError,
     GuardWarning,
     InputError,
@@ -1002,9 +999,9 @@ class Simulation(ReadOnly):
         after = edited(before, change)
 
         def act() -> None:
-            scene, settings, origin = self._solver.terms
-            if (changed := changes.after(scene, settings, change))[0] is not scene:
-                self._adopt(Terms(*changed, origin))
+            terms = changes.after(self._solver.terms, change)
+            if terms.scene is not self._solver.terms.scene:
+                self._adopt(terms)
             self._solver.set_discs(after, numbers)
 
         with interrupts_held_back():
@@ -1029,13 +1026,10 @@ class Simulation(ReadOnly):
     def _take_over(self, change: Change) -> None:
         """Continue under the scene and settings that a change makes, and note it in the journal."""
         solver, notices = self._solver, self._access.notices
-        before, origin = solver.choice, solver.terms.origin
-        scene, settings = changes.after(*solver.terms[:2], change)
-        if change.what == changes.PARAMETERS and "dt" in change.values:
-            origin = Origin(change.frame, change.time)
-        check_precision(scene, settings)
-        emission = self._emission.under(scene, settings, solver.frame, solver.time)
-        limits = self._step_limits.under(scene, settings, origin)
+        before, terms = solver.choice, changes.after(solver.terms, change)
+        check_precision(terms.scene, terms.settings)
+        emission = self._emission.under(terms.scene, terms.settings, solver.frame, solver.time)
+        limits = self._step_limits.under(*terms)
         try:
             with interrupts_held_back(), self._access.moving():
                 substeps = limits.check(solver, notices)
@@ -1045,7 +1039,7 @@ class Simulation(ReadOnly):
             raise
 
         def act() -> None:
-            self._adopt(Terms(scene, settings, origin))
+            self._adopt(terms)
             limits.set_limit(self._solver)
             set_substeps(self._solver, substeps)
 
@@ -1215,15 +1209,10 @@ class Simulation(ReadOnly):
         """
         if not isinstance(snapshot, Snapshot):
             raise InputError(f"from_snapshot needs a Snapshot, from sim.snapshot(); got {checks.brief(snapshot)}.")
-        scene, settings = snapshot.start
         if on_ranks(method):
             raise InputError(f"method={method!r} cannot start from a snapshot in memory. Use sim.save and resume.")
-        settings = settings_to_go_on(settings, method, workers)
-        sim = cls.__new__(cls)
-        sim._set_up(scene, settings, Processes(None, start_method, on_worker_death))
-        terms = Terms(*parameters_after(scene, settings, snapshot.changes), snapshot.terms.origin)
-        sim._continue_from(dataclasses.replace(snapshot, terms=terms))
-        return sim
+        settings = settings_to_go_on(snapshot.start[1], method, workers)
+        return cls._continued(snapshot, settings, Processes(None, start_method, on_worker_death))
 
     def _demand_one_process(self, what: str) -> None:
         if self._can.on_ranks:
@@ -1257,10 +1246,8 @@ class Simulation(ReadOnly):
         """
         self._open_solver().ranks.assert_same_on_ranks("paths of checkpoints", path)
         with self._access.state_lock:
-            solver = self._open_solver()
-            run, arrays = {"frame": solver.frame, "emission": self._emission.progress}, solver.snapshot()
-            start, changed = self._start, Changed(tuple(self._changes), solver.terms.origin)
-        return solver.ranks.on_root(lambda: checkpoint.write(path, *start, run, arrays, changed))
+            solver, moment = self._open_solver(), self._moment()
+        return solver.ranks.on_root(lambda: checkpoint.write(path, moment))
 
     @classmethod
     def resume(
@@ -1287,21 +1274,8 @@ class Simulation(ReadOnly):
         """
         saved = checkpoint.method_of(path) if method is None else method
         found = _read(path, comm, on_ranks(saved) or comm is not None)
-        processes = Processes(comm, start_method, on_worker_death)
-        settings = settings_to_go_on(found.settings, method, workers)
-        check_processes(settings, processes)  # whose errors are not those of the file
-        try:
-            sim = cls.__new__(cls)
-            sim._set_up(found.scene, settings, processes)
-        except InputError as error:
-            raise CheckpointError(
-                f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
-            ) from error
-        changed, frame = found.changed, found.run["frame"]
-        terms = Terms(*parameters_after(found.scene, settings, changed.changes), changed.origin)
-        given = (found.scene, settings), changed.changes, terms, found.arrays, found.run["emission"]
-        sim._continue_from(Snapshot(frame, terms.time_of(frame), *given))
-        return sim
+        settings = settings_to_go_on(found.snapshot.start[1], method, workers)
+        return cls._continued(found.snapshot, settings, Processes(comm, start_method, on_worker_death))
 
     @classmethod
     def replay(
@@ -1341,13 +1315,19 @@ class Simulation(ReadOnly):
         """
         return replayed(cls, source, frame, workers=workers, method=method, comm=comm, start_method=start_method)
 
-    def _continue_from(self, to: Snapshot) -> None:
-        """Start the solver from a snapshot, maybe of another method or number of workers; if that fails, close it."""
-        if to.changes:
-            self._emission = self._emission.under(to.terms.scene, to.terms.settings, 0, 0.0)
-            self._step_limits = self._step_limits.under(*to.terms)
-        self._changes = list(to.changes)
-        self._begin(self._step_limits.at_resume(), lambda: self._go_on_from(to))
+    @classmethod
+    def _continued(cls, moment: Snapshot, settings: Settings, processes: Processes) -> Simulation:
+        """A simulation that goes on from a moment, under settings of maybe another method or number of workers."""
+        scene, sim = moment.start[0], cls.__new__(cls)
+        sim._set_up(scene, settings, processes)
+        terms = terms_after(scene, settings, moment.changes)
+        if moment.changes:
+            sim._emission = sim._emission.under(terms.scene, terms.settings, 0, 0.0)
+            sim._step_limits = sim._step_limits.under(*terms)
+        sim._changes = list(moment.changes)
+        to = dataclasses.replace(moment, terms=terms)
+        sim._begin(sim._step_limits.at_resume(), lambda: sim._go_on_from(to))
+        return sim
 
     def _moment(self) -> Snapshot:
         """Copies of everything that the next frame depends on."""

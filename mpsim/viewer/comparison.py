@@ -17,12 +17,12 @@ import numpy as np
 
 from mpsim.core.state import State
 from mpsim.engine.changes import ADD, PARAMETERS, WALL
+from mpsim.engine.checkpoint import Snapshot
 from mpsim.engine.observers import Observer
 from mpsim.engine.parameters import OF_SETTINGS
 from mpsim.engine.report import Report
 from mpsim.engine.room import make_room
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.methods import capabilities_of, in_one_process
 from mpsim.errors import ClosedError, InputError, MpsimError

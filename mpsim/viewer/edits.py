@@ -18,9 +18,9 @@ from mpsim.core import checks
 from mpsim.core.machine import usable_cores
 from mpsim.engine import parameters
 from mpsim.engine.changes import hindrance
+from mpsim.engine.checkpoint import Snapshot
 from mpsim.engine.room import make_room
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.snapshot import Snapshot
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, InputError
 from mpsim.features.capsules import of_discs, shifted

@@ -366,10 +366,14 @@ def test_a_number_of_discs_is_compared_with_the_arrays_before_room_is_made_for_t
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("origin", [[3, 0.0], [0.0, 0.0], [0, -1.0]])
-def test_frames_are_counted_from_one_that_is_done(origin, tmp_path):
+@pytest.mark.parametrize(
+    ("changed", "origin"), [({}, [3, 0.0]), ({}, None), ({"dt": 0.02}, [2, 0.0]), ({"dt": 0.02}, 0)]
+)
+def test_frames_are_counted_from_the_last_change_of_dt(changed, origin, tmp_path):
+    """So the header need not say from which; if it does, it must be this one."""
     with simulate(lattice(4, 4), method="grid") as sim:
-        sim.change(dt=0.02)
+        if changed:
+            sim.change(**changed)
         sim.run(frames=2)
         path = sim.save(tmp_path / "run")
     assert frame_in(path) == 2, "the control"

@@ -45,7 +45,7 @@ def rewrite_members(path: Path, change: Callable[[dict[str, bytes]], None], comp
 
 def frame_in(path: Path) -> int:
     """Frame of the checkpoint that a resume would take."""
-    return checkpoint.read(path).run["frame"]
+    return checkpoint.read(path).snapshot.frame
 
 
 WORDS = "absorbing emitters acceleration"
