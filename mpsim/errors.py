@@ -203,10 +203,6 @@ class ResolutionWarning(UserWarning):
     """The precision of the run is too coarse for coordinates or velocities of the scene: the result is degraded."""
 
 
-class SweepWarning(UserWarning):
-    """The executor of a sweep broke, the file of a study was cut off, or a function has changed since it was begun."""
-
-
 for _each in (
     MpsimError,
     InputError,

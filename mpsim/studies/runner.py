@@ -3,7 +3,6 @@
 import json
 import os
 import threading
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from mpsim.core import files
 from mpsim.core.files import FileLock
 from mpsim.core.machine import usable_cores
-from mpsim.errors import InputError, OutputError, SweepWarning, level_of_caller, reason_of
+from mpsim.errors import InputError, OutputError, reason_of
 
 POLL_SECONDS = 0.2
 """Seconds between two checks for signals while threads run: one delivered to another thread wakes no waiting one."""
@@ -138,7 +137,7 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
 # --- The file of a study: a head, and one line of JSON for each finished run
 #
 # A line is written by one system call when its run is done. So Ctrl-C leaves complete lines, and a kill leaves at most
-# one incomplete line, which the next study removes with a warning. Only one study at a time may use the file.
+# one incomplete line, which the next study removes. Only one study at a time may use the file.
 
 MOST_BYTES = 2**32
 """Largest size of a file: some ten million runs of a sweep."""
@@ -231,10 +230,6 @@ class RunFile:
                 f"({error.strerror}). Make room and call again: the runs that it holds are not repeated."
             ) from error
 
-    def warn(self, text: str) -> None:
-        """Warn of the file, whose path takes the place of {path}."""
-        warnings.warn(text.format(path=self._path), SweepWarning, stacklevel=level_of_caller())
-
     def _open(self) -> None:
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
         try:
@@ -266,9 +261,7 @@ class RunFile:
             raise self._unreadable(reason_of(error)) from None
         if content and not (content.startswith(begin) or begin.startswith(content)):
             raise self._unreadable(f"it does not begin with {begin.decode()}")
-        whole, _, torn = content.rpartition(b"\n")
-        if torn:
-            self.warn("the last line of {path} was cut off, as by a kill, and is dropped: its run is repeated.")
+        whole = content.rpartition(b"\n")[0]
         if whole:
             head, *self._lines = whole.split(b"\n")
             self.head, self._whole = self._parsed(1, head), len(whole) + 1

@@ -24,7 +24,6 @@ pytestmark = pytest.mark.plain
 
 STATE = mpsim.State(np.zeros((3, 2)), np.ones((3, 2)))
 SCENE = gas(70, 0.2, seed=1)
-SWEPT = mpsim.sweep(lambda x: {"y": x}, {"x": range(30)})
 with simulate(SCENE, method="naive") as once:
     REPORT = once.run(frames=12)
 
@@ -55,8 +54,6 @@ WRITERS = {
     "gas.position.npy": lambda path: SCENE.save(path.with_name("gas.toml")),
     "state.npz": STATE.save,
     "times.csv": REPORT.to_csv,
-    "sweep.csv": SWEPT.to_csv,
-    "sweep.json": SWEPT.to_json,
     "picture.png": picture,
     "animation.gif": animation,
     "frames.xyz": trajectory,
