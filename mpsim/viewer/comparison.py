@@ -1,4 +1,4 @@
-"""Speed against accuracy in a view: a second stage, how far it and the first have come apart, a search for settings.
+"""Speed against accuracy in a view: a second stage, and how far it and the first have come apart.
 
 Hard discs are chaotic: any difference between two runs grows until the position of a disc in one run says nothing about
 the same disc in the other. From then on their distance means nothing, and only averages can be compared.
@@ -35,7 +35,6 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.divergence import divergence
 from mpsim.studies.tradeoff import label
-from mpsim.studies.tune import tune
 from mpsim.viewer.gauges import MeanPressure
 
 # --- How far two stages have come apart since their common start: distance of corresponding discs, counts, times
@@ -261,53 +260,18 @@ def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:
     return dataclasses.replace(settings, dt=dt / each), each
 
 
-# --- Runs long work in a thread of its own, and can cancel it
-
-CLOSING_SECONDS = 5.0  # longest time that `stop` waits for cancelled work to end
-Check = Callable[[], None]  # the work calls this from time to time. It raises _StoppedError once the work was stopped
-
-
-class _StoppedError(Exception):
-    """The work was stopped."""
-
-
-class Background:
-    """Runs one piece of work at a time, in a thread of this name."""
-
-    def __init__(self, name: str):
-        self._name = name
-        self._thread: threading.Thread | None = None
-        self._stopped = threading.Event()
-
-    def start(self, work: Callable[[Check], None]) -> None:
-        """Start the work, after stopping that which still runs."""
-        self.stop()
-        stopped = self._stopped = threading.Event()
-
-        def check() -> None:
-            if stopped.is_set():
-                raise _StoppedError
-
-        def run() -> None:
-            with contextlib.suppress(_StoppedError):
-                work(check)
-
-        self._thread = threading.Thread(target=run, name=self._name, daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop the work at its next check."""
-        self._stopped.set()
-        if self._thread is not None:
-            self._thread.join(CLOSING_SECONDS)
-
-
 # --- The comparison on a page: runs a second stage, if there is one
 
 MOST_DIVERGING = 5000  # largest number of discs for which the Lyapunov time is computed, by two short exact runs
 
+CLOSING_SECONDS = 5.0  # longest time that `close` waits for these runs to end [s]
+
 Beside = Settings | Callable[[Settings], Settings] | None
 """A requested second stage: its settings, or what makes them from those of the first stage."""
+
+
+class _StoppedError(Exception):
+    """The Lyapunov time is no longer wanted."""
 
 
 class Comparison:
@@ -315,22 +279,17 @@ class Comparison:
 
     def __init__(self, beside: Settings | None):
         self.second: SecondStage | None = None
-        self._asked: Beside = beside
-        self._wanted: Beside = beside  # as requested, or with dt fitted to another first stage
+        self._wanted: Beside = beside
         self._settings: Settings | None = None
         self._note: str | None = None
         self._predictability: Predictability | None = None
         self._diverging: Scene | None = None  # whose Lyapunov time is known, or being found
-        self._work = Background("mpsim view: divergence")
+        self._stopped = threading.Event()
+        self._work: threading.Thread | None = None  # that finds the Lyapunov time
 
     def choose(self, beside: Beside) -> None:
         """Choose the second stage; it applies from the next restart on."""
-        self._asked = self._wanted = beside
-
-    def fit(self, dt: float) -> None:
-        """Fit the dt of the requested second stage to another dt of the first; it applies from the next restart on."""
-        if isinstance(self._asked, Settings):
-            self._wanted = dataclasses.replace(self._asked, dt=fitting(self._asked.dt, dt))
+        self._wanted = beside
 
     @property
     def settings(self) -> Settings | None:
@@ -352,12 +311,20 @@ class Comparison:
             return
         if self._diverging is not scene and scene.count <= MOST_DIVERGING:
             self._diverging, self._predictability = scene, None
-            self._work.start(lambda check: self._find_divergence(scene, check))
+            self._stop_work()
+            self._work = threading.Thread(target=self._find_divergence, args=(scene, self._stopped), daemon=True)
+            self._work.start()
 
     def close(self) -> None:
         """End the second stage."""
-        self._work.stop()
+        self._stop_work()
         self._end(None)
+
+    def _stop_work(self) -> None:
+        self._stopped.set()
+        if self._work is not None:
+            self._work.join(CLOSING_SECONDS)
+        self._stopped = threading.Event()
 
     def run(
         self,
@@ -425,70 +392,12 @@ class Comparison:
             told |= second.difference.read(sim.state, second.sim.state, sim.time, told["agree_until"])
         return told
 
-    def _find_divergence(self, scene: Scene, check: Check) -> None:
-        with contextlib.suppress(MpsimError):  # a scene that the exact solver cannot run, or without a Lyapunov time
-            found = divergence(scene, progress=lambda done, of: check())
-            check()
+    def _find_divergence(self, scene: Scene, stopped: threading.Event) -> None:
+        def check(done: int, of: int) -> None:
+            if stopped.is_set():
+                raise _StoppedError
+
+        with contextlib.suppress(MpsimError, _StoppedError):  # of a scene that has none, or that `event` cannot run
+            found = divergence(scene, progress=check)
+            check(1, 1)
             self._predictability = found
-
-
-# --- Searches for settings in a thread, and reports its progress
-
-SEARCH_SECONDS = 60.0  # approximate time limit of a search [s]
-
-
-class Tuning:
-    """Runs one search at a time.
-
-    The thread of the search calls `news` when there is new progress to report, and `finished` with the number of the
-    search and the settings that it has found. If `number` is another by then, the result is out of date.
-    """
-
-    def __init__(self, news: Callable[[], None], finished: Callable[[int, Settings], None]):
-        self._news, self._finished = news, finished
-        self.number: int = 0
-        self._work = Background("mpsim view: tune")
-        self._told: dict[str, Any] = {"phase": "none", "text": "", "done": 0, "of": 1}
-
-    @property
-    def running(self) -> bool:
-        """Whether a search is under way."""
-        return self._told["phase"] == "searching"
-
-    def told(self) -> dict[str, Any]:
-        """The message for pages: a phase ("none", "searching", "found", "failed"), and the step, result or reason."""
-        return dict(self._told)
-
-    def start(self, scene: Scene, budgets: Mapping[str, float]) -> None:
-        """Start a search, and cancel a running one; budgets: as in `mpsim.tune`."""
-        self.stop()
-        self._told = {"phase": "searching", "text": "preliminary run", "done": 0, "of": 1}
-        number = self.number
-        self._work.start(lambda check: self._search(scene, budgets, check, number))
-
-    def stop(self) -> None:
-        """Cancel the search; it ends when it next reports its progress."""
-        self.number += 1
-        self._work.stop()
-        self._told = {**self._told, "phase": "none"}
-
-    def _search(self, scene: Scene, budgets: Mapping[str, float], check: Check, number: int) -> None:
-        def progress(done: int, of: int, what: str) -> None:
-            check()
-            self._tell(phase="searching", text=what, done=done, of=of)
-
-        try:
-            found = tune(scene, budgets, seconds=SEARCH_SECONDS, progress=progress)
-        except Exception as error:  # any error: the stages must not wait any longer
-            check()
-            self._tell(phase="failed", text=str(error) or type(error).__name__)
-            if isinstance(error, MpsimError):
-                return
-            raise
-        check()
-        self._tell(phase="found", text=str(found))
-        self._finished(number, found.settings)
-
-    def _tell(self, **values: Any) -> None:
-        self._told = {**self._told, **values}
-        self._news()

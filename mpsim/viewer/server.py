@@ -185,8 +185,7 @@ MOST_A_SECOND, BURST = 200.0, 400.0
 for each key press."""
 
 ORDER = (
-    "scene", "obstacles", "status", "compiling", "timeline", "gauges", "hands", "link", "colours", "pair", "tune",
-    "pass",
+    "scene", "obstacles", "status", "compiling", "timeline", "gauges", "hands", "link", "colours", "pair", "pass",
 )  # fmt: skip
 """Kinds of messages. Waiting messages are sent in this order."""
 

@@ -20,15 +20,14 @@ from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.grid import Pass, next_frame_in_passes
 from mpsim.engine.solvers.methods import in_one_process
 from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
-from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.viewer import export, share_url
 from mpsim.viewer.colouring import CHOICES, Colouring, scale_of
-from mpsim.viewer.comparison import Comparison, Tuning
+from mpsim.viewer.comparison import Comparison
 from mpsim.viewer.edits import Interactions, Moment
 from mpsim.viewer.gauges import Gauges, Meter, bulk_pressure
-from mpsim.viewer.protocol import MOST_NUMBER, Action, command, one_of, whole
+from mpsim.viewer.protocol import Action, command, one_of, whole
 from mpsim.viewer.share_url import Link
 from mpsim.viewer.source import LOOK, MOST_STEPS, TURN, Source, TimeBudget, first_speed
 
@@ -63,10 +62,6 @@ def _text(name: str, value: Any) -> str:
     if not isinstance(value, str):
         raise InputError(f"{name} must be a text; got {checks.brief(value)}.")
     return value
-
-
-def _budget(name: str, value: Any) -> float:
-    return checks.between(name, value, 1 / MOST_NUMBER, MOST_NUMBER)
 
 
 class Session(Source):
@@ -109,7 +104,6 @@ class Session(Source):
         self._run = 0
         self._edits = Interactions(self._owned, self._moment, self._back)
         self._comparison = Comparison(beside)
-        self._tuning = Tuning(self._tell_tuning_later, self._apply_later)
         self._passes: list[Pass] = []  # of the next frame, while one of them is shown
         self._pass = 0
         self._meter = Meter()
@@ -170,7 +164,6 @@ class Session(Source):
         self._tell_link()
 
     def _restart(self) -> None:
-        self._tell_tuning()
         self._begin()
         self._tell_scene(self._phase)
 
@@ -198,7 +191,6 @@ class Session(Source):
     def _release(self) -> None:
         with contextlib.suppress(Exception):  # the first error counts
             self._drop()
-        self._tuning.stop()
         self._comparison.close()
 
     def _refused(self, error: MpsimError) -> None:
@@ -218,7 +210,7 @@ class Session(Source):
     # --- frames
 
     def _advance(self) -> None:
-        if not self._over and not self._tuning.running:
+        if not self._over:
             self._run_due()
             self._look()
 
@@ -299,7 +291,7 @@ class Session(Source):
         return FULL_SPEED if self._playing and self._rate.speed is None else WAITING
 
     def _seconds_to_next(self) -> float | None:
-        if self._over or self._tuning.running:
+        if self._over:
             return None
         if self._steps:
             return 0.0
@@ -398,7 +390,6 @@ class Session(Source):
         """Restart with other random positions and velocities."""
         self._demand_scene("seed")
         self._redraw(value)
-        self._tuning.stop()  # it searches for another initial state
         self._restart()
 
     def _redraw(self, seed: int) -> None:
@@ -418,42 +409,9 @@ class Session(Source):
         """Restart with the scene and settings of a link."""
         self._demand_scene("open")
         self._take(link)
-        self._tuning.stop()
         self._colouring = Colouring(None)  # the numbers of the program belong to another scene
-        self._tell_tuning()
         self._open()
         self._tell_scene(self._phase)
-
-    @command(measure=one_of(ERRORS), budget=_budget)
-    def do_tune(self, measure: str, budget: float) -> None:
-        """Search for the cheapest settings whose error is inside a budget."""
-        self._demand_scene("tune")
-        self._tuning.start(self.scene, {measure: budget})
-        self._tell_tuning()
-
-    @command()
-    def do_stop_tuning(self) -> None:
-        """Stop the search."""
-        self._demand_scene("stop_tuning")
-        self._tuning.stop()
-        self._tell_tuning()
-
-    def _tell_tuning(self) -> None:
-        self._broadcast.tell_if_new("tune", self._tuning.told())
-
-    def _tell_tuning_later(self) -> None:
-        """Report the progress of the search. Called by its thread."""
-        self.call("searching", self._tell_tuning, replaces=True)
-
-    def _apply_later(self, number: int, settings: Settings) -> None:
-        """Restart with settings that the search of this number has found. Called by its thread."""
-        self.call("found", lambda: self._apply(number, settings))
-
-    def _apply(self, number: int, settings: Settings) -> None:
-        if number == self._tuning.number:  # otherwise that search was cancelled meanwhile
-            self._settings = settings
-            self._comparison.fit(settings.dt)
-            self._restart()
 
     # --- commands: changes by hand, and moments to go back to
 

@@ -417,7 +417,7 @@ def test_another_scene_is_asked_for_and_then_shown_and_a_wrong_address_is_explai
         page.goto("about:blank")
 
 
-# --- two stages, passes, moments, a search
+# --- two stages, passes, moments
 
 
 def test_two_stages_passes_and_moments(table):
@@ -455,24 +455,6 @@ def test_two_stages_passes_and_moments(table):
     t.keys("Enter")
     until(lambda: t.frame == 0 and t.last("scene")["seed"] == 5)
     t.show("beside")
-    for name, text in (("tune-budget", "1.0e-2"), ("seed", "10")):  # what is typed into a field stays there
-        t.page.focus(f"#{name}")
-        t.keys("Control+a")
-        t.page.keyboard.type(text)
-        assert t.page.input_value(f"#{name}") == text
-    t.keys("Control+a")
-    t.page.keyboard.type("5")
-    valid = "document.getElementById('tune-form').checkValidity()"
-    for text in ("1e-300", "1e300", "2", "-1", "0", ""):  # no budget: searches for nothing
-        t.page.fill("#tune-budget", text)
-        t.page.click("#tune")
-        assert not t.page.evaluate(valid), text
-    assert t.page.inner_text("#tune-unit") == "of the exact value"
-    t.page.fill("#tune-budget", "2")
-    t.page.select_option("#tune-measure", "overlap")
-    assert t.page.inner_text("#tune-unit") == "diameters"
-    assert t.page.evaluate(valid)
-    assert t.last("tune").get("phase", "none") == "none"
     t.page.select_option("#beside-choice", "", force=True)
     until(lambda: not t.page.is_visible("#second") and not t.page.is_visible("#trade"))
     assert t.complaints == []

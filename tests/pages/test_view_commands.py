@@ -1,11 +1,11 @@
-"""What pages ask of a run: speed, reset, colours, counts, a second stage, passes, a moment to go back to, a search."""
+"""What pages ask of a run: speed, reset, colours, counts, a second stage, passes, a moment to go back to."""
 
 import time
 
 import numpy as np
 import pytest
 from support.scenes import gas, simulate
-from support.visitor import FASTEST, KNEE, Visitor, digest_alone, kept, paused, replayed, viewed
+from support.visitor import FASTEST, KNEE, Visitor, digest_alone, kept, paused, viewed
 
 import mpsim
 from mpsim import measure
@@ -460,34 +460,3 @@ def test_where_the_method_has_no_passes_the_page_says_which_have():
         assert "'naive', which has no columns" in note
         assert "Use Settings(method='grid' or 'parallel')" in note
         assert kept(page.view.address).frame == 3, "nothing else has happened"
-
-
-# --- a search
-
-
-def test_a_search_that_cannot_begin_says_why_and_the_run_goes_on():
-    with paused(mpsim.Scene(width=9, height=9, position=[[4, 4]], velocity=[[0, 0]], radius=0.5), GRID) as page:
-        page.say("tune", measure="pressure", budget=0.1)
-        page.hear_until(lambda v: v.last.get("tune", {}).get("phase") == "failed")
-        assert "needs a scene in which something moves" in page.last["tune"]["text"]
-        page.step_to(2)
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of time steps that the search tries
-def test_a_search_is_stopped_and_another_one_sets_both_stages():
-    with paused(gas(20, 0.2), GRID, beside=mpsim.Settings(method="grid", contact="push", dt=0.005)) as page:
-        page.step_to(4)
-        page.say("tune", measure="overlap", budget=0.2)
-        page.hear_until(lambda v: v.last.get("tune", {}).get("phase") == "searching")
-        page.say("stop_tuning")
-        page.hear_until(lambda v: v.last["tune"]["phase"] == "none")
-        page.step_to(5)
-        page.say("tune", measure="overlap", budget=0.2)
-        page.hear_until(lambda v: v.last["tune"]["phase"] == "found")
-        page.hear_until(lambda v: v.last["scene"]["dt"] > GRID.dt and v.frame == 0)
-        assert page.last["pair"]["note"] is None
-        with replayed(page.view.address) as sim:
-            assert sim.settings.dt == page.last["scene"]["dt"]
-        page.step_to(3)
-        page.hear_until(lambda v: v.last["pair"].get("time") == pytest.approx(3 * v.last["scene"]["dt"]))

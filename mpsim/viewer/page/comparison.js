@@ -106,30 +106,5 @@ takers.pair.push((message) => {
 choice.addEventListener("change", (event) => send({ do: "beside", settings: event.target.value || null }));
 
 takers.scene.push((scene) => {
-  for (const id of ["beside-choice", "tune", "tune-budget", "tune-measure"]) $(id).disabled = !scene.can_reset;
-});
-
-// --- the search for settings
-
-let searching = false;
-function showUnit() {
-  const { unit, max } = $("tune-measure").selectedOptions[0].dataset;
-  $("tune-unit").textContent = unit;
-  $("tune-budget").max = max ?? 1e9;
-}
-$("tune-measure").addEventListener("change", showUnit);
-showUnit();
-$("tune-form").addEventListener("submit", (event) => {
-  event.preventDefault();
-  if (searching) send({ do: "stop_tuning" });
-  else send({ do: "tune", measure: $("tune-measure").value, budget: +$("tune-budget").value });
-});
-
-takers.tune.push(({ phase, text, done, of }) => {
-  searching = phase === "searching";
-  $("tune").textContent = searching ? "Stop" : "Tune";
-  $("tune").formNoValidate = searching; // it can be stopped whatever the field says
-  $("tune-text").hidden = phase === "none";
-  $("tune-text").textContent = searching ? `${Math.round((100 * done) / (of || 1))} %: ${text}\nThe stages are paused.` : text;
-  $("tune-text").dataset.phase = phase;
+  choice.disabled = !scene.can_reset;
 });

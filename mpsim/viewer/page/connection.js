@@ -37,7 +37,7 @@ function decode(buffer) {
 // --- messages
 
 /** Functions of other parts of the page, called with messages of each kind, and when the connection opens. */
-export const takers = { scene: [], obstacles: [], hands: [], timeline: [], status: [], pair: [], tune: [], pass: [], link: [] }, opened = [];
+export const takers = { scene: [], obstacles: [], hands: [], timeline: [], status: [], pair: [], pass: [], link: [] }, opened = [];
 
 export function take(message) {
   if (message.type === "scene") {
