@@ -34,19 +34,11 @@ if TYPE_CHECKING:
     from mpsim.engine.observers import Collisions, Sensor
     from mpsim.engine.report import Report
     from mpsim.engine.simulation import Simulation
-    from mpsim.features import (
-        Circle,
-        Emitter,
-        FixedDisc,
-        Oscillation,
-        Path,
-        Piston,
-        Polyline,
-        Rotation,
-        ThermalWalls,
-        Thermostat,
-        Translation,
-    )
+    from mpsim.features.baths import ThermalWalls, Thermostat
+    from mpsim.features.emitters import Emitter
+    from mpsim.features.motions import Oscillation, Path, Rotation, Translation
+    from mpsim.features.obstacles import Circle, FixedDisc, Polyline
+    from mpsim.features.piston import Piston
     from mpsim.measure.correlations import Correlations
     from mpsim.output.animation import animate
     from mpsim.output.drawing import draw
@@ -63,13 +55,15 @@ if TYPE_CHECKING:
 _NAMES_OF = {
     "mpsim.core.state": "State",
     "mpsim.core.units": "Units",
+    "mpsim.engine.checkpoint": "Snapshot",
     "mpsim.engine.observers": "Collisions Sensor",
     "mpsim.engine.report": "Report",
     "mpsim.engine.simulation": "Simulation",
-    "mpsim.engine.checkpoint": "Snapshot",
-    "mpsim.features": "Emitter Piston ThermalWalls Thermostat",
+    "mpsim.features.baths": "ThermalWalls Thermostat",
+    "mpsim.features.emitters": "Emitter",
     "mpsim.features.motions": "Oscillation Path Rotation Translation",
     "mpsim.features.obstacles": "Circle FixedDisc Polyline",
+    "mpsim.features.piston": "Piston",
     "mpsim.measure.correlations": "Correlations",
     "mpsim.output.animation": "animate",
     "mpsim.output.drawing": "draw",

@@ -13,7 +13,9 @@ from harness import by_turns, table
 from mpsim.engine.observers import Collisions
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import FastWarning
-from mpsim.features import FixedDisc, Piston, Polyline, ThermalWalls, Thermostat
+from mpsim.features.baths import ThermalWalls, Thermostat
+from mpsim.features.obstacles import FixedDisc, Polyline
+from mpsim.features.piston import Piston
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

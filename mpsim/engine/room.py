@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features.capsules import distance, of_discs, shifted, with_images
+from mpsim.features.capsules import gaps, of_discs, shifted, with_images
 from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.placement import GAP, pushed_aside
 
@@ -46,7 +46,7 @@ def room_for(sim: Simulation, capsules: Floats) -> list[tuple[NDArray[np.int64],
     position, (width, height) = state.position[numbers].astype(np.float64) - low, (high - low).tolist()
     largest = float(radius.max(initial=0.0))
     images = with_images(shifted(capsules, -low), (width, height), scene.periodic, width + height).capsule
-    gap = np.min([distance(position, each) for each in images], axis=0) - radius
+    gap = np.min([gaps(position, radius, each) for each in images], axis=0)
     if not (gap < 0).any():
         return []
     solid = shifted(np.concatenate([scene._capsules_at(sim.time), capsules]), -low)

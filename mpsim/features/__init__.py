@@ -1,33 +1,13 @@
 """Optional features of a scene: a module for each, and the list of them."""
 
 from mpsim.features.absorption import Absorption
-from mpsim.features.baths import ThermalWalls, ThermalWallsFeature, Thermostat, ThermostatFeature
-from mpsim.features.emitters import Emitter, Emitters
+from mpsim.features.baths import ThermalWallsFeature, ThermostatFeature
+from mpsim.features.emitters import Emitters
 from mpsim.features.feature import Feature, PerDisc
 from mpsim.features.laws import Friction, Restitution
-from mpsim.features.motions import Oscillation, Path, Rotation, Translation
-from mpsim.features.obstacles import OBSTACLES, Circle, FixedDisc, Polyline
-from mpsim.features.piston import PISTON, Piston
+from mpsim.features.obstacles import OBSTACLES
+from mpsim.features.piston import PISTON
 from mpsim.features.properties import Acceleration, Gravity, Masses, Radii
-
-__all__ = [
-    "FEATURES",
-    "NUMBERS",
-    "PER_DISC",
-    "VECTORS",
-    "Circle",
-    "Emitter",
-    "Feature",
-    "FixedDisc",
-    "Oscillation",
-    "Path",
-    "Piston",
-    "Polyline",
-    "Rotation",
-    "ThermalWalls",
-    "Thermostat",
-    "Translation",
-]
 
 FEATURES: tuple[Feature, ...] = (
     Radii(),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.errors import InputError
-from mpsim.kernels.geometry import ENDS, POLYGON, RADIUS, ROW
+from mpsim.kernels.geometry import ENDS, POLYGON, RADIUS, ROW, concerns
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -97,6 +97,11 @@ def distance(position: Floats, capsules: Floats) -> Floats:
     gap = r - np.clip(fraction, 0, 1)[..., None] * along
     away = np.hypot(gap[..., 0], gap[..., 1])
     return np.where(radius < 0, -away, away) - radius
+
+
+def gaps(position: Floats, radius: Any, capsules: Floats) -> Floats:
+    """Distance between discs and capsules, negative where they overlap, infinite if it does not concern them."""
+    return np.where(concerns(capsules, ..., radius), distance(position, capsules) - radius, np.inf)
 
 
 def is_within(position: Floats, sides: Floats) -> NDArray[np.bool_]:
@@ -271,7 +276,7 @@ class CapsuleIndex:
         shifts = [(0.0, -length, length) if wraps else (0.0,) for length, wraps in zip(*self._box, strict=True)]
         for part, shift in product(self._filled, product(*shifts)):
             sides = self._capsules[part]
-            discs = np.flatnonzero(is_within(position - shift, sides))
+            discs = np.flatnonzero(is_within(position - shift, sides) & concerns(sides, 0, radius))
             if len(discs):
                 away = distance(position[discs, None] - shift, sides).min(axis=1) + 2 * sides[0, RADIUS] + radius[discs]
                 depth[discs] = np.maximum(depth[discs], away)
@@ -303,14 +308,16 @@ class CapsuleIndex:
         """Raise the depth of each disc to its largest overlap over pairs of discs and capsule images."""
         for disc, capsule in pairs:
             # The disc is shifted, not the capsule: rounded as its own coordinates are.
-            gap = distance(position[disc] - images.shift[capsule], self._capsules[images.source[capsule]])
-            np.maximum.at(depth, disc, radius[disc] - gap)
+            place, rows = position[disc] - images.shift[capsule], self._capsules[images.source[capsule]]
+            np.maximum.at(depth, disc, -gaps(place, radius[disc], rows))
 
 
-def nearest(position: Floats, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]) -> int:
-    """Index of the capsule whose surface, or that of an image, is nearest to a point, shape (2,) [length]."""
+def nearest(
+    position: Floats, radius: float, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]
+) -> int:
+    """Index of the capsule that is nearest to a disc, position (2,) [length], or of which an image is."""
     images = with_images(capsules, size, periodic, math.inf)
-    gap = distance(position - images.shift, capsules[images.source])
+    gap = gaps(position - images.shift, radius, capsules[images.source])
     return int(images.source[gap == gap.min()].min())
 
 

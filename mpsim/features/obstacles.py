@@ -368,7 +368,7 @@ class Obstacles(Feature):
             return None
         worst = int(depth.argmax())
         rows = scene._capsules_at(time)
-        nearest = capsules.nearest(position[worst], rows, size, scene.periodic)
+        nearest = capsules.nearest(position[worst], radius[worst], rows, size, scene.periodic)
         return Deepest(number, worst, f"obstacles[{rows[nearest, OWNER]:.0f}]", float(depth[worst]))
 
     def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:

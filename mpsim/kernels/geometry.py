@@ -8,7 +8,8 @@ from mpsim.kernels.records import real
 # --- A capsule, of which all obstacles are made: a segment with a radius
 #
 # One row of numbers, which the kernels of both solvers, random places, overlaps and pictures read alike. Whatever else
-# an obstacle tells them of itself is one more number here, written by `features.obstacles.capsules_of`.
+# an obstacle tells them of itself is one more number here, written by `features.obstacles.capsules_of`. What decides
+# which discs an obstacle concerns is read by `concerns` alone, which all of them ask.
 
 AX, AY, BX, BY = range(4)  # both ends, which are one place for a disc [length]
 RADIUS = 4  # around the segment; below 0 of a container: a circle that is solid outside [length]
@@ -18,6 +19,13 @@ OWNER = 7  # number of its obstacle in the scene
 ROW = 8  # numbers in a row
 
 ENDS = slice(AX, RADIUS)
+
+
+@inlined
+def concerns(capsule, k, radius):
+    """Whether a disc of this radius meets capsule k; k is `...` for arrays of discs, and of capsules (..., ROW)."""
+    return True
+
 
 # --- Nearest images of a disc at a periodic border, for exact impacts and for placement
 

@@ -5,7 +5,7 @@ from collections import namedtuple
 from typing import Any, NamedTuple
 
 from mpsim.kernels.compiling import compiled, inlined, linked
-from mpsim.kernels.geometry import AX, AY, BX, BY, POLYGON, RADIUS, nearest_image
+from mpsim.kernels.geometry import AX, AY, BX, BY, POLYGON, RADIUS, concerns, nearest_image
 
 # --- Points in the order of cells, so that neighbours in the box are neighbours in memory
 #
@@ -358,6 +358,8 @@ def off_capsules(crowd, px, py, radius):
     x, y, worst = px, py, 0.0
     inside, nearest, toward_x, toward_y = False, math.inf, 0.0, 0.0
     for k in range(crowd.capsule.shape[0]):
+        if not concerns(crowd.capsule, k, radius):
+            continue
         ax, ay = crowd.capsule[k, AX], crowd.capsule[k, AY]
         bx, by = crowd.capsule[k, BX] - ax, crowd.capsule[k, BY] - ay
         rx, ry = px - ax - crowd.shift[k, 0], py - ay - crowd.shift[k, 1]

@@ -250,29 +250,35 @@ def _draw_box(axes: Axes, scene: Scene, corner: tuple[float, float]) -> None:
         axes.spines[side].set_linestyle(":" if scene.periodic[axis] else "-")
 
 
+def obstacle_colours(capsules: NDArray[np.float64], theme: Theme) -> list[str]:
+    """Colour of each capsule, in figures, in films and on the page."""
+    return [theme.solid] * len(capsules)
+
+
 def draw_obstacles(axes: Axes, scene: Scene, capsules: NDArray[np.float64], theme: Theme) -> PatchCollection | None:
     """Obstacles, from `Scene._capsules_at`, with their periodic images, below all discs; None: there are none."""
     shifts = [
         (0.0, -length, length) if wraps else (0.0,)
         for length, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
     ]
-    shapes: list[Any] = []
-    for (ax, ay, bx, by, radius), (x, y) in product(capsules[:, : RADIUS + 1].tolist(), product(*shifts)):
-        a, b = np.array([ax + x, ay + y]), np.array([bx + x, by + y])
-        if radius < 0:  # a container, solid from its circle to beyond the box
-            far = scene.width + scene.height
-            shapes += [Annulus((ax, ay), far, far + radius)] * (x == y == 0)
-            continue
-        shapes += [Circle((float(end[0]), float(end[1])), radius) for end in (a, b)]
-        length = float(np.hypot(*(b - a)))
-        if length:
-            across = radius / length * np.array([ay - by, bx - ax])
-            shapes.append(Polygon([a - across, b - across, b + across, a + across]))
-    shapes += [Polygon(capsules[part, :2]) for part in polygons(capsules)]
+    shapes, colours = list[Any](), obstacle_colours(capsules, theme)
+    for (ax, ay, bx, by, radius), colour in zip(capsules[:, : RADIUS + 1].tolist(), colours, strict=True):
+        for x, y in product(*shifts):
+            a, b = np.array([ax + x, ay + y]), np.array([bx + x, by + y])
+            if radius < 0:  # a container, solid from its circle to beyond the box
+                far = scene.width + scene.height
+                shapes += [Annulus((ax, ay), far, far + radius, color=colour)] * (x == y == 0)
+                continue
+            shapes += [Circle((float(end[0]), float(end[1])), radius, color=colour) for end in (a, b)]
+            length = float(np.hypot(*(b - a)))
+            if length:
+                across = radius / length * np.array([ay - by, bx - ax])
+                shapes.append(Polygon([a - across, b - across, b + across, a + across], color=colour))
+    shapes += [Polygon(capsules[part, :2], color=colours[part.start]) for part in polygons(capsules)]
     if not shapes:
         return None
     # The line is what remains of a wall without thickness.
-    drawn = PatchCollection(shapes, facecolor=theme.solid, edgecolor=theme.solid, linewidth=1, zorder=0.9)
+    drawn = PatchCollection(shapes, match_original=True, linewidth=1, zorder=0.9)
     axes.add_collection(drawn)
     return drawn
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mpsim.core.machine import in_pieces
 from mpsim.core.state import State, moved_into
 from mpsim.errors import InputError
-from mpsim.features.capsules import distance, with_images
+from mpsim.features.capsules import gaps, with_images
 from mpsim.kernels import placement
 from mpsim.kernels.geometry import POLYGON, RADIUS, ROW
 from mpsim.kernels.placement import EMPTY, sweep
@@ -271,7 +271,7 @@ def pushed_aside(
                 return np.column_stack([discs.x, discs.y])
             placement.part(discs, scale * (1 + ROOM), 0.0)
         places = np.column_stack([discs.x, discs.y])
-        trapped = (distance(places[:, None], capsules).min(axis=1, initial=np.inf) < radius)[:, None]
+        trapped = gaps(places[:, None], radius[:, None], capsules).min(axis=1, initial=np.inf)[:, None] < 0
         jumps = (1 + attempt / 2) * radius[:, None] * rng.uniform(-1, 1, places.shape)
         places = np.clip(places + trapped * jumps, edge, np.array(size) - edge)
     return None

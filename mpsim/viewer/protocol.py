@@ -23,7 +23,7 @@ from mpsim.errors import InputError
 from mpsim.features.capsules import polygons
 from mpsim.kernels.geometry import OWNER, RADIUS
 from mpsim.kernels.output import paint_places
-from mpsim.output.drawing import PAGE
+from mpsim.output.drawing import PAGE, obstacle_colours
 from mpsim.scene.scene import Scene
 from mpsim.viewer.colouring import ABSORBED, SpeedScale
 
@@ -268,7 +268,7 @@ class Broadcast:
     def tell_scene(self, name: str, **more: Any) -> None:
         """Send what rarely changes: the scene, the colours of its parts, and more values from its source."""
         fixed: dict[str, Any] = {each: getattr(self.scene, each) for each in ("width", "height", "periodic")}
-        fixed["theme"] = {each: getattr(PAGE, each) for each in ("ground", "behind", "solid")}
+        fixed["theme"] = {each: getattr(PAGE, each) for each in ("ground", "behind")}
         self.tell("scene", {"version": VERSION, "name": name, **fixed, **more})
         self._told_capsules()
 
@@ -279,8 +279,9 @@ class Broadcast:
             self._capsules = capsules
             numbers = capsules[:, OWNER].astype(np.int64)
             filled = [[part.start, part.stop] for part in polygons(capsules)]
-            shapes = capsules[:, : RADIUS + 1].copy()
-            self.tell_if_new("obstacles", {"capsules": shapes, "numbers": numbers, "filled": filled})
+            shapes, colours = capsules[:, : RADIUS + 1].copy(), obstacle_colours(capsules, PAGE)
+            told = {"capsules": shapes, "numbers": numbers, "filled": filled, "colours": colours}
+            self.tell_if_new("obstacles", told)
         return capsules
 
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:

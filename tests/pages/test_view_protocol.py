@@ -98,7 +98,7 @@ def test_both_stages_of_a_picture_come_together():
 
 MESSAGES = {
     "scene": "version name width height periodic theme method dt can_reset can_redraw seed",
-    "obstacles": "capsules numbers filled",
+    "obstacles": "capsules numbers filled colours",
     "status": "phase speed note can_remember snapshot",
     "gauges": "frame time discs temperature energy energy_drift energy_note speeds counting pressure pressure_error "
     "largest_overlap pressure_note bulk_pressure collisions with_walls frames_per_second collisions_per_second "
@@ -126,9 +126,9 @@ def test_each_message_has_its_fields():
         assert page.last["scene"] == {
             "type": "scene", "version": 1, "name": "a gas", "width": GAS.width, "height": GAS.height,
             "periodic": [False, False], "method": "grid", "dt": 0.01, "can_reset": True, "can_redraw": True, "seed": 0,
-            "theme": {"ground": "#ffffff", "behind": "#9aa3ad", "solid": "#3a3f45"},
+            "theme": {"ground": "#ffffff", "behind": "#9aa3ad"},
         }  # fmt: skip
-        assert page.last["obstacles"] == {"type": "obstacles", "capsules": [], "numbers": [], "filled": []}
+        assert page.last["obstacles"] == {"type": "obstacles"} | {key: [] for key in MESSAGES["obstacles"].split()}
         assert page.last["status"] == {
             "type": "status", "phase": "paused", "speed": 1.0, "note": None, "can_remember": True, "snapshot": None,
         }  # fmt: skip

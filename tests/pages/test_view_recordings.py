@@ -41,7 +41,7 @@ def test_every_frame_can_be_reached_and_is_that_of_the_file(page, path):
     assert page.last["scene"] == {
         "type": "scene", "version": 1, "name": "run.xyz", "width": GAS.width, "height": GAS.height,
         "periodic": [False, False], "recording": "run.xyz", "can_reset": True,
-        "theme": {"ground": "#ffffff", "behind": "#9aa3ad", "solid": "#3a3f45"},
+        "theme": {"ground": "#ffffff", "behind": "#9aa3ad"},
     }  # fmt: skip
     for index in (7, 20, 3, 10_000, 0):
         page.say("seek", index=index)

@@ -23,7 +23,7 @@ from mpsim.kernels.features.capsules import (
 from mpsim.kernels.features.contact_hooks import on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
-from mpsim.kernels.geometry import OWNER, RADIUS
+from mpsim.kernels.geometry import OWNER, RADIUS, concerns
 from mpsim.kernels.records import IMPACT, Field, record_of
 
 # --- Motions: displacement, angle and velocities at a time
@@ -233,7 +233,7 @@ def touch_at(body, bodies, k, radius, x, y, time, pose):
     distance = np.sqrt(rx * rx + ry * ry)
     nx, ny = normal_of(rx, ry, distance, bodies.capsule, k)
     if end >= 0:
-        nx, ny = normal_at_corner(nx, ny, end, bodies)
+        nx, ny = normal_at_corner(nx, ny, end, bodies, radius)
     thick = bodies.capsule[k, RADIUS]
     if thick < 0.0:
         nx, ny = -nx, -ny
@@ -272,6 +272,8 @@ def time_of_touch(body, bodies, k, radius, x, y, vx, vy, ax, ay, now, dt):
 @linked
 def resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features, parameters, impact):
     """Contact of the disc in slot i, less the shift of an image, with capsule k. Returns whether they overlap."""
+    if not concerns(bodies.capsule, k, radius):
+        return False
     pose = current_pose(body)
     x, y = np.float64(discs.x[i]) - shift_x, np.float64(discs.y[i]) - shift_y
     frame_x, frame_y = into_frame(body, pose, x, y)
@@ -280,7 +282,7 @@ def resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features,
     apart = rx * rx + ry * ry < reach * reach if reach < 0.0 else not rx * rx + ry * ry < reach * reach
     if apart:
         return False
-    if end >= 0 and is_behind_surface(rx, ry, end, bodies):
+    if end >= 0 and is_behind_surface(rx, ry, end, bodies, radius):
         return False
     own_ax, own_ay = accelerations_of(discs, i, features)
     ax, ay = np.float64(own_ax), np.float64(own_ay)

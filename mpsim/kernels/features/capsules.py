@@ -20,7 +20,7 @@ from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.contact_hooks import on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
-from mpsim.kernels.geometry import AX, AY, BX, BY, OWNER, RADIUS, SURFACE, bounce_back
+from mpsim.kernels.geometry import AX, AY, BX, BY, OWNER, RADIUS, SURFACE, bounce_back, concerns
 from mpsim.kernels.records import IMPACT
 
 
@@ -76,12 +76,12 @@ def along_from(end, capsule):
 
 
 @inlined
-def is_behind_surface(rx, ry, end, capsules):
+def is_behind_surface(rx, ry, end, capsules, radius):
     """Whether a disc, r from the end of a segment that is nearest to it, is nearer to another segment of the corner."""
     other = capsules.next_end[end]
     while other != end:
         along_x, along_y = along_from(other, capsules.capsule)
-        if rx * along_x + ry * along_y > 0:
+        if rx * along_x + ry * along_y > 0 and concerns(capsules.capsule, other >> 1, radius):
             return True
         other = capsules.next_end[other]
     return False
@@ -124,12 +124,12 @@ def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
 
 
 @inlined
-def normal_at_corner(nx, ny, end, capsules):
+def normal_at_corner(nx, ny, end, capsules, radius):
     """The normal at touch, or that of the side over which the disc then was, which it must have touched before."""
     other = end
     while True:
         along_x, along_y = along_from(other, capsules.capsule)
-        if nx * along_x + ny * along_y > 0:
+        if nx * along_x + ny * along_y > 0 and concerns(capsules.capsule, other >> 1, radius):
             nx, ny = across(np.float64(along_x), np.float64(along_y), along_x * ny - along_y * nx >= 0)
         other = capsules.next_end[other]
         if other == end:
@@ -154,11 +154,13 @@ def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters,
     Impact treats the side of a segment, and the tangent plane at an end, as a wall: `bounce_back` keeps the energy of
     accelerated discs, and lets a disc rest.
     """
+    if not concerns(capsules.capsule, k, radius):
+        return False
     offset_x, offset_y, end = nearest_offset(discs.x[i], discs.y[i], capsules.capsule, k)
     reach = radius + capsules.capsule[k, RADIUS]
     if not offset_x * offset_x + offset_y * offset_y < reach * reach:
         return False
-    if end >= 0 and is_behind_surface(offset_x, offset_y, end, capsules):
+    if end >= 0 and is_behind_surface(offset_x, offset_y, end, capsules, radius):
         return False
     # In float64 whatever the run's precision, as between two discs: see `laws.impact_contact`.
     rx, ry, vx, vy = np.float64(offset_x), np.float64(offset_y), np.float64(discs.vx[i]), np.float64(discs.vy[i])
@@ -169,7 +171,7 @@ def resolve_capsule(discs, i, k, capsules, radius, ax, ay, features, parameters,
     if approaches:
         if end >= 0:
             nx, ny = normal_at_touch(rx, ry, squared, reach, vx, vy, parameters.dt)
-            nx, ny = normal_at_corner(nx, ny, end, capsules)
+            nx, ny = normal_at_corner(nx, ny, end, capsules, radius)
         distance = rx * nx + ry * ny
     leave_surface(discs, i, k, nx, ny, reach - distance, approaches, capsules, ax, ay, features, parameters)
     return True
@@ -217,7 +219,7 @@ def resolve_container(discs, i, k, capsules, radius, ax, ay, features, parameter
     reach, dt, met = radius + capsules.capsule[k, RADIUS], parameters.dt, False
     for bounce in range(MOST_BOUNCES):
         rx, ry, squared = from_centre(discs, i, k, capsules)
-        if not squared > reach * reach:
+        if not (squared > reach * reach and concerns(capsules.capsule, k, radius)):
             break
         vx, vy = np.float64(discs.vx[i]), np.float64(discs.vy[i])
         met, distance = True, -np.sqrt(squared)

@@ -64,7 +64,7 @@ export function withError(value, error) {
 
 export const state = {
   beside: { picture: null, radii: null }, // the second stage
-  scene: null, obstacles: [], owners: [], filled: [], status: { phase: "connecting", speed: 1, note: null }, gauges: null, picture: null, radii: null, timeline: null,
+  scene: null, obstacles: [], owners: [], filled: [], solid: [], status: { phase: "connecting", speed: 1, note: null }, gauges: null, picture: null, radii: null, timeline: null,
   history: {}, historyFrame: -1, drawn: 0, socket: null, refused: null, dragging: false, since: performance.now(),
 };
 

@@ -51,6 +51,7 @@ export function take(message) {
     requestDraw();
   } else if (message.type === "obstacles") {
     [state.obstacles, state.owners, state.filled] = [message.capsules, message.numbers, message.filled];
+    state.solid = message.colours;
     requestDraw();
   } else if (message.type === "status") {
     state.status = message;

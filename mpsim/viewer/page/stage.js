@@ -107,7 +107,7 @@ export function drawGround(canvas, picture, ratio) {
   c.clip();
   c.lineCap = "round";
   const shifts = (periodic, length) => (periodic ? [0, -length, length] : [0]);
-  for (const [ax, ay, bx, by, radius] of state.obstacles)
+  state.obstacles.forEach(([ax, ay, bx, by, radius], k) => {
     for (const dx of shifts(scene.periodic[0], scene.width))
       for (const dy of shifts(scene.periodic[1], scene.height)) {
         if (radius < 0) {  // a container, solid around its circle
@@ -115,16 +115,17 @@ export function drawGround(canvas, picture, ratio) {
           c.beginPath();
           c.rect(left, top, right - left, bottom - top);
           c.arc(...camera.pixel(ax, ay), -radius * camera.scale, 0, 2 * Math.PI);
-          c.fillStyle = scene.theme.solid;
+          c.fillStyle = state.solid[k];
           c.fill("evenodd");
           continue;
         }
         const ends = [camera.pixel(ax + dx, ay + dy), camera.pixel(bx + dx, by + dy)];
-        polyline(c, ends, Math.max(2 * radius * camera.scale, 1.5 * ratio), scene.theme.solid);
+        polyline(c, ends, Math.max(2 * radius * camera.scale, 1.5 * ratio), state.solid[k]);
       }
-  c.fillStyle = scene.theme.solid;
+  });
   for (const [first, last] of state.filled) {
     trace(c, state.obstacles.slice(first, last).map(([x, y]) => camera.pixel(x, y)));
+    c.fillStyle = state.solid[first];
     c.fill();
   }
   c.restore();

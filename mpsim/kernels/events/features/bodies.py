@@ -33,7 +33,7 @@ from mpsim.kernels.features.bodies import (
     velocity_at,
 )
 from mpsim.kernels.features.capsules import nearest_offset, normal_of, surface_speed
-from mpsim.kernels.geometry import OWNER, RADIUS
+from mpsim.kernels.geometry import OWNER, RADIUS, concerns
 
 FIELDS = {"bodies": None}
 
@@ -127,6 +127,8 @@ def time_to_body(body, bodies, x, y, vx, vy, gx, gy, radius, began, within, box)
             cell = body.first + int(column) * body.cells[1] + int(row)
             for entry in range(bodies.near[cell], bodies.near[cell + 1]):
                 k = bodies.index[entry]
+                if not concerns(bodies.capsule, k, radius):
+                    continue
                 distance, nx, ny, at_x, at_y = nearest_point(body, bodies, k, pose, frame_x, frame_y)
                 wx, wy = velocity_at(body, bodies.knots, time, at_x, at_y)
                 normal_x, normal_y = turned(pose, nx, ny)

@@ -12,7 +12,7 @@ from mpsim.kernels.events.features.properties import component, radius_of
 from mpsim.kernels.events.flight import INFINITY, approach_of, time_to_circle, time_to_come_down, time_to_impact
 from mpsim.kernels.events.records import FIRST_CAPSULE
 from mpsim.kernels.features.capsules import surface_speed
-from mpsim.kernels.geometry import AX, AY, BX, BY, RADIUS
+from mpsim.kernels.geometry import AX, AY, BX, BY, RADIUS, concerns
 
 FIELDS = {"capsules": None}
 
@@ -120,6 +120,8 @@ def before_border(capsules, i, store, box, features):
             square = (cell[0] >> capsules.shift) * capsules.grid[1] + (cell[1] >> capsules.shift)
             for entry in range(capsules.near[square], capsules.near[square + 1]):
                 k = capsules.index[entry]
+                if not concerns(capsules.capsule, k, radius):
+                    continue
                 reach = radius + capsules.capsule[k, RADIUS]
                 t = time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, features.gravity)
                 if disc.last_update + t < disc.crossing_time or (t <= within and store.event[i].side < FIRST_CAPSULE):
