@@ -50,14 +50,16 @@ def absorb(discs, low, high, exits, features, parameters, control):
 
 
 @linked
-def put_back_absorbed(discs, low, high, exits):
-    """Undo what a step has done to the absorbed discs of a slice."""
+def put_back_absorbed(discs, low, high, exits, spin):
+    """Undo what a step has done to the absorbed discs of a slice: they stay at rest where they left."""
     zero = discs.x.dtype.type(0)
     for i in range(low, high):
         disc = discs.id[i]
         if exits[0, disc] != 0:
             discs.x[i], discs.y[i] = exits[1, disc], exits[2, disc]
             discs.vx[i], discs.vy[i] = zero, zero
+            if spin is not None:
+                spin[disc] = zero
 
 
 @inlined
@@ -68,10 +70,10 @@ def before_move(exits, discs, low, high, features, parameters, control):
 
 
 @inlined
-def after_flight(exits, discs, low, high):
+def after_flight(exits, discs, low, high, spin):
     """`put_back_absorbed`, if there are such edges."""
     if exits is not None:
-        put_back_absorbed(discs, low, high, exits)
+        put_back_absorbed(discs, low, high, exits, spin)
 
 
 @inlined

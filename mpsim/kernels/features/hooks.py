@@ -92,7 +92,7 @@ def before_move(discs, low, high, features, parameters, control):
 @inlined
 def after_flight(discs, low, high, features):
     """After their flight and its bounces off walls, before they are checked to be finite."""
-    edges.after_flight(features.exits, discs, low, high)
+    edges.after_flight(features.exits, discs, low, high, features.spin)
 
 
 @inlined
