@@ -171,8 +171,7 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     steps = solver.substeps if isinstance(solver, Steps) else 1
     moved = np.hypot(*state.velocity[here].T.astype(np.float64)) * settings.dt / steps
     mean = float(np.sqrt((moved**2).mean()))
-    diameter = 2 * (float(radius[0]) if (radius == radius[0]).all() else radius)
-    pairs, (i, j), depth = overlaps(position, scene.width, scene.height, diameter, scene.periodic)
+    pairs, (i, j), depth = overlaps(position, radius, (scene.width, scene.height), scene.periodic)
     found = [([i, j], depth, f"discs {here[i]} and {here[j]} overlap by {depth:.3g}")] if pairs else []
     if (deepest := scene._deepest(position, radius, solver.time)) is not None:
         words = f"disc {here[deepest.disc]} is {deepest.depth:.3g} deep in {deepest.where}"

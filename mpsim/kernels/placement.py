@@ -75,34 +75,6 @@ def rows_near(column, row, points):
     return points.start[cell + max(row - 1, 0)], points.start[cell + min(row + 2, points.rows)]
 
 
-@compiled
-def find_overlaps(points, diameter, worst, begin, end):
-    """Number of pairs closer than the diameter, and the least distance; worst[0:2] receives the pair that has it.
-
-    Pairs of points in slots [begin, end) with those that follow them. Cells are at least a diameter wide. Of equally
-    close pairs, the one with the lowest numbers counts.
-    """
-    pairs, least = 0, diameter
-    for slot in range(begin, end):
-        x, y = points.x[slot], points.y[slot]
-        column, row = place_of(x, y, points)
-        for beside in range(column, min(column + 2, points.columns)):
-            first, last = rows_near(beside, row, points)
-            if beside == column:
-                first = slot + 1
-            for other in range(first, last):
-                dx, dy = points.x[other] - x, points.y[other] - y
-                distance = math.sqrt(dx * dx + dy * dy)
-                if distance < diameter:
-                    pairs += 1
-                    low, high = points.number[slot], points.number[other]
-                    low, high = min(low, high), max(low, high)
-                    if distance < least or (distance == least and (high, low) < (worst[1], worst[0])):
-                        least = distance
-                        worst[0], worst[1] = low, high
-    return pairs, least
-
-
 @inlined
 def overlaps_any(x, y, discs, diameter):
     """Whether a disc at (x, y) would overlap one of the discs sorted by cell."""

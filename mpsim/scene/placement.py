@@ -92,37 +92,21 @@ WALLS = (False, False)
 
 def overlaps(
     position: NDArray[np.float64],
-    width: float,
-    height: float,
-    diameter: float | NDArray[np.float64],
+    radius: float | NDArray[np.float64],
+    size: tuple[float, float],
     periodic: tuple[bool, bool] = WALLS,
 ) -> tuple[int, tuple[int, int], float]:
     """Number of overlapping pairs, the deepest pair (i < j) and its depth [length]. O(N).
 
-    Overlaps within the rounding of coordinates (a few units in the last place of the box) do not count. diameter: of
-    all discs, or of each, shape (N,) [length].
+    Overlaps within the rounding of coordinates (a few units in the last place of the box) do not count. radius: of all
+    discs, or of each, shape (N,) [length].
     """
-    rounding = 8 * np.finfo(np.float64).eps * max(width, height)
-    count = len(position)
-    if np.ndim(diameter) or any(periodic):
-        worst = np.zeros(2, np.int64)
-        x, y = (np.ascontiguousarray(column, dtype=np.float64) for column in position.T)
-        radius = np.broadcast_to(np.asarray(diameter, np.float64) / 2, count)
-        discs = _by_size(x, y, radius, (width, height), periodic)
-        placement.link(discs)
-        pairs, depth = placement.count_overlaps(discs, rounding, worst)
-        return int(pairs), (int(worst[0]), int(worst[1])), float(depth)
-    diameter = float(diameter) - rounding
-    points = _sort_by_cell(count, (width, height), diameter, position)
-
-    def find(begin: int, end: int) -> tuple[int, float, int, int]:
-        worst = np.zeros(2, np.int64)
-        pairs, least = placement.find_overlaps(points, diameter, worst, begin, end)
-        return int(pairs), float(least), int(worst[1]), int(worst[0])
-
-    found = in_pieces(find, count)
-    least, high, low = min(each[1:] for each in found)
-    return sum(each[0] for each in found), (low, high), diameter - least
+    worst = np.zeros(2, np.int64)
+    x, y = (np.ascontiguousarray(column, dtype=np.float64) for column in position.T)
+    discs = _by_size(x, y, np.broadcast_to(np.asarray(radius, np.float64), len(position)), size, periodic)
+    placement.link(discs)
+    pairs, depth = placement.count_overlaps(discs, 8 * np.finfo(np.float64).eps * max(size), worst)
+    return int(pairs), (int(worst[0]), int(worst[1])), float(depth)
 
 
 def _sort_by_cell(

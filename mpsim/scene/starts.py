@@ -26,9 +26,8 @@ def overlaps_in_words(scene: Any) -> str:
     if scene._on_lattice is not None:  # displacements are shorter than half of the gaps; there are no obstacles
         return ""
     words: list[str] = []
-    pairs, (i, j), depth = placement.overlaps(
-        scene.position, scene.width, scene.height, 2 * scene.radius, scene.periodic
-    )
+    size = scene.width, scene.height
+    pairs, (i, j), depth = placement.overlaps(scene.position, scene.radius, size, scene.periodic)
     if pairs:
         words.append(
             f"1 pair of discs overlaps at the start: discs {i} and {j}, by {depth:.3g}"
