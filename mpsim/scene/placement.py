@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.machine import in_pieces
 from mpsim.core.state import State, moved_into
 from mpsim.errors import InputError
 from mpsim.features.capsules import gaps, with_images
@@ -78,12 +76,6 @@ PUSHES, PUSH_ROUNDS = 6, 60
 MOST_CELLS = 100_000_000
 """Largest number of cells of the grid for equal discs, one disc each; a larger box needs coarser cells."""
 
-LEVEL = 4
-"""A level of discs that are there has at least so many times as many as the next one."""
-
-WAITING = 1000
-"""Candidates that may wait for one another in a chain; longer ones, which hardly exist, take one more look at all."""
-
 CANDIDATES = 16
 """Positions tried for a small disc, of which the one with least overlap is taken."""
 
@@ -107,27 +99,6 @@ def overlaps(
     placement.link(discs)
     pairs, depth = placement.count_overlaps(discs, 8 * np.finfo(np.float64).eps * max(size), worst)
     return int(pairs), (int(worst[0]), int(worst[1])), float(depth)
-
-
-def _sort_by_cell(
-    count: int, size: tuple[float, float], diameter: float, *parts: NDArray[np.float64]
-) -> placement.ByCell:
-    """Points in the order of cells that are at least a diameter wide; parts: `count` points, each of shape (M, 2)."""
-    side = max(diameter * (1 + 1e-12), math.sqrt(size[0] * size[1] / max(count, 1)))
-    # A thin box has one row of cells, which may be wider: there are never more cells than about one per point.
-    columns, rows = (min(int(length / side) + 1, count + 1) for length in size)
-    per_x, per_y = (min(cells / length, 1 / side) for cells, length in zip((columns, rows), size, strict=True))
-    start = np.zeros(columns * rows + 1, np.int32)
-    x, y, number = np.empty(count), np.empty(count), np.empty(count, np.int32)
-    points = placement.ByCell(x, y, number, start, columns, rows, per_x, per_y)
-    for part in parts:
-        placement.count_points(part, points)
-    start[1:] = np.cumsum(start[1:], dtype=np.int32) - start[1:]  # the first slot of each cell
-    first = 0
-    for part in parts:
-        in_pieces(partial(placement.place_points, part, first, points), columns, len(part))
-        first += len(part)
-    return points
 
 
 def _by_size(
@@ -301,14 +272,14 @@ def random_places(
     """
     if count == 0:
         return np.empty((0, 2))
-    diameter = 2 * radius
+    diameter, radii = 2 * radius, np.full(count, radius)
     cells_per_length = math.sqrt(2) / diameter * (1 - 1e-12)
     if (width * cells_per_length + 1) * (height * cells_per_length + 1) > MOST_CELLS + 100 * count:
-        return random_polydisperse(np.full(count, radius), width, height, rng)
+        return random_polydisperse(radii, width, height, rng)
     if count * math.pi * radius**2 <= SPARSE_PACKING * width * height:
-        x, y = np.empty(count), np.empty(count)
-        if _add_sequentially(x, y, (width, height), radius, rng):
-            return np.column_stack([x, y])
+        discs = _by_size(np.zeros(count), np.zeros(count), radii, (width, height), WALLS)
+        if _add_all(discs, rng):
+            return np.column_stack([discs.x, discs.y])
     sites = _lattice(count, width, height, diameter)
     chosen = sites[np.sort(rng.permutation(len(sites))[:count])]
     x, y = np.ascontiguousarray(chosen[:, 0]), np.ascontiguousarray(chosen[:, 1])
@@ -320,48 +291,6 @@ def random_places(
         moves = rng.uniform(-longest, longest, (count, 2))
         sweep(x, y, grid, moves, radius, width - radius, height - radius, diameter, cells_per_length)
     return np.column_stack([x, y])[rng.permutation(count)]
-
-
-def _add_sequentially(
-    x: NDArray[np.float64], y: NDArray[np.float64], size: tuple[float, float], radius: float, rng: np.random.Generator
-) -> bool:
-    """Random sequential addition of equal discs, whose centres go into x and y in order; False if not all were placed.
-
-    Candidates come in batches. Discs already placed are kept by cell in levels, each far smaller than the one before,
-    so that few of them have to be sorted again as discs are added.
-    """
-    diameter = 2 * radius
-    levels: list[placement.ByCell] = []
-    placed, attempts = 0, 0
-    while placed < len(x) and attempts < 200 * len(x) + 1000:
-        number = 2 * (len(x) - placed) + 16
-        places = radius + rng.random((number, 2)) * (np.array(size) - diameter)
-        candidates = _sort_by_cell(number, size, diameter, places)
-        state = np.full(number, placement.UNDECIDED, np.int8)
-        for level in levels:
-            in_pieces(partial(placement.reject_overlapping, candidates, state, level, diameter), number)
-        while not all(in_pieces(partial(_take, candidates, state, diameter), number)):
-            pass
-        order = np.empty(number, np.int32)
-        taken = int(placement.number_taken(candidates, state, order, len(x) - placed))
-        placement.copy_taken(candidates, order, x[placed:], y[placed:])
-        added = _first(candidates, int(placement.keep_taken(candidates, order)))
-        while levels and LEVEL * len(added.x) > len(levels[-1].x):
-            both = [np.column_stack([level.x, level.y]) for level in (levels.pop(), added)]
-            added = _sort_by_cell(sum(map(len, both)), size, diameter, *both)
-        levels.append(added)
-        placed += taken
-        attempts += number
-    return placed == len(x)
-
-
-def _take(points: placement.ByCell, state: NDArray[np.int8], diameter: float, begin: int, end: int) -> bool:
-    return placement.take_sequentially(points, state, np.empty(WAITING, np.int32), diameter, begin, end)
-
-
-def _first(points: placement.ByCell, count: int) -> placement.ByCell:
-    """The points in the first slots."""
-    return points._replace(x=points.x[:count], y=points.y[:count], number=points.number[:count])
 
 
 def _lattice(count: int, width: float, height: float, diameter: float) -> NDArray[np.float64]:
