@@ -1,61 +1,36 @@
 """The report's algorithm in C++ (yardstick.cpp), compiled where a compiler is found."""
 
 import ctypes
-import hashlib
 import os
-import platform
 import shutil
 import subprocess
-import tempfile
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-
 from peers.engine import NotThereError, Plan, Run, Start
 
 SOURCE = Path(__file__).with_name("yardstick.cpp")
+LIBRARY = Path(__file__).parents[2] / "results" / "peers" / "yardstick.so"
 FLAGS = ("-std=c++17", "-O3", "-march=native", "-fopenmp", "-shared", "-fPIC")
 COMPILERS = ("g++", "clang++", "c++")
 
 
-def compiler() -> str:
-    """Path of a C++ compiler: what CXX names, or the first that is found.
-
-    Raises:
-        NotThereError: if there is none.
-    """
-    for name in (os.environ.get("CXX", ""), *COMPILERS):
-        found = shutil.which(name) if name else None
-        if found:
-            return found
-    raise NotThereError(f"no C++ compiler is on the path ({', '.join(COMPILERS)}); install one, or set CXX")
-
-
-def library(folder: Path | None = None) -> Path:
-    """The compiled yardstick, in a folder for temporary files; compiled if it is not there yet.
+def build() -> None:
+    """Compile the yardstick.
 
     Raises:
         NotThereError: if there is no compiler, or it refuses.
     """
-    program = compiler()
-    folder = folder or Path(tempfile.gettempdir()) / f"mpsim-peers-{os.getuid()}"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if folder.stat().st_uid != os.getuid():
-        raise NotThereError(f"{folder} belongs to another user, so nothing in it is run; remove it or set TMPDIR")
-    version = subprocess.run([program, "--version"], capture_output=True, text=True, check=False).stdout
-    what = [SOURCE.read_text(), version, *FLAGS, platform.machine(), platform.node()]
-    path = folder / f"yardstick-{hashlib.blake2b(repr(what).encode(), digest_size=8).hexdigest()}.so"
-    if not path.exists():
-        with tempfile.TemporaryDirectory(dir=folder) as made:
-            new = Path(made) / path.name
-            command = [program, *FLAGS, str(SOURCE), "-o", str(new)]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode:
-                first = (done.stderr.strip().splitlines() or ["no message"])[0]
-                raise NotThereError(f"{program} does not compile yardstick.cpp: {first}")
-            new.replace(path)
-    return path
+    found = [path for name in (os.environ.get("CXX", ""), *COMPILERS) if name and (path := shutil.which(name))]
+    if not found:
+        raise NotThereError(f"no C++ compiler is on the path ({', '.join(COMPILERS)}); install one, or set CXX")
+    LIBRARY.parent.mkdir(parents=True, exist_ok=True)
+    new = LIBRARY.with_name(f"{os.getpid()}.so")
+    done = subprocess.run([found[0], *FLAGS, SOURCE, "-o", new], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise NotThereError(f"{found[0]} does not compile yardstick.cpp: {done.stderr.strip().partition(chr(10))[0]}")
+    new.replace(LIBRARY)
 
 
 def _pointer(array: NDArray[np.float64]) -> ctypes.c_void_p:
@@ -66,7 +41,7 @@ class Engine(Run):
     """The yardstick with a start in it."""
 
     def __init__(self, start: Start, plan: Plan):
-        code = ctypes.CDLL(str(library()))
+        code = ctypes.CDLL(str(LIBRARY))
         self._plan, self._count = plan, start.count
         self._run, self._read, self._free = (
             getattr(code, f"{plan.precision}_{what}") for what in ("run", "read", "free")
