@@ -2,66 +2,534 @@
 
 python scripts/run_bench.py            everything, under a minute on two cores
 python scripts/run_bench.py --quick    a few seconds
-python scripts/run_bench.py --only fixed scaling --workers 4
+python scripts/run_bench.py --only fixed scaling
 python scripts/run_bench.py --features                   what each feature of a scene costs
-python scripts/run_bench.py --features --before REVISION and the bare scene beside an older version
+
+Every experiment checks its results in the same run. If one is wrong, it fails instead of reporting times. Frame times
+are taken inside the compiled loop, after compilation and a warm-up run.
 """
 
 import argparse
-import contextlib
-import csv
-import dataclasses
 import json
 import sys
 import time
-from collections.abc import Iterable
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import benchmark
-import benchmark_figures as figures
-import check_speed
-import feature_cost
 import harness
+import matplotlib
 import numpy as np
-from harness import console, exit_code, is_busy, machine, make_folder, parser_of, progress_bar, say, slowed
+from harness import by_turns, console, exit_code, is_busy, machine, make_folder, parser_of, progress_bar, say, slowed
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
 import mpsim
-from mpsim.scene.settings import LAWS, PRECISIONS
+from mpsim import FixedDisc, Piston, Polyline, Scene, Settings, Simulation, State, ThermalWalls, Thermostat
+from mpsim.measure import kinetic_energy
+from mpsim.output.drawing import COARSE, DISC_COLOUR, FINE, STYLE, draw_discs, new_figure, plain_ticks, save_figure
 
 PARTS = ("fixed", "growth", "repeat", "scaling")
 SIZES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 QUICK_SIZES = (100, 1_000, 10_000)
 
-REPORTS = {"fixed": benchmark.REPORT_FIXED_MS, "growth": benchmark.REPORT_GROWTH_MS}
-"""Parts that the report has, with its times."""
+METHODS = ("naive", "grid", "parallel")
 
-terminal = Console()
-"""For tables, which end with the terminal's line."""
+REPORT_MS = {
+    "fixed": {"naive": 1.651, "grid": 0.133, "parallel": 3.898},
+    "growth": {"naive": 32.82, "grid": 1.204, "parallel": 4.469},
+}
+"""Mean frame times of the term-project report [ms]: 100 discs, 500 frames, and one disc more after each of 1,000
+frames. Its parallel version used threads."""
+
+NAIVE_UP_TO = 3_000
+"""Number of discs up to which a default run tests all pairs: the time of a frame grows with the square."""
+
+DT = 0.01
+PACKING = 0.4
+RADIUS = 0.5
+
+Tick = Callable[[str], None]
+"""Called with the name of what was just done, for progress."""
 
 
-def arguments() -> argparse.Namespace:
-    parser = parser_of(__doc__)
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, metavar="PART", help=", ".join(PARTS))
-    parser.add_argument("--law", choices=LAWS, default="elastic", help="collision law (default: elastic)")
-    parser.add_argument("--precision", choices=PRECISIONS, default="float32", help="default: float32, the report's")
-    parser.add_argument("--workers", type=int, default=None, help="workers of parallel (default: usable cores)")
-    parser.add_argument("--quick", action="store_true", help="fewer frames and sizes: a few seconds")
-    parser.add_argument("--features", action="store_true", help="the cost of each feature of a scene instead")
-    parser.add_argument("--before", metavar="REVISION", help="with --features: a git revision to compare with")
-    parser.add_argument("--out", type=Path, default=Path("results/bench"), help="default: results/bench")
-    return parser.parse_args()
+@dataclass
+class Timing:
+    """Frame times of one method on one scene; frame_seconds: of every measured frame [s]."""
+
+    method: str
+    workers: int
+    discs: int
+    frame_seconds: NDArray[np.float64]
+    digest: str
+    bytes_per_disc: float = 0.0
+
+    @property
+    def median(self) -> float:
+        """Median frame time [s]."""
+        return float(np.median(self.frame_seconds))
+
+    @property
+    def mean(self) -> float:
+        """Mean frame time [s], the figure of the report."""
+        return float(np.mean(self.frame_seconds))
+
+    @property
+    def nanoseconds_per_disc(self) -> float:
+        """Median frame time per disc [ns]."""
+        return self.median * 1e9 / max(self.discs, 1)
+
+    def figures(self) -> dict[str, Any]:
+        """All numbers but the times of single frames."""
+        return {
+            "method": self.method,
+            "workers": self.workers,
+            "discs": self.discs,
+            "frames": len(self.frame_seconds),
+            "median_seconds": self.median,
+            "mean_seconds": self.mean,
+            "least_seconds": float(np.min(self.frame_seconds)),
+            "ns_per_disc": self.nanoseconds_per_disc,
+            "bytes_per_disc": self.bytes_per_disc,
+            "digest": self.digest,
+        }
 
 
-def run(options: argparse.Namespace, settings: mpsim.Settings) -> dict[str, Any]:
+@dataclass
+class Fixed:
+    """Fixed number of discs: timings and final states by method, and the distances between these."""
+
+    scene: Scene
+    timings: dict[str, Timing]
+    states: dict[str, State]
+    distances: dict[str, float]
+
+
+@dataclass
+class Repeat:
+    """Runs of one start: final states and digests of guarded and unguarded runs, digests by number of workers."""
+
+    scene: Scene
+    guarded: list[State]
+    unguarded: list[State]
+    by_workers: dict[int, str]
+
+
+def gas(count: int, seed: int = 1) -> Scene:
+    """The scene of all experiments: a gas of packing fraction 0.4."""
+    return Scene.random(count=count, packing=PACKING, radius=RADIUS, temperature=1.0, seed=seed)
+
+
+def fixed(settings: Settings, frames: int, tick: Tick, count: int = 100) -> Fixed:
+    """100 discs, 500 frames, each method from a copy of the same start."""
+    scene = gas(count)
+    timings, states, early = {}, {}, {}
+    for method in METHODS:
+        chosen = replace(settings, method=method)
+        with Simulation(scene, chosen) as sim:
+            sim.run(frames=50)
+            early[method] = sim.state.position
+        with Simulation(scene, chosen) as sim:
+            report = sim.run(frames=frames)
+            states[method] = sim.state
+            _check_state(sim, scene, settings)
+            timings[method] = Timing(method, report.workers, count, report.frame_seconds, sim.digest())
+        tick(f"fixed, {method}")
+    _demand_equal("grid and parallel", [timings["grid"].digest, timings["parallel"].digest])
+    late = {method: state.position for method, state in states.items()}
+    apart = {
+        "naive to grid after 50 frames, largest": _largest_distance(early["naive"], early["grid"]),
+        f"naive to grid after {frames} frames, largest": _largest_distance(late["naive"], late["grid"]),
+        f"grid to parallel after {frames} frames, largest": _largest_distance(late["grid"], late["parallel"]),
+    }
+    return Fixed(scene, timings, states, apart)
+
+
+def growth(settings: Settings, frames: int, tick: Tick) -> dict[str, Timing]:
+    """Timings by method while one disc is added after every frame, in a box of packing 0.4 at the end."""
+    full = gas(frames + 1)
+    timings = {}
+    for method in METHODS:
+        box = {"width": full.width, "height": full.height, "radius": full.radius}
+        start = Scene(position=full.position[:1], velocity=full.velocity[:1], **box)
+        with Simulation(start, replace(settings, method=method)) as sim:
+            reports = []
+            for disc in range(1, frames + 1):
+                reports.append(sim.run(frames=1))
+                sim.add(full.position[disc], full.velocity[disc])
+            if sim.count != frames + 1:
+                raise AssertionError(f"growth by {method} ended with {sim.count} discs, not {frames + 1}.")
+            seconds = np.concatenate([report.frame_seconds for report in reports])
+            timings[method] = Timing(method, reports[-1].workers, frames, seconds, sim.digest())
+        tick(f"growth, {method}")
+    _demand_equal("grid and parallel of growth", [timings["grid"].digest, timings["parallel"].digest])
+    return timings
+
+
+def repeat(settings: Settings, frames: int, tick: Tick, count: int = 1000, runs: int = 4) -> Repeat:
+    """Parallel runs of one start: equal for 1, 2 and 4 workers if columns are guarded, different if not."""
+    scene = gas(count)
+    chosen = replace(settings, method="parallel", workers=max(settings.workers or 2, 2))
+
+    def final(settings: Settings, unguarded: bool = False) -> State:
+        with Simulation(scene, settings, unguarded=unguarded) as sim:
+            sim.run(frames=frames)
+            return sim.state
+
+    guarded = [final(chosen) for _ in range(runs)]
+    tick("repeat, guarded")
+    by_workers = {workers: final(replace(chosen, workers=workers)).digest() for workers in (1, 2, 4)}
+    tick("repeat, 1, 2 and 4 workers")
+    unguarded = [final(chosen, unguarded=True) for _ in range(runs)]
+    tick("repeat, unguarded")
+    _demand_equal("repeated runs", [state.digest() for state in guarded] + list(by_workers.values()))
+    return Repeat(scene, guarded, unguarded, by_workers)
+
+
+def scaling(settings: Settings, sizes: Sequence[int], seconds: float, tick: Tick) -> list[Timing]:
+    """Timings of each method that is feasible at a size, and of `auto`: packing 0.4, about `seconds` of frames each."""
+    timings = []
+    for count in sizes:
+        scene = gas(count)
+        digests = {}
+        for method in (*METHODS, "auto"):
+            if method == "naive" and count > NAIVE_UP_TO:
+                continue
+            with Simulation(scene, replace(settings, method=method)) as sim:
+                sim.run(frames=3)
+                frame_time = float(np.median(sim.run(frames=5).frame_seconds))
+                warm_up = min(max(int(0.1 * seconds / frame_time), 2), 2000)
+                sim.run(frames=warm_up)
+                report = sim.run(frames=min(max(int(seconds / frame_time), 5), 20_000))
+                memory = report.block_bytes / count
+                timings.append(Timing(method, report.workers, count, report.frame_seconds, sim.digest(), memory))
+                _check_state(sim, scene, settings)
+            with Simulation(scene, replace(settings, method=method)) as sim:
+                sim.run(frames=10)
+                digests[method] = sim.digest()
+        _demand_equal(f"grid and parallel of {count} discs", [digests["grid"], digests["parallel"]])
+        tick(f"scaling, {count:,} discs")
+    return timings
+
+
+def crossover(timings: Sequence[Timing]) -> int | None:
+    """Smallest measured number of discs from which parallel stays faster than grid, or None."""
+    by = {(timing.method, timing.discs): timing.median for timing in timings}
+    answer = None
+    for discs in sorted({timing.discs for timing in timings}, reverse=True):
+        if by[("parallel", discs)] >= by[("grid", discs)]:
+            break
+        answer = discs
+    return answer
+
+
+def _check_state(sim: Simulation, scene: Scene, settings: Settings) -> None:
+    """Demand that all discs are finite and in the box, and that the energy is conserved, as by both laws."""
+    state = sim.state
+    low, high = scene.limits(scene.radius)
+    rounding = np.finfo(settings.precision).eps * max(scene.width, scene.height)
+    inside = (state.position >= low - rounding) & (state.position <= high + rounding)
+    if not inside.all():
+        raise AssertionError(f"{int((~inside).any(axis=1).sum())} discs are outside the box.")
+    before, after = (kinetic_energy(each, scene) for each in (State(scene.position, scene.velocity), state))
+    if abs(after - before) > 1e-3 * before:
+        raise AssertionError(f"the kinetic energy changed from {before:.6g} to {after:.6g}.")
+
+
+def _largest_distance(a: NDArray, b: NDArray) -> float:
+    return float(np.hypot(*(a - b).T).max(initial=0.0))
+
+
+def _demand_equal(what: str, digests: Sequence[str]) -> None:
+    if len(set(digests)) != 1:
+        raise AssertionError(f"{what} must have equal digests; got {', '.join(digests)}.")
+
+
+# --- pictures
+
+METHOD_COLOURS = {"naive": "#0072B2", "grid": "#D55E00", "parallel": "#009E73", "auto": "#CC79A7"}
+ODD_ONE_OUT = "#D55E00"
+
+WIDTH = 25
+"""Frames of a running median."""
+
+SPIKE = 2.0
+"""Times the median, from which a frame is a dot of its own."""
+
+WHOLE = "{x:,.0f}"
+"""Numbers of discs on an axis."""
+
+
+def draw_fixed(timings: Mapping[str, Timing], path: Path) -> None:
+    """Distribution of frame times, a row for each method; the report's means are printed beside them."""
+    times = {method: timing.frame_seconds[1:] * 1e6 for method, timing in timings.items()}
+    low = min(float(each.min()) for each in times.values()) * 0.95
+    high = max(float(np.quantile(each, 0.98)) for each in times.values()) * 1.15
+    edges = np.geomspace(low, high, 80)
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(8, 1.3 + 1.25 * len(times))
+        panels = np.ravel(figure.subplots(len(times), 1, sharex=True))
+        for axes, (method, found) in zip(panels, times.items(), strict=True):
+            colour, median, mean = METHOD_COLOURS[method], float(np.median(found)), float(found.mean())
+            axes.hist(found, edges, color=colour, alpha=0.55)
+            axes.axvline(median, color=colour, linewidth=2)
+            axes.axvline(mean, color=colour, linewidth=1.2, linestyle="--")
+            beyond, words = found[found > high], f"{method}: median {_time(median)}, mean {_time(mean)}"
+            if len(beyond):
+                words += f"; {len(beyond)} frame{'s' * (len(beyond) != 1)} slower, up to {_time(beyond.max())}"
+            report = REPORT_MS["fixed"][method] * 1e3
+            words += f"\nreport's {_word(method)}: mean {_time(report)}, {report / mean:,.0f} times as long"
+            axes.set_title(words, loc="left", fontsize=9, color=colour)
+            axes.set_ylabel("frames", fontsize=9)
+            axes.grid(False, axis="y")
+        panels[-1].set(xscale="log", xlim=(low, high))
+        plain_ticks(panels[-1].xaxis, FINE if high < 10 * low else COARSE)
+        number = len(next(iter(times.values())))
+        words = f"frames 2 to {number + 1} (the first one has to sort the discs, and is left out)"
+        panels[-1].set_xlabel(f"time of a frame of 100 discs [µs]; {words}")
+        handles = [Line2D([], [], color="black", linewidth=2), Line2D([], [], color="black", ls="--", linewidth=1.2)]
+        figure.legend(handles, ["median", "mean"], loc="outside upper right", ncols=2, fontsize=9)
+        save_figure(figure, path)
+
+
+def draw_growth(timings: Mapping[str, Timing], path: Path) -> None:
+    """Frame time against the number of discs: running median and middle 80 %; frames far outside are dots."""
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(8, 5.2)
+        axes = figure.add_subplot()
+        for method, timing in timings.items():
+            colour, times = METHOD_COLOURS[method], timing.frame_seconds[1:] * 1e6
+            discs = np.arange(2, len(times) + 2)
+            low, median, high = (_running(times, each) for each in (0.1, 0.5, 0.9))
+            spikes = times > SPIKE * median
+            axes.fill_between(discs, low, high, color=colour, alpha=0.3, linewidth=0)
+            axes.plot(discs[spikes], times[spikes], color=colour, linestyle="", marker=".", markersize=3, alpha=0.6)
+            report = _time(REPORT_MS["growth"][method] * 1e3)
+            label = f"{method}: mean {_time(times.mean())} (report's {_word(method)}: {report})"
+            axes.plot(discs, median, color=colour, label=label)
+        most = max(len(timing.frame_seconds) for timing in timings.values())
+        axes.set(
+            yscale="log",
+            xlim=(0, most),
+            xlabel="discs",
+            ylabel="time of a frame [µs]",
+            title=f"Growth from 1 disc to {most:,}: one more after every frame",
+        )
+        plain_ticks(axes.yaxis)
+        axes.xaxis.set_major_formatter(WHOLE)
+        axes.legend(loc="upper left", fontsize=9)
+        caption = f"line: running median of {WIDTH} frames; band: the middle 80 % of them\n"
+        caption += f"dots: frames that took more than {SPIKE:g} times the median; the first frame is left out"
+        figure.supxlabel(caption, fontsize=9)
+        save_figure(figure, path)
+
+
+def draw_repeat(result: Repeat, frames: int, path: Path) -> None:
+    """Final states of repeated parallel runs, guarded above, unguarded below; differences from run 1 are marked."""
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(11, 6.6)
+        rows = {"odd/even passes": result.guarded, "columns unguarded": result.unguarded}
+        axes = figure.subplots(len(rows), len(result.guarded))
+        for row, (word, states) in zip(axes, rows.items(), strict=True):
+            for run, (panel, state) in enumerate(zip(row, states, strict=True), start=1):
+                differs = (state.position != states[0].position).any(axis=1)
+                colours = [ODD_ONE_OUT if d else DISC_COLOUR for d in differs]
+                draw_discs(panel, state.position, result.scene, colours)
+                panel.set_title(f"run {run}: {state.digest()[:8]}", fontsize=10)
+                panel.set_xlabel(f"{int(differs.sum())} discs differ from run 1", fontsize=9)
+            row[0].set_ylabel(word)
+        figure.suptitle(f"Four parallel runs of one start, after {frames} frames, with their digests")
+        save_figure(figure, path)
+
+
+def draw_final_states(result: Fixed, frames: int, path: Path) -> None:
+    """The start and each method's final state side by side, coloured by disc so that a disc can be followed."""
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(11, 3.7)
+        panels = {"initial": result.scene.position} | {name: state.position for name, state in result.states.items()}
+        hues = matplotlib.colormaps["viridis"](np.linspace(0, 1, max(result.scene.count, 1)))
+        order = np.argsort(np.argsort(result.scene.position[:, 0]))
+        grid = result.states["grid"].position
+        for panel, (name, position) in zip(figure.subplots(1, len(panels)), panels.items(), strict=True):
+            draw_discs(panel, position, result.scene, hues[order])
+            panel.set_title(name)
+            if name != "initial":
+                gap = float(np.hypot(*(position - grid).T).max(initial=0)) / (2 * result.scene.largest_radius)
+                panel.set_xlabel("reference" if name == "grid" else f"largest distance to grid:\n{gap:.3g} diameters")
+        figure.suptitle(f"After {frames} frames (colour: place at the start, from left to right)")
+        save_figure(figure, path)
+
+
+def draw_scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -> None:
+    """Nanoseconds per disc and frame against the number of discs, and the speed-up of the workers."""
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(8, 6.6)
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+        rows: dict[str, dict[int, NDArray[np.float64]]] = {}
+        for method, colour in METHOD_COLOURS.items():
+            of = sorted((t for t in timings if t.method == method), key=lambda t: t.discs)
+            if of:
+                rows[method] = {t.discs: np.quantile(t.frame_seconds, [0.5, 0.25, 0.75]) * 1e9 / t.discs for t in of}
+                label = f"{method}, {max(t.workers for t in of)} workers" if method == "parallel" else method
+                marks = {"marker": "x", "linestyle": ":"} if method == "auto" else {"marker": "o"}
+                _bars(above, rows[method], color=colour, label=label, **marks)
+        above.set(
+            xscale="log",
+            yscale="log",
+            ylabel="ns per disc and frame",
+            title="Cost of a frame at packing 0.4: median, and the middle half of the frames",
+        )
+        plain_ticks(above.yaxis)
+        above.legend()
+        grid, parallel = rows["grid"], rows["parallel"]
+        common = sorted(grid.keys() & parallel.keys())
+        speed_up = {discs: grid[discs] / parallel[discs][[0, 2, 1]] for discs in common}
+        _bars(below, speed_up, color=METHOD_COLOURS["parallel"], marker="o")
+        below.axhline(1, color="black", linewidth=1)
+        _mark_crossover([above, below], crossover, common)
+        below.set(ylabel="speed-up of the workers\n(grid / parallel)", xlabel="discs")
+        below.set_ylim(0, max(2.2, 1.05 * max(float(ratio.max()) for ratio in speed_up.values())))
+        below.xaxis.set_major_formatter(WHOLE)
+        save_figure(figure, path)
+
+
+def _bars(axes: Axes, rows: Mapping[int, NDArray[np.float64]], **style: Any) -> None:
+    """Points with bars; rows: median, low and high by number of discs."""
+    middle, low, high = np.array(list(rows.values())).T
+    axes.errorbar(list(rows), middle, [middle - low, high - middle], capsize=2, **style)
+
+
+def _mark_crossover(panels: Sequence[Axes], crossover: int | None, sizes: Sequence[int]) -> None:
+    """Shade the sizes between which parallel becomes faster than grid, and stays so at all larger measured sizes."""
+    if crossover is None:
+        return
+    before = max((size for size in sizes if size < crossover), default=crossover)
+    for axes in panels:
+        axes.axvspan(before, crossover, color="#999999", alpha=0.2, linewidth=0)
+    words = f"at every measured size from {crossover:,} discs on\nparallel is faster than grid"
+    words += f"; at {before:,} it is not" if before < crossover else ""
+    side, shift = ("left", 6) if crossover**2 < sizes[0] * sizes[-1] else ("right", -6)  # the text stays inside
+    place = {"xytext": (shift, 0), "textcoords": "offset points", "ha": side}
+    panels[-1].annotate(words, (crossover, 0.12), color="#555555", fontsize=9, **place)
+
+
+def _running(values: NDArray[np.float64], part: float) -> NDArray[np.float64]:
+    """A running quantile, as long as the values."""
+    padded = np.pad(values, (WIDTH // 2, WIDTH - 1 - WIDTH // 2), mode="edge")
+    return np.quantile(np.lib.stride_tricks.sliding_window_view(padded, WIDTH), part, axis=1)
+
+
+def _word(method: str) -> str:
+    """The report's name of a method."""
+    return "threads" if method == "parallel" else method
+
+
+def _time(microseconds: float) -> str:
+    return f"{microseconds / 1e3:.3g} ms" if microseconds >= 1e3 else f"{microseconds:.3g} µs"
+
+
+# --- features
+
+SIDE, PITCH = 100, 1.4
+"""Discs along each side of the square lattice from which the scenes start, and its spacing [diameters]: packing 0.4."""
+
+WARM_UP, FRAMES, ROUNDS = 100, 150, 5
+"""Frames in which the lattice melts; frames of a turn; turns, of which the least median counts."""
+
+SPREADS = (1, 2, 4, 8, 16)
+"""Ratios of the largest radius to the smallest: cells follow the largest disc, so that they hold many small ones."""
+
+OBSERVED = "collisions observed"
+"""The bare scene, with all its collisions handed over after each turn, outside the time of frames."""
+
+
+def lattice(giant: bool = False, **features: Any) -> Scene:
+    """10,000 discs of radius 0.5 with thermal velocities and the given features; giant: also one disc of radius 10."""
+    rng, side = np.random.default_rng(1), SIDE * PITCH
+    places = (np.arange(SIDE) + 0.5) * PITCH
+    position = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
+    velocity = rng.normal(size=position.shape)
+    if giant:
+        clear = np.hypot(*(position - side / 2).T) > 10.6
+        position = np.concatenate([position[clear], [[side / 2, side / 2]]])
+        velocity = np.concatenate([velocity[clear], [[0.0, 0.0]]])
+        features["radius"] = np.append(np.full(int(clear.sum()), 0.5), 10.0)
+    return Scene(width=side, height=side, position=position, velocity=velocity, **{"radius": 0.5, **features})
+
+
+def featured() -> dict[str, Scene]:
+    """The bare scene, each feature alone, and all that can be combined."""
+    rng, side, pegs = np.random.default_rng(2), SIDE * PITCH, np.arange(1, 100, 10) * PITCH
+    combined: dict[str, dict[str, Any]] = {
+        "radii": {"radius": rng.uniform(0.3, 0.5, SIDE**2)},
+        "masses": {"mass": rng.uniform(0.5, 2.0, SIDE**2)},
+        "gravity": {"gravity": (0.0, -0.1)},
+        "acceleration per disc": {"acceleration": rng.normal(size=(SIDE**2, 2)) * 0.1},
+        "restitution": {"restitution": 0.95},
+        "100 pegs": {"obstacles": [FixedDisc((x, y), 0.1) for x in pegs for y in pegs]},
+        "a piston": {"piston": Piston("bottom", 0.01, side / 2)},
+        "an absorbing edge": {"absorbing": "top"},
+        "friction": {"friction": 0.5},
+        "a thermostat": {"thermostat": Thermostat(1.0, 1.0)},
+    }
+    alone = {
+        "bare": {},
+        "periodic": {"boundary": "periodic"},
+        **combined,
+        "a polyline": {"obstacles": [Polyline([(0, side / 2), (side / 3, side / 2)])]},
+        "thermal walls": {"thermal_walls": ThermalWalls(left=1.0, right=1.0, bottom=1.0, top=1.0)},
+    }
+    together = {key: value for features in combined.values() for key, value in features.items()}
+    found = {name: lattice(**features) for name, features in alone.items()}
+    found |= {"one giant": lattice(giant=True), "all together": lattice(boundary=("periodic", "walls"), **together)}
+    for spread in SPREADS:
+        radius = 0.5 * np.exp(-np.random.default_rng(3).random(SIDE**2) * np.log(spread))
+        found[f"radii 1 to {spread}, packing 0.5"] = Scene.random(count=SIDE**2, packing=0.5, radius=radius, seed=3)
+    return found | {OBSERVED: lattice()}
+
+
+def feature_costs() -> str:
+    """A table in Markdown: every scene by `grid` in float64, timed in turns."""
+    sims: dict[str, Simulation] = {}
+    observers = {OBSERVED: mpsim.Collisions(callback=lambda _, table: None, every=FRAMES)}
+
+    def cost(name: str) -> float:
+        report = sims[name].run(frames=FRAMES, observe=observers.get(name))
+        return float(np.median(report.frame_seconds)) / sims[name].count * 1e9
+
+    with ExitStack() as stack, console.status("compiling") as status:
+        for name, scene in featured().items():
+            status.update(f"compiling {name}")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", mpsim.FastWarning)  # of very small discs: only times are wanted
+                sims[name] = stack.enter_context(Simulation(scene, Settings(dt=DT, method="grid")))
+                sims[name].run(frames=WARM_UP, observe=observers.get(name))
+        status.update("timing")
+        turns = by_turns({name: partial(cost, name) for name in sims}, ROUNDS)
+        bare, rows = min(turns["bare"]), []
+        for name, sim in sims.items():
+            size = sim.run(frames=0, observe=observers.get(name)).block_bytes / sim.count
+            rows.append((name, f"{min(turns[name]):.2f}", f"{min(turns[name]) / bare:.2f}", f"{size:.0f}"))
+    return harness.table(("scene", "ns per disc and frame", "over bare", "bytes per disc"), rows)
+
+
+# --- tables
+
+
+def run(options: argparse.Namespace, settings: Settings) -> dict[str, Any]:
     """The results of each part that was asked for."""
     sizes = QUICK_SIZES if options.quick else SIZES
     frames, growth_frames = (100, 200) if options.quick else (500, 1000)
     steps = {"fixed": 3, "growth": 3, "repeat": 3, "scaling": len(sizes)}
-    results: dict[str, Any] = {"frames": frames, "quick": options.quick}
+    results: dict[str, Any] = {"frames": frames}
     with progress_bar() as progress:
         task = progress.add_task("compiling", total=sum(steps[part] for part in options.only))
 
@@ -69,218 +537,145 @@ def run(options: argparse.Namespace, settings: mpsim.Settings) -> dict[str, Any]
             progress.update(task, advance=1, description=word)
 
         jobs = {
-            "fixed": lambda: benchmark.fixed(settings, frames, tick),
-            "growth": lambda: benchmark.growth(settings, growth_frames, tick),
-            "repeat": lambda: benchmark.repeat(settings, frames, tick),
-            "scaling": lambda: benchmark.scaling(settings, sizes, 0.1 if options.quick else 0.4, tick),
+            "fixed": lambda: fixed(settings, frames, tick),
+            "growth": lambda: growth(settings, growth_frames, tick),
+            "repeat": lambda: repeat(settings, frames, tick),
+            "scaling": lambda: scaling(settings, sizes, 0.1 if options.quick else 0.4, tick),
         }
         for part in options.only:
             results[part] = jobs[part]()
     return results
 
 
-def table(title: str, caption: str, heads: tuple[str, ...], rows: list[list[str]]) -> Table:
-    """A table for the terminal, numbers at the right."""
+def table(title: str, caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table on the terminal, numbers at the right."""
     found = Table(title=title, caption=caption, title_justify="left", caption_justify="left", box=box.SIMPLE_HEAD)
     for head in heads:
         found.add_column(head, justify="left" if head == "method" else "right")
     for row in rows:
         found.add_row(*row)
-    return found
+    Console().print(found)  # not `console`: its lines may be longer than the terminal
 
 
-def comparison_table(
-    title: str, timings: dict[str, benchmark.Timing], report_ms: dict[str, float], busy: bool
-) -> Table:
-    """Times beside the report's; ratios only if the machine was not busy."""
+def compare(part: str, title: str, timings: Mapping[str, Timing], busy: bool) -> None:
+    """Print times beside the report's; ratios only if the machine was not busy."""
     rows = []
     for method, timing in timings.items():
-        median, mean, report = timing.median * 1e6, timing.mean * 1e6, report_ms[method] * 1e3
+        median, mean, report = timing.median * 1e6, timing.mean * 1e6, REPORT_MS[part][method] * 1e3
         ratios = ["-", "-"] if busy else [f"{report / mean:.4g}", f"{timing.mean / timings['grid'].mean:.4g}"]
         rows.append([method, str(timing.workers), *(f"{cell:.4g}" for cell in (median, mean, report)), *ratios])
     caption = "times of a frame in microseconds; the first frame is in the means, compilation and warm-up are not"
     heads = ("method", "workers", "median", "mean", "report's mean", "report / mpsim", "mean / grid's")
-    return table(title, caption, heads, rows)
+    table(title, caption, heads, rows)
 
 
-def scaling_table(timings: list[benchmark.Timing], busy: bool) -> Table:
-    methods, rows = (*benchmark.METHODS, "auto"), []
+def compare_sizes(timings: Sequence[Timing], busy: bool) -> None:
+    """Print costs by number of discs."""
+    methods, rows = (*METHODS, "auto"), []
     for discs in sorted({timing.discs for timing in timings}):
         of = {timing.method: timing for timing in timings if timing.discs == discs}
         costs = [f"{of[m].nanoseconds_per_disc:.3g}" if m in of else "-" for m in methods]
-        best = min(of[m].median for m in benchmark.METHODS if m in of)
+        best = min(of[m].median for m in METHODS if m in of)
         ratios = of["grid"].median / of["parallel"].median, of["auto"].median / best
         texts = ("-" if busy else f"{ratio:.2f}" for ratio in ratios)
         rows.append([f"{discs:,}", *costs, *texts, f"{of['parallel'].bytes_per_disc:.0f}"])
     caption = "median nanoseconds per disc and frame, packing 0.4, warm; bytes: of the shared block, per disc"
-    return table("Scaling", caption, ("discs", *methods, "grid/parallel", "auto/best", "bytes"), rows)
+    table("Scaling", caption, ("discs", *methods, "grid/parallel", "auto/best", "bytes"), rows)
 
 
-def timings_of(results: dict[str, Any], part: str) -> dict[str, benchmark.Timing]:
-    """Timings of `fixed` or `growth`, by method."""
-    return results[part].timings if part == "fixed" else results[part]
-
-
-def show(results: dict[str, Any], settings: mpsim.Settings, out: Path, busy: bool) -> None:
-    """Tables on the terminal, pictures in the folder."""
-    frames = results["frames"]
-    if "fixed" in results:
-        fixed: benchmark.Fixed = results["fixed"]
-        title = f"Fixed: 100 discs, {frames} frames"
-        terminal.print(comparison_table(title, fixed.timings, benchmark.REPORT_FIXED_MS, busy))
-        for what, distance in fixed.distances.items():
-            console.print(f"  distance {what}: {distance / (2 * fixed.scene.radius):.3g} diameters")
-        figures.fixed(fixed.timings, benchmark.REPORT_FIXED_MS, out / "fixed.png")
-        figures.final_states(fixed, frames, out / "final_states.png")
-        chosen = dataclasses.replace(settings, method="grid")
-        mpsim.animate(fixed.scene, chosen, out / "animation.gif", frames // 6, every=5, pixels=320, progress=False)
-    if "growth" in results:
-        growth = results["growth"]
-        title = f"Growth: one disc more after every frame, from 1 disc to {len(growth['grid'].frame_seconds):,}"
-        terminal.print(comparison_table(title, growth, benchmark.REPORT_GROWTH_MS, busy))
-        figures.growth(growth, benchmark.REPORT_GROWTH_MS, out / "growth.png")
-    if "repeat" in results:
-        repeat: benchmark.Repeat = results["repeat"]
-        guarded, unguarded = ({s.digest() for s in states} for states in (repeat.guarded, repeat.unguarded))
-        console.print(f"Repeat: {len(repeat.guarded)} runs with odd/even passes gave {len(guarded)} digest")
-        console.print(f"  1, 2, 4 workers: {len(set(repeat.by_workers.values()))} digest, {repeat.by_workers[1]}")
-        console.print(f"  {len(repeat.unguarded)} runs with the columns unguarded gave {len(unguarded)} digests")
-        figures.repeat(repeat, frames, out / "repeat.png")
-    if "scaling" in results:
-        timings = results["scaling"]
-        crossover = benchmark.crossover(timings)
-        terminal.print(scaling_table(timings, busy))
+def show(results: dict[str, Any], settings: Settings, out: Path, busy: bool) -> dict[str, Any]:
+    """Tables on the terminal, pictures in the folder; returns all numbers."""
+    frames, record = results["frames"], {}
+    if found := results.get("fixed"):
+        compare("fixed", f"Fixed: 100 discs, {frames} frames", found.timings, busy)
+        for what, distance in found.distances.items():
+            console.print(f"  distance {what}: {distance / (2 * found.scene.radius):.3g} diameters")
+        draw_fixed(found.timings, out / "fixed.png")
+        draw_final_states(found, frames, out / "final_states.png")
+        chosen = replace(settings, method="grid")
+        mpsim.animate(found.scene, chosen, out / "animation.gif", frames // 6, every=5, pixels=320, progress=False)
+        record["fixed"] = {method: each.figures() for method, each in found.timings.items()}
+        record["distances"] = found.distances
+    if found := results.get("growth"):
+        discs = len(found["grid"].frame_seconds)
+        compare("growth", f"Growth: one disc more after every frame, from 1 disc to {discs:,}", found, busy)
+        draw_growth(found, out / "growth.png")
+        record["growth"] = {method: each.figures() for method, each in found.items()}
+    if found := results.get("repeat"):
+        guarded, unguarded = ([state.digest() for state in states] for states in (found.guarded, found.unguarded))
+        console.print(f"Repeat: {len(guarded)} runs with odd/even passes gave {len(set(guarded))} digest")
+        console.print(f"  1, 2, 4 workers: {len(set(found.by_workers.values()))} digest, {found.by_workers[1]}")
+        console.print(f"  {len(unguarded)} runs with the columns unguarded gave {len(set(unguarded))} digests")
+        draw_repeat(found, frames, out / "repeat.png")
+        record["repeat"] = {"guarded": guarded, "unguarded": unguarded, "by_workers": found.by_workers}
+    if found := results.get("scaling"):
+        from_here = crossover(found)
+        compare_sizes(found, busy)
         if not busy:
-            words = f"parallel is faster than grid from {crossover:,} discs on" if crossover else "no crossover"
+            words = f"parallel is faster than grid from {from_here:,} discs on" if from_here else "no crossover"
             console.print(f"  {words}")
-        figures.scaling(timings, crossover, out / "scaling.png")
+        draw_scaling(found, from_here, out / "scaling.png")
+        record["scaling"] = [each.figures() for each in found]
+    return record
 
 
-def save(results: dict[str, Any], settings: mpsim.Settings, machine_now: dict[str, Any], out: Path) -> None:
-    """Every figure as JSON, and the curves as CSV."""
-    record: dict[str, Any] = {"machine": machine_now, "settings": vars(settings), "seconds": results["seconds"]}
-    for part in REPORTS.keys() & results.keys():
-        timings = timings_of(results, part)
-        record[part] = {method: _figures_of(timing) for method, timing in timings.items()}
-        columns = [timing.frame_seconds for timing in timings.values()]
-        rows = zip(range(1, len(columns[0]) + 1), *columns, strict=True)
-        _write_csv(out / f"{part}.csv", ["frame", *(f"{method} [s]" for method in timings)], rows)
-    if "fixed" in results:
-        record["distances"] = results["fixed"].distances
-    if "repeat" in results:
-        repeat = results["repeat"]
-        record["repeat"] = {
-            "guarded": [state.digest() for state in repeat.guarded],
-            "unguarded": [state.digest() for state in repeat.unguarded],
-            "by_workers": repeat.by_workers,
-        }
-    if "scaling" in results:
-        record["scaling"] = [_figures_of(timing) for timing in results["scaling"]]
-        _write_csv(out / "scaling.csv", record["scaling"][0], (row.values() for row in record["scaling"]))
-    if {"fixed", "growth", "scaling"} <= results.keys() and not results["quick"] and not is_busy(machine_now):
-        (out / "summary.md").write_text(summary(results, machine_now))
-    (out / "bench.json").write_text(json.dumps(record, indent=1, default=str) + "\n")
-
-
-def _figures_of(timing: benchmark.Timing) -> dict[str, Any]:
-    return {
-        "method": timing.method,
-        "workers": timing.workers,
-        "discs": timing.discs,
-        "frames": len(timing.frame_seconds),
-        "median_seconds": timing.median,
-        "mean_seconds": timing.mean,
-        "least_seconds": float(np.min(timing.frame_seconds)),
-        "ns_per_disc": timing.nanoseconds_per_disc,
-        "bytes_per_disc": timing.bytes_per_disc,
-        "digest": timing.digest,
-    }
-
-
-def summary(results: dict[str, Any], machine_now: dict[str, Any]) -> str:
+def summary(results: dict[str, Any], now: dict[str, Any]) -> str:
     """The README's table, in Markdown: the report's two experiments and the cost at 100,000 discs."""
     rows = []
-    words = {"fixed": "100 discs, 500 frames", "growth": "1 to 1,000 discs, one more after every frame"}
-    for part, report_ms in REPORTS.items():
-        for method, timing in timings_of(results, part).items():
-            report, mean = report_ms[method] * 1e3, timing.mean * 1e6
+    experiments = {
+        "fixed": ("100 discs, 500 frames", results["fixed"].timings),
+        "growth": ("1 to 1,000 discs, one more after every frame", results["growth"]),
+    }
+    for part, (words, timings) in experiments.items():
+        for method, timing in timings.items():
+            report, mean = REPORT_MS[part][method] * 1e3, timing.mean * 1e6
             name = f"parallel, {timing.workers} workers (report: threads)" if method == "parallel" else method
-            rows.append((words[part], name, f"{report:,.0f} µs", f"{mean:.1f} µs", f"{report / mean:,.0f}"))
+            rows.append((words, name, f"{report:,.0f} µs", f"{mean:.1f} µs", f"{report / mean:,.0f}"))
     for timing in results["scaling"]:
         if timing.discs == 100_000 and timing.method in ("grid", "parallel"):
             name = f"parallel, {timing.workers} workers" if timing.method == "parallel" else timing.method
             scene, cost = "100,000 discs, packing 0.4, steps of 0.01 diameters", timing.nanoseconds_per_disc
             rows.append((scene, name, "-", f"{cost:.1f} ns a disc", "-"))
-    heads, versions = ("experiment", "method", "report", "mpsim", "times faster"), machine_now["versions"]
+    heads, versions = ("experiment", "method", "report", "mpsim", "times faster"), now["versions"]
     return (
         f"{harness.table(heads, rows, right=3)}\n\nMean frame times (100,000 discs: median), without compilation, "
-        f"on {machine_now['usable_cores']} cores of {machine_now['processor']}, Python {machine_now['python']}, "
-        f"numpy {versions['numpy']}, numba {versions['numba']}, "
-        f"{machine_now['date'][:10]}, commit {machine_now['commit']}.\n"
+        f"on {now['usable_cores']} cores of {now['processor']}, Python {now['python']}, numpy {versions['numpy']}, "
+        f"numba {versions['numba']}, {now['date'][:10]}, commit {now['commit']}.\n"
     )
-
-
-def _write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
-
-
-def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now: dict[str, Any]) -> str:
-    """Markdown: cost of each feature, and of the bare scene beside an older version."""
-    with contextlib.ExitStack() as stack:
-        # First, as a mistyped revision is an error before the long work.
-        before = stack.enter_context(check_speed.checkout_of(options.before)) if options.before else None
-        status = stack.enter_context(console.status("compiling"))
-        parts = [feature_cost.feature_costs(settings, status.update)]
-        parts.append(f"10,000 discs, packing 0.40, `grid`, {settings.precision}, {settings.contact}.")
-        if before:
-            status.update(f"the bare scene beside that of {options.before}")
-            scenes = {"bare": {"method": "grid", "precision": settings.precision}}
-            found = [check_speed.timed(scenes, before, turn)["bare"] for turn in range(10)]
-            low, median, high = harness.quartiles([here / there for here, there, _ in found])
-            parts.append(
-                f"The bare scene here over the same at {options.before}: {median:.3f} ({low:.3f} to {high:.3f}, "
-                f"{len(found)} turns), digests {'equal' if all(same for *_, same in found) else 'DIFFERENT'}."
-            )
-    parts.append(f"{machine_now['date'][:10]}, commit {machine_now['commit']}, {machine_now['processor']}.")
-    return "\n\n".join(parts) + "\n"
 
 
 def main() -> int:
-    options = arguments()
+    parser = parser_of(__doc__)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--quick", action="store_true", help="fewer frames and sizes: a few seconds")
+    parser.add_argument("--features", action="store_true", help="the cost of each feature of a scene instead")
+    parser.add_argument("--out", type=Path, default=Path("results/bench"), help="default: results/bench")
+    options = parser.parse_args()
     started = time.perf_counter()
-    settings = mpsim.Settings(
-        dt=benchmark.DT,
-        law=options.law,
-        contact="push",  # the report's
-        precision=options.precision,
-        workers=options.workers,
-    )
+    settings = Settings(dt=DT, contact="push", precision="float32")  # the report's contact and precision
     make_folder(options.out)
-    machine_now = machine()
+    now = machine()
     if options.features:
-        text = features(options, dataclasses.replace(settings, contact="impact", method="grid"), machine_now)
+        words = f"10,000 discs, packing 0.40, `grid`, float64, impact. {harness.made_by(now)}"
+        text = f"{feature_costs()}\n\n{words}\n"
         (options.out / "features.md").write_text(text)
         say(text)
         return 0
     expected = "10 s" if options.quick else "a minute"
     console.print(f"At most {expected} on two idle cores; where kernels must be compiled first, half a minute more.")
     results = run(options, settings)
-    machine_now["slowed"].append(slowed())
-    results["seconds"] = time.perf_counter() - started
-    same = "the report's" if settings.law == "reflect" else "the report has reflect"
-    console.print(f"Collision law: {settings.law} ({same}); contact: {settings.contact}")
-    busy = is_busy(machine_now)
-    if busy:
+    now["slowed"].append(slowed())
+    console.print("Collision law: elastic (the report has reflect); contact: push")
+    if busy := is_busy(now):
         console.print(
-            f"The machine was busy; no verdict. Load before: {machine_now['load_before']:.2g} on "
-            f"{machine_now['usable_cores']} cores; a loop took {max(machine_now['slowed']):.2g} times its shortest "
-            "time. Times below hold for now only, and their ratios are left out. Repeat when nothing else runs."
+            f"The machine was busy; no verdict. Load before: {now['load_before']:.2g} on {now['usable_cores']} cores; "
+            f"a loop took {max(now['slowed']):.2g} times its shortest time. Times below hold for now only, and their "
+            "ratios are left out. Repeat when nothing else runs."
         )
-    show(results, settings, options.out, busy)
-    save(results, settings, machine_now, options.out)
+    record = {"machine": now, "settings": vars(settings), **show(results, settings, options.out, busy)}
+    (options.out / "bench.json").write_text(json.dumps(record, indent=1, default=str) + "\n")
+    if {"fixed", "growth", "scaling"} <= results.keys() and not (options.quick or busy):
+        (options.out / "summary.md").write_text(summary(results, now))
     console.print(f"{time.perf_counter() - started:.1f} s; tables and pictures are in {options.out}/")
     return 0
 

@@ -7,20 +7,16 @@ python scripts/run_docs_figures.py --out docs/pictures   as the pages show them
 import re
 import sys
 import tempfile
-import tomllib
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import grimp
 import matplotlib
 import numpy as np
-from harness import DOCS, TOP, make_folder, parser_of
+from harness import DOCS, make_folder, parser_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
-from matplotlib.patches import FancyArrowPatch, Rectangle
-from window_picture import window
+from matplotlib.patches import Rectangle
 
 import mpsim
 from mpsim.engine.solvers.stepped import Grid, grid_for
@@ -159,38 +155,6 @@ def funnel(path: Path) -> None:
         figure.savefig(path, dpi=DPI)
 
 
-def floors(path: Path) -> None:
-    """The packages of mpsim, each above those that it imports: an arrow for each pair, as wide as imports are many."""
-    contracts = tomllib.loads((TOP / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
-    names: list[str] = next(each["layers"] for each in contracts if each["type"] == "layers")
-    graph = grimp.build_graph("mpsim")
-    modules = {name: sorted(m for m in graph.modules if f"{m}.".startswith(f"mpsim.{name}.")) for name in names}
-    imports: Counter[tuple[str, str]] = Counter()
-    for name in names:
-        for module in modules[name]:
-            found = {other.split(".")[1] for other in graph.find_modules_directly_imported_by(module) if "." in other}
-            imports.update((name, other) for other in found if other != name)
-    figure = new_figure(8.0, 6.4)
-    axes = figure.add_subplot()
-    axes.axis("off")
-    axes.set(xlim=(0, 100), ylim=(-10 * len(names) + 4, 8))
-    for index, name in enumerate(names):
-        y, packages = -10 * index, {m for m in modules[name] if graph.find_children(m)}
-        files = len(modules[name]) - len(packages)
-        axes.add_patch(Rectangle((30, y - 3), 40, 6, facecolor="#E8F1F8", edgecolor="#0072B2", linewidth=1))
-        axes.text(32, y, name, ha="left", va="center", weight="bold")
-        axes.text(68, y, "1 file" if files == 1 else f"{files} files", ha="right", va="center", color="#555555")
-    for (upper, lower), count in imports.items():
-        top, bottom = (-10 * names.index(each) for each in (upper, lower))
-        side = 70 if names.index(upper) % 2 else 30
-        bend = (0.42 if side == 30 else -0.42) * (1 if bottom < top else -1)
-        colour = "#0072B2" if bottom < top else "#D55E00"
-        style = {"arrowstyle": "-|>", "mutation_scale": 7, "linewidth": 0.4 + 0.12 * count, "color": colour}
-        arrow = FancyArrowPatch((side, top), (side, bottom), connectionstyle=f"arc3,rad={bend}", alpha=0.55, **style)
-        axes.add_patch(arrow)
-    figure.savefig(path, dpi=DPI)
-
-
 def poured(friction: float) -> mpsim.Scene:
     """A column of 200 grains of four sizes, which is let go above a floor of grains that are glued to it."""
     index = np.arange(200)
@@ -219,7 +183,7 @@ def heap(path: Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-PICTURES = {each.__name__: each for each in (floors, passes, neighbours, frame, funnel, heap, window)}
+PICTURES = {each.__name__: each for each in (passes, neighbours, frame, funnel, heap)}
 
 
 def main() -> int:

@@ -15,37 +15,37 @@ import json
 import os
 import re
 import shutil
-import statistics
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import benchmark
-from harness import exit_code, fill_page, made_by, make_folder, parser_of, say
-from harness import table as markdown
+import numpy as np
+from harness import exit_code, fill_page, made_by, make_folder, parser_of, say, table
+from numpy.typing import NDArray
 from websockets.sync.client import connect
 
 import mpsim
-from mpsim.engine.simulation import read_in_place
 from mpsim.scene import scenefile
 from mpsim.viewer import protocol
-from mpsim.viewer.colouring import scale_of
-from mpsim.viewer.server import Admission, Server, listening, page_files
+from mpsim.viewer.server import page_files
 from mpsim.viewer.session import Session
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Page, ViewportSize
 
-SIZES = (10, 1_000, 10_000, 100_000, 1_000_000)
 COUNT = 10_000
 """Discs of the run that is watched."""
 
-WIDTHS = {390: 844, 1280: 800, 1920: 1080}
-"""Sizes of the page in pictures: a telephone, a window, a projector."""
+FIRST_MISSED, LATE = 3, 3.0
+"""Frame of the scene `gas` in which a collision is missed, and time at which the two stages have parted."""
+
+PATIENCE = 90.0
+"""Longest wait for the page [s]."""
+
+WINDOW: "ViewportSize" = {"width": 1280, "height": 800}
 
 GRID = mpsim.Settings(method="grid")
 
@@ -81,62 +81,11 @@ def page_at(address: str, *deeds: dict[str, Any]) -> Iterator[None]:
         process.wait()
 
 
-class Album:
-    """In place of a session: each picture is packed as soon as it is asked for."""
-
-    def __init__(self, sim: mpsim.Simulation, server: Server):
-        self._sim, self._broadcast = sim, protocol.Broadcast(server, sim.scene)
-        self._broadcast.scale = scale_of(sim.state)
-        self._asked = threading.Semaphore(0)
-        self.seconds: list[float] = []
-
-    def ask(self) -> None:
-        """A page wants a picture."""
-        self._asked.release()
-
-    def watched_by(self, pages: int) -> None:
-        """Nothing runs here."""
-
-    def charge(self, seconds: float) -> None:
-        """Nothing waits for it here."""
-
-    def send(self, pictures: int) -> float:
-        """Hand over so many pictures; returns the processor time of each, packing and sending together [s]."""
-        started = 0.0
-        for number in range(1, pictures + 1):
-            self._asked.acquire()
-            if number == 4:  # the first ones allocate
-                started = time.process_time()
-            before = time.thread_time()
-            read_in_place(self._sim, self._broadcast.show)
-            self.seconds.append(time.thread_time() - before)
-        self._asked.acquire()
-        return (time.process_time() - started) / (pictures - 3)
-
-
-def picture_cost(count: int) -> dict[str, float]:
-    """Processor time of a picture of so many discs: of packing it alone, and of all."""
-    scene = benchmark.gas(count)
-    socket = listening("127.0.0.1", 0)
-    admission = Admission("127.0.0.1", socket.getsockname()[1])
-    server = Server(socket, admission)
-    with mpsim.Simulation(scene, GRID) as sim:
-        sim.run(frames=10)
-        album = Album(sim, server)
-        server.start(album)  # pyright: ignore[reportArgumentType]
-        try:
-            with page_at(admission.address):
-                whole = album.send(13 if count >= 10**6 else 103)
-        finally:
-            server.close()
-    return {"discs": count, "bytes": 96 + 5 * count, "packing": statistics.median(album.seconds[3:]), "whole": whole}
-
-
-def watched(scene: mpsim.Scene, seconds: float, speed: float | None) -> dict[str, float]:
-    """A run that a page watches: processor time of a frame [s], pictures and frames a second, part of a core."""
+def watched(scene: mpsim.Scene, seconds: float) -> tuple[float, float]:
+    """Processor time of a frame of a run that a page watches [s], and pictures per second."""
     with contextlib.redirect_stdout(io.StringIO()):
         view = mpsim.view(scene, GRID, browser=False, wait=False)
-    with view, page_at(view.address, {"do": "speed", "value": speed}):
+    with view, page_at(view.address, {"do": "speed", "value": None}):
         session = view._session  # pyright: ignore[reportPrivateUsage]
         assert isinstance(session, Session)  # of a scene
         while (sim := session._sim) is None or sim.frame < 10:  # pyright: ignore[reportPrivateUsage]
@@ -153,9 +102,8 @@ def watched(scene: mpsim.Scene, seconds: float, speed: float | None) -> dict[str
         digest, end = sim.digest(), sim.frame
     with mpsim.Simulation(scene, GRID) as alone:
         alone.run(frames=end)
-        if alone.digest() != digest:
-            raise benchmark.WrongAnswerError(f"watching has changed the bits of {scene.count} discs.")
-    return {"frame": used / frames, "pictures": pictures / passed, "frames": frames / passed, "core": used / passed}
+        assert alone.digest() == digest, "watching has changed the bits"
+    return used / frames, pictures / passed
 
 
 def alone(scene: mpsim.Scene, seconds: float) -> float:
@@ -169,35 +117,16 @@ def alone(scene: mpsim.Scene, seconds: float) -> float:
         return (time.process_time() - started) / frames
 
 
-def alone_at_60(scene: mpsim.Scene, seconds: float) -> float:
-    """Part of a core that a run of 60 frames a second takes without a view, each frame by a call of its own."""
-    with mpsim.Simulation(scene, GRID) as sim:
-        sim.run(frames=200)
-        started, cpu = time.perf_counter(), time.process_time()
-        for k in range(round(60 * seconds)):
-            time.sleep(max(started + k / 60 - time.perf_counter(), 0.0))
-            sim.run(frames=1)
-        return (time.process_time() - cpu) / (time.perf_counter() - started)
-
-
-def cost_of_watching(turns: int, seconds: float) -> dict[str, float]:
-    """What a page costs a run, in turns with the run alone."""
-    scene, ratios, rates = benchmark.gas(COUNT), [], []
+def cost_of_watching(turns: int, seconds: float) -> tuple[NDArray[np.float64], float]:
+    """Least, median and largest share of processor time that a page costs a run [%], and pictures per second."""
+    scene = mpsim.Scene.random(count=COUNT, packing=0.4, radius=0.5, temperature=1.0, seed=1)
+    ratios, rates = [], []
     for _ in range(turns):
         before = alone(scene, seconds)
-        found = watched(scene, seconds, None)
-        ratios.append(found["frame"] / ((before + alone(scene, seconds)) / 2))
-        rates.append(found["pictures"])
-    slows = [(alone_at_60(scene, seconds), watched(scene, seconds, 1.0)) for _ in range(turns)]
-    return {
-        "percent": 100 * (statistics.median(ratios) - 1),
-        "lowest": 100 * (min(ratios) - 1),
-        "highest": 100 * (max(ratios) - 1),
-        "pictures": statistics.median(rates),
-        "core": 100 * statistics.median(slow["core"] for _, slow in slows),
-        "alone": 100 * statistics.median(before for before, _ in slows),
-        "slow_pictures": statistics.median(slow["pictures"] for _, slow in slows),
-    }
+        frame, pictures = watched(scene, seconds)
+        ratios.append(frame / ((before + alone(scene, seconds)) / 2))
+        rates.append(pictures)
+    return 100 * (np.quantile(ratios, [0, 0.5, 1]) - 1), float(np.median(rates))
 
 
 def seconds_to_first_picture() -> float:
@@ -235,78 +164,77 @@ def chromium() -> Iterator["Browser"]:
         browser.close()
 
 
-def take_pictures(folder: Path) -> list[Path]:
-    """The page of a scene at three sizes, as a browser shows it."""
-    found, file = [], scenefile.load("dense")
-    with contextlib.redirect_stdout(io.StringIO()):
-        view = mpsim.view(file.scene, file.scene.settings, browser=False, wait=False, name=file.name)
-    with view, chromium() as browser:
-        for width, height in WIDTHS.items():
-            page = browser.new_page(viewport={"width": width, "height": height})
-            page.goto(view.address)
-            end = time.monotonic() + 90  # loops may have to be compiled
-            while int(page.get_attribute("#stage", "data-frame") or 0) < 300 * (1 + len(found)):
-                assert time.monotonic() < end, "no pictures came"
-                page.wait_for_timeout(100)
-            path = folder / f"view-{width}.png"
-            page.screenshot(path=path, full_page=width < 800)
-            found.append(path)
-            page.close()
-    return found
+def wait_for(page: "Page", what: str, condition: Callable[[], bool]) -> None:
+    """Wait until something is so, as loops may have to be compiled; what: the name for it."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, f"waited for {what} for {PATIENCE} s"
+        page.wait_for_timeout(50)
 
 
-def table(pictures: list[dict[str, float]], cost: dict[str, float], first: float) -> str:
-    """What the view is asked to keep to, and what was found; and each picture's cost."""
-    size = sum(len(file.content) for file in page_files().values()) / 1000
-    marks = [
-        (
-            f"a page that watches {COUNT:,} discs at full speed, of the run's processor time",
-            "≤ 3 %",
-            f"{cost['percent']:.1f} % (turns: {cost['lowest']:.1f} to {cost['highest']:.1f}), at "
-            f"{cost['pictures']:.0f} pictures a second; the same digest",
-        ),
-        (
-            f"a page that watches {COUNT:,} discs at 60 frames a second, of a core",
-            "≤ 3 %",
-            f"{cost['core'] - cost['alone']:.1f} %, at {cost['slow_pictures']:.0f} pictures a second; the run "
-            f"alone takes {cost['alone']:.1f} %",
-        ),
-        ("from the command to the first picture, compiled", "≤ 1 s", f"{first:.2f} s"),
-        ("the page, all files", "≤ 150 kB", f"{size:.1f} kB"),
-    ]
-    for each in pictures:
-        if each["discs"] == 100_000:
-            found = f"{1e3 * each['whole']:.2f} ms"
-            marks.insert(1, ("a picture of 100,000 discs, packed and sent", "≤ 1.5 ms", found))
-    rows = (
-        (f"{each['discs']:,}", f"{each['bytes']:,}", f"{1e3 * each['packing']:.3f}", f"{1e3 * each['whole']:.3f}")
-        for each in pictures
-    )
-    heads = ("discs", "bytes of a picture", "packing, ms", "packing and sending, ms")
-    return f"{markdown(('quantity', 'limit', 'measured'), marks)}\n\n{markdown(heads, rows)}\n"
+def frame_of(page: "Page") -> int:
+    return int(page.get_attribute("#stage", "data-frame") or -1)
+
+
+def one_stage(browser: "Browser", folder: Path) -> None:
+    """The picture of the page that shows one scene."""
+    file = scenefile.load("dense")
+    with mpsim.view(file.scene, file.scene.settings, browser=False, wait=False, name=file.name) as view:
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(view.address)
+        wait_for(page, "pictures", lambda: frame_of(page) >= 300)
+        page.screenshot(path=folder / "view-1280.png")
+
+
+def two_stages(browser: "Browser", folder: Path) -> None:
+    """The pictures of the tutorial: the first missed collision, and when the two stages have parted."""
+    scene, exact = mpsim.Scene.load("gas"), mpsim.Settings(method="event")
+    how: dict[str, Any] = {"browser": False, "wait": False, "playing": False, "name": "gas"}
+    with mpsim.view(scene, scene.settings, beside=exact, **how) as view:
+        page = browser.new_page(viewport=WINDOW)
+        page.set_default_timeout(1e3 * PATIENCE)  # of a click on a button that is not enabled yet
+        page.goto(f"{view.address}?wait&speed=1")
+        wait_for(page, "a picture", lambda: frame_of(page) >= 0)
+        for frame in range(1, FIRST_MISSED + 1):
+            page.click("#step")
+            wait_for(page, f"frame {frame}", lambda frame=frame: frame_of(page) == frame)
+            page.wait_for_timeout(800)  # for the comparison and the last gauges
+        page.screenshot(path=folder / "two-first-1280.png")
+        page.click("#play")
+        wait_for(page, f"time {LATE}", lambda: frame_of(page) >= round(LATE / 0.01))
+        wait_for(page, "the Lyapunov time", lambda: "Lyapunov" in page.inner_text("#parted"))
+        page.click("#play")
+        wait_for(page, "the pause", lambda: page.inner_text("#phase") == "paused")
+        page.wait_for_timeout(500)
+        page.screenshot(path=folder / "two-parted-1280.png")
 
 
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER")
-    parser.add_argument("--out", type=Path, default=Path("results/view"))
-    parser.add_argument("--docs", type=Path)
+    parser.add_argument("--docs", type=Path, help="page whose table is renewed")
     options = parser.parse_args()
     if options.pictures is not None:
-        for path in take_pictures(options.pictures):
-            say(f"written: {path}")
+        make_folder(options.pictures)
+        with contextlib.redirect_stdout(io.StringIO()), chromium() as browser:
+            one_stage(browser, options.pictures)
+            two_stages(browser, options.pictures)
         return
-    make_folder(options.out)
-    pictures = [picture_cost(count) for count in (SIZES[:3] if options.quick else SIZES)]
-    cost = cost_of_watching(1 if options.quick else 7, 1.0 if options.quick else 3.0)
+    turns, seconds = (1, 1.0) if options.quick else (7, 3.0)
+    (low, middle, high), pictures = cost_of_watching(turns, seconds)
     first = min(seconds_to_first_picture() for _ in range(1 if options.quick else 3))
-    text = table(pictures, cost, first)
-    (options.out / "view.md").write_text(text)
-    (options.out / "view.json").write_text(json.dumps({"pictures": pictures, "cost": cost, "first": first}, indent=1))
+    size = sum(len(file.content) for file in page_files().values()) / 1000
+    watching = f"{middle:.1f} % (turns: {low:.1f} to {high:.1f}), at {pictures:.0f} pictures a second; the same digest"
+    rows = [
+        (f"a page that watches {COUNT:,} discs at full speed, of the run's processor time", "≤ 3 %", watching),
+        ("from the command to the first picture, compiled", "≤ 1 s", f"{first:.2f} s"),
+        ("the page, all files", "≤ 150 kB", f"{size:.1f} kB"),
+    ]
+    text = f"{table(('quantity', 'limit', 'measured'), rows)}\n\n{made_by()}"
     say(text)
     if options.docs is not None:
-        fill_page(options.docs, {"table": f"{text}\n{made_by()}"})
+        fill_page(options.docs, {"table": text})
 
 
 if __name__ == "__main__":

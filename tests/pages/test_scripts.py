@@ -31,23 +31,8 @@ def rows_of(page):
 def test_run_bench_times_and_draws(tmp_path):
     said = run("run_bench", "--quick", "--only", "fixed", "--out", tmp_path)
     assert "grid" in said
-    assert list(tmp_path.rglob("fixed.csv"))
-    assert list(tmp_path.rglob("fixed.png"))
-
-
-@pytest.mark.long
-def test_run_compression_says_what_was_reached_and_where_discs_jammed(tmp_path):
-    page = tmp_path / "page.md"
-    run("run_compression", "--counts", "64", "--rates", "0.1", "--docs", page)
-    rows = re.findall(r"\| (\S.*?) \| 64 \| 0.1 \| (\S+) \| \S+ s \| (0\.\d{4}) \| \S+ s \|", page.read_text())
-    assert [row[:2] for row in rows] == [("equal", "0.8"), ("1 : 1.4", "0.82")]
-    assert all(0.8 < float(row[2]) < 0.9 for row in rows)
-
-
-@pytest.mark.long
-def test_run_stability_draws_the_outcomes_that_are_kept(tmp_path):
-    run("run_stability", "--draw", ROOT / "docs" / "stability" / "outcomes.json.gz", "--out", tmp_path)
-    assert (tmp_path / "masses.png").stat().st_size > 10_000
+    assert json.loads((tmp_path / "bench.json").read_text())["fixed"]["grid"]["frames"] == 100
+    assert (tmp_path / "fixed.png").stat().st_size > 10_000
 
 
 @pytest.mark.long
@@ -63,14 +48,13 @@ def test_run_validation_compares_two_discs_with_what_is_known(tmp_path):
 @pytest.mark.long
 def test_run_peers_has_a_row_for_the_yardstick_and_one_for_an_engine_that_is_missing(tmp_path):
     page, readme = tmp_path / "page.md", (ROOT / "README.md").read_text()
-    words = ["--quick", "--accurate", "0", "--counts", "60", "--peers", "mpsim-push", "numpy", "rapier"]
+    words = ["--quick", "--accurate", "0", "--counts", "60", "--peers", "mpsim-push", "numpy", "cpp", "warp"]
     run("run_peers", *words, "--work", tmp_path, "--page", page)
     text = page.read_text()
     assert re.search(r"\| mpsim, contact `push` \| [\d.,]+ ", text)
     assert "A short run, for a look: not to be quoted." in text
     assert (ROOT / "README.md").read_text() == readme
-    run("run_peers", "--quick", "--again", "--work", tmp_path, "--page", page)
-    assert page.read_text() == text, "the page again, from what was measured"
+    assert re.search(r"\| Warp, CPU \| (not installed: pip install warp-lang|[\d.,]+ )", text)
 
 
 def test_the_readme_claims_what_the_page_of_peers_says():
@@ -83,15 +67,14 @@ def test_the_readme_claims_what_the_page_of_peers_says():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("words", [["--discs", "3"], ["--workers", "3"]])
-def test_run_scaling_says_what_it_cannot_measure(words):
-    assert words[0] in run("run_scaling", *words, code=2)
+def test_run_scaling_says_what_it_cannot_measure():
+    assert "--discs" in run("run_scaling", "--discs", "3", "--workers", "4", code=2)
 
 
 @pytest.mark.long
 def test_the_longer_scripts_write_their_tables(tmp_path):
     page = tmp_path / "exact.md"
-    run("run_exact", "table", "--discs", "3000", "--workers", "2", "--page", page)
+    run("run_exact", "--discs", "3000", "--workers", "2", "--page", page)
     rows = rows_of(page)[2:]
     assert [row[1] for row in rows] == ["undivided", "2 workers"]
     assert rows[0][4:] == ["0", "0"]
@@ -101,13 +84,3 @@ def test_the_longer_scripts_write_their_tables(tmp_path):
     page = tmp_path / "ranks.md"
     run("run_ranks", "--discs", "3000", "--page", page)
     assert len(rows_of(page)) > 3
-
-
-@pytest.mark.long
-def test_run_exact_plays_the_cradle_of_the_tutorial(tmp_path):
-    page = tmp_path / "cradle.md"
-    run("run_exact", "cradle", "--page", page)
-    rows = rows_of(page)[2:]
-    assert rows[0][:4] == ["1 x 1", "0", "0", "0"], "one worker repeats no window"
-    assert len({row[4] for row in rows}) == 1, "and has the digest of all others"
-    assert "no table is called halo" in run("run_exact", "halo", code=2)
