@@ -14,7 +14,7 @@ import click
 
 from mpsim.core import late
 from mpsim.core.interpreter import ready_for_interrupts
-from mpsim.errors import InputError, MpsimError, SceneFileError
+from mpsim.errors import InputError, MpsimError
 
 COMMANDS = {
     "scenes": "mpsim.cli.misc:scenes",
@@ -30,15 +30,6 @@ COMMANDS = {
     "clean": "mpsim.cli.misc:clean",
 }
 """Where each command is. Only the one that is called is imported: NumPy and Numba alone take half a second."""
-
-ELSEWHERE = {
-    "compare": "`mpsim tradeoff SCENE` compares settings, and `mpsim view SCENE --beside event` two of them live.",
-    "draw": "`mpsim plot RUN` draws the results of a run; in Python, mpsim.draw draws a state.",
-    "live": "`mpsim view SCENE` opens the live view; in a notebook, mpsim.live does.",
-    "measure": "`mpsim run SCENE --measure NAME` measures during a run.",
-    "sweep": "Sweeps are made in Python, with mpsim.sweep.",
-}
-"""Where to find what is no command, though the library or other programs have it by this name."""
 
 
 class Refused(click.ClickException):
@@ -71,31 +62,19 @@ class Commands(click.Group):
                 raise
             except (MpsimError, OSError, MemoryError) as error:
                 kind = Refused if isinstance(error, InputError) else click.ClickException
-                raise kind(self._text(error, ctx)) from error
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args[0] in ELSEWHERE:
-            ctx.fail(f"No such command {args[0]!r}. {ELSEWHERE[args[0]]}")
-        return super().resolve_command(ctx, args)
-
-    def _text(self, error: Exception, ctx: click.Context) -> str:
-        """What an error says, in the words of the command."""
-        if isinstance(error, OSError) and error.filename is not None and error.strerror:
-            return f"{str(error.filename)!r} must be a file or folder that can be used; it cannot ({error.strerror})."
-        command, text = self.get_command(ctx, ctx.invoked_subcommand or ""), str(error) or type(error).__name__
-        return text if command is None or isinstance(error, SceneFileError) else _in_options(text, command)
+                raise kind(_text(error)) from error
 
 
-def _in_options(text: str, command: click.Command) -> str:
-    return late.named("mpsim.cli.terminal:in_options")(text, command)
+def _text(error: Exception) -> str:
+    """What an error says."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{str(error.filename)!r} must be a file or folder that can be used; it cannot ({error.strerror})."
+    return str(error) or type(error).__name__
 
 
 def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any) -> None:
-    own, context = issubclass(category, UserWarning), click.get_current_context(silent=True)
-    words = str(message) if context is None else _in_options(str(message), context.command)
-    text = f"Warning: {words}" if own else warnings.formatwarning(message, category, filename, lineno)
+    own = issubclass(category, UserWarning)
+    text = f"Warning: {message}" if own else warnings.formatwarning(message, category, filename, lineno)
     if not late.named("mpsim.core.progress:above")(text):
         click.echo(text, err=True)
 
@@ -110,7 +89,7 @@ Examples:
   mpsim view gas                                   watch the simulation in the browser
   mpsim animate gas gas.gif                        write an animation
   mpsim tune gas --pressure 1%                     find the cheapest settings with at most 1 % error in pressure
-  mpsim tradeoff gas --out gas.csv                 measure cost and error of many settings
+  mpsim tradeoff gas --csv > gas.csv               measure cost and error of many settings
 """
 
 

@@ -1,6 +1,5 @@
 """Small commands: scenes, show, plot, animate, warmup, clean."""
 
-import dataclasses
 import textwrap
 import time
 from pathlib import Path
@@ -11,10 +10,9 @@ import numpy as np
 
 from mpsim.cli import terminal
 from mpsim.cli.run import MEASURES, RunFolder
-from mpsim.cli.terminal import Whole, complete_scene
+from mpsim.cli.terminal import complete_scene
 from mpsim.core.checks import refusal
 from mpsim.core.progress import shown
-from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.workers import shared
 from mpsim.features.feature import chosen
@@ -36,15 +34,13 @@ Examples:
 @click.command(epilog=WARMUP_EXAMPLES, short_help="Compile ahead of the first run.")
 @click.argument("scenes", nargs=-1, shell_complete=complete_scene)
 @terminal.settings_options
-@terminal.json_option
 @terminal.quiet_option
-def warmup(scenes: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) -> None:
+def warmup(scenes: tuple[str, ...], quiet: bool, **options: Any) -> None:
     """Compile the loops that SCENES need, so that their first run starts at once. The result is kept.
 
     A kernel is compiled for each combination of features, so scenes with the same ones share theirs.
     """
     files = [scenefile.load(scene) for scene in scenes or scenefile.names()]
-    found: list[dict[str, Any]] = []
     with shown(not quiet) as progress:
         for number, file in enumerate(files):
             progress(number, len(files), file.name)
@@ -52,12 +48,7 @@ def warmup(scenes: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) 
             with Simulation(file.scene, terminal.settings_of(file, options)) as sim:
                 sim.run(frames=0)
             seconds, kernels = time.perf_counter() - started, compiled_kernels() - before
-            found.append({"scene": file.name, "seconds": seconds, "kernels": kernels})
-    if as_json:
-        click.echo(json_text(found))
-        return
-    for row in found:
-        click.echo(f"{row['scene']:12} {row['seconds']:6.1f} s, {row['kernels']} kernels compiled or loaded")
+            click.echo(f"{file.name:12} {seconds:6.1f} s, {kernels} kernels compiled or loaded")
 
 
 @click.command(
@@ -65,16 +56,12 @@ def warmup(scenes: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) 
     epilog="\b\nExamples:\n  mpsim clean --dry-run\n  mpsim clean",
 )
 @click.option("--dry-run", is_flag=True, help="Only list what would be removed.")
-@terminal.json_option
-def clean(dry_run: bool, as_json: bool) -> None:
+def clean(dry_run: bool) -> None:
     """Remove shared memory of mpsim whose owner is dead, and nothing else.
 
     It is left behind only if a simulation and its helper processes are all killed at the same moment.
     """
     blocks = shared.stale_blocks() if dry_run else shared.remove_stale_blocks()
-    if as_json:
-        click.echo(json_text([dataclasses.asdict(block) for block in blocks]))
-        return
     for block in blocks:
         click.echo(f"{block.name}  {block.nbytes:,} bytes, of process {block.pid}")
     total = sum(block.nbytes for block in blocks)
@@ -168,8 +155,7 @@ Examples:
     "Picture to write: .png, .pdf, .svg or another format.  [default: plot.png in the folder, replaced]",
 )
 @click.option("--force", is_flag=True, help="Replace an existing file.")
-@terminal.json_option
-def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
+def plot(folder: Path, out: Path | None, force: bool) -> None:
     """Draw the results of the run in FOLDER: energy, overlap, collision rate, and the last frame.
 
     The run may still be in progress.
@@ -188,7 +174,7 @@ def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
     title = f"{found.record['scene']}, frame {table['frame'][-1]:.0f}, {found.record['status']}"
     figure = history(table, found.scene, frames[-1], title)
     path = save_figure(figure, out or folder / "plot.png")
-    click.echo(json_text({"picture": str(path)}) if as_json else f"written: {path}")
+    click.echo(f"written: {path}")
 
 
 ANIMATE_EXAMPLES = """\b
@@ -203,11 +189,13 @@ Examples:
 @click.command(epilog=ANIMATE_EXAMPLES, short_help="Write an animation.")
 @click.argument("scene", shell_complete=complete_scene)
 @click.argument("out", type=terminal.FILE)
-@terminal.option("--frames", Whole(1, 100_000), "Number of pictures; default: to the end of the scene's duration.")
+@terminal.option(
+    "--frames", click.IntRange(1, 100_000), "Number of pictures; default: to the end of the scene's duration."
+)
 @terminal.option("--until", terminal.POSITIVE, "Time of the last picture.")
-@terminal.option("--every", Whole(1), "Frames of the simulation per picture; default: the scene's own.")
-@terminal.option("--fps", Whole(1, 50), "Pictures per second.", 25)
-@terminal.option("--pixels", Whole(100, 4000), "Pixels along the longer side of the box.", 480)
+@terminal.option("--every", click.IntRange(1), "Frames of the simulation per picture; default: the scene's own.")
+@terminal.option("--fps", click.IntRange(1, 50), "Pictures per second.", 25)
+@terminal.option("--pixels", click.IntRange(100, 4000), "Pixels along the longer side of the box.", 480)
 @terminal.option("--colour --color", click.Choice(["speed", "none"]), "What discs are coloured by.", "speed")
 @terminal.option(
     "--scale",
@@ -218,7 +206,6 @@ Examples:
 @terminal.option("--theme", click.Choice(["light", "dark"]), "", "light")
 @terminal.settings_options
 @click.option("--force", is_flag=True, help="Replace an existing file.")
-@terminal.json_option
 @terminal.quiet_option
 def animate(
     scene: str,
@@ -229,7 +216,6 @@ def animate(
     fps: int,
     colour: str,
     force: bool,
-    as_json: bool,
     quiet: bool,
     **options: Any,
 ) -> None:
@@ -257,9 +243,4 @@ def animate(
     except KeyboardInterrupt:
         raise terminal.Interrupted(f"Interrupted; {str(out)!r} was not written.") from None
     size = out.stat().st_size
-    if as_json:
-        click.echo(
-            json_text({"animation": str(out), "pictures": frames, "seconds": round(frames / fps, 3), "bytes": size})
-        )
-    else:
-        click.echo(f"written: {out}, {frames} pictures, {frames / fps:.3g} s, {size / 1000:.0f} kB")
+    click.echo(f"written: {out}, {frames} pictures, {frames / fps:.3g} s, {size / 1000:.0f} kB")

@@ -281,13 +281,13 @@ Examples:
 
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@terminal.option("--frames", terminal.Whole(1), f"Number of frames; default: the scene's duration, or {FRAMES}.")
+@terminal.option("--frames", click.IntRange(1), f"Number of frames; default: the scene's duration, or {FRAMES}.")
 @terminal.option("--until", terminal.POSITIVE, "Simulated time at which to stop.")
 @terminal.settings_options
 @terminal.option("--measure measures", click.Choice(NAMES), "What to measure; default: the scene's own.", multiple=True)
 @terminal.option("--start", terminal.NOT_NEGATIVE, "Measure only from this simulated time on.")
 @terminal.option("--out", terminal.PATH, "Folder for the results.")
-@terminal.option("--every", terminal.Whole(1), "Write every n-th frame to the trajectory; default: the scene's.")
+@terminal.option("--every", click.IntRange(1), "Write every n-th frame to the trajectory; default: the scene's.")
 @terminal.option("--format kind", click.Choice(FORMATS), "Format of the trajectory.", "xyz")
 @click.option("--force", is_flag=True, help="Replace an existing run in the folder.")
 @terminal.json_option
@@ -358,7 +358,7 @@ SAME_BITS = ("grid", "parallel")
 
 @click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")
 @click.argument("folder", type=terminal.PATH)
-@terminal.option("--frames", terminal.Whole(1), "Number of further frames.")
+@terminal.option("--frames", click.IntRange(1), "Number of further frames.")
 @terminal.option("--until", terminal.POSITIVE, "Simulated time at which to stop.")
 @terminal.option("--method", click.Choice(SAME_BITS), "Change to another method with the same bits.")
 @terminal.option("--workers", terminal.SETTINGS["--workers"][0], "Number of processes; it does not change the result.")

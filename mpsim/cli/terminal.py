@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -59,17 +58,6 @@ class Share(click.ParamType):
         return float(f"{number:.15g}")  # 7 * 0.01 is 0.07 but for rounding
 
 
-class Whole(click.IntRange):
-    """A whole number in a range; the error says which."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        try:
-            return super().convert(value, param, ctx)
-        except click.BadParameter:
-            numbers = f">= {self.min}" if self.max is None else f"from {self.min} to {self.max}"
-            self.fail(f"{str(value)!r} must be a whole number {numbers}.", param, ctx)
-
-
 class Interrupted(Exception):  # noqa: N818 - it is no error
     """Ctrl-C was pressed; the text says what has been done and kept."""
 
@@ -78,29 +66,6 @@ def complete_scene(ctx: click.Context, param: click.Parameter, incomplete: str) 
     """Names of scenes for a shell, and files."""
     names = [CompletionItem(name) for name in scenefile.names() if name.startswith(incomplete)]
     return [*names, CompletionItem(incomplete, type="file")]
-
-
-def in_options(text: str, command: click.Command) -> str:
-    """A message of the library in the words of a command, whose options stand for arguments.
-
-    >>> command = click.Command("run", params=[click.Option(["--on-fast"]), click.Option(["--dt"])])
-    >>> in_options("Use dt=0.079 or on_fast='substep', or Settings(dt=0.05)", command)
-    'Use --dt 0.079 or --on-fast substep, or --dt 0.05'
-    >>> in_options("dt must be a finite number > 0", command)
-    '--dt must be a finite number > 0'
-    """
-    options = {str(each.name): each.opts[0] for each in command.params if isinstance(each, click.Option)}
-    if not options:
-        return text
-    names = "|".join(map(re.escape, options))
-
-    def option(found: re.Match[str]) -> str:
-        return f"{options[found[1]]} {found[2].strip(chr(39))}"
-
-    text = re.sub(rf"\bSettings\(((?:{names})=[^()]*)\)", lambda found: found[1].replace(", ", " "), text)
-    text = re.sub(rf"\b({names})=('[\w-]+'|[\w.+-]*\w)", option, text)
-    rule = rf"^({names})(?= must\b)|(?<= must not come with )({names})\b(?: or ({names})\b)?"
-    return re.sub(rule, lambda found: " or ".join(options[name] for name in found.groups() if name), text)
 
 
 def existing_refused(path: Path, force: bool) -> None:
@@ -112,15 +77,15 @@ def existing_refused(path: Path, force: bool) -> None:
 SETTINGS: dict[str, tuple[click.ParamType, str]] = {
     "--dt": (POSITIVE, "Time step of a frame."),
     "--method": (click.Choice(METHODS), "How colliding pairs are found; event is exact."),
-    "--workers": (Whole(1, MOST_WORKERS), "Processes; default: at most one per core."),
+    "--workers": (click.IntRange(1, MOST_WORKERS), "Processes; default: at most one per core."),
     "--contact": (
         click.Choice(CONTACTS),
         "How overlaps are resolved. impact: second order in dt; push: first order.",
     ),
     "--law": (click.Choice(LAWS), "elastic conserves momentum; reflect mirrors velocities, as in the report."),
     "--precision": (click.Choice(PRECISIONS), "Number format of positions and velocities."),
-    "--passes": (Whole(1, 1000), "Searches for contacts in each step."),
-    "--substeps": (Whole(1, 1_000_000), "Steps in each frame."),
+    "--passes": (click.IntRange(1, 1000), "Searches for contacts in each step."),
+    "--substeps": (click.IntRange(1, 1_000_000), "Steps in each frame."),
     "--on-fast": (click.Choice(ON_FAST), "What to do if discs move too far in a step."),
     "--contact-time": (POSITIVE, "event: impacts within this time of the previous one lose no energy."),
 }

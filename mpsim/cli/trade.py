@@ -12,8 +12,6 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.cli.misc import settings_text
-from mpsim.core import files
-from mpsim.core.files import CSV, JSON
 from mpsim.core.text import json_text
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
@@ -33,7 +31,7 @@ def _study_options(most: int, of: str = "") -> Callable[..., Any]:
         terminal.option(
             "--until", terminal.POSITIVE, "Length of a run; default: the scene's duration, or chosen by mpsim."
         ),
-        terminal.option("--replicas", terminal.Whole(2, most), "Runs per candidate.", 16),
+        terminal.option("--replicas", click.IntRange(2, most), "Runs per candidate.", 16),
         terminal.option(
             "--starts",
             click.Choice(KINDS),
@@ -104,16 +102,16 @@ def _run_command(scene: str, recommended: Settings, settings: Settings) -> str:
 
 def _record(tuned: tuning.Tuned) -> dict[str, Any]:
     """The answer as plain values."""
-    tried = [{**trial.row.record(), "verdict": trial.verdict, "inside": trial.inside} for trial in tuned.tried]
+    tried = [{**row.record(), "verdict": row.verdict, "inside": row.inside} for row in tuned.tried]
     return {**dataclasses.asdict(tuned), "verified": tuned.verified, "exact": tuned.exact, "tried": tried}
 
 
 TRADEOFF_EXAMPLES = """\b
 Examples:
   mpsim tradeoff gas
-  mpsim tradeoff gas --measure pressure --measure overlap --until 100 --csv
+  mpsim tradeoff gas --measure pressure --measure overlap --until 100 --csv > gas.csv
   mpsim tradeoff hopper --contact-time 0.003
-  mpsim tradeoff dense --out dense.json --keep dense.part      (if interrupted, it continues from dense.part)
+  mpsim tradeoff dense --keep dense.part      (if interrupted, it continues from dense.part)
 """
 
 
@@ -123,35 +121,20 @@ Examples:
 @_study_options(tradeoffs.MOST_REPLICAS, " of the reference")
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
 @terminal.json_option
-@terminal.option("--out", terminal.FILE, "Write to a file: CSV if it ends in .csv, JSON in .json.")
 @terminal.option("--keep", terminal.FILE, "Save finished runs here; continue from it.")
-@click.option("--force", is_flag=True, help="Replace the file of --out.")
 @terminal.quiet_option
 def tradeoff(
     scene: str,
     measures: tuple[str, ...],
     as_csv: bool,
     as_json: bool,
-    out: Path | None,
     keep: Path | None,
-    force: bool,
     quiet: bool,
     **options: Any,
 ) -> None:
     """Measure the cost of settings on SCENE, and their errors against the exact solver."""
     if as_csv and as_json:
         raise click.UsageError("Choose one of --csv and --json.")
-    if out is not None:
-        if out.suffix.lower() not in (CSV, JSON):
-            raise click.UsageError(f"--out must end in .csv or .json; got {str(out)!r}. Use {out.stem}.csv.")
-        terminal.existing_refused(out, force)
-        with files.writable("--out", out):
-            files.check_target(out)  # before the long work, not after
     chosen = scenefile.load(scene).scene
     table = tradeoffs.tradeoff(chosen, measures=measures or None, path=keep, progress=not quiet, **options)
-    if out is None:
-        click.echo(table.to_json() if as_json else table.to_csv() if as_csv else str(table), nl=False)
-        return
-    {CSV: table.to_csv, JSON: table.to_json}[out.suffix.lower()](out)
-    number = len(table.rows)
-    click.echo(f"{number} candidate{'s' * (number != 1)} written to {out}", err=True)
+    click.echo((table.to_json() if as_json else table.to_csv() if as_csv else str(table)).rstrip("\n"))

@@ -37,7 +37,7 @@ Examples:
 @click.command(epilog=VIEW_EXAMPLES, short_help="Watch a scene run, in the browser.")
 @click.argument("scene", shell_complete=terminal.complete_scene, default="gas")
 @terminal.option("--host", click.STRING, "Address to listen on; the default accepts this machine only.", "127.0.0.1")
-@click.option("--port", type=terminal.Whole(0, 65535), default=0, help="Port to listen on; default: a free one.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen on; default: a free one.")
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser.")
 @click.option("--paused", is_flag=True, help="Start paused, until the page's play button is pressed.")
 @click.option("--beside", metavar="SETTINGS", help="A second stage: a method, or settings such as dt=0.001,passes=2.")

@@ -287,25 +287,22 @@ def _sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-# --- Writes tables as text (CSV, JSON), each completely or not at all
-
-CSV, JSON, TEXT = ".csv", ".json", ".txt"
-"""Endings of the files of tables; TEXT may be CSV or JSON."""
+# --- Writes tables as CSV, each completely or not at all
 
 
-def written(text: str, path: str | os.PathLike[str] | None, table: str, ending: str) -> str:
-    """A table as text, also written to `path`, if given, which ends in `ending` or TEXT and is replaced.
+def written(text: str, path: str | os.PathLike[str] | None, table: str) -> str:
+    """A table as text, also written to `path`, if given, which ends in .csv or .txt and is replaced.
 
-    table: what it is, such as "the table of a sweep".
+    table: what it is, such as "a table of times".
     """
     if path is None:
         return text
     if not isinstance(path, str | os.PathLike):
         raise checks.refusal(f"the path of {table}", "be a str or a Path", checks.brief(path), "Use 'table.csv'.")
     target = Path(os.fsdecode(path))
-    if target.suffix.lower() not in (ending, TEXT):
-        rule = f"be a file that ends in {ending} or {TEXT} here"
-        raise checks.refusal(table, rule, repr(str(target)), f"Use {target.stem + ending!r}.")
+    if target.suffix.lower() not in (".csv", ".txt"):
+        rule = "be a file that ends in .csv or .txt here"
+        raise checks.refusal(table, rule, repr(str(target)), f"Use {target.stem + '.csv'!r}.")
     with writable(table, target):
         write_bytes(target, text.encode("utf-8", "backslashreplace"))  # a lone surrogate, as in names of files
     return text

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.files import CSV, written
+from mpsim.core.files import written
 from mpsim.core.late import imported, view
 from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN, frames_until
 from mpsim.errors import InputError, NotRecordedError
@@ -176,7 +176,7 @@ class Report:
         writer.writerow(["frame", *columns])
         numbers = range(first_frame, first_frame + self.frames)
         writer.writerows(zip(numbers, *(column.tolist() for column in columns.values()), strict=True))
-        return written(text.getvalue(), path, TABLE, CSV)
+        return written(text.getvalue(), path, TABLE)
 
     def _columns(self) -> dict[str, NDArray[np.float64]]:
         """Time of each frame, and each phase of each worker, by the names of columns."""

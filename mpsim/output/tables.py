@@ -21,7 +21,7 @@ from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
 from mpsim.studies import deviations
 from mpsim.studies.deviations import FEW_RUNS, RESOLVED, Deviation
-from mpsim.studies.replicas import Cost
+from mpsim.studies.ensemble import Cost
 from mpsim.studies.tradeoff import Row, Tradeoff, label
 from mpsim.studies.tune import Tuned
 
@@ -140,7 +140,7 @@ def title(table: Tradeoff) -> str:
     unresolved = unresolved_text(error for row in table.rows for error in row.errors.values())
     return (
         f"{table.scene}; errors against {table.reference}; "
-        f"{f'averages over {table.starts}; ' if table.starts else ''}runs of {table.until:.3g}, short ones of "
+        f"averages over {table.starts}; runs of {table.until:.3g}, short ones of "
         f"{table.short:.3g}; <: {unresolved}; n/m: not measurable"
     )
 
@@ -200,7 +200,7 @@ def tuned_html(tuned: Tuned) -> str:
         (name.replace("_", " "), f"{error_text(name, tuned.errors[name])}, budget {budget:g}")
         for name, budget in tuned.budgets.items()
     ]
-    rows += [("claim", "exact" if tuned.exact else "verified with new runs"), ("averages over", tuned.starts)]
+    rows += [("claim", "exact" if tuned.exact else "verified with new runs")]
     rows.append(("tried", f"{len(tuned.tried)} candidates"))
     rows += [("mpsim warns", tuned.warning)] if tuned.warning else []
     unresolved = unresolved_text(tuned.errors.values())

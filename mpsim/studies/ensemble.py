@@ -1,11 +1,15 @@
-"""Runs of many candidates on one scene, through any executor."""
+"""Runs of many candidates on one scene, through any executor, and what a candidate costs."""
 
+import dataclasses
+import functools
+import json
 import math
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,19 +18,299 @@ from mpsim.core import checks
 from mpsim.core.machine import usable_cores
 from mpsim.core.state import State
 from mpsim.engine import access
+from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.event_block import contact_time_at_rest, longest_contact_time
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import FastWarning, InputError, NotMeasurableError
-from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
-from mpsim.scene.scene import Scene
+from mpsim.errors import (
+    FastWarning,
+    InputError,
+    MpsimError,
+    NotMeasurableError,
+    ResourceError,
+    WorkerDiedError,
+    WorkerStalledError,
+)
+from mpsim.features import energy
+from mpsim.measure import registry
+from mpsim.measure.observables import trajectory_error
+from mpsim.measure.registry import ERRORS, LONG, NAMES, OBSERVABLES, SHORT
+from mpsim.measure.statistics import require_predictable
+from mpsim.scene.scene import Scene, no_scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.deviations import Deviation, deviations, short_deviations, spans_of, unmeasurable
-from mpsim.studies.preliminary import VARIATION, PreliminaryRun, Starts, StartsGiven, preliminary_run
-from mpsim.studies.replicas import PIECES, Cost, Plan, key_of, long_run, measure, physics_of, quietly, short_run
+from mpsim.studies.preliminary import (
+    VARIATION,
+    PreliminaryRun,
+    RunTooLong,
+    Starts,
+    StartsGiven,
+    preliminary_run,
+    quietly,
+    time_limit,
+)
 from mpsim.studies.runner import RunFile, Runner, Stopped
 
-FILE = "trade-off study", 5
+# --- One accuracy run of one candidate, a pure function that any executor can run
+#
+# The physics of a scene is an average over starts (`preliminary.Starts`). If they are variations of one start,
+# collisions soon decorrelate them. Before that, all runs amount to a single sample, and their scatter does not show
+# its noise. So that time does not count as stationary (`Ensemble.memory`).
+
+PIECES = 16
+"""Number of pieces of a long run: averages are taken over each, and speeds sampled after each."""
+
+SPEED_LEVELS = np.linspace(0.2, 2.6, 13)
+"""Speeds, in units of the reference's root mean square, at which distributions are compared."""
+
+
+def available(scene: Scene) -> tuple[str, ...]:
+    """Those of ERRORS that are defined in a scene; there is no pressure without walls and virial, for example."""
+    if not isinstance(scene, Scene):
+        raise no_scene(scene)
+    return tuple(name for name in ERRORS if _refusal(name, scene) is None)
+
+
+def demand_available(names: Iterable[str], scene: Scene) -> None:
+    """Raise InputError for one of ERRORS that the scene cannot have, with the reason."""
+    known = available(scene)
+    for name in names:
+        if name not in known:
+            raise InputError(_refusal(name, scene))
+
+
+def _refusal(name: str, scene: Scene) -> str | None:
+    """Why one of ERRORS would be wrong in a scene, or None."""
+    if name in SHORT and (energy.adds_discs(scene) or energy.removes_discs(scene)):
+        return (
+            f"{name!r} compares runs from states along a run, and needs all discs in each; emitters and absorbing "
+            "edges change them. Ask for 'overlap', or for an average such as 'pressure'."
+        )
+    return registry.refusal(name, scene)
+
+
+def physics_of(settings: Settings, scene: Scene) -> Settings:
+    """The settings, with standard values for those that change only speed: candidates with equal ones share errors."""
+    method = methods.choose(scene.count, settings).method
+    if not capabilities_of(settings).has_steps:
+        dt = Settings.dt if scene.thermostat is None else settings.dt  # it acts once a frame
+        return Settings(dt=dt, method=method, contact_time=settings.contact_time)
+    return replace(settings, method="grid" if method == "parallel" else method, workers=None)
+
+
+def key_of(settings: Settings) -> str:
+    """Settings as a text that serves as a key."""
+    return json.dumps(dataclasses.asdict(settings), sort_keys=True)
+
+
+def _attempt(run: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
+    """A run that returns {"failure": reason} if it fails, with "machine" if that is the cause, not the candidate."""
+
+    @functools.wraps(run)
+    def attempted(*arguments: Any) -> dict[str, Any]:
+        try:
+            with quietly():
+                return run(*arguments)
+        except (MpsimError, ArithmeticError, MemoryError, RunTooLong) as error:
+            of_machine = MemoryError | ResourceError | WorkerDiedError | WorkerStalledError | RunTooLong
+            machine = {"machine": True} if isinstance(error, of_machine) else {}
+            return {"failure": f"{type(error).__name__}: {error}", **machine}
+
+    return attempted
+
+
+@_attempt
+def long_run(
+    scene: Scene,
+    settings: Settings,
+    until: float,
+    speed: float,
+    seconds: float = math.inf,
+    stop: threading.Event | None = None,
+) -> dict[str, Any]:
+    """Averages over PIECES of one run to `until`: a list for each measure of LONG, of lists for the speeds.
+
+    Also "centre", the middle of each piece as a fraction of the run, "met", the number of overlapping pairs, and
+    "seconds" of running. speed: unit of SPEED_LEVELS [length/time].
+
+    Raises:
+        RunTooLong: if it takes more than `seconds` of its thread.
+        Stopped: if `stop` is set.
+    """
+    text = f"a run took more than {seconds:.0f} s, far more than was forecast: its start is unusual"
+    progress = time_limit(seconds, text, stop)
+    if not capabilities_of(settings).has_steps and scene.thermostat is None:  # frames only cut it into pieces
+        settings = replace(settings, dt=until / PIECES)
+    counted = [name for name in available(scene) if name in LONG and name in NAMES]
+    pieces = min(PIECES, max(int(until / settings.dt), 1))
+    series: dict[str, Any] = {name: [] for name in (*counted, "speed_distribution", "met", "centre")}
+    series["seconds"] = 0.0
+    with Simulation(scene, settings) as sim:
+        for piece in range(1, pieces + 1):
+            before = sim.time
+            report = sim.run(until=until * piece / pieces, measures=counted, progress=progress)
+            for name in counted:
+                unit = 2 * scene.smallest_radius if OBSERVABLES[name].unit == "diam." else 1.0
+                series[name].append(report.measures[name].value / unit)
+            series["met"].append(report.measures["overlap"].samples)
+            series["speed_distribution"].append(_cumulative(sim.state, speed))
+            series["centre"].append((before + sim.time) / 2 / until)
+            series["seconds"] += float(report.frame_seconds.sum())
+    return series
+
+
+def _cumulative(state: State, unit: float) -> list[float]:
+    """Fractions of the discs slower than each of SPEED_LEVELS."""
+    speeds = np.sort(np.hypot(*state.velocity[state.present].astype(float).T))
+    return (np.searchsorted(speeds, SPEED_LEVELS * unit) / max(len(speeds), 1)).tolist()
+
+
+@_attempt
+def short_run(
+    scene: Scene,
+    settings: Settings,
+    reference: Settings,
+    start: tuple[State, float],
+    length: float,
+    rate: float,
+    stop: threading.Event | None = None,
+) -> dict[str, Any]:
+    """A run of about `length`, in whole frames, and the reference, both from `start`: a state and its time.
+
+    rate: Lyapunov exponent of the scene [1/time].
+
+    Returns:
+        "trajectory", the deviation of the positions [diameters], and "collisions" of both: a stepped run resolves
+        contacts at rest again in each step.
+
+    Raises:
+        InputError: if two correct solvers do not agree for that long.
+        Stopped: if `stop` is set.
+    """
+    scene, progress = scene.starting_from(*start), time_limit(math.inf, "", stop)
+    frames = max(round(length / settings.dt), 1)
+    until = frames * settings.dt
+    require_predictable(until, rate)
+    with Simulation(scene, settings) as run:
+        met = run.run(frames=frames, progress=progress).collisions
+        state = run.state
+    steps = max(round(until / reference.dt), 1) if capabilities_of(reference).has_steps else 1
+    if scene.thermostat is None:
+        reference, frames = replace(reference, dt=until / steps), steps
+    else:  # which acts once a frame: on both alike
+        reference = replace(reference, dt=settings.dt, substeps=-(-steps // frames))
+    with Simulation(scene, reference) as exact:
+        collisions = [met, exact.run(frames=frames, progress=progress).collisions]
+        distance = trajectory_error(state, exact.state, scene).rms
+    return {"trajectory": distance / (2 * scene.smallest_radius), "collisions": collisions}
+
+
+# --- Cost of a candidate: wall time per disc and unit of the scene's time, and memory, measured alone on the machine
+
+WARM_UP = 0.05
+"""Seconds of running before timing starts: caches fill, workers wake, `auto` makes its first choice."""
+
+RESTARTS = 3
+"""Largest number of warm-up runs: if the whole run is shorter than WARM_UP, starting workers for each would take
+minutes."""
+
+CHUNKS = 21
+"""Number of timed pieces; their median is the cost and their quartiles the spread."""
+
+CHUNK_SECONDS = 0.002
+"""Approximate length of a timed piece: mostly shorter than a time slice of the scheduler, so that on a busy machine
+most pieces are not interrupted."""
+
+WHOLE = 16
+"""Pieces of a run that is timed as a whole; its discs are counted after each."""
+
+WHOLE_SECONDS = 1.0
+"""Seconds after which no other whole run is timed."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Wall time of a run.
+
+    Attributes:
+        median, low, high: median and quartiles over pieces [ns per disc and time].
+        memory: size of the shared block [bytes per disc].
+        method, workers: those used ("auto" is resolved).
+        contact_time: of the exact solver's guard [time]; 0 where there is none.
+    """
+
+    median: float
+    low: float
+    high: float
+    memory: float
+    method: str
+    workers: int
+    contact_time: float = 0.0
+
+
+@_attempt
+def measure(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
+    """Cost of a run of the scene, as the fields of `Cost`. Nothing else should run on the machine meanwhile.
+
+    Where discs are added, the cost changes along the run, so whole runs to `until` are timed.
+
+    Args:
+        scene: the scene, run from its start.
+        settings: of the run. Frames without steps are chosen here, as their dt does not matter for the cost.
+        until: simulated time after which the scene starts again [time].
+    """
+    if not capabilities_of(settings).has_steps:
+        settings = replace(settings, dt=until / 1000)
+    if energy.adds_discs(scene):
+        return _of_whole_runs(scene, settings, until)
+    costs: list[float] = []
+    most = max(int(until / settings.dt), 1)
+    per_frame, warm, starts, ran = 0.0, 0.0, 0, {}
+    while len(costs) < CHUNKS:
+        starts += 1
+        with Simulation(scene, settings) as sim:
+            while len(costs) < CHUNKS and sim.frame < most:
+                wanted = int(CHUNK_SECONDS / per_frame) if per_frame else 1
+                report = sim.run(frames=max(min(wanted, most - sim.frame), 1))
+                seconds = float(report.frame_seconds.sum())
+                per_frame = max(seconds / report.frames, 1e-9)
+                if warm >= WARM_UP or starts > RESTARTS:
+                    costs.append(seconds / (report.frames * settings.dt * max(scene.count, 1)) * 1e9)
+                warm += seconds
+                ran = _what_ran(report, scene.count)
+    low, median, high = np.percentile(costs, [25, 50, 75]).tolist()
+    return {"median": median, "low": low, "high": high, **ran}
+
+
+def _of_whole_runs(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
+    """Cost of whole runs, per disc of the average number."""
+    costs: list[float] = []
+    ran: dict[str, Any] = {}
+    end = time.monotonic() + WHOLE_SECONDS
+    while not costs or (len(costs) < RESTARTS and time.monotonic() < end):
+        with Simulation(scene, settings) as sim:
+            seconds, discs = 0.0, 0.0
+            for piece in range(1, WHOLE + 1):
+                before = sim.time
+                report = sim.run(until=until * piece / WHOLE)
+                seconds += float(report.frame_seconds.sum())
+                discs += sim.count * (sim.time - before)
+                ran = _what_ran(report, sim.count)
+            costs.append(seconds / max(discs, sim.time) * 1e9)
+    low, median, high = np.percentile(costs, [0, 50, 100]).tolist()
+    return {"median": median, "low": low, "high": high, **ran}
+
+
+def _what_ran(report: Report, count: int) -> dict[str, Any]:
+    """The fields of `Cost` that are no times."""
+    memory = report.block_bytes / max(count, 1)
+    return {"memory": memory, "method": report.method, "workers": report.workers, "contact_time": report.contact_time}
+
+
+# --- All runs of a study
+
+FILE = "trade-off study", 6
 """Kind and version of a file of runs: those that were divided or counted differently must not be mixed."""
 
 PAIRS = 300_000
@@ -73,6 +357,10 @@ class Ensemble:
         executor: for accuracy runs; None: threads.
         file: of finished runs.
         progress: called as progress(done, of, what).
+
+    Attributes:
+        until: length of a long run [time].
+        memory: time after which runs of one start are independent, and may be stationary [time].
     """
 
     def __init__(
@@ -108,10 +396,12 @@ class Ensemble:
         earlier = file.head.get("reference")
         self.preliminary: PreliminaryRun = preliminary_run(scene, until, earlier, seconds, contact_time)
         self.chosen: bool = until is None
-        self.plan: Plan = self._planned(until)
+        self.until, self.memory = self._planned(until)
         self._file, self._results = file, dict[str, Any]()
-        title["plan"] = f"{self.plan}"
-        file.begin(title, self._take, reference=self.preliminary.reference_name)
+        first = self.preliminary
+        self._speed = first.thermal_velocity * math.sqrt(2)
+        title["plan"] = [self.until, self._speed, first.short, first.growth, self.memory]
+        file.begin(title, self._take, reference=first.reference_name)
 
     def __enter__(self) -> "Ensemble":
         return self
@@ -128,18 +418,17 @@ class Ensemble:
         if "machine" not in result:
             self._file.append({"key": key, "result": result})
 
-    def _planned(self, until: float | None) -> Plan:
-        """The runs that every candidate has to do; until: None for PAIRS collisions and decorrelated replicas."""
+    def _planned(self, until: float | None) -> tuple[float, float]:
+        """`until`, or if it is None the time of PAIRS collisions and decorrelated replicas, and `memory`."""
         first = self.preliminary
-        memory = math.log(1 / VARIATION) / first.growth  # in which replicas of one start decorrelate
+        memory = math.log(1 / VARIATION) / first.growth
         if until is None:
             crossing = 2 * self._scene.smallest_radius / first.thermal_velocity
             least = min(max(2 * crossing, DECORRELATION_TIMES * memory * first.exact), 1e3 * crossing)
             usual = PAIRS / (first.collisions * self.replicas) if first.collisions else 100 * crossing
             until = float(np.clip(usual, least, 1e5 * crossing)) if first.collisions else usual
-        speed = first.thermal_velocity * np.sqrt(2)
         known = self.starts.same and memory < until / 2
-        return Plan(until=until, speed=speed, short=first.short, rate=first.growth, memory=memory if known else 0.0)
+        return until, memory if known else 0.0
 
     def announce(self, text: str) -> None:
         """Announce through `progress` what comes next."""
@@ -156,7 +445,7 @@ class Ensemble:
                     raise Stopped
 
             with suppress(Stopped), Simulation(self._scene, replace(settings, workers=1)) as sim:
-                sim.run(until=self.plan.until, progress=stop_at_the_first)
+                sim.run(until=self.until, progress=stop_at_the_first)
         return texts[0] if texts else ""
 
     def framed(self, settings: Settings) -> Settings:
@@ -173,10 +462,10 @@ class Ensemble:
             replicas: number of runs of each, numbered from `first` on.
             first: runs of other numbers are independent.
         """
-        replicas = replicas or self.replicas
+        replicas, known = replicas or self.replicas, self.preliminary
         unique = {key_of(each): each for each in map(self._physics, candidates)}
-        wanted = [(self.preliminary.reference, number) for number in self._reference_numbers(replicas, first)]
-        if not self.preliminary.exact and not first:
+        wanted = [(known.reference, number) for number in self._reference_numbers(replicas, first)]
+        if not known.exact and not first:
             wanted += [(self._coarser_reference, number) for number in range(self.replicas)]
         wanted += [(each, number) for each in unique.values() for number in range(first, first + replicas)]
         tasks: dict[str, tuple[Any, ...]] = {}
@@ -184,12 +473,12 @@ class Ensemble:
         for settings, number in wanted if self._long else ():
             key = f"long {key_of(settings)} {number}"
             if key not in self._results:
-                tasks[key] = long_run, self.starts[number], settings, self.plan, self._limit_of(settings)
+                tasks[key] = long_run, self.starts[number], settings, self.until, self._speed, self._limit_of(settings)
                 forecast += self._seconds_of(settings)
         for key, settings in unique.items() if self._short else ():
             for number, start in self._starts(first):
                 if f"short {key} {number}" not in self._results:
-                    arguments = self._scene, settings, self.plan, start, self.preliminary.reference
+                    arguments = self._scene, settings, known.reference, start, known.short, known.growth
                     tasks[f"short {key} {number}"] = short_run, *arguments
         self._runner.run(
             tasks.items(),
@@ -203,7 +492,7 @@ class Ensemble:
         """Seconds after which a run is given up: from some starts the exact solver never reaches the end."""
         if capabilities_of(settings).has_steps:
             return math.inf
-        return max(TIME_LIMIT_FACTOR * self.preliminary.seconds * self.plan.until, LEAST_TIME_LIMIT)
+        return max(TIME_LIMIT_FACTOR * self.preliminary.seconds * self.until, LEAST_TIME_LIMIT)
 
     def _reference_numbers(self, replicas: int, first: int) -> range:
         """Numbers of the runs of the reference beside those of a candidate."""
@@ -225,8 +514,8 @@ class Ensemble:
     def _seconds_of(self, settings: Settings) -> float:
         """Forecast of the time of one accuracy run by itself [s]."""
         if settings == self.preliminary.reference or not capabilities_of(settings).has_steps:
-            return self.preliminary.seconds * self.plan.until
-        steps = self.plan.until / settings.dt * settings.substeps
+            return self.preliminary.seconds * self.until
+        steps = self.until / settings.dt * settings.substeps
         return steps * settings.passes * self.preliminary.step_seconds
 
     def time(self, candidates: Sequence[Settings]) -> None:
@@ -236,7 +525,7 @@ class Ensemble:
                 self._progress(done, len(candidates), "timing")
             key = f"cost {key_of(settings)}"
             if key not in self._results:
-                self._put(key, measure(self._scene, settings, self.plan.until))
+                self._put(key, measure(self._scene, settings, self.until))
         self._progress(len(candidates), len(candidates), "timing")
 
     def _found(self, keys: Iterable[str], whose: str = "") -> list[dict[str, Any]]:
@@ -294,7 +583,7 @@ class Ensemble:
     @property
     def _least(self) -> int:
         """First piece of a run that may be stationary: there runs of one start have become independent."""
-        return math.ceil(PIECES * self.plan.memory / self.plan.until)
+        return math.ceil(PIECES * self.memory / self.until)
 
     def demand_measurable(self, budgets: Mapping[str, float]) -> None:
         """Refuse measures whose errors would be meaningless, judged by the reference alone.
@@ -316,14 +605,14 @@ class Ensemble:
             if self._scene.obstacles or met:
                 return ""
             return (
-                f"no collisions occurred in any of {len(runs)} runs of the reference, to {self.plan.until:.3g}, so "
+                f"no collisions occurred in any of {len(runs)} runs of the reference, to {self.until:.3g}, so "
                 f"that no step is too long for {name}. Ask for longer runs (until=...)."
             )
         reference = np.array([run[name] for run in runs], dtype=float)
         reason = unmeasurable(name, reference)
         if not reason and self.chosen and spans_of(reference, self._least).steady is None:
             return (
-                f"the scene still changes with time in runs of {self.plan.until:.3g}, and has no duration. Give "
+                f"the scene still changes with time in runs of {self.until:.3g}, and has no duration. Give "
                 "the length of a run: until=..., or Scene(duration=...)."
             )
         return reason

@@ -5,11 +5,11 @@
 # well, for callers without a type checker.
 
 import dataclasses
-import inspect
 import math
 import re
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,18 +18,28 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.machine import usable_cores
 from mpsim.core.state import State
+from mpsim.engine import access
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.event_block import contact_time_at_rest
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import InputError, MpsimError
+from mpsim.errors import (
+    EmitterWarning,
+    FastWarning,
+    GuardWarning,
+    InputError,
+    MpsimError,
+    OverlapWarning,
+    ResolutionWarning,
+)
 from mpsim.features import FEATURES, energy
 from mpsim.features.emitters import Emitter
 from mpsim.kernels.compiling import running_seconds
+from mpsim.measure.observables import trajectory_error
+from mpsim.measure.statistics import Predictability, predictability
 from mpsim.scene import placement
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.studies.divergence import divergence, typical_speed
-from mpsim.studies.replicas import RunTooLong, quietly, time_limit
+from mpsim.studies.runner import Stopped
 
 # --- Independent starts of a scene, over which a trade-off study averages
 
@@ -39,7 +49,7 @@ one start: too small to matter, large enough for collisions to decorrelate them 
 
 KINDS = ("kind", "same")
 
-StartsGiven = str | Callable[[int], Scene] | Sequence[Scene] | None
+StartsGiven = str | Callable[[int], Scene] | None
 """The argument `starts`: see `Starts`."""
 
 
@@ -51,66 +61,42 @@ class Starts:
     Args:
         scene: the scene.
         given: "kind": other starts of the same kind (`Scene.redrawn`); "same": this start with small variations
-            (VARIATION); a function from a number to a Scene, or a list of Scenes; None: "kind" if the scene knows how
-            it was made, else "same".
+            (VARIATION); a function from a number to a Scene; None: "kind" if the scene knows how it was made, else
+            "same".
 
     Attributes:
         name: the starts in words.
         key: a text that identifies the starts; functions are distinguished by the first two starts that they make.
         same: whether they are variations of one start, so that their runs are initially correlated.
-        number: of starts; None if there is no limit.
     """
 
     def __init__(self, scene: Scene, given: StartsGiven = None):
         if given is None:
             given = "kind" if scene._redraw is not None else "same"
-        kind = given if isinstance(given, str) else None
-        self.same: bool = kind == "same"
-        self.number: int | None = None
+        self.same: bool = given == "same"
         self._made: dict[int, Scene] = {0: scene} if isinstance(given, str) else {}
-        self._make: Callable[[int], Any] = scene.redrawn
-        if kind == "kind":
+        if given == "kind":
             self.name: str = "other starts of the same kind"
+            self._make: Callable[[int], Any] = scene.redrawn
             self._made[1] = scene.redrawn(1)  # which raises if there is no other
-        elif kind == "same":
+        elif given == "same":
             self.name = f"this start, each disc displaced by up to {VARIATION:g} of a diameter"
             self._make = lambda number: varied(scene, number)
         elif callable(given):
-            self.name, self._make = "starts that were given by a function", _of_one_number(given)
-        elif isinstance(given, Sequence) and len(given) > 1 and all(isinstance(each, Scene) for each in given):
-            self.name, self.number = f"the {len(given)} starts that were given", len(given)
-            self._make = given.__getitem__
+            self.name, self._make = "starts that were given by a function", given
         else:
-            raise InputError(
-                f"starts must be 'kind', 'same', a function or a list of two Scenes or more; got {given!r}."
-            )
-        known = [] if isinstance(given, str) else [self[number] for number in range(self.number or 2)]
+            raise checks.refusal("starts", "be 'kind', 'same' or a function of a number", checks.brief(given))
+        known = [self[0], self[1]] if callable(given) else []
         self.key: str = " ".join([self.name, *(each.digest() for each in known)])
 
     def __getitem__(self, number: int) -> Scene:
         """The start of a number, >= 0."""
-        if self.number is not None and number >= self.number:
-            raise InputError(
-                f"starts must hold a Scene for every run; {self.number} were given, and number {number} is needed. "
-                "Give a function that makes them, or fewer replicas."
-            )
         if number not in self._made:
             made = self._make(number)
             if not isinstance(made, Scene):
                 raise InputError(f"starts must give Scenes; for {number} it gave {type(made).__name__}.")
             self._made[number] = made
         return self._made[number]
-
-
-def _of_one_number(given: Callable[[int], Any]) -> Callable[[int], Any]:
-    try:
-        inspect.signature(given).bind(0)
-    except TypeError as error:
-        rule = "be a function of one number, from 0 on, that returns a Scene"
-        raise checks.refusal("starts", rule, f"{given!r} ({error})") from None
-    except ValueError:  # of one without a signature, as some of C are
-        pass
-    return given
 
 
 def varied(scene: Scene, seed: int) -> Scene:
@@ -142,6 +128,112 @@ def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.rando
     if scene._deepest(place[None], np.array([radius])) is not None:
         place = before
     return dataclasses.replace(emitter, position=place, velocity=speed * (1 + VARIATION * rng.normal(size=2)))
+
+
+# --- Limits of runs, and warnings that hundreds of them would repeat
+
+
+class RunTooLong(Exception):  # noqa: N818 - an outcome, not an error
+    """A run takes far more time than forecast."""
+
+
+Progress = Callable[[int, int], None]
+
+
+def time_limit(seconds: float, text: str, stop: threading.Event | None = None) -> Progress:
+    """A progress function that ends a run after seconds of this thread, compiling left out, or soon after `stop`.
+
+    It raises RunTooLong, with a text that says why, or Stopped.
+    """
+    end = running_seconds() + seconds
+
+    def progress(done: int, frames: int) -> None:
+        if stop is not None and stop.is_set():
+            raise Stopped
+        if running_seconds() > end:
+            raise RunTooLong(text)
+
+    return progress
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Suppress warnings about the scene in this thread, which hundreds of runs would repeat."""
+    with access.caught(EmitterWarning, OverlapWarning, GuardWarning, FastWarning, ResolutionWarning):
+        yield
+
+
+# --- How fast two runs of one scene diverge that differ a little
+
+PERTURBATION = 1e-10
+"""Initial difference of the velocities of two runs, as a fraction of a typical speed: far above rounding."""
+
+HIGHEST = 1e-3
+"""Distance, in diameters of the smallest disc, up to which two runs count as close together."""
+
+STRAIGHT = 10.0
+"""Growth of a difference, over that in straight flight, below which it shows no exponent: there was one collision at
+most."""
+
+SAMPLES = 400
+"""Largest number of times at which two runs are compared."""
+
+
+def typical_speed(scene: Scene) -> float:
+    """Root mean square speed, including that of a fall through the largest diameter [length/time]."""
+    kinetic = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
+    return math.sqrt(kinetic + 2 * energy.acceleration_bound(scene) * 2 * scene.largest_radius)
+
+
+def divergence(
+    scene: Scene,
+    seed: int = 0,
+    contact_time: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Predictability:
+    """Divergence of two exact runs of the scene whose initial velocities differ by a relative 1e-10.
+
+    Args:
+        scene: that `method="event"` can run, with moving discs.
+        seed: of the small difference.
+        contact_time: as in `Settings` [time].
+        progress: as for `Simulation.run`.
+
+    Returns:
+        The Lyapunov exponent with its error, and the time up to which trajectories can be compared. The exponent is
+        that of this start; for that of a gas, average over several starts.
+
+    Raises:
+        InputError: if the scene cannot be run exactly, or the runs do not diverge, as in a scene without collisions.
+
+    Source: see `predictability`.
+
+    >>> found = divergence(Scene.random(count=64, packing=0.3, radius=0.5, seed=1))
+    >>> 1.5 < found.rate.value < 4.5, found.comparable_until < found.horizon
+    (True, True)
+    """
+    speed, diameter = typical_speed(scene), 2 * scene.smallest_radius
+    perturbation = np.random.default_rng(seed).normal(size=(scene.count, 2)) * PERTURBATION * speed
+    other = scene.starting_from(State(scene.position, scene.velocity + perturbation))
+    other = other._replace(thermostat=scene.thermostat) if scene.thermostat else other  # the same kicks, by its seed
+    # A sample for each twentieth of a diameter of flight: a Lyapunov time is about as long as a free path.
+    settings = Settings(method="event", dt=0.05 * diameter / speed if speed else 1.0, contact_time=contact_time)
+    times, distances = [], []
+    with Simulation(scene, settings) as one, Simulation(other, settings) as two:
+        for _ in range(SAMPLES):
+            one.run(frames=1, progress=progress)
+            two.run(frames=1, progress=progress)
+            times.append(one.time)
+            distances.append(trajectory_error(one.state, two.state, scene).rms)
+            if distances[-1] > HIGHEST * diameter:
+                break
+    straight = PERTURBATION * speed * times[-1]
+    if distances[-1] <= STRAIGHT * straight:
+        raise InputError(
+            f"the runs of a scene must diverge for a growth rate; a distance of {distances[-1]:.3g} in a time of "
+            f"{times[-1]:.3g} is that of straight flight, {straight:.3g}. Take a scene in which discs collide."
+        )
+    return predictability(times, distances, highest=HIGHEST * diameter)
 
 
 # --- The preliminary run of a trade-off study: the reference, the speed of the discs, and their collision rate

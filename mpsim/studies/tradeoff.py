@@ -5,18 +5,22 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import io
+import json
 import math
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.late import view
+from mpsim.core.late import imported, view
 from mpsim.core.progress import checked_progress, shown
+from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, MpsimError
@@ -24,11 +28,9 @@ from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.ensemble import FILE, CandidateFailed, Ensemble
-from mpsim.studies.preliminary import StartsGiven
-from mpsim.studies.replicas import Cost, available, demand_available, quietly, starts_of
+from mpsim.studies.ensemble import FILE, CandidateFailed, Cost, Ensemble, available, demand_available
+from mpsim.studies.preliminary import StartsGiven, quietly
 from mpsim.studies.runner import RunFile
-from mpsim.studies.table import Table
 
 # --- The settings that a trade-off study compares by default
 
@@ -93,12 +95,18 @@ class Row:
         cost: its cost; None if it failed.
         errors: measure -> its error against the reference.
         failure: why it could not be run to the end; None if it could.
+        verdict: of `tune`: "inside all budgets", or the budget that it exceeds and by how much.
+        inside: whether all budgets are met, standard errors included.
+        warning: what mpsim warns of with these settings, if they are inside; or "".
     """
 
     settings: Settings
     cost: Cost | None = None
     errors: dict[str, Deviation] = field(default_factory=dict[str, Deviation])
     failure: str | None = None
+    verdict: str = ""
+    inside: bool = False
+    warning: str = ""
 
     @property
     def label(self) -> str:
@@ -122,7 +130,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Tradeoff(Table):
+class Tradeoff:
     """Costs and errors of candidates on one scene.
 
     Attributes:
@@ -136,8 +144,6 @@ class Tradeoff(Table):
         contact_time: that was given for the reference, which makes it a model, not exact [time]; None if none was
             given.
     """
-
-    _what: ClassVar[str] = "the table of a trade-off study"
 
     scene: str
     reference: str
@@ -175,12 +181,28 @@ class Tradeoff(Table):
                 front.append(row)
         return front
 
-    def _records(self) -> list[dict[str, Any]]:
-        return [row.record() for row in self.rows]
+    def to_csv(self) -> str:
+        """The table as CSV, one line for each candidate. Values that a row does not have are empty."""
+        text = io.StringIO()
+        writer = csv.DictWriter(text, self.columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(row.record() for row in self.rows)
+        return text.getvalue()
 
-    def _facts(self) -> dict[str, Any]:
-        names = (each.name for each in dataclasses.fields(self) if each.name != "rows")
-        return {name: getattr(self, name) for name in names}
+    def to_json(self) -> str:
+        """The attributes of the table as JSON, its rows as plain values; numbers that are not finite become null."""
+        return json_text({**vars(self), "rows": [row.record() for row in self.rows]}) + "\n"
+
+    def to_pandas(self) -> Any:
+        """The table as a pandas.DataFrame, one line for each candidate; its `attrs` hold the other attributes.
+
+        Raises:
+            OutputError: if pandas is not installed.
+        """
+        pandas = imported("pandas", "a DataFrame", "sweep", "use to_csv or to_json, which need nothing")
+        frame = pandas.DataFrame([row.record() for row in self.rows], columns=list(self.columns))
+        frame.attrs = {name: value for name, value in json.loads(self.to_json()).items() if name != "rows"}
+        return frame
 
     def __str__(self) -> str:
         return view("trade_text", self)
@@ -258,8 +280,8 @@ def tradeoff(
             pressure to about a thousandth.
         measures: names of errors; None: all that the scene can have.
         starts: "kind": other starts of the same kind (see `Scene.redrawn`), so that errors hold for the kind; "same":
-            this start, each disc displaced by up to a thousandth of a diameter; a function from a number to a Scene, or
-            a list of Scenes; None: "kind" where the scene was drawn at random, else "same".
+            this start, each disc displaced by up to a thousandth of a diameter; a function from a number to a Scene;
+            None: "kind" where the scene was drawn at random, else "same".
         executor: any concurrent.futures.Executor for the accuracy runs, which are independent; None: threads, one per
             core. The costs are always measured in this process.
         replicas: runs per candidate, >= 2.
@@ -302,11 +324,11 @@ def tradeoff(
     return Tradeoff(
         scene=repr(scene),
         reference=run.preliminary.reference_name,
-        until=run.plan.until,
-        short=run.plan.short,
+        until=run.until,
+        short=run.preliminary.short,
         measures=names,
         rows=rows,
-        starts=starts_of(names, run.starts.name),
+        starts=run.starts.name,
         contact_time=run.preliminary.contact_time,
     )
 

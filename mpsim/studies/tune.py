@@ -1,5 +1,8 @@
 """Search for the cheapest settings whose errors stay inside given budgets, with verification by independent runs."""
 
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
 from __future__ import annotations
 
 import math
@@ -22,33 +25,12 @@ from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.ensemble import FILE, REFERENCE, CandidateFailed, Ensemble
+from mpsim.studies.ensemble import FILE, PIECES, REFERENCE, CandidateFailed, Cost, Ensemble, demand_available
 from mpsim.studies.preliminary import StartsGiven
-from mpsim.studies.replicas import PIECES, Cost, demand_available, starts_of
 from mpsim.studies.runner import RunFile
 from mpsim.studies.tradeoff import Row, checked_candidates, families, label, row_of, step
 
 # --- The result of a search for settings: each candidate with its verdict, and the answer
-
-NO_DEARER = 1.05
-"""Ratio of costs below which one is no more than the other in words."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One candidate of the search.
-
-    Attributes:
-        row: its settings, cost and errors.
-        verdict: "inside all budgets", or the budget that it exceeds and by how much.
-        inside: whether all budgets are met, standard errors included.
-        warning: what mpsim warns of with these settings, if they are inside; or "".
-    """
-
-    row: Row
-    verdict: str
-    inside: bool
-    warning: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,12 +43,10 @@ class Tuned:
         errors: their errors, from runs that were not used in the search.
         budgets: as given.
         reference: of the errors, in words.
-        starts: of the runs, in words.
+        tried: every candidate of the search with its verdict, cheapest first.
         until: length of the runs [time].
         warning: the warning that mpsim raises when these settings are used on the scene; "" where others are inside
             all budgets without one.
-        tried: every candidate of the search with its verdict, cheapest first.
-        tighter: estimated cost for half of every budget, from the fitted order, over the cost of these settings [1].
         contact_time: that was given for the reference, which makes it a model, not exact [time]; None if none was
             given.
     """
@@ -76,26 +56,20 @@ class Tuned:
     errors: dict[str, Deviation]
     budgets: dict[str, float]
     reference: str
-    tried: tuple[Trial, ...]
-    tighter: float
-    starts: str = ""
-    until: float = math.nan
+    tried: tuple[Row, ...]
+    until: float
     warning: str = ""
     contact_time: float | None = None
 
     @property
     def exact(self) -> bool:
         """Whether these settings are the exact solver, so that their errors are 0 by definition."""
-        return self._is_reference and self.contact_time is None
+        return self.contact_time is None and not self.verified
 
     @property
     def verified(self) -> bool:
-        """Whether each error was within its budget in new, independent runs."""
-        return not self._is_reference and all(error.inside(self.budgets[name]) for name, error in self.errors.items())
-
-    @property
-    def _is_reference(self) -> bool:
-        return all(error.exact for error in self.errors.values())
+        """Whether the errors were within the budgets in new, independent runs; those of the reference are not run."""
+        return not all(error.exact for error in self.errors.values())
 
     def _repr_html_(self) -> str:
         return view("tuned_html", self)
@@ -106,38 +80,19 @@ class Tuned:
             error = self.errors[name]
             of_reference = "exact" if self.contact_time is None else "which is a model, not exact"
             claim = of_reference if error.exact else "verified with new runs"
-            lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim}{_where(error, self.until)})")
+            lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim})")
         cheaper = [
             each
             for each in self.tried
-            if _cost(each) < self.cost.median
-            and (each.warning or not each.inside)
-            and each.row.settings != self.settings
+            if _cost(each) < self.cost.median and (each.warning or not each.inside) and each.settings != self.settings
         ]
         lines += ["cheaper, but not chosen:"] if cheaper else ["nothing cheaper was found"]
-        lines += [f"  {each.row.label}, {_cost(each):.3g} ns: {each.verdict}" for each in cheaper]
-        lines += [f"  {each.row.label} failed: {each.row.failure}" for each in self.tried if each.row.cost is None]
-        dearer = f"about {self.tighter:.2g} times as much" if self.tighter >= NO_DEARER else "no more"
-        lines.append(f"halving all error budgets would cost {dearer}")
-        lines.append(f"errors against {self.reference}; averages over {self.starts}, runs of {self.until:.3g}")
+        lines += [f"  {each.label}, {_cost(each):.3g} ns: {each.verdict}" for each in cheaper]
+        lines += [f"  {each.label} failed: {each.failure}" for each in self.tried if each.cost is None]
+        lines.append(f"errors against {self.reference}; runs of {self.until:.3g}")
         if self.warning:
             lines.append(f"with these settings mpsim warns: {self.warning} The errors above include it.")
         return "\n".join(lines)
-
-
-def _where(error: Deviation, until: float) -> str:
-    """The time span of an error, in words."""
-    if error.exact or (error.largest is None and error.span == (0.0, 1.0)):
-        return ""
-    first, end = (fraction * until for fraction in error.span)
-    if error.largest is None:
-        return f"; where nothing changes with time, {first:.3g} to {end:.3g}"
-    later = "" if error.steady is None else f"; nothing changes with time from {error.steady * until:.3g} on"
-    return f"; mean over windows, {first:.3g} to {end:.3g}{later}"
-
-
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
 
 
 FIRST = 0.1
@@ -171,9 +126,6 @@ AIM = 0.9
 
 LEAST_RATIO = 4.0
 """Smallest step of candidates, in steps of a stepped reference."""
-
-TRIALS, TYPICAL, TIMING = 12, 0.03, 1.5
-"""For a forecast: candidates of a search, their typical step (diameter / speed), seconds to time one."""
 
 VERIFICATIONS = 4
 """Settings that may fail their verification before the search gives up."""
@@ -210,8 +162,7 @@ def tune(
         candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, the
             exact solver, and the settings that the scene recommends.
         starts, executor, replicas, contact_time, path, progress: as for `tradeoff`; replicas are doubled if noise
-            leaves an answer undecided, and reduced if runs are long. `progress` is called first with a forecast of the
-            time.
+            leaves an answer undecided, and reduced if runs are long.
         seconds: approximate time that the search may take [s]; if runs are long, a longer search reaches smaller
             errors.
 
@@ -255,27 +206,20 @@ class Search:
         self._budgets = budgets
         self._seconds = seconds
         self._end = time.monotonic() + SEARCH * seconds
-        self._most, self._block, self._attempts = _blocks(run)
-        run.replicas = min(run.replicas, self._most)
-        self._verifying = max(self._most // 2, run.replicas)
-        self._trials: dict[Settings, Trial] = {}
+        self._block = MOST_REPLICAS * (REFERENCE if run.preliminary.exact else 1)  # of starts, for each verification
+        self._verifying = max(MOST_REPLICAS // 2, run.replicas)
+        self._trials: dict[Settings, Row] = {}
         self._orders: dict[Settings, float] = {}  # of families, of dt = 1
         self._numbers: dict[Settings, int] = {}
 
     def run_reference(self) -> None:
-        """Run the reference, announce how long the search will take, and refuse what cannot be measured.
+        """Run the reference, and refuse what cannot be measured.
 
         Raises:
             NotMeasurableError: for a measure whose error would be meaningless.
         """
-        run, fine = self._run, self._run.preliminary.reference
+        run = self._run
         self._choose_replicas()
-        typical = Settings(dt=TYPICAL * 2 * self._scene.smallest_radius / run.preliminary.thermal_velocity)
-        trials = TRIALS * (run.seconds_for(typical, run.replicas) + TIMING)
-        verification = run.seconds_for(typical, self._verifying, verify=True)
-        references = run.seconds_for(fine, run.replicas, verify=True) - run.seconds_for(fine, run.replicas)
-        needed = references + min(trials, SEARCH * self._seconds) + verification
-        run.announce(f"about {needed:.0f} s: {run.replicas} runs of each candidate, to {run.plan.until:.3g}")
         run.assess([], run.replicas)
         try:
             run.demand_measurable(self._budgets)
@@ -290,7 +234,7 @@ class Search:
         """Choose the number of runs per candidate that time allows, in the search and in a verification."""
         run = self._run
         one = run.seconds_for(run.preliminary.reference, 1, verify=True)
-        affordable = int(SEARCH / 2 * self._seconds / one) if one else self._most
+        affordable = int(SEARCH / 2 * self._seconds / one) if one else MOST_REPLICAS
         run.replicas = max(min(run.replicas, affordable), min(run.replicas, FEWEST_REPLICAS))
         self._verifying = max(min(self._verifying, affordable), run.replicas)
 
@@ -299,13 +243,13 @@ class Search:
         family, preliminary = self._run.framed(family), self._run.preliminary
         if capabilities_of(family).is_exact and not preliminary.exact and not self._is_reference(family):
             reason = f"not tried: errors are against {preliminary.reference_name}"
-            self._trials[family] = Trial(Row(family, failure=reason), reason, False)
+            self._trials[family] = Row(family, failure=reason, verdict=reason)
             return
         if not capabilities_of(family).has_steps:
             self._try(family)
             return
         dt, shortest, longest = (step(self._scene, preliminary.thermal_velocity, h) for h in (FIRST, SHORTEST, LONGEST))
-        longest = min(longest, self._run.plan.until / PIECES)
+        longest = min(longest, self._run.until / PIECES)
         dt, shortest = min(dt, longest), min(shortest, longest)
         if capabilities_of(preliminary.reference).has_steps:  # it resolves only errors far above its own
             shortest = max(shortest, LEAST_RATIO * preliminary.reference.dt)
@@ -316,7 +260,7 @@ class Search:
             if not self._is_time_for(settings):
                 break
             trial = self._try(settings)
-            if not all(error.measurable for error in trial.row.errors.values()):
+            if not all(error.measurable for error in trial.errors.values()):
                 break
             if trial.inside and not trial.warning:
                 inside = max(inside, dt)
@@ -325,7 +269,7 @@ class Search:
                 warned = min(warned, dt) if trial.warning else warned
                 if self._is_too_costly(trial):
                     break
-            ratio = _worst(trial.row, self._budgets)
+            ratio = _worst(trial, self._budgets)
             if math.isfinite(ratio) and ratio > 0:
                 found.append((dt, ratio))
             if outside < inside * CLOSE or inside >= longest or outside <= shortest:
@@ -337,27 +281,27 @@ class Search:
 
     def answer(self) -> Tuned:
         """The cheapest trial inside all budgets that passes its verification."""
-        for attempt in range(self._attempts + 1):
+        for attempt in range(VERIFICATIONS + 1):
             best = self._best(attempt)
             if best is None:
                 break
-            if all(error.exact for error in best.row.errors.values()):
-                return self._tuned(best, best.row.errors)
-            errors = self._verified(best.row.settings, self._block * (1 + attempt))
+            if all(error.exact for error in best.errors.values()):
+                return self._tuned(best, best.errors)
+            errors = self._verified(best.settings, self._block * (1 + attempt))
             if not (broken := self._broken(errors)):
                 return self._tuned(best, errors)
             self._reject(best, errors, broken)
         raise self._refusal()
 
-    def _best(self, attempt: int) -> Trial | None:
+    def _best(self, attempt: int) -> Row | None:
         """The cheapest trial inside all budgets; the exact solver if there is no time for one more verification."""
         inside = [trial for trial in self._trials.values() if trial.inside]
         best = min(inside, key=lambda trial: (bool(trial.warning), _cost(trial)), default=None)
-        if best is None or not attempt or self._is_reference(best.row.settings):
+        if best is None or not attempt or self._is_reference(best.settings):
             return best
-        if attempt < self._attempts and self._is_time_for(best.row.settings, self._verifying, last=True):
+        if attempt < VERIFICATIONS and self._is_time_for(best.settings, self._verifying, last=True):
             return best
-        return next((trial for trial in inside if self._is_reference(trial.row.settings)), None)
+        return next((trial for trial in inside if self._is_reference(trial.settings)), None)
 
     def _verified(self, settings: Settings, first: int) -> dict[str, Deviation]:
         """Errors of runs from new starts, numbered from `first` on."""
@@ -370,11 +314,11 @@ class Search:
         """Names of the errors outside their budgets."""
         return [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
 
-    def _reject(self, best: Trial, errors: dict[str, Deviation], broken: list[str]) -> None:
+    def _reject(self, best: Row, errors: dict[str, Deviation], broken: list[str]) -> None:
         """Record that settings have failed their verification, and try a shorter step if there is time."""
-        settings = best.row.settings
+        settings = best.settings
         verdict = f"inside at first, but {broken[0]} {errors[broken[0]]!r} when verified"
-        self._trials[settings] = Trial(replace(best.row, errors=errors), verdict, False)
+        self._trials[settings] = replace(best, errors=errors, verdict=verdict, inside=False)
         if not self._is_time_for(settings, last=True):
             return
         ratio = max(_ratio(errors[name], self._budgets[name]) for name in broken)
@@ -383,11 +327,11 @@ class Search:
         for other, trial in list(self._trials.items()):
             if trial.inside and other == replace(settings, dt=other.dt) and other.dt > dt:
                 verdict = "inside at first, but verification would probably fail, as it did for the next longer step"
-                self._trials[other] = Trial(trial.row, verdict, False)
+                self._trials[other] = replace(trial, verdict=verdict, inside=False)
         if dt >= step(self._scene, self._run.preliminary.thermal_velocity, SHORTEST):
             self._try(replace(settings, dt=dt))
 
-    def _try(self, settings: Settings) -> Trial:
+    def _try(self, settings: Settings) -> Row:
         """Errors and cost of a candidate; replicas are doubled while noise leaves the answer undecided."""
         if settings in self._trials:
             return self._trials[settings]
@@ -397,20 +341,21 @@ class Search:
             try:
                 errors = self._run.errors(settings, number)
             except CandidateFailed as failed:
-                self._trials[settings] = Trial(Row(settings, failure=str(failed)), str(failed), False)
+                self._trials[settings] = Row(settings, failure=str(failed), verdict=str(failed))
                 return self._trials[settings]
-            if number * 2 > self._most or self._is_reference(settings) or not self._is_undecided(errors):
+            if number * 2 > MOST_REPLICAS or self._is_reference(settings) or not self._is_undecided(errors):
                 break
             if not self._is_time_for(settings, 2 * number):
                 break
             number *= 2
         self._numbers[settings] = number
         self._run.time([settings])
-        row, broken = replace(row_of(self._run, settings), errors=errors), self._broken(errors)
+        broken = self._broken(errors)
         verdict = _words(broken[0], errors, self._budgets) if broken else "inside all budgets"
         warning = "" if broken or not capabilities_of(settings).has_steps else self._run.warning_of(settings)
         verdict += f", but mpsim warns: {warning}" if warning else ""
-        self._trials[settings] = Trial(row, verdict, not broken, warning)
+        row = row_of(self._run, settings)
+        self._trials[settings] = replace(row, errors=errors, verdict=verdict, inside=not broken, warning=warning)
         return self._trials[settings]
 
     def _is_time_for(self, settings: Settings, replicas: int = 0, last: bool = False) -> bool:
@@ -428,28 +373,22 @@ class Search:
         possible = (abs(errors[name].value) - errors[name].noise < self._budgets[name] for name in outside)
         return bool(outside) and all(possible)
 
-    def _is_too_costly(self, trial: Trial) -> bool:
+    def _is_too_costly(self, trial: Row) -> bool:
         """Whether a trial inside the budgets is cheaper than this one, which is outside."""
         inside = [_cost(each) for each in self._trials.values() if each.inside and not each.warning]
         return bool(inside) and _cost(trial) > min(inside)
 
-    def _tuned(self, best: Trial, errors: dict[str, Deviation]) -> Tuned:
-        assert best.row.cost is not None
-        run, settings, tighter = self._run, best.row.settings, 1.0
-        if capabilities_of(settings).has_steps:
-            tighter = 2 ** (1 / self._orders.get(replace(settings, dt=1.0), 1.0))
-            exact = [_cost(each) for key, each in self._trials.items() if each.inside and capabilities_of(key).is_exact]
-            tighter = min([tighter, *(cost / best.row.cost.median for cost in exact)])
+    def _tuned(self, best: Row, errors: dict[str, Deviation]) -> Tuned:
+        assert best.cost is not None
+        run = self._run
         return Tuned(
-            settings=settings,
-            cost=best.row.cost,
+            settings=best.settings,
+            cost=best.cost,
             errors=errors,
             budgets=self._budgets,
             reference=run.preliminary.reference_name,
             tried=tuple(sorted(self._trials.values(), key=_cost)),
-            tighter=tighter,
-            starts=starts_of(self._budgets, run.starts.name),
-            until=run.plan.until,
+            until=run.until,
             warning=best.warning,
             contact_time=run.preliminary.contact_time,
         )
@@ -457,14 +396,14 @@ class Search:
     def _refusal(self) -> BudgetError | NotMeasurableError:
         """Why no candidate meets the budgets, with the smallest error reached."""
         wanted = ", ".join(f"{name} {budget:g}" for name, budget in self._budgets.items())
-        rows = [each.row for key, each in self._trials.items() if each.row.errors and not self._is_reference(key)]
+        rows = [each for key, each in self._trials.items() if each.errors and not self._is_reference(key)]
         for name in self._budgets:
             reasons = [row.errors[name].reason for row in rows]
             if reasons and all(reasons):
                 return NotMeasurableError(f"{name} is not measurable here: {reasons[0]}")
         rows = [row for row in rows if 1 < _worst(row, self._budgets) < math.inf]
         if not rows:
-            reasons = [f"{trial.row.label}: {trial.verdict}" for trial in self._trials.values()]
+            reasons = [f"{trial.label}: {trial.verdict}" for trial in self._trials.values()]
             return BudgetError(
                 f"no candidate could run this scene for max_error {wanted}: {'; '.join(reasons)}. Choose other "
                 "candidates."
@@ -477,24 +416,6 @@ class Search:
             f"{best.label}, reaches {reached} (two standard errors included). Allow these errors; where the noise is "
             f"what is left, run longer (until=..., seconds=...){event}."
         )
-
-
-def _blocks(run: Ensemble) -> tuple[int, int, int]:
-    """Largest number of replicas, number of starts in the search and in each verification, and most verifications.
-
-    Search and verifications use different starts; a list provides only a limited number.
-    """
-    references = REFERENCE if run.preliminary.exact else 1
-    if run.starts.number is None:
-        return MOST_REPLICAS, references * MOST_REPLICAS, VERIFICATIONS
-    least = 2 * references * FEWEST_REPLICAS
-    if run.starts.number < least:
-        raise InputError(
-            f"starts must hold at least {least} Scenes, for the search, the runs of the reference beside it, and a "
-            f"verification of its own; got {run.starts.number}. Give more, or a function that makes them."
-        )
-    block = run.starts.number // 2
-    return min(block // references, MOST_REPLICAS), block, 1
 
 
 def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
@@ -524,8 +445,8 @@ def _families(contact_time: float | None, scene: Scene) -> list[Settings]:
     return [Settings(method="event", contact_time=contact_time), *usual, *further]
 
 
-def _cost(trial: Trial) -> float:
-    return trial.row.cost.median if trial.row.cost else math.inf
+def _cost(trial: Row) -> float:
+    return trial.cost.median if trial.cost else math.inf
 
 
 def _ratio(error: Deviation, budget: float) -> float:

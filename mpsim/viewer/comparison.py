@@ -33,7 +33,7 @@ from mpsim.measure.registry import refusal
 from mpsim.measure.statistics import Predictability
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.studies.divergence import divergence
+from mpsim.studies.preliminary import divergence
 from mpsim.studies.tradeoff import label
 from mpsim.viewer.gauges import MeanPressure
 

@@ -41,38 +41,35 @@ REFUSED = [
     ("run gas --until nan", "'--until': 'nan' must be a finite number."),
     ("run gas --start inf", "'--start': 'inf' must be a finite number."),
     ("animate gas a.gif --until inf", "'--until': 'inf' must be a finite number."),
-    ("run gas --frames 5.5", "'--frames': '5.5' must be a whole number >= 1."),
-    ("run gas --workers 1025", "'1025' must be a whole number from 1 to 1024."),
+    ("run gas --frames 5.5", "'--frames': '5.5' is not a valid integer range."),
+    ("run gas --workers 1025", "1025 is not in the range 1<=x<=1024."),
     ("run gas --method mpi", "method 'mpi' is for programs on the ranks of MPI. Give --method grid"),
-    ("run gas --frames 30 --start 0.3", "--start must lie before the end of the run, at time 0.3; got 0.3"),
+    ("run gas --frames 30 --start 0.3", "start must lie before the end of the run, at time 0.3; got 0.3"),
     ("run gsa", "got 'gsa'. Did you mean 'gas'?"),
     ("run none.toml", "scene must be a file that can be read; got 'none.toml' (No such file or directory)."),
     ("run gas --method gird", "'--method': 'gird' is not one of"),
     (
         "run gas --method naive --dt 1 --frames 1 --on-fast error",
-        "Use --dt 0.079, --substeps 13 or --on-fast substep; --on-fast warn runs it anyway.",
+        "Use dt=0.079, substeps=13 or on_fast='substep'; on_fast='warn' runs it anyway.",
     ),
     (
         "run gas --method event --precision float32",
-        "--method event cannot do --precision float32. Leave it out, or use --method grid.",
+        "method='event' cannot do precision='float32'. Leave it out, or use method='grid'.",
     ),
-    ("animate gas a.gif --until 1e308", f"--until {LONG} 0.01; got 1e+308."),
+    ("animate gas a.gif --until 1e308", f"until {LONG} 0.01; got 1e+308."),
     ("animate gas a.gif --dt 1e-300", f"the scene's duration {LONG} 1e-300; got 100."),
     (
         "animate gas a.gif --until 1e9 --every 2",
-        "--until must be at most 1999.98 with --every 2, 100,000 pictures; got 1e+09.",
+        "until must be at most 1999.98 with every=2, 100,000 pictures; got 1e+09.",
     ),
     ("animate gas a.pdf", "Use a.gif. One picture is made by mpsim.draw or `mpsim plot`."),
     ("shwo", "No such command 'shwo'"),
     ("tune", "Missing argument 'SCENE'."),
     ("tune cradle", "Give at least one budget: --pressure, --collision-rate, "),
-    ("compare", "`mpsim tradeoff SCENE`"),
-    ("measure", "`mpsim run SCENE --measure NAME`"),
     ("tune cradle --pressure nan", "'--pressure': 'nan' must be a number > 0 and less than 100%, such as 0.05 or 5%."),
     ("tune gas --pressure 200%", "'200%' must be a number > 0 and less than 100%, such as 0.05 or 5%."),
-    ("tune cradle --pressure 1% --replicas 65", "'65' must be a whole number from 2 to 64."),
+    ("tune cradle --pressure 1% --replicas 65", "65 is not in the range 2<=x<=64."),
     ("tradeoff cradle --csv --json", "Choose one of --csv and --json."),
-    ("tradeoff cradle --out t", "--out must end in .csv or .json; got 't'. Use t.csv."),
 ]
 
 
@@ -120,14 +117,6 @@ def test_what_cannot_be_animated_or_written_is_told_before_any_work(tmp_path, mo
     assert result.exit_code == 1
     assert "an .mp4 needs the package imageio_ffmpeg, which cannot be imported" in result.stderr
     assert f"`pip install 'mpsim[film]'`, or install ffmpeg, or write '{tmp_path}/a.gif'." in result.stderr
-    result = mpsim_command("tradeoff", "cradle", "--out", tmp_path / "none" / "a.csv")
-    assert result.exit_code == 1
-    assert f"--out must be a file that can be written; got '{tmp_path}/none/a.csv' (No such file or" in result.stderr
-    (tmp_path / "a.csv").write_text("weeks of work")
-    result = mpsim_command("tradeoff", "cradle", "--out", tmp_path / "a.csv")
-    assert result.exit_code == 2
-    assert f"'{tmp_path}/a.csv' exists already, and is not overwritten. Give another name, or --force." in result.stderr
-    assert (tmp_path / "a.csv").read_text() == "weeks of work"
 
 
 # --- help, version, completion
@@ -229,11 +218,8 @@ def test_tune_and_tradeoff_do_what_they_say(tmp_path):
     assert python.startswith("in Python: Settings(")
     table = mpsim_command("tradeoff", path, "--measure", "overlap", "--json", "--keep", tmp_path / "kept", *short)
     assert len(json.loads(table.stdout)["rows"]) > 5
-    words = ["--measure", "overlap", "--keep", tmp_path / "kept", *short, "--out", tmp_path / "a.csv"]
-    result = mpsim_command("tradeoff", path, *words)
-    assert (result.exit_code, result.stdout) == (0, ""), result.stderr
-    assert f"candidates written to {tmp_path / 'a.csv'}\n" in result.stderr
-    assert (tmp_path / "a.csv").read_text().startswith("method,contact,law,")
+    result = mpsim_command("tradeoff", path, "--measure", "overlap", "--csv", "--keep", tmp_path / "kept", *short)
+    assert result.stdout.startswith("method,contact,law,")
 
 
 # --- warmup
@@ -245,5 +231,4 @@ def test_warmup_tells_numbers():
     assert result.exit_code == 0
     assert result.stdout.startswith("gas ")
     assert result.stdout.endswith(" kernels compiled or loaded\n")
-    (found,) = json.loads(mpsim_command("warmup", "gas", "--method", "grid", "--quiet", "--json").stdout)
-    assert (found["scene"], found["kernels"]) == ("gas", 0), "the second time nothing is missing"
+    assert " s, 0 kernels" in mpsim_command("warmup", "gas", "--method", "grid", "--quiet").stdout, "nothing is missing"

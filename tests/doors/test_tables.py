@@ -158,7 +158,7 @@ def rows(made):
     ]
 
 
-def test_csv_and_json_hold_the_same(made, rows, tmp_path):
+def test_csv_and_json_hold_the_same(made, rows):
     infinite = made.row(REFLECT, made.price(1.523), pressure=(math.inf, math.nan), overlap=(0.1, 0.01))
     found = made([*rows, infinite])
     lines = list(csv.DictReader(io.StringIO(found.to_csv())))
@@ -169,9 +169,6 @@ def test_csv_and_json_hold_the_same(made, rows, tmp_path):
     values = json.loads(found.to_json(), parse_constant=pytest.fail)
     assert [row["cost"] for row in values["rows"]] == [12345.6, 1.523, None, 1.523]
     assert values["rows"][3]["pressure"] is None
-    for name in ("csv", "json"):
-        with pytest.raises(mpsim.errors.OutputError, match="the table of a trade-off study must be a file that"):
-            getattr(found, f"to_{name}")(tmp_path / "none" / f"table.{name}")
 
 
 def test_an_error_that_is_not_measurable_is_in_every_form_with_its_reason(made):
@@ -250,7 +247,7 @@ def test_the_frontier_is_what_no_other_row_beats_and_noise_does_not_choose_it(ma
 def test_the_answer_of_tune_in_a_notebook_is_a_small_table(study, made):
     (row,) = study.rows
     errors = {"overlap": made.deviation(0.02, 0.001)}
-    tuned = mpsim.Tuned(Settings(dt=0.05), row.cost, errors, {"overlap": 0.05}, "event <exact>", (), 1.5)
+    tuned = mpsim.Tuned(Settings(dt=0.05), row.cost, errors, {"overlap": 0.05}, "event <exact>", (), 10.0)
     text = tuned._repr_html_()
     assert "<th>settings</th><td>auto impact dt=0.05</td>" in text
     assert "<th>overlap</th><td>0.0200(10), budget 0.05</td>" in text

@@ -1,7 +1,6 @@
 """The cheapest settings inside budgets: found where errors and costs are known, verified by new runs, or refused."""
 
 import dataclasses
-import math
 import time
 from types import SimpleNamespace
 
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.campaign import PIECES, SCENE, Costs, MadeUp, start
+from support.campaign import PIECES, SCENE, Costs, MadeUp
 
 import mpsim
 from mpsim import Settings, tune
@@ -110,11 +109,10 @@ def test_every_budget_is_met_and_the_tightest_decides(ask):
 
 def test_the_exact_solver_is_the_answer_where_it_is_cheapest(ask):
     found = ask({"overlap": 0.01}, exact=0.5)
-    assert (found.settings, found.cost.median, found.tighter) == (EVENT, 0.5, 1)
+    assert (found.settings, found.cost.median) == (EVENT, 0.5)
     assert (found.verified, found.exact) == (False, True)
     assert "overlap: 0 (the reference itself), budget 0.01 (exact)" in str(found)
     assert "verified" not in str(found)
-    assert "\nhalving all error budgets would cost no more\n" in str(found)
 
 
 def test_errors_count_with_their_noise(ask):
@@ -139,29 +137,18 @@ def test_replicas_are_doubled_where_noise_leaves_it_undecided(noise, replicas, a
 def test_the_answer_says_what_was_tried_what_it_costs_and_against_what(usual):
     found = usual
     text = str(found)
-    cheaper = [each for each in found.tried if each.row.cost.median < found.cost.median]
+    cheaper = [each for each in found.tried if each.cost.median < found.cost.median]
     assert cheaper
     assert text.splitlines()[0].startswith("auto impact dt=0.0")
     for each in cheaper:
         assert not each.inside
         assert "outside 0.01, two standard errors included" in each.verdict
-        assert f"{each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}" in text
+        assert f"{each.label}, {each.cost.median:.3g} ns: {each.verdict}" in text
     assert "budget 0.01 (verified with new runs)" in text
-    assert text.endswith("errors against the exact solver; averages over starts that were given by a function, "
-                         "runs of 10")  # fmt: skip
+    assert text.endswith("errors against the exact solver; runs of 10")
     assert (found.verified, found.exact, found.until) == (True, False, 10)
     assert "warns" not in text
     assert "budget 0.01" in found._repr_html_() or "0.01" in found._repr_html_()
-
-
-def test_half_of_the_budget_costs_what_the_order_says(ask):
-    laws, factor = {IMPACT: (3.0, 2.0, 1.0)}, math.sqrt(2)
-    found, half = (ask({"overlap": budget}, [IMPACT], laws=laws) for budget in (0.01, 0.005))
-    assert found.tighter == pytest.approx(factor, rel=0.02)
-    assert half.cost.median / found.cost.median == pytest.approx(found.tighter, rel=0.25)
-    assert f"halving all error budgets would cost about {found.tighter:.2g} times as much" in str(found)
-    capped = ask({"overlap": 0.01}, [IMPACT, EVENT], laws=laws, exact=1.3 * found.cost.median)
-    assert capped.tighter == pytest.approx(1.3, rel=0.2), "the exact solver costs no more"
 
 
 def test_a_candidate_that_cannot_run_is_named(ask):
@@ -197,22 +184,9 @@ def test_where_all_fail_it_the_exact_solver_is_left_or_the_refusal_says_so(ask):
         ask({"overlap": 0.01}, [IMPACT], verified=1e9)
 
 
-def test_a_list_of_starts_is_shared_between_search_and_verification(ask, tmp_path):
-    starts = [start(number) for number in range(30)]
-    found = ask({"overlap": 0.01}, [PUSH], costs=Costs(tmp_path, starts=starts))
-    assert found.verified
-    of_candidates = {number for chosen, number in ask.runs if chosen.method != "event"}
-    assert min(of_candidates) == 0
-    assert {number for number in of_candidates if number >= 15} == set(range(15, 15 + len(of_candidates) // 2))
-    with pytest.raises(
-        mpsim.InputError, match=r"starts must hold at least 24 Scenes, .* got 23\. Give more, or a func"
-    ):
-        tune(SCENE, {"overlap": 0.01}, 10.0, starts=starts[:23])
-
-
-def test_it_says_first_how_long_it_will_take_and_ends_with_its_time(ask, monkeypatch):
+def test_it_ends_with_its_time(ask, monkeypatch):
     """Each run takes eight seconds: there is time for the first candidate, and for its verification."""
-    clock, told = SimpleNamespace(now=0.0), []
+    clock = SimpleNamespace(now=0.0)
 
     def law(each, number):
         clock.now += 8.0
@@ -220,12 +194,9 @@ def test_it_says_first_how_long_it_will_take_and_ends_with_its_time(ask, monkeyp
         return {"overlap": [error] * PIECES}
 
     monkeypatch.setattr(time, "monotonic", lambda: clock.now)
-    found = ask({"overlap": 0.5}, [PUSH], law=law, progress=lambda *words: told.append(words))
+    found = ask({"overlap": 0.5}, [PUSH], law=law)
     assert found.verified
     assert len(found.tried) == 1
-    assert told[0] == (0, 1, "preliminary run")
-    assert told[1][2].startswith("about ")
-    assert told[1][2].endswith(" s: 16 runs of each candidate, to 10")
     monkeypatch.undo()
     assert len(ask({"overlap": 0.5}, [PUSH]).tried) > 1, "the control"
 

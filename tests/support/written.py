@@ -121,7 +121,7 @@ def write_trade(folder: Path) -> None:
     """What a trade keeps, and the table that it came to."""
     (folder / "trade.json").unlink(missing_ok=True)
     table = mpsim.tradeoff(SCENES["bare"].scene(), [CANDIDATE], path=folder / "trade.json", **TRADED)
-    table.to_json(folder / "table.json")
+    (folder / "table.json").write_text(table.to_json())
 
 
 def write(folder: Path) -> None:
