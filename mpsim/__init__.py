@@ -11,7 +11,6 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-import mpsim.core.interpreter  # noqa: F401  # pyright: ignore[reportUnusedImport]  # isort: skip
 from mpsim import errors
 from mpsim.core import late
 from mpsim.core.version import __version__ as __version__

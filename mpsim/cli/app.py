@@ -13,7 +13,6 @@ from typing import Any
 import click
 
 from mpsim.core import late
-from mpsim.core.interpreter import ready_for_interrupts
 from mpsim.errors import InputError, MpsimError
 
 COMMANDS = {
@@ -53,7 +52,6 @@ class Commands(click.Group):
         with warnings.catch_warnings(), announced_by(terminal.Compiling(ctx.meta)):
             warnings.showwarning = _show_warning
             try:
-                ready_for_interrupts()
                 return super().invoke(ctx)
             except (KeyboardInterrupt, terminal.Interrupted) as stop:
                 click.echo(str(stop) or "Interrupted.", err=True)

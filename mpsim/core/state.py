@@ -6,7 +6,7 @@ import functools
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mpsim.core import checks, columns, files
-from mpsim.core.archive import DAMAGE, ArrayFile
 from mpsim.core.columns import ChunkedArray, chunks_of, ranges
-from mpsim.errors import InputError, reason_of
+from mpsim.errors import InputError
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -174,7 +173,8 @@ class State:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write a NumPy .npz with position, velocity, present, and the other attributes that are not None.
 
-        An existing file is replaced completely or not at all; a symbolic link raises an error.
+        `State(**numpy.load(path))` is the same state. An existing file is replaced completely or not at all; a symbolic
+        link raises an error.
 
         Raises:
             InputError: if the path does not end in .npz.
@@ -189,38 +189,6 @@ class State:
     def _held(self) -> dict[str, Any]:
         """What there is of its attributes, by name, in the order of digests and files."""
         return {name: value for name, value in vars(self).items() if value is not None}
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> State:
-        """Read what `save` wrote, with the same bits. Nothing in the file is executed.
-
-        Raises:
-            InputError: if it is no file of a state.
-
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = State(np.zeros((3, 2)), np.ones((3, 2))).save(f"{folder}/final.npz")
-        ...     State.load(path).velocity.sum()
-        np.float64(6.0)
-        """
-        source = _npz(path)
-        try:
-            with files.opened(source) as file, ArrayFile(file) as arrays:
-                names = {each.name for each in (*fields(cls), *columns.in_state())}
-                known: dict[str, Any] = {name: arrays.read(name).copy() for name in names if name in arrays.names}
-                state = cls(**known)
-        except (OSError, *DAMAGE) as error:
-            reason = reason_of(error).rstrip(".")
-            raise InputError(
-                f"a state must be a .npz with position and velocity; {str(source)!r}: {reason:.200}."
-            ) from None
-        kinds = {array.dtype for name, array in vars(state).items() if name in ("position", "velocity")}
-        if len(kinds) > 1 or state.position.dtype.kind != "f":
-            raise InputError(
-                "position and velocity of a state must have one floating dtype; "
-                f"{str(source)!r} holds {sorted(map(str, kinds))}."
-            )
-        return state
 
     def __repr__(self) -> str:
         count, absent = len(self.position), len(self.present) - int(np.count_nonzero(self.present))

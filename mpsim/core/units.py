@@ -1,39 +1,16 @@
-"""Conversion between the numbers of a scene and SI units."""
-
-from __future__ import annotations
+"""The units of a scene in SI."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, get_args, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
 
 BOLTZMANN = 1.380649e-23
 """Boltzmann's constant [J/K], exact by the definition of the kelvin (SI brochure, 9th edition, 2019)."""
-
-Quantity = Literal[
-    "length",
-    "area",
-    "mass",
-    "time",
-    "rate",
-    "velocity",
-    "acceleration",
-    "momentum",
-    "force",
-    "energy",
-    "temperature",
-    "pressure",
-    "diffusion",
-    "viscosity",
-    "wave_number",
-    "number_density",
-]
 
 _POWERS: dict[str, tuple[int, int, int]] = {
     "length": (1, 0, 0),
@@ -102,12 +79,10 @@ class Units:
         InputError: naming the argument, its rule and the value received.
 
     >>> grains = Units(length=0.01, mass=0.01, acceleration=9.81)  # of 1 cm and 10 g, under gravity
-    >>> round(grains.time, 4), round(grains.to_si(1.0, "velocity"), 3)
+    >>> round(grains.time, 4), round(grains.in_si("velocity"), 3)
     (0.0319, 0.313)
-    >>> grains.from_si([0.0, -9.81], "acceleration").round(12).tolist()
-    [0.0, -1.0]
     >>> argon = Units(length=3.4e-10, mass=6.634e-26, temperature=120.0)
-    >>> f"{argon.time:.3g} s", f"{argon.to_si(2.5, 'temperature'):.0f} K"
+    >>> f"{argon.time:.3g} s", f"{2.5 * argon.in_si('temperature'):.0f} K"
     ('2.15e-12 s', '300 K')
     """
 
@@ -136,65 +111,27 @@ class Units:
         ((name, value),) = given.items()
         value = checks.positive(name, value, "in SI")
         vars(self).update(length=length, mass=mass, time=_TIME_FROM[name](length, mass, value))
-        for quantity in get_args(Quantity):
-            size = self._size(quantity)
+        for quantity in _POWERS:
+            size = self.in_si(quantity)
             if not 0 < size < math.inf:
                 raise InputError(
                     f"length, mass and {name} must give units that fit float64; one unit of {quantity} is {size:g} in "
                     f"SI, with length={length:g}, mass={mass:g} and {name}={value:g}. Give less extreme ones."
                 )
 
-    def _size(self, quantity: str) -> float:
-        """One unit of a quantity, in SI; infinite or 0 beyond float64."""
-        with np.errstate(all="ignore"):
-            size = float(np.prod(np.array([self.length, self.mass, self.time]) ** np.array(_POWERS[quantity], float)))
-        return size / BOLTZMANN if quantity == "temperature" else size
-
-    @overload
-    def to_si(self, value: float, quantity: Quantity) -> float: ...
-    @overload
-    def to_si(self, value: Sequence[Any] | NDArray[Any], quantity: Quantity) -> NDArray[np.float64]: ...
-    def to_si(self, value: ArrayLike, quantity: Quantity) -> float | NDArray[np.float64]:
-        """A number of the scene, in SI.
+    def in_si(self, quantity: str) -> float:
+        """One unit of a quantity, in SI: multiply numbers of a scene by it, divide numbers in SI by it.
 
         Args:
-            value: in units of the scene: a number, or an array of any shape.
-            quantity: what it is, such as "velocity", as in the table above.
-
-        Returns:
-            A float, or an array of the same shape [SI].
+            quantity: as in the table above, such as "velocity".
 
         Raises:
-            InputError: for a quantity that is not in the table, or a value that is not finite, here or in SI.
+            InputError: for a quantity that is not in the table.
 
-        >>> Units(length=0.01, mass=0.01, time=1.0).to_si([[1.0, 2.0]], "velocity").tolist()
-        [[0.01, 0.02]]
+        >>> Units(length=0.01, mass=0.01, time=1.0).in_si("velocity")
+        0.01
         """
-        size = self._size(checks.choice("quantity", quantity, get_args(Quantity)))
-        return _changed(value, "value in SI", lambda array: array * size)
-
-    @overload
-    def from_si(self, value: float, quantity: Quantity) -> float: ...
-    @overload
-    def from_si(self, value: Sequence[Any] | NDArray[Any], quantity: Quantity) -> NDArray[np.float64]: ...
-    def from_si(self, value: ArrayLike, quantity: Quantity) -> float | NDArray[np.float64]:
-        """A number in SI, or an array, in units of the scene: the inverse of `to_si`, with its rules. Kelvin for kT.
-
-        Args:
-            value: the number, or array, in SI.
-            quantity: what it is, as in `to_si`.
-
-        >>> Units(length=0.01, mass=0.01, time=1.0).from_si(1.0, "length")
-        100.0
-        """
-        size = self._size(checks.choice("quantity", quantity, get_args(Quantity)))
-        return _changed(value, "value in units of the scene", lambda array: array / size)
-
-
-def _changed(value: ArrayLike, name: str, change: Callable[[Any], Any]) -> Any:
-    """A checked value, changed: a float if it has no axes. name: of what comes out."""
-    array = checks.finite_array("value", value, (None,) * checks.dimensions(value), "(...), a number or an array")
-    with np.errstate(over="ignore"):
-        found = change(array)
-    found = checks.finite_array(name, found, found.shape, "(...)")
-    return found if found.ndim else float(found)
+        powers = _POWERS[checks.choice("quantity", quantity, _POWERS)]
+        with np.errstate(all="ignore"):
+            size = float(np.prod(np.array([self.length, self.mass, self.time]) ** np.array(powers, float)))
+        return size / BOLTZMANN if quantity == "temperature" else size

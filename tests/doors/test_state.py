@@ -45,12 +45,12 @@ def test_each_column_but_the_box_is_in_the_digest_and_all_are_in_the_file(tmp_pa
     assert unlike == VALUES.keys() - {"box"}
     path = state.save(tmp_path / "a.npz")
     assert set(np.load(path).files) == VALUES.keys()
-    again = State.load(path)
+    again = State(**np.load(path))
     assert again.digest() == state.digest()
     assert all(same(getattr(again, name), getattr(state, name)) for name in VALUES)
     assert again.unwrapped.tolist() == [[5, 2], [3, -4.5]]
     np.savez(tmp_path / "old.npz", position=ZEROS, velocity=ZEROS + 1)
-    old = State.load(tmp_path / "old.npz")
+    old = State(**np.load(tmp_path / "old.npz"))
     assert (old.present.all(), old.image, old.box, old.unwrapped.tolist()) == (True, None, None, ZEROS.tolist())
 
 
@@ -97,8 +97,7 @@ def test_a_state_is_a_read_only_copy_in_the_order_and_precision_of_the_scene(met
         (lambda: State(ZEROS, ZEROS, image=np.zeros((2, 2), int)), "image of a state needs box"),
         (lambda: State(ZEROS, ZEROS, charge=np.ones(2)), "an argument of State must be one of .*; got 'charge'"),
         (lambda: State([["1", "2"]], [[0, 0]]), r"of a state must be numbers of shape \(N, 2\); got .* \(text\)"),
-        (lambda: State.load("a.txt"), r"must end in \.npz; got 'a\.txt'\. Use 'state\.npz'\."),
-        (lambda: State.load("none.npz"), r"must be a \.npz with position and velocity; .*No such file"),
+        (lambda: State(ZEROS, ZEROS).save("a.txt"), r"must end in \.npz; got 'a\.txt'\. Use 'state\.npz'\."),
     ],
 )  # fmt: skip
 def test_what_is_no_state_is_refused_by_name(make, words):
@@ -106,13 +105,7 @@ def test_what_is_no_state_is_refused_by_name(make, words):
         make()
 
 
-def test_a_file_that_is_no_state_is_refused(tmp_path):
-    (tmp_path / "bad.npz").write_bytes(b"PK nonsense")
-    np.savez(tmp_path / "other.npz", position=np.zeros((3, 2)), velocity=ZEROS)
-    wrong = {"bad": "a .npz with position", "other": r"shape \(3, 2\).*got \(2, 2\)"}
-    for name, words in wrong.items():
-        with pytest.raises(InputError, match=words):
-            State.load(tmp_path / f"{name}.npz")
+def test_a_state_that_cannot_be_written_is_an_error_and_one_is_shown_in_a_line(tmp_path):
     with pytest.raises(mpsim.errors.OutputError, match=r"must be in a folder that can be written to; got .* Choose"):
         State(ZEROS, ZEROS).save(tmp_path / "none" / "a.npz")
     shown = State(ZEROS, ZEROS, present=np.array([True, False]), box=(0.0, 4.0, 0.0, 3.0))

@@ -11,7 +11,6 @@ import os
 import pickle
 import resource
 import traceback
-import zipfile
 
 import numpy as np
 import psutil
@@ -168,7 +167,6 @@ IRREGULAR = {pipe: "a named pipe, not a file", endless: "a device, not a file", 
 
 DOORS = {
     "scene.toml": (scenefile.load, mpsim.InputError),
-    "state.npz": (mpsim.State.load, mpsim.InputError),
     "run.xyz": (mpsim.Trajectory, mpsim.errors.TrajectoryError),
     "run.gsd": (mpsim.Trajectory, mpsim.errors.TrajectoryError),
     "run.mpsim": (mpsim.Simulation.resume, mpsim.CheckpointError),
@@ -253,18 +251,12 @@ def test_an_array_in_a_file_holds_what_it_declares_and_nothing_is_allocated_or_e
     for content in NO_ARRAYS.values():
         (tmp_path / "a.npy").write_bytes(content)
         refused(scenefile.load, tmp_path / "scene.toml", match=rule)
-        with zipfile.ZipFile(tmp_path / "state.npz", "w") as archive:
-            archive.writestr("position.npy", content)
-            archive.writestr("velocity.npy", npy((1, 2), b"\0" * 16))
-        refused(mpsim.State.load, tmp_path / "state.npz", match="a state must be a .npz with position and velocity")
         for name in IN_CHECKPOINTS:
             run.write_bytes(whole)
             rewrite_members(run, lambda members, name=name, content=content: members.update({name: content}))
             refused(mpsim.Simulation.resume, run, match="cannot be read|digest", kind=mpsim.CheckpointError)
     run.write_bytes(BOMB)
-    (tmp_path / "state.npz").write_bytes(BOMB)
     refused(mpsim.Simulation.resume, run, match="cannot be read", kind=mpsim.CheckpointError)
-    refused(mpsim.State.load, tmp_path / "state.npz", match="a state must be a .npz with position and velocity")
     assert not (tmp_path / "exploded").exists()
     pickle.loads(BOMB)
     assert (tmp_path / "exploded").exists(), "the control does execute"
@@ -293,32 +285,6 @@ def test_a_large_csv_is_refused_before_it_is_read(tmp_path):
     refused(scenefile.load, tmp_path / "scene.toml", match="4,294,967,296 bytes, and at most 8,388,608 are read")
     (tmp_path / "a.csv").write_text("1,1\n" * 4000 + "1,x\n")
     refused(scenefile.load, tmp_path / "scene.toml", match="line 4001 has 'x'")
-
-
-def test_a_state_that_unpacks_to_much_more_than_its_file_is_refused(tmp_path):
-    zeros = np.zeros((200_000, 2))
-    np.savez_compressed(tmp_path / "bomb.npz", position=zeros, velocity=zeros)
-    assert (tmp_path / "bomb.npz").stat().st_size < zeros.nbytes / 100
-    refused(mpsim.State.load, tmp_path / "bomb.npz", match="compressed")
-
-
-@pytest.mark.parametrize(
-    ("count", "says"), [(65, "it holds 65 arrays, or one twice; 64 different"), (64, "position of State must be")]
-)
-def test_a_state_of_very_many_arrays_is_refused(tmp_path, count, says):
-    with zipfile.ZipFile(tmp_path / "many.npz", "w") as archive:
-        for number in range(count):
-            archive.writestr(f"position{number}.npy", b"")
-    refused(mpsim.State.load, tmp_path / "many.npz", match=says)
-
-
-def test_states_that_numpy_has_written_are_read_and_a_copy_may_be_changed(tmp_path):
-    for order in ("C", "F"):
-        place = np.array([[1.0, 2.0], [3.0, 4.0]], order=order)
-        np.savez(tmp_path / "state.npz", position=place, velocity=place)
-        found = mpsim.State.load(tmp_path / "state.npz")
-        assert np.array_equal(found.position, place)
-        found.position.copy()[0] = 5
 
 
 XYZ = 'Lattice="9 0 0 0 9 0 0 0 1" Properties=pos:R:3:id:I:1'
