@@ -8,6 +8,7 @@ import importlib
 import logging
 import sys
 import warnings
+from functools import partial
 from typing import Any
 
 import click
@@ -48,8 +49,8 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         terminal = importlib.import_module("mpsim.cli.terminal")
-        announced_by = late.named("mpsim.kernels.compiling:announced_by")
-        with warnings.catch_warnings(), announced_by(terminal.Compiling(ctx.meta)):
+        announcing = late.named("mpsim.kernels.compiling:announcing")
+        with warnings.catch_warnings(), announcing(partial(terminal.say_compiling, ctx.meta)):
             warnings.showwarning = _show_warning
             try:
                 return super().invoke(ctx)

@@ -134,15 +134,7 @@ def _note_quiet(ctx: click.Context, param: click.Parameter | None, quiet: bool) 
 _QUIET = f"{__name__}.quiet"
 
 
-class Compiling:
-    """Says on standard error that kernels are compiled; nothing with --quiet. meta: of the context of the command."""
-
-    def __init__(self, meta: dict[str, Any]):
-        self._meta = meta
-
-    def begin(self, text: str) -> None:
-        if not self._meta.get(_QUIET) and not above(text):
-            click.echo(text, err=True)
-
-    def end(self) -> None:
-        """Nothing more: the summary of a run tells how long it took."""
+def say_compiling(meta: dict[str, Any], text: str | None) -> None:
+    """Say on standard error that kernels are compiled; nothing with --quiet. meta: of the context of the command."""
+    if text is not None and not meta.get(_QUIET) and not above(text):
+        click.echo(text, err=True)

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import llvmlite
 import numba
@@ -41,53 +41,35 @@ LOOPS = {"run_grid": 10, "run_naive": 4, "run_events": 3}
 """The kernels that Python calls for the frames of a scene: seconds of compiling for a bare one (Xeon, Numba 0.68)."""
 
 
-class Announcer(Protocol):
-    """Tells people that something is being compiled."""
+Tell = Callable[[str | None], None]
+"""Takes what is being compiled, and None at the end of it. Called by any thread; must return at once."""
 
-    def begin(self, text: str) -> None:
-        """Say what is being compiled, and about how long it will take."""
-        ...
-
-    def end(self) -> None:
-        """Compilation has ended. Called only after `begin`."""
-        ...
-
-
-class LogLine:
-    """One line in the log "mpsim": INFO, or WARNING if a person waits at a prompt or a terminal.
-
-    So it is seen there without configuration, and a job without a terminal stays quiet.
-    """
-
-    def begin(self, text: str) -> None:
-        waited_for = hasattr(sys, "ps1") or (sys.stderr is not None and sys.stderr.isatty())
-        logger.log(logging.WARNING if waited_for else logging.INFO, "mpsim: %s", text)
-
-    def end(self) -> None:
-        """Nothing more: reports tell how long it took."""
-
-
-_announcer: Announcer | None = LogLine()
+_listeners: list[Tell] = []
 
 _lock = threading.Lock()
 _spent = 0.0
 
 
-def announce_by(announcer: Announcer | None) -> None:
-    """Replace the announcer of this process; None: announce nothing."""
-    global _announcer  # noqa: PLW0603 - one for the process, as is the compiler
-    _announcer = announcer
-
-
 @contextmanager
-def announced_by(announcer: Announcer) -> Iterator[Announcer | None]:
-    """`announce_by` for a block, which is given the announcer before."""
-    before = _announcer
-    announce_by(announcer)
+def announcing(tell: Tell) -> Iterator[None]:
+    """Tell a listener, and not the log, what this process compiles in a block."""
+    _listeners.append(tell)
     try:
-        yield before
+        yield
     finally:
-        announce_by(before)
+        _listeners.remove(tell)
+
+
+def _announce(text: str | None) -> None:
+    """Tell all listeners. If there is none: a line in the log "mpsim", INFO, or WARNING if a person waits.
+
+    So it is seen at a prompt or a terminal without configuration, and a job without a terminal stays quiet.
+    """
+    for tell in _listeners.copy():
+        tell(text)
+    if text is not None and not _listeners:
+        waited_for = hasattr(sys, "ps1") or (sys.stderr is not None and sys.stderr.isatty())
+        logger.log(logging.WARNING if waited_for else logging.INFO, "mpsim: %s", text)
 
 
 def compile_seconds() -> float:
@@ -105,7 +87,7 @@ class _Compilation(threading.local):
 
     kernel: str = ""
     started: float | None = None
-    announcer: Announcer | None = None
+    announced: bool = False
     spent: float = 0.0  # processor time of all its compilations [s]
 
 
@@ -123,24 +105,23 @@ def _compiling(kernel: str) -> Iterator[None]:
     try:
         yield
     finally:
-        started, announcer = _mine.started, _mine.announcer
-        _mine.kernel, _mine.started, _mine.announcer = "", None, None
+        started, announced = _mine.started, _mine.announced
+        _mine.kernel, _mine.started, _mine.announced = "", None, False
         if started is not None:
             with _lock:
                 _spent += time.perf_counter() - started
             _mine.spent += time.thread_time() - began
-        if announcer is not None:
-            announcer.end()
+        if announced:
+            _announce(None)
 
 
 def _not_cached() -> None:
     """Note that a requested kernel is in no cache: from here on this thread compiles."""
     if _mine.started is None and _mine.kernel:
         _mine.started = time.perf_counter()
-        if _announcer is not None and _mine.kernel in LOOPS:
-            once = ", once" * (_FOLDER is not None)
-            _mine.announcer = _announcer
-            _announcer.begin(f"compiling the loops for this scene{once}; about {LOOPS[_mine.kernel]} s or more")
+        if _mine.kernel in LOOPS:
+            once, _mine.announced = ", once" * (_FOLDER is not None), True
+            _announce(f"compiling the loops for this scene{once}; about {LOOPS[_mine.kernel]} s or more")
 
 
 # --- Merges functions into one kernel; functions that only kernels call get no machine code of their own

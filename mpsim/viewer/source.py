@@ -7,73 +7,19 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from mpsim.core import checks
 from mpsim.errors import InputError, MpsimError
-from mpsim.kernels.compiling import Announcer, announced_by
+from mpsim.kernels.compiling import announcing
 from mpsim.scene.scene import Scene
 from mpsim.viewer import export
 from mpsim.viewer.protocol import COMMANDS, Action, Broadcast, Command, whole
 
 if TYPE_CHECKING:
     from mpsim.viewer.server import Pages
-
-# --- The line on all pages while kernels are compiled: at the start, or later, as for the first disc that is removed
-
-Tell = Callable[[str | None], None]
-"""Takes what is being compiled, or None at the end of it. Called by any thread; must return at once."""
-
-
-class Listeners:
-    """Announces compilation to several listeners, and to the announcer before it: the process has one compiler."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._tells: list[Tell] = []
-        self._before: Announcer | None = None
-        self._installed = ExitStack()
-        self._under_way = 0
-
-    @contextmanager
-    def notifying(self, tell: Tell) -> Iterator[None]:
-        """Notify a listener of what is compiled in this block. Blocks of several threads may end in any order."""
-        with self._lock:
-            if not self._tells:
-                self._before = self._installed.enter_context(announced_by(self))
-            self._tells.append(tell)
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._tells.remove(tell)
-                if not self._tells:
-                    self._installed.close()
-
-    def begin(self, text: str) -> None:
-        if self._before is not None:
-            self._before.begin(text)
-        with self._lock:
-            self._under_way += 1
-            self._tell(text)
-
-    def end(self) -> None:
-        if self._before is not None:
-            self._before.end()
-        with self._lock:
-            self._under_way -= 1
-            if not self._under_way:
-                self._tell(None)
-
-    def _tell(self, text: str | None) -> None:
-        for tell in self._tells:
-            tell(text)
-
-
-LISTENERS = Listeners()  # those of this process
-
 
 # --- When frames are due, and how much time repeated work may take
 
@@ -333,7 +279,7 @@ class Source(ABC):
 
     def _live(self) -> None:
         try:
-            with LISTENERS.notifying(lambda text: self._broadcast.tell("compiling", {"text": text})):
+            with announcing(lambda text: self._broadcast.tell("compiling", {"text": text})):
                 self._open()
                 while self._turn():
                     pass

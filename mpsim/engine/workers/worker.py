@@ -149,7 +149,7 @@ def worker_main(
     """Entry point of worker `worker` (1 or above); ends with its coordinator (a process number), whatever happens."""
     for number in (signal.SIGINT, signal.SIGTERM):  # they may reach the whole group; the coordinator alone decides
         signal.signal(number, signal.SIG_IGN)
-    compiling.announce_by(None)  # the coordinator has told of the same kernels
+    compiling.LOOPS.clear()  # nothing is announced: the coordinator has told of the same kernels
     try:
         _watch(coordinator)
         _serve(worker, connection, SharedBlock.attach(name, specs), program)
