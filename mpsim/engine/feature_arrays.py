@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from mpsim.core.columns import IMAGE, Column
 from mpsim.engine.workers.shared import ArraySpec
 from mpsim.features import FEATURES
-from mpsim.features.edges import kinds_of
 from mpsim.features.energy import acceleration_bound, thermal_speed
 from mpsim.features.properties import has_radii
+from mpsim.kernels.records import PADDING, row_of
 from mpsim.scene.scene import Scene
 
 # --- The columns of a scene, which its features determine
@@ -64,33 +64,33 @@ def giant_radius(radii: NDArray[np.float64]) -> float | None:
 def feature_specs(scene: Scene, capacity: int, precision: str) -> dict[str, ArraySpec]:
     """dtype and shape of every array that only this scene's features need."""
     real = np.dtype(precision)
-    shapes: dict[str, tuple[int, ...]] = {}
-    for axis, wraps in zip("xy", scene.periodic, strict=True):
-        if wraps:
-            shapes[f"wrap_{axis}"] = (1,)
-    specs = {name: ArraySpec(real, shape) for name, shape in shapes.items()}
-    for column in columns_of(scene):
-        specs[column.name] = ArraySpec(column.dtype(real), column.shape(capacity))
-    for feature in scene._features:
-        for name, (dtype, shape) in feature.shapes(scene, capacity, real).items():
-            specs[name] = ArraySpec(np.dtype(dtype), shape)
+    specs = {name: ArraySpec(each.dtype, each.shape) for name, each in _constant_in(scene, real).items()}
+    specs |= {each.name: ArraySpec(each.dtype(real), each.shape(capacity)) for each in columns_of(scene)}
+    if has_radii(scene):
+        specs |= {f"{buffer}.radius": ArraySpec(real, (capacity + PADDING,)) for buffer in "ab"}
+        specs["giants"] = ArraySpec(real, (1,))
     return specs
 
 
 def fill_features(arrays: dict[str, Any], scene: Scene) -> None:
     """Write what does not change with the number of discs."""
-    for axis, length in (("wrap_x", scene.width), ("wrap_y", scene.height)):
-        if axis in arrays:
-            arrays[axis][0] = length
-    margin = 0.0 if has_radii(scene) else scene.largest_radius
+    for name, values in _constant_in(scene, arrays["parameters"].dtype["dt"]).items():
+        (row_of(arrays[name]) if values.shape == () else arrays[name])[...] = values
+
+
+def _constant_in(scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
+    """What does not change with the number of discs, by name, with floats of dtype `real`."""
+    axes = zip("xy", (scene.width, scene.height), scene.periodic, strict=True)
+    arrays = {f"wrap_{axis}": np.array([length], real) for axis, length, wraps in axes if wraps}
     for feature in scene._features:
-        feature.fill(scene, arrays, margin)
+        arrays |= feature.arrays(scene, real)
+    return arrays
 
 
 def wall_limits(scene: Scene) -> tuple[float, float, float, float]:
     """Least and largest centre along x and y: the walls, a radius inwards where all discs have the same [length]."""
     margin = 0.0 if has_radii(scene) else scene.largest_radius
-    x, y = (margin if kind.has_walls else 0.0 for kind in kinds_of(scene.boundary))
+    x, y = (0.0 if wraps else margin for wraps in scene.periodic)
     return x, scene.width - x, y, scene.height - y
 
 

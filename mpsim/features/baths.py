@@ -11,11 +11,12 @@ from decimal import Decimal, localcontext
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, demand_wall
-from mpsim.features.feature import Feature, Invalidation, Shapes
+from mpsim.features.feature import Feature, Invalidation
 from mpsim.kernels.records import THERMAL_WALLS, THERMOSTAT
 
 if TYPE_CHECKING:
@@ -100,8 +101,8 @@ class ThermostatFeature(Feature):
         ),
     )
 
-    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {"thermostat": (THERMOSTAT, ())}
+    def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
+        return {"thermostat": np.zeros((), THERMOSTAT)}
 
     def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
         thermostat, record = self.of(scene), arrays["thermostat"]
@@ -208,12 +209,8 @@ class ThermalWallsFeature(Feature):
                 f"got {scene.wall_friction:g}. Leave one of them out."
             )
 
-    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {"thermal_walls": (THERMAL_WALLS, ())}
-
-    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        walls, record = self.of(scene), arrays["thermal_walls"]
-        record.temperature[:], record.seed = walls.by_edge, walls.seed
+    def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
+        return {"thermal_walls": np.array((self.of(scene).by_edge, self.of(scene).seed), THERMAL_WALLS)}
 
     def thermal_speed(self, scene: Scene) -> float:
         return math.sqrt(max(self.of(scene).temperatures.values()) / mean_mass(scene))

@@ -22,29 +22,19 @@ class Boundary(NamedTuple):
 
     Attributes:
         wraps: whether discs that leave at one end enter at the other.
-        has_walls: whether discs bounce at the ends, beyond which none can be.
         least_diameters: smallest length of the axis, in diameters of the largest disc: two if discs meet others through
             it, so that none meets its own image.
         largest_radius: what that allows, in words.
-        not_exact: what the exact solver cannot do, in words; "": its files follow this kind.
     """
 
     wraps: bool
-    has_walls: bool
     least_diameters: int
     largest_radius: str
-    not_exact: str
 
 
 BOUNDARIES: dict[str, Boundary] = {
-    "walls": Boundary(wraps=False, has_walls=True, least_diameters=1, largest_radius="half the box", not_exact=""),
-    "periodic": Boundary(
-        wraps=True,
-        has_walls=False,
-        least_diameters=2,
-        largest_radius="a quarter of a periodic axis",
-        not_exact="",
-    ),
+    "walls": Boundary(wraps=False, least_diameters=1, largest_radius="half the box"),
+    "periodic": Boundary(wraps=True, least_diameters=2, largest_radius="a quarter of a periodic axis"),
 }
 """Every kind by the word for it in a scene. Other modules ask for its facts, never for the word."""
 
@@ -123,7 +113,7 @@ def wraps_of(boundary: tuple[str, str]) -> tuple[bool, bool]:
 def demand_wall(name: str, edge: str, boundary: tuple[str, str]) -> None:
     """Refuse an edge at which there is no wall."""
     axis = 0 if edge in ("left", "right") else 1
-    if not kinds_of(boundary)[axis].has_walls:
+    if wraps_of(boundary)[axis]:
         raise InputError(
             f"{name} must name a wall; got {edge!r}, and boundary is {boundary[axis]} along {'xy'[axis]}. "
             "Make that axis 'walls', or choose another edge."

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import Column
@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
-
-Shapes = dict[str, tuple[DTypeLike, tuple[int, ...]]]
-"""dtype and shape of arrays, by their name in the shared block."""
-
 
 MOST_VALUES = 1_000_000
 """More obstacles or emitters than this are taken for a mistake."""
@@ -191,10 +187,6 @@ class Feature:
         """Whether its surfaces do work on discs."""
         return self.surface_speed(scene) > 0
 
-    def cannot_be_exact(self, scene: Scene) -> str:
-        """What of it `event` cannot do, in words; "" if it can."""
-        return self.not_exact
-
     def continued(self, scene: Scene, moment: Continuation) -> Any:
         """Its value in a scene that starts from a moment of a run of this one."""
         return self.of(scene)
@@ -209,12 +201,9 @@ class Feature:
 
     # --- the shared block
 
-    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        """Arrays that its kernels need for `capacity` discs, with floats of dtype `real`."""
+    def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
+        """Arrays and records (of shape ()) that its kernels need, by name in the block; real: dtype of floats."""
         return {}
-
-    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        """Write what does not depend on the number of discs. margin: distance of centres from walls [length]."""
 
     def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
         """Write what depends on the length of frames, dt [time], and on the frame and time from which they count."""

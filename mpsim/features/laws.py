@@ -6,12 +6,12 @@ import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import SPIN, Column
 from mpsim.errors import InputError
-from mpsim.features.feature import Feature, Invalidation, Shapes
-from mpsim.kernels.features import friction as kernel
+from mpsim.features.feature import Feature, Invalidation
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
@@ -61,14 +61,10 @@ class Friction(Feature):
     def dissipates(self, scene: Scene) -> bool:
         return scene.friction > 0 or scene.wall_friction > 0
 
-    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {name: (real, (kernel.SIZE,)) for name in ("friction", "wall_friction") if getattr(scene, name) > 0}
-
-    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        for name, parts in (("friction", 6), ("wall_friction", 3)):
-            if name in arrays:
-                arrays[name][kernel.COEFFICIENT] = getattr(scene, name)
-                arrays[name][kernel.STICKING] = (1 + scene.tangential_restitution) / parts
+    def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
+        parts, tangential = {"friction": 6, "wall_friction": 3}, 1 + scene.tangential_restitution
+        laws = {name: (getattr(scene, name), tangential / each) for name, each in parts.items()}
+        return {name: np.array(law, real) for name, law in laws.items() if law[0] > 0}
 
     def description(self, scene: Scene) -> str:
         words = f"{scene.friction:g} of discs, {scene.wall_friction:g} of walls"

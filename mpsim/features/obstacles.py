@@ -24,7 +24,7 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
-from mpsim.features.feature import MOST_VALUES, AddedDiscs, Continuation, Feature, Floats, Invalidation, Shapes
+from mpsim.features.feature import MOST_VALUES, AddedDiscs, Continuation, Feature, Floats, Invalidation
 from mpsim.features.motions import MOTIONS, Movement, Rotation
 from mpsim.kernels.features.bodies import BODY
 from mpsim.kernels.geometry import ENDS, OWNER, POLYGON, RADIUS, ROW, SURFACE
@@ -319,7 +319,6 @@ class Obstacles(Feature):
     argument = "obstacles"
     kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline, Circle)
     within: ClassVar[tuple[type[Any], ...]] = (Removed, *MOTIONS)
-    exact: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline, Circle, Removed)  # a further kind is refused
     examples: ClassVar[tuple[Any, ...]] = (FixedDisc((0, 0), 1), Polyline([(0, 0), (1, 0)]), Circle((0, 0), 1))
     excludes = True
     invalidates: ClassVar[tuple[Invalidation, ...]] = (
@@ -371,24 +370,18 @@ class Obstacles(Feature):
         nearest = capsules.nearest(position[worst], radius[worst], rows, size, scene.periodic)
         return Deepest(number, worst, f"obstacles[{rows[nearest, OWNER]:.0f}]", float(depth[worst]))
 
-    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        at_rest: Shapes = {
-            f"capsules.{name}": (real if values.dtype.kind == "f" else values.dtype, values.shape)
-            for name, values in self.arrays(scene).items()
+    def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
+        at_rest = {
+            f"capsules.{name}": each.astype(real, copy=False) if each.dtype.kind == "f" else each
+            for name, each in self.at_rest(scene).items()
         }
-        moving: Shapes = {f"bodies.{name}": (each.dtype, each.shape) for name, each in self.bodies(scene).items()}
-        return at_rest | moving
-
-    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        for kind, each in (("capsules", self.arrays(scene)), ("bodies", self.bodies(scene))):
-            for name, values in each.items():
-                arrays[f"{kind}.{name}"][...] = values
+        return at_rest | {f"bodies.{name}": each for name, each in self.bodies(scene).items()}
 
     def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
         if "bodies.body" in arrays:
             arrays["bodies.body"]["dt"], arrays["bodies.body"]["origin"] = dt, origin[1]
 
-    def arrays(self, scene: Scene) -> dict[str, NDArray[Any]]:
+    def at_rest(self, scene: Scene) -> dict[str, NDArray[Any]]:
         """Capsules at rest, with images beyond periodic borders, and their grid (see `cell_lists`); {} without any.
 
         The grid depends neither on the method nor on the number of discs.

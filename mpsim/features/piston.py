@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
-from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation, Shapes
+from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation
 from mpsim.features.motions import MOTIONS, Movement, Rotation, Translation
-from mpsim.features.properties import densest_packing
+from mpsim.features.properties import densest_packing, has_radii
 from mpsim.kernels.features.bodies import MOTION, pose_at
 from mpsim.kernels.features.piston import moving_wall_in
 
@@ -124,34 +125,28 @@ def _check_one(piston: Piston, scene: Scene) -> None:
     demand_wall("piston", piston.wall, scene.boundary)
     if piston.wall in scene.absorbing:
         raise InputError(f"piston must not be an absorbing edge; got {piston.wall!r} for both. Choose one.")
-    length = scene.width if piston.wall in ("left", "right") else scene.height
+    edge, _, low, high = _way(piston, scene)
+    length = (scene.width, scene.height)[edge // 2]
     if piston.stop is not None and not 0 < piston.stop < length:
         raise InputError(f"stop of the piston must lie in the box, in (0, {length:g}); got {piston.stop:g}.")
     if piston.start is not None and piston.start > length:
         raise InputError(f"start of the piston must lie in the box, in [0, {length:g}]; got {piston.start:g}.")
-    if piston.motion is not None:
-        low, high = _swept(piston, scene)
-        if low < -1e-9 * length or high > (1 + 1e-9) * length:
-            raise InputError(
-                f"the motion of the piston must keep the {piston.wall} wall in the box, in [0, {length:g}]; got "
-                f"[{low:g}, {high:g}]. Give a Translation a stop, an Oscillation a start inside, or move less far."
-            )
+    if low < -1e-9 * length or high > (1 + 1e-9) * length:
+        raise InputError(
+            f"the motion of the piston must keep the {piston.wall} wall in the box, in [0, {length:g}]; got "
+            f"[{low:g}, {high:g}]. Give a Translation a stop, an Oscillation a start inside, or move less far."
+        )
 
 
-def _home(piston: Piston, scene: Scene) -> float:
-    """Where it is without displacement [length]."""
+def _way(piston: Piston, scene: Scene) -> tuple[int, float, float, float]:
+    """Its edge, its coordinate without displacement, and the least and the largest one at any time [length]."""
     edge = EDGES.index(piston.wall)
-    return (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
-
-
-def _swept(piston: Piston, scene: Scene) -> tuple[float, float]:
-    """Its least and its largest coordinate at any time [length]."""
-    home = _home(piston, scene)
-    if piston.motion is None:
-        return min(home, piston.stop or 0.0), max(home, piston.stop or 0.0)
-    low, high = piston.motion.swept(np.full((1, 2), home))
-    axis = EDGES.index(piston.wall) // 2
-    return float(low[axis]), float(high[axis])
+    home = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
+    if piston.stop is not None:
+        return edge, home, min(home, piston.stop), max(home, piston.stop)
+    motion: Any = piston.motion
+    low, high = motion.swept(np.full((1, 2), home))
+    return edge, home, float(low[edge // 2]), float(high[edge // 2])
 
 
 class PistonFeature(Feature):
@@ -200,8 +195,7 @@ class PistonFeature(Feature):
         return tuple(self._moving_wall(each, scene) for each in self.pistons(scene))
 
     def _moving_wall(self, piston: Piston, scene: Scene) -> MovingWall:
-        edge, home, (low, high) = EDGES.index(piston.wall), _home(piston, scene), _swept(piston, scene)
-        motion = piston.motion
+        (edge, home, low, high), motion = _way(piston, scene), piston.motion
         if motion is None:
             velocity = np.array([piston.speed, 0.0] if edge < 2 else [0.0, piston.speed])
             motion = Translation(velocity, start=scene._piston_began)
@@ -219,7 +213,7 @@ class PistonFeature(Feature):
             record.end = min(max(home + (pose.x + pose.y), record.low), record.high)
         return MovingWall("piston" if piston is self.of(scene) else f"{piston.wall} piston", edge, record, knots)
 
-    def arrays(self, scene: Scene, real: Any) -> dict[str, Any]:
+    def walls(self, scene: Scene, real: Any) -> dict[str, NDArray[Any]]:
         """The arrays of `MovingWalls`, in the precision of a run."""
         walls, tables = np.zeros(4, moving_wall_in(real)), [np.zeros((0, 3))]
         for each in scene._moving_walls:
@@ -228,6 +222,8 @@ class PistonFeature(Feature):
                 wall[name] = each.record[name]
             wall.knots[:] += sum(map(len, tables))
             tables.append(each.knots)
+        margin = 0.0 if has_radii(scene) else scene.largest_radius
+        walls["margin"] = margin, -margin, margin, -margin
         return {"wall": walls, "knots": np.concatenate(tables)}
 
     def continued(self, scene: Scene, moment: Continuation) -> Any:
@@ -245,14 +241,8 @@ class PistonFeature(Feature):
             found.append(replace(piston, motion=piston.motion.seen_from(moment.time)))
         return check_piston(found, scene)
 
-    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {f"moving_wall.{name}": (each.dtype, each.shape) for name, each in self.arrays(scene, real).items()}
-
-    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        walls = arrays["moving_wall.wall"]
-        for name, each in self.arrays(scene, walls["limit"].dtype).items():
-            arrays[f"moving_wall.{name}"][...] = each
-        walls["margin"] = margin, -margin, margin, -margin
+    def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
+        return {f"moving_wall.{name}": each for name, each in self.walls(scene, real).items()}
 
     def begin(self, scene: Scene, arrays: dict[str, Any], dt: float, origin: tuple[int, float]) -> None:
         arrays["moving_wall.wall"]["dt"], arrays["moving_wall.wall"]["origin"] = dt, origin[1]

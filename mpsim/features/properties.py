@@ -6,12 +6,12 @@ import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import ACCELERATION, MASS, Column
 from mpsim.errors import InputError
-from mpsim.features.feature import Feature, Floats, PerDisc, Shapes
-from mpsim.kernels import records
+from mpsim.features.feature import Feature, Floats, PerDisc
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
@@ -45,7 +45,7 @@ def densest_packing(smallest: float, largest: float) -> float:
 
 
 class Radii(Feature):
-    """The argument `radius`. Grid and giants among the discs are the solver's: `mpsim.engine.feature_arrays`."""
+    """The argument `radius`. Its arrays, grid and giants are the solver's: `mpsim.engine.feature_arrays`."""
 
     argument = "radius"
     several: ClassVar[bool | None] = False
@@ -53,10 +53,6 @@ class Radii(Feature):
 
     def is_in(self, scene: Scene) -> bool:
         return has_radii(scene)
-
-    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        buffers = {f"{buffer}.radius": (real, (capacity + records.PADDING,)) for buffer in "ab"}
-        return {**buffers, "giants": (real, (1,))}
 
     def brief(self, scene: Scene) -> str:
         return ""
@@ -94,11 +90,8 @@ class Gravity(Feature):
     vectors: ClassVar[tuple[str, ...]] = ("gravity",)
     drives = "gravity"
 
-    def shapes(self, scene: Scene, capacity: int, real: np.dtype) -> Shapes:
-        return {"gravity": (real, (2,))}
-
-    def fill(self, scene: Scene, arrays: dict[str, Any], margin: float) -> None:
-        arrays["gravity"][:] = self.of(scene)
+    def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
+        return {"gravity": self.of(scene).astype(real)}
 
     def description(self, scene: Scene) -> str:
         x, y = self.of(scene)

@@ -91,7 +91,6 @@ def _demand_free_flight(scene: Any) -> None:
         "emitters": scene.emitters,
         "a piston": scene._moving_walls,
         "absorbing edges or removed discs": scene._loses_discs,
-        **{kind.not_exact: kind.not_exact for kind in kinds_of(scene.boundary)},
     }
     if found := [name for name, present in there.items() if present]:
         raise InputError(

@@ -24,7 +24,7 @@ from mpsim.features import FEATURES, PER_DISC
 from mpsim.features.absorption import check_edges
 from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.capsules import CapsuleIndex
-from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, kinds_of, wraps_of
+from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, wraps_of
 from mpsim.features.emitters import Emitter, check_emitters
 from mpsim.features.feature import Continuation, Deepest, Feature, given
 from mpsim.features.laws import Restitution, check_friction
@@ -302,8 +302,7 @@ class Scene(ReadOnly):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Smallest and largest centre coordinates of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
         low, high = self.walls_at(time)
-        walls = np.array([kind.has_walls for kind in kinds_of(self.boundary)])
-        margin = np.multiply.outer(np.asarray(radius), walls)
+        margin = np.multiply.outer(np.asarray(radius), ~np.array(self.periodic))
         return low + margin, high - margin
 
     def capsules_at(self, time: float) -> NDArray[np.float64]:

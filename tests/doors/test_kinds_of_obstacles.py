@@ -116,8 +116,6 @@ def test_a_kind_that_only_its_feature_knows_is_kept_or_refused_by_name(tmp_path,
 
     with pytest.raises(mpsim.InputError, match=r"obstacles of a scene file must each be a FixedDisc or .*; got a Peg"):
         scene_of([Peg(HERE[0], 0.25)]).save(tmp_path / "peg.toml")
-    with pytest.raises(mpsim.InputError, match="method='event' cannot do a Probe"):
-        mpsim.Simulation(scene, mpsim.Settings(method="event"))
     with pytest.raises(AssertionError, match="the twin does not know a Probe"):
         Twin(scene, method="grid")
 

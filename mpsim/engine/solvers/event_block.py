@@ -30,7 +30,7 @@ from mpsim.engine.workers.shared import ArraySpec, SharedBlock
 from mpsim.errors import InputError, StalledError
 from mpsim.features.baths import probability_of
 from mpsim.features.capsules import lists_of_cells
-from mpsim.features.edges import kinds_of
+from mpsim.features.edges import EDGES
 from mpsim.features.energy import gravity_strength, is_inelastic, thermal_speed
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.piston import PISTON
@@ -41,6 +41,7 @@ from mpsim.kernels.events import records, solver
 from mpsim.kernels.events.boundary import COARSE, Box
 from mpsim.kernels.events.cells import plan_cells
 from mpsim.kernels.events.features.hooks import features_of
+from mpsim.kernels.events.features.laws import ImpactFriction
 from mpsim.kernels.events.solver import worst_overlap
 from mpsim.kernels.features import collisions
 from mpsim.kernels.features.bodies import Bodies
@@ -79,9 +80,7 @@ def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
     refused = [
         stepped.LAWS[settings.law].not_exact,
         "precision='float32'" if settings.precision != "float64" else "",
-        *(kind.not_exact for kind in kinds_of(scene.boundary)),
-        *(feature.cannot_be_exact(scene) for feature in scene._features),
-        *(f"a {kind.__name__}" for kind in {*map(type, scene.obstacles)} - {*OBSTACLES.exact}),
+        *(feature.not_exact for feature in scene._features),
     ]
     for what in filter(None, refused):
         raise InputError(f"method='event' cannot do {what}. Leave it out, or use method='grid'.")
@@ -226,20 +225,32 @@ def refuse_overlap(system: tuple[Any, Any, Any], diameter: float) -> None:
 
 
 def given(scene: Scene, cells: tuple[int, int], dt: float, origin: Origin) -> dict[str, Any]:
-    """Arrays and records by their names in `hooks.Features`, for so many columns and rows of cells.
+    """Numbers, arrays and records by their names in `hooks.Features`, for so many columns and rows of cells.
 
     dt: length of a frame [time]. origin: from which frames and the clock count.
     """
-    found: dict[str, Any] = {"capsules": _capsules(scene, cells)} if OBSTACLES.arrays(scene) else {}
+    found: dict[str, Any] = {"capsules": _capsules(scene, cells)} if OBSTACLES.at_rest(scene) else {}
     if bodies := OBSTACLES.bodies(scene, margin=2 * scene.largest_radius):
         bodies["body"]["origin"] = origin.time
         found["bodies"] = Bodies(**bodies)
+    for name in ("restitution", "wall_restitution"):
+        if getattr(scene, name) < 1:
+            found[name] = getattr(scene, name)
+    for name in ("friction", "wall_friction"):
+        if getattr(scene, name) > 0:
+            found[name] = ImpactFriction(getattr(scene, name), scene.tangential_restitution)
+    if scene.gravity is not None:
+        found["gravity"] = tuple(scene.gravity.tolist())
+    if scene.absorbing:
+        found["absorbing"] = tuple(edge in scene.absorbing for edge in EDGES)
+    if (walls := scene.thermal_walls) is not None:
+        found["thermal_walls"] = walls.by_edge, walls.seed
     if (bath := scene.thermostat) is not None:
         found["thermostat"] = (probability_of(bath, dt), bath.temperature, bath.seed, origin.frame)
     if scene._moving_walls:
-        found["moving_wall"] = walls = MovingWalls(**PISTON.arrays(scene, np.float64))
+        found["moving_wall"] = moving = MovingWalls(**PISTON.walls(scene, np.float64))
         # Their clock begins with their motion: as long as that is 0, the bits are those of any time.
-        walls.wall["origin"], walls.wall["start"] = walls.wall["start"] - origin.time, 0.0
+        moving.wall["origin"], moving.wall["start"] = moving.wall["start"] - origin.time, 0.0
     return found
 
 
@@ -270,7 +281,7 @@ def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: N
 
 def _capsules(scene: Scene, cells: tuple[int, int]) -> Capsules:
     """The scene's capsules, listed by cells."""
-    arrays = OBSTACLES.arrays(scene)
+    arrays = OBSTACLES.at_rest(scene)
     lists, shift = lists_of_cells(arrays["capsule"], (scene.width, scene.height), scene.largest_radius, cells)
     around = arrays.get("around")
     return Capsules(arrays["capsule"], None, lists.near, lists.listed, lists.grid, None, around, shift)
@@ -414,7 +425,7 @@ def _check_links(scene: Scene, arrays: SolverState) -> None:
     demand(((partner >= -1) & (partner < count)).all(), "partners must be discs")
     meets = disc["collision_time"] < disc["crossing_time"]
     demand(((partner >= 0) & (partner != np.arange(count)))[meets].all(), "an impact must have a partner")
-    after_capsules = records.FIRST_CAPSULE + len(OBSTACLES.arrays(scene).get("capsule", ()))
+    after_capsules = records.FIRST_CAPSULE + len(OBSTACLES.at_rest(scene).get("capsule", ()))
     known = (side >= 0) & (side < after_capsules) & ((side <= records.TOP) | (side >= records.FIRST_CAPSULE))
     if scene._moving_walls:
         known |= np.isin(side, [records.LOOK, *(records.MOVING_WALL + wall.edge for wall in scene._moving_walls)])
@@ -488,7 +499,7 @@ class BlockPlan(NamedTuple):
         if self.logging:
             specs |= base.specs_of(count, self.workers if tiling != WHOLE else 1)
         if tiling != WHOLE:
-            laws = packed(self._box(count), features_of(self.scene, self._given(count)))
+            laws = packed(self._box(count), features_of(self._given(count)))
             specs |= specs_of(count, tiling, self.workers, shapes, laws)
         return SharedBlock(specs, alone=tiling == WHOLE or self.workers == 1)
 
@@ -519,10 +530,10 @@ class BlockPlan(NamedTuple):
 
     def system_in(self, block: SharedBlock) -> System:
         """What kernels take of a block."""
-        scene, arrays = self.scene, block.arrays
+        arrays = block.arrays
         store = stores.store_of(arrays)
         count = len(store.order)
-        box, features = self._box(count), features_of(scene, arrays | self._given(count))
+        box, features = self._box(count), features_of(arrays | self._given(count))
         features = features._replace(log=collisions.log_of(arrays, 0))
         if "tiles" in arrays:
             lay_out(arrays, self._tiling(count), box, self.dt, self.workers, packed(box, features))

@@ -3,8 +3,7 @@
 This file says where a centre can be, what lies beyond a border, whether a border is a wall, and what happens to a disc
 that leaves through it. The impact on a wall is in impacts.py. An axis has walls or is periodic, and an image is shifted
 along an axis, in position only: impacts.py, prediction.py and cells.py pass on `box.periodic_x` and `box.periodic_y` by
-name. A boundary whose images differ in more than position must change those files too; until then its `not_exact`
-(features/edges.py) refuses it here.
+name. A boundary whose images differ in more than position must change those files too.
 """
 
 from collections import namedtuple

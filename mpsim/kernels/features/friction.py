@@ -15,12 +15,11 @@ from mpsim.kernels.features.properties import accelerations_of, mass_fraction
 from mpsim.kernels.records import IMPACT, real
 
 FIELDS = {"friction": "friction", "wall_friction": "wall_friction", "spin": "spin"}
-"""friction, wall_friction: shape (SIZE,), of two discs, and of a disc with walls and capsules; elements as follows.
+"""friction, wall_friction: shape (2,), of two discs, and of a disc with walls and capsules; elements as follows.
 spin: shape (capacity,), by id, counter-clockwise [1/time]."""
 
 COEFFICIENT = 0  # mu [1]
 STICKING = 1  # change of the tangential velocity by a sticking contact, over the slip [1]
-SIZE = 2
 
 
 @inlined

@@ -1,7 +1,6 @@
 """Baths: a thermostat, and walls at a temperature."""
 
 import math
-from typing import Any
 
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.features.edges import is_absent
@@ -38,12 +37,6 @@ def heat(thermostat, i, particle, now, frame, store, features):
 # As `kernels/features/thermal_walls.py`, with the numbers of discs in the store, which are the same in tiles.
 
 
-def thermal_walls_of(scene: Any) -> tuple[tuple[float, ...], int] | None:
-    """Temperature of each edge (LEFT, ...), 0 where it is not thermal [mass length^2/time^2], and the seed; or None."""
-    walls = scene.thermal_walls
-    return None if walls is None else (walls.by_edge, walls.seed)
-
-
 @linked
 def redraw(thermal_walls, i, side, leaving, store, features):
     """Draw the velocity of disc i after its impact on `side`. Returns its speed inward, its change along the wall."""
@@ -66,4 +59,5 @@ def speed_off_wall(thermal_walls, i, side, leaving, store, features):
     return redraw(thermal_walls, i, side, leaving, store, features)
 
 
-FIELDS = {"thermostat": None, "thermal_walls": thermal_walls_of}
+FIELDS = ("thermostat", "thermal_walls")
+"""thermal_walls: kT of each edge (LEFT, ...), 0 where it is not thermal [mass length^2/time^2], and the seed."""

@@ -35,7 +35,7 @@ from mpsim.kernels.features.bodies import (
 from mpsim.kernels.features.capsules import nearest_offset, normal_of, surface_speed
 from mpsim.kernels.geometry import OWNER, RADIUS, concerns
 
-FIELDS = {"bodies": None}
+FIELDS = ("bodies",)
 
 MOST_STEPS = 64
 """Steps of one search: a contact takes some five, a near miss ten."""

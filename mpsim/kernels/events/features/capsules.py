@@ -11,10 +11,10 @@ from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.features.properties import component, radius_of
 from mpsim.kernels.events.flight import INFINITY, approach_of, time_to_circle, time_to_come_down, time_to_impact
 from mpsim.kernels.events.records import FIRST_CAPSULE
-from mpsim.kernels.features.capsules import surface_speed
+from mpsim.kernels.features.capsules import nearest_offset, surface_speed
 from mpsim.kernels.geometry import AX, AY, BX, BY, RADIUS, concerns
 
-FIELDS = {"capsules": None}
+FIELDS = ("capsules",)
 
 
 # --- when a disc meets one ----------------------------------------------------------------------------------------
@@ -133,19 +133,6 @@ def before_border(capsules, i, store, box, features):
 
 
 @inlined
-def nearest_offset(x, y, capsule, k):
-    """From the nearest point of segment k to (x, y)."""
-    along_x, along_y = capsule[k, BX] - capsule[k, AX], capsule[k, BY] - capsule[k, AY]
-    rx, ry = x - capsule[k, AX], y - capsule[k, AY]
-    squared = along_x * along_x + along_y * along_y
-    fraction = (rx * along_x + ry * along_y) / squared if squared > 0.0 else 0.0
-    if fraction >= 1.0:
-        return x - capsule[k, BX], y - capsule[k, BY]
-    fraction = max(fraction, 0.0)
-    return rx - fraction * along_x, ry - fraction * along_y
-
-
-@inlined
 def surface(capsules, i, side, store, box, features):
     """The obstacle that disc i, whose stored state is current, has met; see `hooks.surface`."""
     if capsules is None:
@@ -154,7 +141,7 @@ def surface(capsules, i, side, store, box, features):
         return False, 0.0, 0.0, 0.0, 0.0, 0.0, -1
     disc = store.disc[i]
     k = side - FIRST_CAPSULE
-    rx, ry = nearest_offset(disc.position[0], disc.position[1], capsules.capsule, k)
+    rx, ry, _ = nearest_offset(disc.position[0], disc.position[1], capsules.capsule, k)
     distance = math.sqrt(rx * rx + ry * ry)
     if is_container(capsules.around, capsules.capsule, k):
         distance = -distance

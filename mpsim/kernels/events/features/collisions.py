@@ -9,7 +9,7 @@ from mpsim.kernels.events.features.properties import mass_of, radius_of
 from mpsim.kernels.events.records import MOVING_WALL, counts
 from mpsim.kernels.features.collisions import DISC, OBSTACLE, WALL, write
 
-FIELDS = {"log": None}
+FIELDS = ("log",)
 """log: of `collision_log`. Its numbers of discs are those of `event.number`."""
 
 

@@ -1,7 +1,5 @@
 """Walls that move, and edges that absorb discs."""
 
-from typing import Any
-
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked
@@ -13,13 +11,6 @@ from mpsim.kernels.features import piston as motion
 from mpsim.kernels.features.bodies import OSCILLATION
 
 # --- Edges that absorb discs: a disc that touches one stays there, at rest, in no cell, and has no further event
-
-EDGES = ("left", "right", "bottom", "top")
-
-
-def absorbing_of(scene: Any) -> tuple[bool, ...] | None:
-    """For each edge (LEFT, ...), whether it absorbs; None for a scene without such edges."""
-    return tuple(edge in scene.absorbing for edge in EDGES) if scene.absorbing else None
 
 
 @inlined
@@ -136,4 +127,5 @@ def surface(moving_wall, i, side, now, store, box, features):
     return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, 0.0, edge
 
 
-FIELDS = {"absorbing": absorbing_of, "exits": None, "moving_wall": None, "crushing_speed": None}
+FIELDS = ("absorbing", "exits", "moving_wall", "crushing_speed")
+"""absorbing: for each edge (LEFT, ...), whether it absorbs."""

@@ -10,7 +10,7 @@ import math
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events import flight
 
-FIELDS = {"expansion": None}
+FIELDS = ("expansion",)
 """expansion [1/time]: growth of each radius, as a fraction of that at the start."""
 
 LEAST = 2.0**-10

@@ -4,8 +4,8 @@ Callers pass `features` and know no single feature. A new one is a file with its
 line at each point where it acts. A function that acts there takes its own field first, so that it compiles to nothing
 if the field is None.
 
-FIELDS of a feature are those of `Features`: for each name, the function that computes its number, or a tuple of
-several, from a scene; or None if the caller gives it, as an array of the block with a row for each disc, or a number.
+FIELDS of a feature are its names in `Features`: arrays of the block with a row for each disc, and what
+`engine/solvers/event_block.py` gives.
 """
 
 from collections import namedtuple
@@ -27,10 +27,9 @@ BARE = Features(*[None] * len(Features._fields))
 """Of a scene without features."""
 
 
-def features_of(scene: Any, given: Mapping[str, Any]) -> Any:
-    """The `Features` of a scene, whose attributes are those of `mpsim.Scene`; given: arrays and numbers by name."""
-    sources = {name: source for feature in FEATURES for name, source in feature.FIELDS.items()}
-    return Features(**{name: source(scene) if source else given.get(name) for name, source in sources.items()})
+def features_of(given: Mapping[str, Any]) -> Any:
+    """The `Features` of a scene, from its arrays and numbers by name; others are left out."""
+    return Features(*map(given.get, Features._fields))
 
 
 # --- what a feature may answer ------------------------------------------------------------------------------------

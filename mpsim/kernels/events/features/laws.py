@@ -1,7 +1,7 @@
 """Laws of an impact: restitution, and friction."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.properties import component, mass_of, radius_of
@@ -18,16 +18,6 @@ class ImpactFriction(NamedTuple):
 
     coefficient: float
     tangential_restitution: float
-
-
-def friction_of(scene: Any) -> ImpactFriction | None:
-    """Of two discs."""
-    return ImpactFriction(scene.friction, scene.tangential_restitution) if scene.friction > 0 else None
-
-
-def wall_friction_of(scene: Any) -> ImpactFriction | None:
-    """Of a disc and a wall."""
-    return ImpactFriction(scene.wall_friction, scene.tangential_restitution) if scene.wall_friction > 0 else None
 
 
 @inlined
@@ -108,16 +98,6 @@ def on_wall(wall_friction, i, axis, inward, normal_change, store, box, features)
 # McNamara, Granular Matter 1, 113, 1998). `counter.guarded` counts how often.
 
 
-def restitution_of(scene: Any) -> float | None:
-    """Of two discs."""
-    return scene.restitution if scene.restitution < 1 else None
-
-
-def wall_restitution_of(scene: Any) -> float | None:
-    """Of a disc and a wall."""
-    return scene.wall_restitution if scene.wall_restitution < 1 else None
-
-
 @inlined
 def effective_restitution(restitution, last_contact, now, contact_time, store):
     """The restitution of one impact, 1 if the guard acts."""
@@ -161,11 +141,5 @@ def fast_enough(speed, pull, contact_time, store):
     return speed
 
 
-FIELDS = {
-    "friction": friction_of,
-    "wall_friction": wall_friction_of,
-    "spin": None,
-    "restitution": restitution_of,
-    "wall_restitution": wall_restitution_of,
-    "contact_time": None,
-}
+FIELDS = ("friction", "wall_friction", "spin", "restitution", "wall_restitution", "contact_time")
+"""friction, wall_friction: `ImpactFriction` > 0. restitution, wall_restitution: < 1."""

@@ -1,7 +1,5 @@
 """Radii, masses, counts of periods: one for each disc; and gravity."""
 
-from typing import Any
-
 from mpsim.kernels.compiling import inlined, value_or
 from mpsim.kernels.events.records import mixed
 
@@ -24,11 +22,6 @@ def through_border(image, i, axis, direction):
 
 
 # --- Gravity: one acceleration for all discs, so that their relative motion stays uniform
-
-
-def gravity_of(scene: Any) -> tuple[float, float] | None:
-    """(gx, gy) [length/time^2]."""
-    return None if scene.gravity is None else tuple(scene.gravity.tolist())
 
 
 @inlined
@@ -54,4 +47,5 @@ def mass_of(i, features):
     return value_or(features.mass, i, 1.0)
 
 
-FIELDS = {"image": None, "gravity": gravity_of, "radius": None, "mass": None}
+FIELDS = ("image", "gravity", "radius", "mass")
+"""gravity: (gx, gy) [length/time^2]."""
