@@ -13,7 +13,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PosixPath
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -162,11 +162,16 @@ def write_film(path: str | os.PathLike[str], images: Iterable[Image.Image], rate
     """
     if Path(path).suffix.lower() == ".mp4":
         _write_mp4(path, iter(images), rate, instead)
-        return
+    else:
+        write_gif(path, images, rate)
+
+
+def write_gif(file: str | os.PathLike[str] | IO[bytes], images: Iterable[Image.Image], rate: float) -> None:
+    """Write images, at least one, as a GIF at a rate [1/s]."""
     every = list(images)
     palette = shared_palette(every)
     first, *rest = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in every)
-    first.save(path, format="GIF", save_all=True, append_images=rest, duration=int(1000 / rate), loop=0)
+    first.save(file, format="GIF", save_all=True, append_images=rest, duration=int(1000 / rate), loop=0)
 
 
 def shared_palette(images: list[Image.Image]) -> Image.Image:

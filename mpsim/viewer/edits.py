@@ -15,9 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.machine import usable_cores
 from mpsim.engine import parameters
-from mpsim.engine.changes import hindrance
 from mpsim.engine.checkpoint import Snapshot
 from mpsim.engine.room import make_room
 from mpsim.engine.simulation import Simulation
@@ -26,10 +24,7 @@ from mpsim.errors import BusyError, InputError
 from mpsim.features.capsules import of_discs, shifted
 from mpsim.features.obstacles import Obstacle, Polyline, capsules_of
 from mpsim.features.properties import has_masses, has_radii
-from mpsim.kernels import records
-from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import CONTACTS
 from mpsim.viewer.comparison import Mark
 from mpsim.viewer.protocol import DISC, Action, command, number, one_of
 
@@ -79,13 +74,12 @@ class Sliders:
         scene, self._dt = sim.journal.scene, sim.journal.settings.dt
         self._first = {name: value_of(scene) for name, value_of in VALUES.items()}
         self._gravity = longest_gravity(scene)
-        self._cores = usable_cores()
 
     def of(self, sim: Simulation) -> list[dict[str, Any]]:
-        """Name, value and range of each slider, as sent to pages. The range is `low` and `high`, or `choices`.
+        """Name, value and range of each slider, as sent to pages.
 
         log: whether the scale is logarithmic. whole: whether only whole numbers can be chosen. The value of gravity is
-        (x, y), and its `high` is the length of the longest arrow.
+        (x, y), each of which has a slider.
         """
         return [*self._of_scene(sim), *self._of_settings(sim)]
 
@@ -97,18 +91,13 @@ class Sliders:
                 f"{name} must be a parameter that the page offers here, one of {', '.join(offered)}; got "
                 f"{checks.brief(value)}. Use Simulation.change in a program."
             )
-        ends, remedy = offered[name], "Use the slider, or Simulation.change in a program."
-        given = value if isinstance(value, list) else [value]
-        if not all(isinstance(each, int | float) for each in given):
-            return  # a word, which the simulation checks
-        if name == "gravity":
-            if len(given) == len("xy") and math.hypot(*given) > ends["high"] * (1 + ROUNDING):
-                raise InputError(f"gravity must be at most {ends['high']:g} here; got {checks.brief(value)}. {remedy}")
-            return
-        low, high = ends.get("low", -math.inf), ends.get("high", math.inf)
-        for each in given:
+        low, high = offered[name]["low"], offered[name]["high"]
+        for each in value if isinstance(value, list) else [value]:
             if not low - ROUNDING * abs(low) <= each <= high + ROUNDING * abs(high):
-                raise InputError(f"{name} must be from {low:.4g} to {high:.4g} here; got {each:g}. {remedy}")
+                raise InputError(
+                    f"{name} must be from {low:.4g} to {high:.4g} here; got {each:g}. Use the slider, or "
+                    "Simulation.change in a program."
+                )
 
     def _of_scene(self, sim: Simulation) -> Iterator[dict[str, Any]]:
         for name, value_of in VALUES.items():
@@ -116,7 +105,8 @@ class Sliders:
             if value is None or first is None:
                 continue
             if name == "gravity":
-                yield {"name": name, "value": value, "high": self._gravity}
+                largest = max(self._gravity, *map(abs, value))
+                yield {"name": name, "value": value, "low": -largest, "high": largest, "log": False, "whole": False}
             elif name.endswith("restitution"):
                 if sim.settings.law == "elastic":
                     yield _slider(name, value, 0.0, 1.0)
@@ -129,11 +119,8 @@ class Sliders:
         settings = sim.settings
         yield _slider("dt", settings.dt, self._dt / DECADE, self._dt * DECADE, log=True)
         if capabilities_of(settings).has_steps:
-            yield {"name": "contact", "value": settings.contact, "choices": list(records.CONTACTS)}
             yield _slider("passes", settings.passes, 1, MOST_PASSES, whole=True)
             yield _slider("substeps", settings.substeps, 1, MOST_SUBSTEPS, whole=True)
-        if settings.method == "parallel":
-            yield _slider("workers", settings.workers or self._cores, 1, self._cores, whole=True)
 
 
 def _slider(name: str, value: float, low: float, high: float, log: bool = False, whole: bool = False) -> dict[str, Any]:
@@ -142,7 +129,7 @@ def _slider(name: str, value: float, low: float, high: float, log: bool = False,
 
 
 def longest_gravity(scene: Scene) -> float:
-    """Length of the longest arrow for gravity, rounded up to 1, 2 or 5 times a power of ten [length/time^2].
+    """Largest gravity along x and y that a page offers, 1, 2 or 5 times a power of ten [length/time^2].
 
     It is twice the gravity of the scene. Without gravity it is 2 v^2 / height, with v the root mean square speed. This
     is strong enough to keep most discs in the lower part of the box.
@@ -166,8 +153,6 @@ MOST_ADDED, MOST_WALLS = 10_000, 1000
 """Discs and walls that pages may add to one simulation, moved walls included: all walls are sent again with each."""
 
 MOST_MOMENTS, MOST_BYTES = 16, 2**28  # largest number and size of the moments of undo; the oldest ones are forgotten
-MOST_PLACES = 100  # largest number of places in the command `stroke`
-MOST_WHOLE = 10**9  # largest absolute value of a whole number from a page
 THICKNESS = 0.5  # thickness of a drawn wall, in radii of the median disc: wide enough for a projector
 REFUSALS = (InputError, BusyError)  # errors that leave the simulation as it was; the page shows a note
 
@@ -177,26 +162,11 @@ Key = tuple[str, Any]  # a gesture: its command, and the disc that is held or th
 
 
 def _parameter_value(name: str, value: Any) -> Any:
-    """Check a number, a pair of numbers, or a word. The simulation checks which of them the parameter takes."""
+    """Check a number or a pair of numbers. The simulation checks which of them the parameter takes."""
     if isinstance(value, list) and len(value) == 2:
         return [number(name, each) for each in value]
-    if isinstance(value, str):
-        return checks.choice(name, value, CONTACTS)
-    if isinstance(value, int) and not isinstance(value, bool):
-        return checks.whole(name, value, -MOST_WHOLE, MOST_WHOLE, "Send a smaller one.")
-    return number(name, value)
-
-
-def _places(name: str, value: Any) -> list[list[float]]:
-    if (
-        not isinstance(value, list)
-        or not 1 <= len(value) <= MOST_PLACES
-        or not all(isinstance(each, list) and len(each) == 2 for each in value)
-    ):
-        raise InputError(
-            f"{name} must be a list of 1 to {MOST_PLACES} places, each [x, y]; got {checks.brief(value)}. Send others."
-        )
-    return [[number(name, each) for each in place] for place in value]
+    checked = number(name, value)
+    return value if isinstance(value, int) else checked
 
 
 class Moment(NamedTuple):
@@ -346,18 +316,6 @@ class Interactions:
                 sim.add((x, y), (0.0, 0.0), **own)
             self._added += 1
 
-    @command(places=_places, same=checks.truth)
-    def do_stroke(self, sim: Simulation, places: list[list[float]], same: bool) -> None:
-        """Add discs at the free ones of several places."""
-        own = _own_of_new(sim)
-        free = _free(sim, np.array(places), own.get("radius", sim.scene.largest_radius))[: MOST_ADDED - self._added]
-        self._demand_more()
-        if len(free):
-            with self._gesture(("add", None), same):
-                each: dict[str, Any] = {name: np.full(len(free), value) for name, value in own.items()}
-                sim.add(free, np.zeros_like(free), **each)
-                self._added += len(free)
-
     @command(id=DISC, same=checks.truth)
     def do_remove(self, sim: Simulation, id: int, same: bool) -> None:
         """Remove a disc."""
@@ -462,19 +420,3 @@ def _own_of_new(sim: Simulation) -> dict[str, Any]:
     if has_masses(sim.scene):
         own["mass"] = _typical(sim.masses, sim.absorbed)
     return own
-
-
-def _free(sim: Simulation, places: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """The free ones of several places, shape (K, 2), if discs of this radius are put at them one after the other."""
-    state, lengths = sim.state, lengths_of(sim.scene)
-    middle = places[len(places) // 2]
-    reach = np.hypot(*to_nearest_image(places - middle, lengths).T).max() + radius + sim.radii.max(initial=0)
-    near = np.hypot(*to_nearest_image(state.position.astype(np.float64) - middle, lengths).T) < reach
-    near &= state.present
-    taken, radii, found = state.position[near].astype(np.float64), sim.radii[near], list[NDArray[np.float64]]()
-    for place in places:
-        apart = np.hypot(*to_nearest_image(taken - place, lengths).T)
-        if (apart >= radii + radius).all() and not hindrance(sim.scene, sim.time, radii, "place", place, radius):
-            taken, radii = np.vstack([taken, place]), np.append(radii, radius)
-            found.append(place)
-    return np.reshape(found, (-1, 2))

@@ -1,4 +1,4 @@
-"""Files to download from a view: a film, the session, the present scene, a program."""
+"""Files to download from a view: a film, the session, a program."""
 
 import dataclasses
 import importlib
@@ -19,9 +19,8 @@ from PIL import Image
 from mpsim.engine.journal import Journal
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
-from mpsim.features import FEATURES
-from mpsim.features.feature import Continuation, chosen
-from mpsim.output.animation import DPI, image_of, write_film
+from mpsim.features.feature import chosen
+from mpsim.output.animation import DPI, image_of, write_gif
 from mpsim.output.drawing import PAGE, ColourScale, MovingDiscs
 from mpsim.scene import scenefile, settings
 from mpsim.scene.scene import Scene
@@ -36,7 +35,7 @@ class Download(NamedTuple):
     kind: str
 
 
-# --- A film of the latest pictures of a view, as GIF or MP4
+# --- A film of the latest pictures of a view, as GIF
 #
 # Two stages are drawn side by side. Each picture shows the walls as they were at its time.
 
@@ -82,26 +81,22 @@ class Film:
         return list(self._kept)
 
 
-FILMS: Mapping[str, str] = {"film.gif": "image/gif", "film.mp4": "video/mp4"}
-"""Media types of films, by the name that a browser requests."""
+FILM = "film.gif"  # the name that a browser requests
 
 
-def film(pictures: Sequence[SentPicture], scene: Scene, name: str) -> Download:
-    """A film that is named as in FILMS, of every n-th picture, so that drawing takes a few seconds at most.
+def film(pictures: Sequence[SentPicture], scene: Scene) -> Download:
+    """A film of every n-th picture, so that drawing takes a few seconds at most.
 
     Raises:
         InputError: if there are no pictures.
-        OutputError: if ffmpeg is missing or fails.
     """
     if not pictures:
         raise InputError("a film needs pictures; got none yet. Show the simulation in the page first.")
     each = max(sum(len(stage.packed) for stage in pictures[-1].stages) // 5, 1)
     step = -(-len(pictures) * each // MOST_DISCS)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, name)
-        images = _drawn(pictures[::step], scene)
-        write_film(path, images, PICTURES_A_SECOND / step, "take the film as a GIF")
-        return Download(path.read_bytes(), FILMS[name])
+    content = io.BytesIO()
+    write_gif(content, _drawn(pictures[::step], scene), PICTURES_A_SECOND / step)
+    return Download(content.getvalue(), "image/gif")
 
 
 def _drawn(pictures: Sequence[SentPicture], scene: Scene) -> Iterator[Image.Image]:
@@ -124,7 +119,7 @@ def _drawn(pictures: Sequence[SentPicture], scene: Scene) -> Iterator[Image.Imag
         yield image_of(figure)
 
 
-# --- The session, the present scene, a program
+# --- The session, a program
 #
 # They are made in memory, or in a temporary folder that is removed before the answer is sent. No name from a page ever
 # becomes a path.
@@ -136,14 +131,13 @@ MOST_WRITTEN_OUT = 2000
 
 def session(sim: Simulation, name: str) -> Download:
     """A zip archive of the journal, session.toml, and its scene file. `Simulation.replay` runs it again."""
-    return _zipped(lambda folder: sim.journal.save(folder / "session.toml"))
-
-
-def scene_now(sim: Simulation, name: str) -> Download:
-    """A zip archive of a scene file that starts from the present state, with the present settings."""
-    found, settings = _continuing(sim), dataclasses.replace(sim.settings, workers=None)
-    title = f"{name or 'A simulation'} at time {sim.time:g}"
-    return _zipped(lambda folder: scenefile.save(found, folder / "scene.toml", settings, title))
+    archive = io.BytesIO()
+    with tempfile.TemporaryDirectory(prefix="mpsim-view-") as folder:
+        sim.journal.save(Path(folder, "session.toml"))
+        with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+            for path in sorted(Path(folder).iterdir()):
+                file.write(path, path.name)
+    return Download(archive.getvalue(), "application/zip")
 
 
 def program(sim: Simulation, name: str) -> Download:
@@ -157,47 +151,9 @@ def program(sim: Simulation, name: str) -> Download:
 
 FILES: Mapping[str, Callable[[Simulation, str], Download]] = {
     "session.zip": session,
-    "scene.zip": scene_now,
     "program.py": program,
 }
-"""What can be downloaded besides films, by the name that a browser requests."""
-
-
-def _zipped(write: Callable[[Path], object]) -> Download:
-    archive = io.BytesIO()
-    with tempfile.TemporaryDirectory(prefix="mpsim-view-") as folder:
-        write(Path(folder))
-        with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
-            for path in sorted(Path(folder).iterdir()):
-                file.write(path, path.name)
-    return Download(archive.getvalue(), "application/zip")
-
-
-# --- the scene of this moment
-
-
-def _continuing(sim: Simulation) -> Scene:
-    """A scene that starts from the present state: with the discs that were added, without absent ones."""
-    scene, state = sim.scene, sim.state
-    if sim.count == scene.count:
-        return scene.starting_from(state, sim.time)
-    if scene.acceleration is not None:
-        raise InputError(
-            "a scene file of this moment needs the acceleration of each disc, which is unknown for discs that were "
-            "added. Download the session, which has everything."
-        )
-    here, moment = state.present, Continuation(scene._box_at(sim.time), sim.time)
-    values = _arguments(scene) | {
-        each.argument: each.continued(scene, moment) for each in FEATURES if each.is_in(scene)
-    }
-    values |= {
-        "position": state.position[here].astype(np.float64),
-        "velocity": state.velocity[here].astype(np.float64),
-        "radius": sim.radii[here] if np.ndim(scene.radius) else scene.radius,
-        "mass": None if scene.mass is None else sim.masses[here],
-        "spin": None if state.spin is None else state.spin[here].astype(np.float64),
-    }
-    return Scene(**values)
+"""What can be downloaded besides the film, by the name that a browser requests."""
 
 
 def _arguments(scene: Scene) -> dict[str, Any]:

@@ -14,13 +14,10 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features.energy import (
     adds_discs,
-    has_body_force,
     has_losses,
     is_heated,
     removes_discs,
 )
-from mpsim.kernels.records import PHASES
-from mpsim.measure import reference, temperature
 from mpsim.measure.observables import has_periodic_field
 from mpsim.measure.registry import refusal
 from mpsim.measure.statistics import Measure, ratio_average
@@ -63,22 +60,6 @@ class MeanPressure:
         return ratio_average(totals, frames) if totals.any() else Measure(math.nan, math.nan, 0, settled=False)
 
 
-def bulk_pressure(state: State, scene: Scene) -> float:
-    """The pressure from the equation of state, at the packing and temperature of a state [mass/time^2].
-
-    NaN where the equation does not hold: under gravity, for several sizes of discs, and above the packing of the fluid.
-    """
-    x_low, x_high, y_low, y_high = scene.box if state.box is None else state.box
-    area, count = (x_high - x_low) * (y_high - y_low), int(state.present.sum())
-    if has_body_force(scene) or scene.smallest_radius < scene.largest_radius:
-        return math.nan
-    try:
-        packing = count * math.pi * scene.largest_radius**2 / area
-        return count * temperature(state, scene) / area * reference.compressibility(packing)
-    except InputError:
-        return math.nan
-
-
 # --- The gauges beside the picture: measures of the present state, and rates of the run
 #
 # A number that is not known yet, or has no meaning for the scene, is NaN or None; the page shows a dash.
@@ -92,7 +73,7 @@ FEWEST = 20  # least number of discs for which the speeds are compared with Maxw
 
 
 class Meter:
-    """Counts the runs of a simulation: rates since the last reading, collisions since the start, pressure and overlap.
+    """Counts the runs of a simulation: frames a second, collisions since the start, pressure and overlap.
 
     The last two need another kernel and make frames slower, so they are counted only on request.
 
@@ -125,9 +106,8 @@ class Meter:
         self.collisions += len(table)
 
     def start(self, now: float) -> None:
-        """Start the clock of the rates afresh: the time before now does not count, because nothing ran."""
-        self._since, self._frames, self._seconds, self._contacts = now, 0, 0.0, 0
-        self._phases: NDArray[np.float64] = np.zeros((len(PHASES), 0))
+        """Start the clock of the frame rate afresh: the time before now does not count, because nothing ran."""
+        self._since, self._frames = now, 0
 
     def forget(self) -> None:
         """Count pressure and overlap afresh."""
@@ -146,36 +126,23 @@ class Meter:
     def note(self, report: Report) -> None:
         """Add the report of a run."""
         self._frames += report.frames
-        self._seconds += float(report.frame_seconds.sum())
-        self._contacts += report.collisions
         if self.log is None:
             self.collisions += report.collisions
-        phases = np.stack([report.phase_seconds[name].sum(axis=0) for name in PHASES])
-        self._phases = self._phases + phases if self._phases.shape == phases.shape else phases
         self._pressure.note(report)
         if "largest_overlap" in report.measures:
             self._overlap = float(np.fmax(self._overlap, report.measures["largest_overlap"].value))
 
-    def read(self, count: int, now: float) -> dict[str, Any]:
-        """The numbers by name, for `protocol.text_of`; count: number of discs.
+    def read(self, now: float) -> dict[str, Any]:
+        """The numbers by name, for `protocol.text_of`.
 
-        frames_per_second, collisions_per_second: in real time, which includes waiting for the next frame [1/s].
-        nanoseconds: computing time of a frame divided by the number of discs, without waiting [ns].
-        workers: the fraction of its time that each spent in each phase, the last of which is waiting; None if nothing
-        ran. pressure: NaN for few frames [mass/time^2]. largest_overlap: in diameters.
+        frames_per_second: in real time, which includes waiting for the next frame [1/s].
+        pressure: NaN for few frames [mass/time^2]. largest_overlap: in diameters.
         """
-        passed, frames, seconds, contacts = now - self._since, self._frames, self._seconds, self._contacts
-        phases, total = self._phases, float(self._phases.sum())
+        passed, frames = now - self._since, self._frames
         self.start(now)
-        ran, spent = frames > 0 and passed > 0, total > 0
         pressure, enough = self._pressure.read(), self._pressure.frames >= FEWEST_FRAMES
         return {
-            "frames_per_second": frames / passed if ran else math.nan,
-            "collisions_per_second": contacts / passed if ran else math.nan,
-            "nanoseconds": seconds * 1e9 / (frames * count) if ran and count else math.nan,
-            "phases": PHASES,
-            "workers": (phases / np.maximum(phases.sum(axis=0), 1e-12)).T.copy() if spent else None,
-            "waiting": float(phases[-1].sum()) / total if spent else math.nan,
+            "frames_per_second": frames / passed if frames and passed > 0 else math.nan,
             "collisions": self.collisions,
             "with_walls": self.log is not None,
             "counting": self.counting,

@@ -292,7 +292,7 @@ class Playback(Source):
         if gauges:
             with self._readings.used(self._index, now):
                 self._broadcast.scale = scale_of(state)
-                numbers = self._gauges.of(state) | Meter().read(0, 0.0)  # nothing runs, so there are no rates
+                numbers = self._gauges.of(state) | Meter().read(0.0)  # nothing runs, so there is no rate
                 self._broadcast.tell("gauges", {"frame": discs.frame, "time": discs.time, **numbers})
         if picture:
             with self._wake:

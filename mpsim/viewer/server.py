@@ -22,7 +22,7 @@ from typing import Any
 
 from mpsim.core.late import imported
 from mpsim.errors import InputError, MpsimError, ResourceError
-from mpsim.viewer import export, share_url
+from mpsim.viewer import export
 from mpsim.viewer.protocol import MOST_BYTES, Action, SentPicture, read_action
 from mpsim.viewer.source import Source
 
@@ -185,7 +185,7 @@ MOST_A_SECOND, BURST = 200.0, 400.0
 for each key press."""
 
 ORDER = (
-    "scene", "obstacles", "status", "compiling", "timeline", "gauges", "hands", "link", "colours", "pair", "pass",
+    "scene", "obstacles", "status", "compiling", "timeline", "gauges", "hands", "link", "colours", "pair",
 )  # fmt: skip
 """Kinds of messages. Waiting messages are sent in this order."""
 
@@ -406,14 +406,14 @@ class Pages(ABC):
 
     async def _made(self, name: str) -> export.Download:
         """A file of what is shown, or raise Refusal if none has this name, or it cannot be made now."""
-        if name not in export.FILMS and name not in export.FILES:
+        if name != export.FILM and name not in export.FILES:
             raise Refusal(404, f"There is no {name[:40]!r} to keep.")
         self._making = [each for each in self._making if not each.done()]
         if len(self._making) >= MOST_FILES:
             raise Refusal(503, f"At most {MOST_FILES} files are made at a time. Try again.")
         try:
-            if name in export.FILMS:
-                making = self._drawing.submit(export.film, self._film.pictures(), self.source.scene, name)
+            if name == export.FILM:
+                making = self._drawing.submit(export.film, self._film.pictures(), self.source.scene)
             else:
                 making = self.source.export(name)
             self._making.append(making)
@@ -431,9 +431,6 @@ class Pages(ABC):
 
 SOCKET = "socket"  # name that a page requests to open its WebSocket
 KEEP = "keep/"  # prefix of the names of files to download
-
-LINK = "link"
-"""Name that a page requests, with a link as the query, to have the link checked and written in its standard form."""
 
 OPEN_SECONDS, CLOSE_SECONDS, PING_SECONDS = 10, 1, 20
 """Time limits of the opening and of the closing handshake, and the time between two pings [s]."""
@@ -515,9 +512,6 @@ class Server(Pages):
             if name == SOCKET:
                 self._admission.demand_own_page(request.headers)
                 return None
-            if name == LINK:
-                asked = await asyncio.to_thread(share_url.checked, share_url.query_of(request.path))
-                return self._response(asked)
             if name.startswith(KEEP):
                 kept = await self._made(name.removeprefix(KEEP))
                 return self._response(kept.content, kept.kind)
@@ -525,8 +519,6 @@ class Server(Pages):
                 raise Refusal(404, f"There is no {name[:40]!r} here.")
         except Refusal as refusal:
             return self._response(str(refusal), status=refusal.status)
-        except MpsimError as error:  # of a link
-            return self._response(str(error), status=409)
         return self._response(file.content, file.kind, host=request.headers["Host"])
 
     def _response(self, content: str | bytes, kind: str = TEXT, status: int = 200, host: str = "") -> Any:

@@ -17,17 +17,16 @@ from mpsim.core import checks
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation, read_in_place
 from mpsim.engine.solvers.base import InPlace, in_place
-from mpsim.engine.solvers.grid import Pass, next_frame_in_passes
 from mpsim.engine.solvers.methods import in_one_process
 from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.viewer import export, share_url
-from mpsim.viewer.colouring import CHOICES, Colouring, scale_of
+from mpsim.viewer.colouring import OwnColours, scale_of
 from mpsim.viewer.comparison import Comparison
 from mpsim.viewer.edits import Interactions, Moment
-from mpsim.viewer.gauges import Gauges, Meter, bulk_pressure
-from mpsim.viewer.protocol import Action, command, one_of, whole
+from mpsim.viewer.gauges import Gauges, Meter
+from mpsim.viewer.protocol import Action, command, whole
 from mpsim.viewer.share_url import Link
 from mpsim.viewer.source import LOOK, MOST_STEPS, TURN, Source, TimeBudget, first_speed
 
@@ -65,7 +64,7 @@ def _text(name: str, value: Any) -> str:
 
 
 class Session(Source):
-    """Runs and shows one simulation, or a scene, also one of a link, that can be restarted.
+    """Runs and shows one simulation, or a scene, also one of a link, which can be restarted.
 
     A simulation stays with its owner; those of a scene are made and closed here. The arguments are those of
     `mpsim.view`.
@@ -104,19 +103,20 @@ class Session(Source):
         self._run = 0
         self._edits = Interactions(self._owned, self._moment, self._back)
         self._comparison = Comparison(beside)
-        self._passes: list[Pass] = []  # of the next frame, while one of them is shown
-        self._pass = 0
         self._meter = Meter()
-        self._marked: Moment | None = None  # which the user has marked
         self._gauges: Gauges | None = None
         self._told_dt: float | None = None
-        self._colouring = Colouring(colour)
+        self._own_colours = OwnColours(colour)
         self._last: object = None  # moment of the last observation
         self._pictures = TimeBudget(PICTURE_SECONDS)
         self._readings = TimeBudget(GAUGE_SECONDS)
         self._comparisons = TimeBudget(COMPARISON_SECONDS)
         if isinstance(source, Link):
-            self._take(source)
+            self._name, self._has_link = source.scene, True
+            self._settings, self._parameters = in_one_process(source.settings, "a view"), source.changed
+            self._redraw(source.seed)
+            self._comparison.choose(source.beside)
+            self._rate.speed = first_speed(frames_between_pictures(self.scene, self._settings))
 
     @property
     def _simulation(self) -> Simulation:
@@ -148,32 +148,20 @@ class Session(Source):
         state = sim.state
         self._gauges, self._broadcast.scale = Gauges(self.scene, state, self._settings.law), scale_of(state)
         self._meter.begin(sim, from_start=self._owned)
-        self._colouring.begin()
         self._pictures.done = self._readings.done = None
         self._broadcast.forget_radii()
         self._edits.begin(sim)
-        self._passes = []
-        self._marked = None
         if self._owned:
             self._comparison.begin(self.scene, self._settings)
             self._follow_changes()
         self._resume()
         self._tell_comparison()
-        self._tell_pass()
         self._broadcast.tell_if_new("hands", self._edits.told(sim))
         self._tell_link()
 
     def _restart(self) -> None:
         self._begin()
         self._tell_scene(self._phase)
-
-    def _take(self, link: Link) -> None:
-        """Take the scene and settings of a link; they apply from the next restart on."""
-        self._given, self._name, self._has_link = link.given, link.scene, True
-        self._settings, self._parameters = link.settings, link.changed
-        self._redraw(link.seed)
-        self._comparison.choose(link.beside)
-        self._rate.speed = first_speed(frames_between_pictures(self.scene, link.settings))
 
     def _resume(self) -> None:
         """Start the clocks afresh: the time before now does not count."""
@@ -220,7 +208,6 @@ class Session(Source):
         frames = self._rate.due(now) if self._playing else min(self._steps, 1)
         if not frames:
             return
-        self._close_passes()
         if self._edits.hold_still(self._simulation, time.perf_counter()):
             self._changed()
         self._run_frames(frames)
@@ -229,7 +216,7 @@ class Session(Source):
 
     def _run_frames(self, frames: int) -> None:
         sim, looks = self._simulation, self._rate.frames_between_looks
-        logs = [log for log in (self._colouring.log, self._meter.log) if log is not None]
+        logs = [] if self._meter.log is None else [self._meter.log]
         for log in logs:
             log.every = looks
         try:
@@ -278,12 +265,11 @@ class Session(Source):
                 self._asked = False
             with self._pictures.used(self._last, now):
                 read_in_place(sim, self._show)
-                self._broadcast.tell_if_new("colours", self._colouring.told(sim))
+                self._broadcast.tell_if_new("colours", self._own_colours.told())
             self._pictures.charge(SLICE_SECONDS if self._picture_share is FULL_SPEED else 0.0)
 
     def _show(self, discs: InPlace) -> None:
-        colours = self._colouring.bytes_of(self._simulation, discs)
-        self._broadcast.show(discs, colours, self._comparison.shown())
+        self._broadcast.show(discs, self._own_colours.bytes_of(discs), self._comparison.shown())
 
     @property
     def _picture_share(self) -> tuple[float, float]:
@@ -338,51 +324,6 @@ class Session(Source):
         self._meter.counting = value
         self._meter.forget()
 
-    @command(by=one_of(CHOICES))
-    def do_colour(self, by: str) -> None:
-        """Choose the quantity that the colours show."""
-        self._colouring.choose(by, self._demand_simulation("colour"))
-        self._pictures.done = None
-
-    @command()
-    def do_pass(self) -> None:
-        """Show the next pass of the next frame, on a copy. With its last pass, the frame is run."""
-        self._playing, self._steps = False, 0
-        sim = self._demand_simulation("pass")
-        if self._pass + 1 < len(self._passes):
-            self._pass += 1
-        else:
-            self._passes, self._pass = next_frame_in_passes(sim), 0
-        shown = self._passes[self._pass]
-        if self._pass + 1 == len(self._passes):
-            self._run_frames(1)
-            if shown.state.digest() != sim.digest():
-                raise InputError(
-                    "the passes that were shown must end where the frame does; this frame was divided into other steps "
-                    "than the one before. Show the next one."
-                )
-        else:
-            self._pictures.done = self._moment_of(sim)
-            discs = in_place(shown.state, self.scene.box, sim.frame, sim.time, sim.radii)
-            self._broadcast.show(discs, second=self._comparison.shown())
-        self._tell()
-        self._tell_pass()
-
-    def _close_passes(self) -> None:
-        """Show the simulation itself again, instead of a pass of its next frame."""
-        if self._passes:
-            self._passes, self._pictures.done = [], None
-            self._tell_pass()
-
-    def _tell_pass(self) -> None:
-        """Send the pass that is shown; its `name` is None if none is."""
-        told: dict[str, Any] = {"name": None}
-        if self._passes:
-            shown = self._passes[self._pass]
-            told = {"name": shown.name, "number": shown.number + 1, "of": len(self._passes)}
-            told |= {each: getattr(shown, each) for each in ("contacts", "columns", "brackets", "owners")}
-        self._broadcast.tell_if_new("pass", told)
-
     # --- commands: begin again in another way
 
     @command(value=whole(0, 10**9))
@@ -401,19 +342,10 @@ class Session(Source):
     def do_beside(self, settings: str | None) -> None:
         """Restart with another second stage, or with none; settings: as in a link."""
         self._demand_scene("beside")
-        self._comparison.choose(None if settings is None else partial(share_url.second, text=settings))
+        self._comparison.choose(None if settings is None else partial(share_url.beside_of, text=settings))
         self._restart()
 
-    @command(link=lambda name, value: share_url.read(_text(name, value)))
-    def do_open(self, link: Link) -> None:
-        """Restart with the scene and settings of a link."""
-        self._demand_scene("open")
-        self._take(link)
-        self._colouring = Colouring(None)  # the numbers of the program belong to another scene
-        self._open()
-        self._tell_scene(self._phase)
-
-    # --- commands: changes by hand, and moments to go back to
+    # --- commands: changes by hand
 
     def _do(self, action: Action) -> None:
         if not hasattr(self._edits, f"do_{action.name}"):
@@ -427,8 +359,6 @@ class Session(Source):
         self._run += 1
         self._gauges = None
         self._meter.forget()
-        self._colouring.begin()
-        self._close_passes()
         self._follow_changes()
         self._broadcast.tell_if_new("hands", self._edits.told(self._simulation))
         self._tell_link()
@@ -451,26 +381,6 @@ class Session(Source):
         with self._comparison.stage() as second:
             if second is not None and moment.second is not None:
                 second.back(moment.second)
-
-    @command()
-    def do_snapshot(self) -> None:
-        """Remember this moment, which replaces the one remembered before."""
-        self._demand_simulation("snapshot")
-        self._demand_scene("snapshot")
-        self._marked = self._moment()
-        self._tell()
-
-    @command()
-    def do_return(self) -> None:
-        """Go back to the remembered moment. The history of undo starts afresh there."""
-        sim = self._demand_simulation("return")
-        if self._marked is None:
-            raise InputError("going back needs a remembered moment; got none. Reset starts again.")
-        self._back(self._marked)
-        self._steps = 0
-        self._edits.begin(sim)
-        self._changed()
-        self._resume()
 
     def _exported(self, what: str) -> "export.Download":
         return export.FILES[what](self._demand_simulation("a file to keep"), self._name)
@@ -503,8 +413,7 @@ class Session(Source):
 
     def _tell(self, phase: str = "") -> None:
         status = {"phase": phase or self._phase, "speed": self._rate.speed, "note": self._note}
-        marked = None if self._marked is None else self._marked.snapshot.frame
-        self._broadcast.tell("status", {**status, "can_remember": self._owned, "snapshot": marked})
+        self._broadcast.tell("status", status)
 
     def _tell_link(self) -> None:
         """Send the link to what is shown, with its present values; only scenes that come with mpsim have one."""
@@ -527,6 +436,5 @@ class Session(Source):
             self._gauges = Gauges(sim.scene, state, self._settings.law)
         self._broadcast.scale = scale_of(state)
         numbers = self._gauges.of(state)
-        numbers |= self._meter.read(numbers["discs"], time.perf_counter())
-        numbers |= {"bulk_pressure": bulk_pressure(state, sim.scene)}
+        numbers |= self._meter.read(time.perf_counter())
         self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers})

@@ -1,14 +1,11 @@
 """Links: what an address requests of a view. That is a scene that comes with mpsim, its settings, and a second stage.
 
 A link is the part of an address after the question mark, such as `scene=gas&dt=0.005&seed=3&beside=event&wait`. It can
-name scenes, but no files. Each value passes the usual input checks of mpsim; values that could make a frame very long
-have narrower bounds. `wait`, `speed`, `zoom`, `x`, `y` and `canvas` change only the display; the page reads them itself
-after they have been checked here.
+name scenes, but no files. `wait`, `speed`, `zoom`, `x`, `y` and `canvas` change only the display; the page reads them.
 """
 
 import dataclasses
 import functools
-import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -16,26 +13,13 @@ from urllib.parse import parse_qsl, quote, urlencode
 
 from mpsim.core import checks
 from mpsim.engine import parameters
-from mpsim.engine.solvers.methods import capabilities_of, in_one_process
 from mpsim.errors import InputError
 from mpsim.scene import scenefile
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import METHODS, Settings
-from mpsim.viewer.comparison import in_step
-from mpsim.viewer.edits import VALUES, longest_gravity
-from mpsim.viewer.source import QUICKEST, SLOWEST
+from mpsim.viewer.edits import VALUES
 
-LONGEST = 1000  # largest number of characters of a link
-
-MOST_DIVISIONS = 100
-"""Largest number of passes, of sub-steps, and of frames of a second stage in one frame of the first."""
-
-MOST_SWEEPS = 1000  # largest product of these numbers, so that a frame of a link ends soon
-
-RANGE = 100.0
-"""Largest factor between a time or speed in a link and that of its scene, up or down. For gravity, the largest factor
-above the longest arrow of the page."""
-
+MOST_DIVISIONS = 100  # largest number of frames of a second stage in one frame of the first
 MOST_SEED = 1_000_000  # largest seed, as on the page
 
 SETTINGS: Mapping[str, type] = {
@@ -47,11 +31,7 @@ SETTINGS: Mapping[str, type] = {
 BESIDE = tuple(name for name in SETTINGS if name not in ("on_fast", "contact_time"))
 """Settings that can differ in a second stage."""
 
-ZOOMS = (0.5, 64.0)  # range of the zoom, as on the page
 SEEN = ("wait", "speed", "zoom", "x", "y", "canvas")  # names that concern only the display; the page reads them
-
-NEAR = tuple(name for name in VALUES if name != "gravity" and name != "every" and not name.endswith("restitution"))
-"""Parameters that must be near those of the scene."""
 
 NAMES = ("scene", "seed", *SETTINGS, *VALUES, "beside", *SEEN)
 
@@ -64,7 +44,7 @@ class Link(NamedTuple):
     settings: Settings
     changed: Mapping[str, Any]  # parameters that differ from those of the scene, as `Simulation.change` takes them
     beside: Settings | None  # of the second stage; None: there is none
-    seen: Mapping[str, str] = MappingProxyType({})  # names among SEEN, and their texts
+    seen: Mapping[str, str] = MappingProxyType({})  # names among SEEN, and their texts, which the page reads
 
     @property
     def given(self) -> Scene:
@@ -110,33 +90,15 @@ def read(query: str) -> Link:
     seed = checks.whole("seed", _number(int, texts.get("seed", "0")), 0, MOST_SEED, "Any of them will do.")
     if seed and scene._redraw is None:
         raise InputError(f"seed must be left out for a scene without random numbers; got {seed} for {name!r}.")
-    usual = settings_for(scene, None)
     values = {each: _number(kind, texts[each]) for each, kind in SETTINGS.items() if each in texts}
-    settings = dataclasses.replace(usual, **values)
-    _demand_short_frames(settings, usual.dt)
+    settings = dataclasses.replace(settings_for(scene, None), **values)
     changed = {each: _parameter(each, texts[each]) for each in VALUES if each in texts}
     parameters.in_force(scene, settings, changed, 0.0)
-    for each in NEAR:
-        if each in changed:
-            _demand_near(each, changed[each], VALUES[each](scene))
-    if "gravity" in changed:
-        checks.between("size of gravity", math.hypot(*changed["gravity"]), 0.0, RANGE * longest_gravity(scene))
-    beside = second(settings, texts["beside"]) if "beside" in texts else None
-    return Link(name, seed, settings, changed, beside, _seen(texts))
-
-
-def checked(query: str) -> str:
-    """The query of the page's own address, checked, in its standard form; "" if it concerns only the display."""
-    texts = _texts(query)
-    if set(texts) - set(SEEN):
-        return write(read(query))
-    _seen(texts)
-    return ""
+    beside = beside_of(settings, texts["beside"]) if "beside" in texts else None
+    return Link(name, seed, settings, changed, beside, {each: texts[each] for each in SEEN if each in texts})
 
 
 def _texts(query: str) -> dict[str, str]:
-    if len(query) > LONGEST:
-        raise InputError(f"a link must have at most {LONGEST} characters; got {len(query):,}. Send a scene file.")
     try:
         pairs = parse_qsl(query, keep_blank_values=True, errors="strict", max_num_fields=len(NAMES))
     except ValueError as error:  # bytes that are not UTF-8, or too many fields
@@ -167,53 +129,6 @@ def _parameter(name: str, text: str) -> Any:
             )
         return components
     return _number(int if name == "every" else float, text)
-
-
-def _demand_short_frames(settings: Settings, usual: float, frames: int = 1) -> None:
-    """Refuse settings that a view cannot run, or that make frames very long.
-
-    usual: dt of the scene [time]; frames: of these settings in one frame of the first stage.
-    """
-    in_one_process(settings, "the view of a link")
-    _demand_near("dt", settings.dt, usual)
-    for name in ("passes", "substeps"):
-        checks.whole(name, getattr(settings, name), 1, MOST_DIVISIONS, "A link may not ask for more.")
-    if (sweeps := frames * settings.substeps * settings.passes) > MOST_SWEEPS:
-        raise InputError(
-            f"a link may ask for at most {MOST_SWEEPS:,} passes in one frame of the first stage; got {sweeps:,} "
-            f"(frames {frames}, substeps {settings.substeps}, passes {settings.passes}). Ask for fewer of them."
-        )
-
-
-def _demand_near(name: str, value: float, usual: float) -> None:
-    """Refuse a time or a speed that is far from that of the scene."""
-    checks.between(f"size of {name}", abs(value), abs(usual) / RANGE, abs(usual) * RANGE)
-
-
-def second(first: Settings, text: str) -> Settings:
-    """Settings of a second stage, whose frames fit those of the first: `beside_of` within the limits of a link."""
-    wanted = beside_of(first, text)
-    if not capabilities_of(wanted).has_steps:
-        wanted = dataclasses.replace(wanted, dt=first.dt)  # the only dt that fits
-    found, frames = in_step(wanted, first.dt)
-    _demand_short_frames(found, first.dt, frames)
-    return found
-
-
-def _seen(texts: Mapping[str, str]) -> dict[str, str]:
-    """The values that concern only the display, which the page does not check."""
-    if "zoom" in texts:
-        checks.between("zoom", _number(float, texts["zoom"]), *ZOOMS)
-    for name in ("x", "y"):
-        if name in texts:
-            checks.finite_array(name, _number(float, texts[name]), (), "()")
-            if "zoom" not in texts:
-                raise InputError(f"{name} must come with zoom, as in zoom=4&x=3&y=5; got no zoom. Add zoom=2.")
-    if "canvas" in texts:
-        checks.choice("canvas", texts["canvas"], ["2d"])
-    if texts.get("speed", "max") != "max":
-        checks.between("speed", _number(float, texts["speed"]), SLOWEST, QUICKEST)
-    return {name: texts[name] for name in SEEN if name in texts}
 
 
 def beside_of(first: Settings, text: str) -> Settings:
@@ -260,15 +175,10 @@ def write(link: Link) -> str:
     values |= _differences(link.settings, usual, SETTINGS)
     values |= {name: _text(link.changed[name]) for name in VALUES if name in link.changed}
     if link.beside is not None:
-        values["beside"] = _beside_text(link.beside, link.settings)
+        differing = _differences(link.beside, link.settings, BESIDE)
+        words = [value if name == "method" else f"{name}={value}" for name, value in differing.items()]
+        values["beside"] = ",".join(words) or link.beside.method
     return urlencode(values, safe=",=", quote_via=quote)
-
-
-def _beside_text(second: Settings, first: Settings) -> str:
-    names = BESIDE if capabilities_of(second).has_steps else ("method", "law", "precision")
-    differing = _differences(second, first, names)
-    words = [value if name == "method" else f"{name}={value}" for name, value in differing.items()]
-    return ",".join(words) or second.method
 
 
 def _differences(settings: Settings, usual: Settings, names: Iterable[str]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""What pages ask of a run: speed, reset, colours, counts, a second stage, passes, a moment to go back to."""
+"""What pages ask of a run: speed, reset, counts, a second stage, other random numbers; and the colours of a program."""
 
 import time
 
@@ -81,15 +81,10 @@ def test_gauges_are_the_numbers_of_the_library():
         assert gauges["speeds"][name] == expected.tolist()
 
 
-def test_shares_of_each_worker_add_up_to_one_and_rates_are_known_while_it_runs():
+def test_the_frame_rate_is_known_while_it_runs():
     with viewed(SCENE, GRID) as view, Visitor(view.address, visible=True) as page:
-        page.hear_until(lambda v: v.last.get("gauges", {}).get("workers") and v.last["gauges"]["frame"] > 60)
-        gauges = page.last["gauges"]
-        ((*shares, waiting),) = gauges["workers"]
-        assert sum(shares) + waiting == pytest.approx(1)
-        assert (gauges["waiting"], len(gauges["phases"])) == (waiting, 5)
-        assert 0 < gauges["frames_per_second"] < 200
-        assert gauges["nanoseconds"] > 1
+        page.hear_until(lambda v: v.last.get("gauges", {}).get("frames_per_second") and v.last["gauges"]["frame"] > 60)
+        assert 0 < page.last["gauges"]["frames_per_second"] < 200
 
 
 REASONS = {
@@ -133,10 +128,6 @@ def test_pressure_and_overlap_are_counted_when_they_are_asked_for_and_change_no_
         gauges = page.gauges_at(30)
         assert gauges["pressure"] == pytest.approx(expected["pressure"].value, rel=1e-9)
         assert gauges["largest_overlap"] == expected["largest_overlap"].value > 0
-        state = alone.state
-        density, packing = 20 / SCENE.width**2, 20 * np.pi / 4 / SCENE.width**2
-        bulk = density * measure.temperature(state, SCENE) * measure.reference.compressibility(packing)
-        assert gauges["bulk_pressure"] == pytest.approx(bulk)
         assert kept(page.view.address).digest == alone.digest()
         page.say("count", value=False)
         page.step_to(31)
@@ -154,9 +145,6 @@ def test_there_is_no_pressure_before_frames_and_a_collision_are_counted_nor_unde
         page.step_to(20)
         page.hear_until(lambda v: "losses" in (v.last["gauges"]["pressure_note"] or ""))
         assert page.last["gauges"]["pressure"] is None
-    falling = mpsim.Scene(width=6, height=6, radius=0.5, position=[[1, 1]], velocity=[[1, 0]], gravity=(0, -1))
-    with paused(falling, mpsim.Settings(method="grid")) as page:
-        assert page.gauges_at(0)["bulk_pressure"] is None
 
 
 FEW = mpsim.Scene(width=4, height=3, position=[[1, 1], [3, 1], [2, 2]], velocity=[[5, 1], [-4, 2], [1, -6]], radius=0.4)
@@ -177,8 +165,6 @@ def test_collisions_are_those_since_the_start_and_go_back_with_the_run():
             page.step_to(frame)
             numbers[frame] = page.gauges_at(frame)["collisions"]
             assert numbers[frame] == counted(frame) > 0
-            if frame == 20:
-                page.say("snapshot")
         assert page.last["gauges"]["with_walls"] is True
         assert len(set(numbers.values())) == 3
         page.do("change", name="restitution", value=0.5, same=False)
@@ -188,8 +174,6 @@ def test_collisions_are_those_since_the_start_and_go_back_with_the_run():
         assert page.gauges_at(40)["collisions"] == numbers[40]
         page.step_to(60)
         assert page.gauges_at(60)["collisions"] == counted(60), "it goes on from there"
-        page.say("return")
-        assert page.gauges_at(20)["collisions"] == numbers[20]
         page.say("reset")
         assert page.gauges_at(0)["collisions"] == 0
 
@@ -201,13 +185,11 @@ def test_own_values_are_on_a_scale_by_percentiles_and_are_read_again_for_each_pi
     values = np.random.default_rng(1).normal(size=200)
     values[:2] = -1e6, 1e6
     with mpsim.Simulation(gas(200, 0.2), GRID) as sim, paused(sim, colour=values) as page:
-        page.hear_until(lambda v: "colours" in v.last and v.last["colours"]["by"] == "own")
         page.step_to(1)
         expected = np.interp(values, np.percentile(values, (0, 2, 98, 100)), (0, FASTEST - KNEE, KNEE, FASTEST))
         assert np.abs(page.picture.colour - expected).max() <= 1
         assert np.ptp(page.picture.colour[2:].astype(int)) > 150, "two values of a million darken no others"
         assert page.last["colours"]["values"] == np.percentile(values, (0, 2, 98, 100)).tolist()
-        assert page.last["colours"]["choices"] == ["speed", "worker", "column", "collision", "own"]
         values[:] = np.nan  # by the program, in place
         values[:3] = 1.0, 2.0, 3.0
         page.step_to(2)
@@ -217,38 +199,6 @@ def test_own_values_are_on_a_scale_by_percentiles_and_are_read_again_for_each_pi
         assert set(page.picture.colour.tolist()) == {127}
 
 
-def test_columns_workers_and_times_since_a_collision_have_colours():
-    scene = gas(40, 0.5)
-    with mpsim.Simulation(scene, GRID) as sim, paused(sim) as page:
-        page.say("colour", by="column")
-        page.hear_until(lambda v: v.last.get("colours", {}).get("by") == "column")
-        page.step_to(2)
-        assert (page.picture.colour == sim.columns().of_disc % 2 * FASTEST).all()
-        assert page.last["colours"]["classes"] == 2
-        page.say("colour", by="worker")
-        page.step_to(3)
-        page.hear_until(lambda v: v.last["colours"]["by"] == "worker")
-        assert not page.picture.colour.any()
-        page.say("colour", by="collision")
-        page.hear_until(lambda v: v.last["colours"]["by"] == "collision")
-        log, begun = mpsim.Collisions(), sim.time
-        sim.run(frames=0, observe=log)
-        page.step_to(4)
-        sim.run(frames=36, observe=log)
-        page.hear_until(lambda v: v.frame == 40)
-        page.step_to(41)
-        last = np.full(40, begun)
-        for row in log.table:
-            for disc in [row["i"], row["j"]] if row["kind"] == 0 else [row["i"]]:
-                last[disc] = max(last[disc], row["time"])
-        assert 0 < (last > begun).sum() < 40, "some have met, some not"
-        assert page.last["colours"]["values"][3] <= sim.time - begun + 1e-12
-        assert "by of colour must be one of" in page.refused("colour", by="own")
-    with paused(scene, EVENT) as page:
-        page.hear_until(lambda v: "colours" in v.last)
-        assert page.last["colours"]["choices"] == ["speed", "collision"]
-
-
 # --- a simulation of a program
 
 
@@ -256,19 +206,12 @@ def test_a_simulation_of_the_program_is_shown_and_stays_its_own():
     with mpsim.Simulation(SCENE, mpsim.Settings(method="naive")) as sim:
         sim.run(frames=5)
         with paused(sim) as page:
-            assert (page.frame, page.last["scene"]["can_reset"], page.last["status"]["can_remember"]) == (
-                5,
-                False,
-                False,
-            )
+            assert (page.frame, page.last["scene"]["can_reset"]) == (5, False)
             sim.run(frames=7)
             page.hear_until(lambda v: v.frame == 12)
             assert page.gauges_at(12)["collisions"] is None, "not known of what ran before"
-            for name, values in (
-                ("reset", {}), ("snapshot", {}), ("seed", {"value": 1}), ("beside", {"settings": None}),
-            ):  # fmt: skip
+            for name, values in (("reset", {}), ("seed", {"value": 1}), ("beside", {"settings": None})):
                 assert page.refused(name, **values).startswith(f"{name} needs a scene to start from")
-            assert "which has no columns" in page.refused("pass")
             for name, values in (("seek", {"index": 3}), ("follow", {"value": True})):
                 assert f"a simulation cannot {name}" in page.refused(name, **values)
             page.do("remove", id=5, same=False)
@@ -392,24 +335,6 @@ def test_what_the_second_stage_has_no_room_for_is_skipped():
         page.hear_until(lambda v: v.last["pair"]["skipped"] > 0)
 
 
-def test_a_moment_can_be_gone_back_to_again_and_again_on_both_stages():
-    with paused(SCENE, GRID, beside=EVENT) as page:
-        page.step_to(4)
-        page.say("snapshot")
-        page.hear_until(lambda v: v.last["status"]["snapshot"] == 4)
-        for _ in range(2):
-            page.step_to(9)
-            page.say("return")
-            page.hear_until(lambda v: v.frame == 4 and v.stages[1].frame == 4)
-            assert kept(page.view.address).digest == digest_alone(SCENE, GRID, 4)
-        with mpsim.Simulation(SCENE, EXACT) as exact:
-            exact.run(frames=4)
-            assert np.abs(page.stages[1].position - exact.state.position).max() < 1e-3
-        page.say("reset")
-        page.hear_until(lambda v: v.last["status"]["snapshot"] is None)
-        assert "remembered moment" in page.refused("return")
-
-
 def test_other_random_numbers_and_back_to_the_scene():
     with paused(SCENE, GRID) as page:
         for seed, scene in ((5, SCENE.redrawn(5)), (0, SCENE)):
@@ -420,43 +345,3 @@ def test_other_random_numbers_and_back_to_the_scene():
     bare = mpsim.Scene(width=9, height=9, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
     with paused(bare, GRID) as page:
         assert not page.last["scene"]["can_redraw"]
-
-
-# --- a frame pass by pass
-
-
-def test_a_frame_pass_by_pass_ends_where_the_frame_does():
-    scene = gas(40, 0.5)
-    with paused(scene, GRID) as page:
-        page.step_to(7)
-        contacts = 0
-        for number, name in ((1, "even"), (2, "odd")):
-            pictures = page.pictures
-            page.say("pass")
-            page.hear_until(lambda v, name=name: v.last["pass"]["name"] == name)
-            told = page.last["pass"]
-            assert (told["number"], told["of"], set(told["owners"])) == (number, 2, {0})
-            contacts += told["contacts"]
-            page.hear_until(lambda v, pictures=pictures: v.pictures > pictures)
-            if number == 1:
-                assert (page.frame, kept(page.view.address).frame) == (7, 7), "the simulation stays as it is"
-        assert kept(page.view.address).digest == digest_alone(scene, GRID, 8)
-        with mpsim.Simulation(scene, GRID) as alone:
-            alone.run(frames=7)
-            assert alone.columns().number == told["columns"]
-            assert alone.run(frames=1).collisions == contacts
-        page.say("pass")
-        page.hear_until(lambda v: v.last["pass"]["name"] == "even")
-        page.do("remove", id=3, same=False)
-        page.hear_until(lambda v: v.last["pass"]["name"] is None and v.picture.colour[3] == 255)
-        page.step_to(9)
-        assert page.last["status"]["note"] is None
-
-
-def test_where_the_method_has_no_passes_the_page_says_which_have():
-    with paused(SCENE, mpsim.Settings(method="naive")) as page:
-        page.step_to(3)
-        note = page.refused("pass")
-        assert "'naive', which has no columns" in note
-        assert "Use Settings(method='grid' or 'parallel')" in note
-        assert kept(page.view.address).frame == 3, "nothing else has happened"

@@ -1,15 +1,13 @@
-"""What is kept of a view: a session and a program that run again to the same bits, a scene that goes on, and films."""
+"""What is kept of a view: a session and a program that run again to the same bits, and films."""
 
 import io
-import sys
 import tomllib
 
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
-from support.scenes import gas, simulate, zoo
+from support.scenes import gas, simulate
 from support.sessions import stage
-from support.tiles import first_free_place
 from support.visitor import downloaded, fetch, paused, unpacked
 
 import mpsim
@@ -83,37 +81,8 @@ def test_the_program_of_a_named_scene_names_it_and_one_of_very_many_numbers_is_r
         assert downloaded(page.view.address, "session.zip")[:2] == b"PK"
 
 
-@pytest.mark.parametrize("words", SCENES)
-@pytest.mark.parametrize("added", [False, True])
-def test_the_scene_of_this_moment_goes_on_from_it(words, added, tmp_path):
-    with simulate(SCENES[words](), method="grid") as sim, paused(sim, name="a name") as page:
-        sim.run(frames=4)
-        sim.change(dt=0.005, gravity=(0.0, -0.75))
-        sim.remove([4])
-        if added:
-            sim.add(first_free_place(sim.state), (0.5, 0.0), **({} if words == "a gas" else {"mass": 2.0, "spin": 3.0}))
-        state, count, masses, moment = sim.state, sim.count, sim.masses, sim.time
-        assert "scene.toml" in unpacked(downloaded(page.view.address, "scene.zip"), tmp_path)
-    scene, here = mpsim.Scene.load(tmp_path / "scene.toml"), state.present
-    tables = tomllib.loads((tmp_path / "scene.toml").read_text())
-    assert f"a name at time {moment:g}" in (tmp_path / "scene.toml").read_text()
-    assert tables["settings"]["dt"] == 0.005
-    assert (scene.gravity.tolist(), scene.count) == ([0.0, -0.75], count - 1)
-    assert np.array_equal(scene.position, state.position[here])
-    assert np.array_equal(scene.velocity, state.velocity[here])
-    if words == "many features":
-        assert scene.box == state.box != stage(20).box, "the piston is where it was"
-        assert np.array_equal(scene.mass, masses[here])
-        assert np.array_equal(scene.spin, state.spin[here])
-    with simulate(scene, method="grid") as again:
-        again.run(frames=3)
-
-
-def test_a_scene_of_this_moment_that_would_guess_is_refused():
-    with simulate(zoo("acceleration", count=5, side=20.0), method="naive") as sim, paused(sim) as page:
-        sim.add((1.0, 1.0), (0, 0), (3.0, 0.0))
-        answer = fetch(page.view.address, path="keep/scene.zip")
-        assert (answer.status, b"needs the acceleration of each disc" in answer.body) == (409, True)
+def test_what_has_ended_keeps_nothing():
+    with simulate(gas(20, 0.2), method="naive") as sim, paused(sim) as page:
         sim.close()
         answer = fetch(page.view.address, path="keep/session.zip")
         assert answer.status == 409
@@ -142,12 +111,12 @@ def near(pixel, colour):
     return np.abs(pixel - colour).max() < 24
 
 
-def film_of(page, places, ending="gif"):
+def film_of(page, places):
     """A film whose last pictures show some frames, each of them long enough to be kept."""
     for frame in places:
         page.step_to(frame)
         page.hear_for(0.12)
-    return downloaded(page.view.address, f"film.{ending}")
+    return downloaded(page.view.address, "film.gif")
 
 
 def test_a_film_shows_discs_walls_and_obstacles_where_they_were():
@@ -182,19 +151,3 @@ def test_two_stages_are_side_by_side_and_a_film_begins_with_them():
             assert near(at(frames[-1], 8, 5, stage), FAST)
             assert near(at(frames[-1], 10, 8, stage), SOLID)
         assert near(frames[-1][120, 480 + 4], CLOSED)
-
-
-def test_films_that_cannot_be_made_say_why(tmp_path, monkeypatch):
-    with paused(TABLE, PLAIN) as page:
-        broken = tmp_path / "ffmpeg"
-        broken.write_text("#!/bin/sh\ncat >/dev/null\necho Unknown encoder >&2\nexit 8\n")
-        broken.chmod(0o755)
-        monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
-        answer = fetch(page.view.address, path="keep/film.mp4")
-        assert answer.status == 409
-        assert b"encodes H.264; it ended with 8 ('Unknown encoder" in answer.body
-        assert b"Take the film as a GIF." in answer.body
-        monkeypatch.setenv("PATH", str(tmp_path / "none"))
-        monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-        answer = fetch(page.view.address, path="keep/film.mp4")
-        assert b"pip install 'mpsim[film]'" in answer.body

@@ -104,21 +104,16 @@ def test_a_disc_is_added_at_rest_with_what_discs_of_the_scene_have(words):
         page.hear_until(lambda v: len(v.picture.colour) == 6)
 
 
-def test_no_disc_is_added_in_an_obstacle_and_a_stroke_adds_them_where_there_is_room():
-    """Through a periodic edge, on a new one, and in an obstacle there is none."""
+def test_no_disc_is_added_in_an_obstacle_and_a_stroke_is_undone_at_once():
     scene = mpsim.Scene(
         width=8, height=8, position=[[0.1, 4]], velocity=[[0, 0]], radius=0.5, boundary=("periodic", "walls"),
         obstacles=[mpsim.FixedDisc((4.0, 6.0), 0.5)],
     )  # fmt: skip
     with paused(scene, PLAIN) as page:
         assert "obstacle" in page.do("add", x=4.0, y=6.0, same=False)["note"]
-        places = [[0.5, 4.2], [7.7, 3.8], [2.0, 4.0], [2.5, 4.0], [3.2, 4.0], [4.2, 6.4], [6.0, 6.0]]
-        assert page.do("stroke", places=places, same=False)["note"] is None
-        state = state_of(page)
-        assert state.position[1:].tolist() == [[2.0, 4.0], [3.2, 4.0], [6.0, 6.0]]
-        assert not state.velocity.any()
-        assert page.do("stroke", places=places, same=True)["note"] is None, "without room it is not worth a note"
-        assert page.do("stroke", places=[[2.0, 2.0]], same=True)["undo"] == 1, "both are one stroke"
+        for x in (2.0, 3.2):
+            assert page.do("add", x=x, y=4.0, same=x > 2)["undo"] == 1
+        assert state_of(page).position[1:].tolist() == [[2.0, 4.0], [3.2, 4.0]]
         page.do("undo")
         page.hear_until(lambda v: len(v.picture.colour) == 1)
 
@@ -145,10 +140,10 @@ REFUSED = [
     ("remove_wall", {"id": 0, "same": False}, "wall must be the number of an obstacle that is there"),
     ("change", {"name": "dt", "value": -1.0, "same": False}, "dt must be from 0.001 to 0.1 here; got -1"),
     ("change", {"name": "gravity", "value": 3.0, "same": False}, "gravity must"),
-    ("change", {"name": "gravity", "value": [1e99, 0.0], "same": False}, "gravity must be at most "),
+    ("change", {"name": "gravity", "value": [1e99, 0.0], "same": False}, "gravity must be from "),
     ("change", {"name": "substeps", "value": 10**6, "same": False}, "substeps must be from 1 to 16 here"),
     ("change", {"name": "passes", "value": 2.5, "same": False}, "passes must be a whole number"),
-    ("change", {"name": "contact", "value": 1.0, "same": False}, "contact must be one of"),
+    ("change", {"name": "contact", "value": 1.0, "same": False}, "must be a parameter that the page offers"),
     ("change", {"name": "workers", "value": 1024, "same": False}, "workers must be a parameter that the page offers"),
     ("change", {"name": "piston_speed", "value": 1.0, "same": False}, "must be a parameter that the page offers"),
     ("undo", {}, "undo needs a remembered change"),
@@ -312,11 +307,10 @@ BATH = gas(20, 0.4, boundary="periodic", thermostat=mpsim.Thermostat(temperature
 WALLS = gas(20, 0.4, thermal_walls=mpsim.ThermalWalls(left=2.0, right=2.0, bottom=2.0, top=2.0, seed=5))
 ROUGH = gas(20, 0.4, friction=0.05, wall_friction=0.05)
 MOVED = zoo("piston emitters", count=5, side=20.0)
-USUAL = {"gravity", "restitution", "wall_restitution", "dt", "contact", "passes", "substeps"}
+USUAL = {"gravity", "restitution", "wall_restitution", "dt", "passes", "substeps"}
 OFFERED = [
     ("bare", SCENE, GRID, USUAL, {"dt": (0.001, 0.1), "passes": (1, 4), "substeps": (1, 16)}),
-    ("exact", SCENE, mpsim.Settings(method="event"), USUAL - {"contact", "passes", "substeps"}, {}),
-    ("workers", SCENE, mpsim.Settings(method="parallel", workers=1), USUAL | {"workers"}, {}),
+    ("exact", SCENE, mpsim.Settings(method="event"), USUAL - {"passes", "substeps"}, {}),
     ("moved", MOVED, PLAIN, USUAL | {"piston_speed", "interval", "every"},
      {"piston_speed": (-15, -0.15), "interval": (0.012, 1.2), "every": (1, 30)}),
     ("thermostat", BATH, PLAIN, USUAL | {"temperature"}, {"temperature": (0.1, 10)}),
@@ -405,7 +399,6 @@ def test_after_undo_the_run_is_that_in_which_the_change_never_was(method):
         at_once = kept(page.view.address)
         page.step_to(25)
         later = kept(page.view.address)
-        page.say("snapshot")
         page.do("undo")
         page.hear_until(lambda v: v.frame == 5)
         page.do("remove", id=1, same=False)
@@ -461,16 +454,3 @@ def test_the_last_16_gestures_can_be_undone():
         for left in reversed(range(16)):
             assert page.do("undo")["undo"] == left
         page.hear_until(lambda v: (v.picture.colour == 255).sum() == 2)
-
-
-def test_discs_coloured_by_collisions_run_on_after_undo_and_return():
-    with paused(SCENE, PLAIN) as page:
-        page.say("colour", by="collision")
-        page.say("snapshot")
-        page.step_to(3)
-        for way in ("undo", "return"):
-            page.do("remove", id=3, same=False)
-            page.step_to(page.frame + 20)
-            page.do("undo") if way == "undo" else page.say("return")
-            page.hear_until(lambda v, way=way: v.frame == (3 if way == "undo" else 0))
-            page.step_to(page.frame + 20)

@@ -78,7 +78,7 @@ def test_an_output_that_is_cleared_or_scrolled_away_lets_the_run_rest(front):
 def test_files_are_kept_in_a_notebook_as_on_a_page(front):
     page = seen(front)
     page.until(lambda p: p.frame > 3)
-    begins = {"session.zip": b"PK", "scene.zip": b"PK", "film.gif": b"GIF8"}
+    begins = {"session.zip": b"PK", "program.py": b'"""', "film.gif": b"GIF8"}
     for name, begin in begins.items():
         page.keep(name)
         page.until(lambda p, name=name: name in p.kept)
@@ -147,7 +147,8 @@ def test_a_simulation_of_ones_own_and_further_options_are_shown_as_on_a_page_of_
     with mpsim.live(SCENE, GRID, colour=np.arange(20.0), beside=mpsim.Settings(method="event"), playing=False) as live:
         page = seen(FrontEnd(live))
         page.until(lambda p: "pair" in p.last and "colours" in p.last)
-        assert (page.last["pair"]["second"], page.last["colours"]["by"]) == ("event", "own")
+        assert page.last["pair"]["second"] == "event"
+        assert page.last["colours"]["values"][::3] == [0.0, 19.0]
 
 
 @pytest.mark.parametrize("close", [lambda live: live.close(), lambda live: live.widget.close()], ids=["here", "there"])

@@ -51,7 +51,7 @@ def test_every_frame_can_be_reached_and_is_that_of_the_file(page, path):
         assert np.abs(page.picture.position - frame.position).max() <= 0.501 * GAS.width / 65535
         assert page.picture.time == frame.time
         assert gauges["temperature"] == measure.temperature(frame.state, GAS)
-        assert gauges["collisions_per_second"] is None
+        assert gauges["frames_per_second"] is None
     page.say("step", frames=2)
     page.hear_until(lambda v: v.frame == 10)
     page.say("reset")

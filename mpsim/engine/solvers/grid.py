@@ -38,13 +38,12 @@ from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.compiling import bound
 from mpsim.kernels.features import collisions
-from mpsim.kernels.frame.rank import run_part
 from mpsim.kernels.frame.stepping import run_grid, run_naive
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
 if TYPE_CHECKING:
-    from mpsim.engine.simulation import Simulation
+    pass
 
 # --- Discs in the block, where the last frame has sorted them, and in the order of their numbers
 
@@ -651,119 +650,3 @@ def shares_of(first_of_column: NDArray[np.integer], share: NDArray[np.int64]) ->
     columns = np.searchsorted(first_of_column, share)
     columns[0], columns[-1] = 0, len(first_of_column)
     return columns
-
-
-# --- One frame of the method grid, pass by pass, on a copy of the discs
-#
-# A solver runs whole frames in one call of its kernel. Here the parts of a step that ranks call one by one
-# (`kernels/frame/rank.py`) run the same frame, one part at a time, so that the discs can be looked at in between. They
-# are the same compiled loops in the same order, and so the end has the bits of the solver's own frame.
-
-
-class Pass(NamedTuple):
-    """One pass of a frame.
-
-    Attributes:
-        name: "even" or "odd".
-        number: of the pass in its frame, from 0.
-        state: of the discs after it.
-        contacts: resolved in it.
-        brackets: first column of each bracket, which is resolved with the next column: no two have a column in common,
-            shape (K,). Of a periodic axis the last column's next one is the first.
-        owners: worker that resolves each bracket, shape (K,).
-        columns: of the grid, of equal width.
-    """
-
-    name: str
-    number: int
-    state: State
-    contacts: int
-    brackets: NDArray[np.int64]
-    owners: NDArray[np.int64]
-    columns: int
-
-
-class PassSolver(GridSolver):
-    """A grid in one process, whose next frame is run pass by pass."""
-
-    def frame_in_passes(self, owners: NDArray[np.int64]) -> list[Pass]:
-        """Run one frame, and return its passes in order.
-
-        Args:
-            owners: worker of each column, shape (columns,).
-
-        Raises:
-            DivergedError: if a disc is not finite after it has moved.
-        """
-        self._write_command(1, 1, math.inf, False)
-        self._deal(1)
-        control, team, found = self._arrays["control"], self._arrays["team"], list[Pass]()
-        control.race_free, passes = 0, int(control.passes)  # or both passes of inner columns come with the sort
-        for _ in range(int(control.substeps)):
-            control.in_order = 0
-            self._run_part(records.MOVE)
-            if control.signals[records.BAD]:
-                raise self._failure(records.BAD_STATE)
-            for number in range(passes):
-                team["stop"] = self._grid.columns
-                self._run_part(records.EVEN if number else records.SORT)
-                found.append(self._seen("even", len(found), owners))
-                self._run_part(records.ODD)
-                found.append(self._seen("odd", len(found), owners))
-        control.race_free = 1
-        control.done += 1
-        return found
-
-    def _run_part(self, part: int) -> None:
-        control = self._arrays["control"]
-        control.part, control.ahead = part, records.NO_FRAME
-        call_of(self._block, run_part)()
-
-    def _seen(self, name: str, number: int, owners: NDArray[np.int64]) -> Pass:
-        """The pass that has just been run."""
-        team, columns = self._arrays["team"], self._grid.columns
-        contacts = int(team["collisions"].sum())
-        team["collisions"] = 0
-        first = np.arange(number % 2, columns, 2)
-        if not self._scene.periodic[0]:  # what lies beyond the last column is empty
-            first = first[first < max(columns - 1, 1)]
-        return Pass(name, number, self.state(), contacts, first, owners[first], columns)
-
-
-def next_frame_in_passes(sim: Simulation) -> list[Pass]:
-    """The passes of the frame that the next `run` would begin with, on a copy: the simulation stays as it is.
-
-    Raises:
-        InputError: for a method or a scene whose frame is not made of an even and an odd pass alone.
-    """
-    solver = sim._open_solver()  # pyright: ignore[reportPrivateUsage]
-    terms = solver.terms
-    if not has_columns(solver):
-        reason = f"method {solver.choice.method!r}, which has no columns"
-    elif solver.choice.processes.unguarded:
-        reason = "unguarded=True, which has no passes"
-    else:
-        reason = _other_parts(terms.scene, solver.radii)
-    if reason:
-        raise InputError(
-            f"one pass at a time needs frames that are made of an even and an odd pass; this simulation has "
-            f"{reason}. Use Settings(method='grid' or 'parallel'), --method on the command line, and a scene "
-            "without that."
-        )
-    assert has_columns(solver)  # or it is refused
-    copy = PassSolver(terms.scene, terms.settings, Choice("grid", (1,)))
-    try:
-        copy.restore(solver.snapshot(), copy.choice, terms)
-        copy.set_substeps(solver.substeps)
-        return copy.frame_in_passes(solver.owners())
-    finally:
-        copy.close()
-
-
-def _other_parts(scene: Scene, radii: NDArray[np.float64]) -> str:
-    """The parts of a grid's frames besides an even and an odd pass; "": none."""
-    if scene.emitters:
-        return "emitters, which add discs inside a frame"
-    if giant_radius(radii) is not None:
-        return "discs far larger than the others, which have a phase of their own"
-    return ""

@@ -1,7 +1,7 @@
 // The connection to the simulation, and its messages.
 
 import { $, digits, state } from "./common.js";
-import { KEPT, RECORDED, drawGauges } from "./gauges.js";
+import { GAUGES, KEPT, drawGauges } from "./gauges.js";
 import { inNotebook, openSocket } from "./socket.js";
 import { afterDrawing, requestDraw } from "./stage.js";
 
@@ -37,7 +37,7 @@ function decode(buffer) {
 // --- messages
 
 /** Functions of other parts of the page, called with messages of each kind, and when the connection opens. */
-export const takers = { scene: [], obstacles: [], hands: [], timeline: [], status: [], pair: [], pass: [], link: [] }, opened = [];
+export const takers = { scene: [], obstacles: [], hands: [], timeline: [], status: [], pair: [], link: [] }, opened = [];
 
 export function take(message) {
   if (message.type === "scene") {
@@ -63,7 +63,7 @@ export function take(message) {
     state.gauges = message;
     if (message.frame < state.historyFrame) state.history = {};
     state.historyFrame = message.frame;
-    for (const name of RECORDED) {
+    for (const name of GAUGES) {
       const values = (state.history[name] ??= []);
       values.push(message[name]);
       if (values.length > KEPT) values.shift();

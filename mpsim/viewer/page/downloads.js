@@ -1,10 +1,20 @@
-// Downloads: a picture, a film, the session, the present scene, a program; and an address that shows the same.
+// Downloads: a picture, a film, the session, a program; and an address that shows the same.
 
 import { $, state } from "./common.js";
-import { download, fileName } from "./export.js";
 import { SPEEDS, opened, send, takers } from "./connection.js";
 import { fileFrom, inNotebook } from "./socket.js";
 import { camera, draw, requestDraw } from "./stage.js";
+
+const fileName = (ending) => `${(state.scene?.name || "mpsim").replace(/[^\w-]+/g, "_")}-${state.picture?.frame ?? 0}${ending}`;
+
+/** Download a file, and say so. */
+function download(blob, name) {
+  const link = document.createElement("a");
+  [link.href, link.download] = [URL.createObjectURL(blob), name];
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+  note(`${name}, ${Math.max(Math.round(blob.size / 1000), 1)} kB`);
+}
 
 const note = (text) => { $("keep-note").textContent = text; };
 /** A file from the simulation; null, with a note, if it fails. */
@@ -18,7 +28,7 @@ async function made(name) {
   }
 }
 
-for (const [id, name, ending] of [["film", "film.gif", ".gif"], ["mp4", "film.mp4", ".mp4"], ["session", "session.zip", "-session.zip"], ["scene", "scene.zip", "-scene.zip"]]) {
+for (const [id, name, ending] of [["film", "film.gif", ".gif"], ["session", "session.zip", "-session.zip"]]) {
   $(`keep-${id}`).addEventListener("click", async () => {
     const blob = await made(name);
     if (blob) download(blob, fileName(ending));
@@ -70,5 +80,5 @@ takers.link.push(({ text }) => {
   state.link = text;
   $("keep-command").disabled = text === null;
   $("keep-command-note").textContent = text === null
-    ? "For another machine: send the file under Scene. Only scenes that come with mpsim have a command." : "";
+    ? "For another machine: send the file under Session. Only scenes that come with mpsim have a command." : "";
 });

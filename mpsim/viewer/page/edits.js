@@ -5,11 +5,11 @@ import { $, ABSORBED, ARROWS, bound, isText, state } from "./common.js";
 import { send, takers } from "./connection.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
-const TOOLS = { h: "hand", a: "add", b: "brush", x: "remove", w: "wall" };
+const TOOLS = { h: "hand", a: "add", x: "remove", w: "wall" };
 const NEAR = 12; // a press so many screen pixels beside a disc still takes it
 const EVERY = 33; // ms between two messages of a gesture; at most 200 a second are allowed
 const TRAIL = 90; // the last ms of a drag give the velocity of a throw
-const MOST_PLACES = 100, MOST_REMOVED = 8; // of a stroke: places in one message, and removals at a time, each a message
+const MOST_AT_A_TIME = 6; // places of a stroke, each a message
 const NOTE_SECONDS = 4;
 
 let tool = "hand", gesture = null, cross = null, notes = 0;
@@ -128,19 +128,11 @@ function walked(step, most) {
 /** Apply the stroke so far; also a fast one, or one on a busy page, leaves no gaps. */
 function stroke() {
   const radius = typicalRadius() || 0.01 * Math.min(...(state.picture?.extent ?? [1])); // without discs
-  if (gesture?.tool === "brush") paint(walked(2.05 * radius, MOST_PLACES));
-  else if (gesture?.tool === "remove") for (const place of walked(radius, MOST_REMOVED)) removeAt(place, 0);
+  if (gesture?.tool === "add") walked(2.05 * radius, MOST_AT_A_TIME).forEach(addAt);
+  else if (gesture?.tool === "remove") for (const place of walked(radius, MOST_AT_A_TIME)) removeAt(place, 0);
   if (gesture?.path?.length) strokeSoon();
 }
 const strokeSoon = paced(stroke);
-
-/** Add discs at the free ones of some places. */
-function paint(places) {
-  if (!places.length) return;
-  const radius = typicalRadius();
-  send({ do: "stroke", places: places.map((each) => inside(each, radius).map((x) => +x.toPrecision(8))), same: gesture.sent });
-  gesture.sent = true;
-}
 
 /** Remove the disc or the wall at a place; returns whether one is there. */
 function removeAt(place, reach) {
@@ -217,8 +209,8 @@ function begin(place, reach, time) {
   } else if (tool === "wall") {
     gesture = { tool, reach, from: place, to: place };
   } else {
-    gesture = { tool, sent: false, gone: new Set(), last: place, path: tool === "add" ? null : [] };
-    if (tool === "remove") removeAt(place, nearby()); else if (tool === "brush") paint([place]); else addAt(place);
+    gesture = { tool, sent: false, gone: new Set(), last: place, path: [] };
+    if (tool === "remove") removeAt(place, nearby()); else addAt(place);
   }
   requestDraw();
   return true;

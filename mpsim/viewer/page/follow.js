@@ -1,19 +1,18 @@
-// One disc: its label under the pointer, following it, and its trail; or the trails of all discs, if they are few.
+// One disc: its label under the pointer, following it, and its trail.
 
 import { $, ABSORBED, KNEE, FASTEST, digits, onKeys, state, trace } from "./common.js";
 import { discAt, held, nearest, onCanvas, placeOf, say, toBox } from "./edits.js";
-import { legendShows } from "./legend.js";
+import { showsSpeed } from "./legend.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
-const TRAILED = 300, PLACES = 60; // most discs with trails, and pictures in a trail
+const PLACES = 60; // in a trail
 
-let pointer = null, asked = false, followed = null, trails = false, seen = null;
-let past = [], own = []; // pictures, for the trails of all; places of the followed disc
+let pointer = null, asked = false, followed = null, seen = null, trail = [];
 
 const label = (disc) => {
   const [x, y] = placeOf(disc), byte = state.picture.colours[disc], { usual, fastest } = state.picture;
   const speed = byte <= KNEE ? (byte / KNEE) * usual : usual + ((byte - KNEE) / (FASTEST - KNEE)) * (fastest - usual);
-  return `disc ${disc}: ${digits(x)}, ${digits(y)}${legendShows() === "speed" ? `; speed about ${digits(speed)}` : ""}`;
+  return `disc ${disc}: ${digits(x)}, ${digits(y)}${showsSpeed() ? `; speed about ${digits(speed)}` : ""}`;
 };
 
 /** The disc under the pointer; null: none. */
@@ -40,36 +39,29 @@ addEventListener("pointermove", (event) => { // before the tools, which keep it 
 }, true);
 stage.addEventListener("pointerleave", () => { pointer = null; askLabel(); });
 
-onKeys((key) => (key === "f" || key === "t" ? () => show(key) : null));
-function show(key) {
-  if (key === "f") {
-    followed = followed === null ? pointed() : null;
-    say(followed === null ? "No disc is followed. Point at one and press F." : `Following disc ${followed}. F ends it.`);
-  } else {
-    trails = !trails;
-    say(!trails ? "Trails off." : state.picture?.count > TRAILED ? `Trails of all discs are drawn for at most ${TRAILED} discs. Here only the followed disc has one.` : "Trails on.");
-  }
-  [past, own, seen] = [[], [], null];
+onKeys((key) => (key === "f" ? follow : null));
+function follow() {
+  followed = followed === null ? pointed() : null;
+  say(followed === null ? "No disc is followed. Point at one and press F." : `Following disc ${followed}. F ends it.`);
+  [trail, seen] = [[], null];
   requestDraw();
 }
 
-/** Record the positions in a picture; another run, or other discs, begin new trails. */
+/** Record the place in a picture; another run, or other discs, begin a new trail. */
 function record(picture) {
   if (seen && (picture.frame < seen.frame || picture.count !== seen.count)) {
-    [past, own] = [[], []];
+    trail = [];
     if (followed >= picture.count) followed = null;
   }
   seen = picture;
   if (followed !== null && picture.colours[followed] === ABSORBED) followed = null;
-  if (trails && picture.count <= TRAILED) past.push(picture);
-  if (past.length > PLACES) past.shift();
   if (followed === null) return;
-  own.push(placeOf(followed));
-  if (own.length > PLACES) own.shift();
-  camera.moveTo(...own.at(-1));
+  trail.push(placeOf(followed));
+  if (trail.length > PLACES) trail.shift();
+  camera.moveTo(...trail.at(-1));
 }
 
-function drawTrail(c, trail) {
+function drawTrail(c) {
   trace(c, trail.flatMap((here, k) => {
     const away = k ? here.map((each, axis) => each - trail[k - 1][axis]) : [0, 0], pixel = camera.pixel(...here);
     return nearest(away).some((each, axis) => Math.abs(each - away[axis]) > 1e-9) ? [null, pixel] : [pixel]; // it has wrapped
@@ -81,11 +73,9 @@ afterDrawing.push(() => {
   const picture = state.picture;
   if (!picture) return;
   if (picture !== seen) record(picture);
-  const all = trails && picture.count <= TRAILED, c = $("hand-canvas").getContext("2d"), ratio = window.devicePixelRatio || 1;
-  [c.lineWidth, c.strokeStyle, c.lineJoin] = [1.2 * ratio, "#16191d99", "round"];
-  if (all) for (let k = 0; k < picture.count; k++) if (picture.colours[k] !== ABSORBED) drawTrail(c, past.map((each) => placeOf(k, each)));
-  [c.lineWidth, c.strokeStyle] = [2.5 * ratio, "#d55e00"];
-  if (followed !== null) drawTrail(c, own);
+  const c = $("hand-canvas").getContext("2d"), ratio = window.devicePixelRatio || 1;
+  [c.lineWidth, c.strokeStyle, c.lineJoin] = [2.5 * ratio, "#d55e00", "round"];
+  if (followed !== null) drawTrail(c);
   stage.dataset.followed = followed ?? "";
   if (followed !== null || pointer) askLabel();
 });

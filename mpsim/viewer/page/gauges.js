@@ -1,18 +1,12 @@
 // Draws the gauges: numbers with charts of their last readings, and the histogram of speeds.
 
-import { $, CURVE, INK, LINE, NONE, SOFT, digits, paper, polyline, state, whole, withError, write } from "./common.js";
+import { $, CURVE, LINE, NONE, SOFT, digits, paper, polyline, state, whole, withError, write } from "./common.js";
 
 export const KEPT = 240; // readings of a gauge in its chart
 
 /** Least range of a chart, below which changes are rounding; for others 2 % of the value. */
 export const LEAST = { energy_drift: 1e-9 };
-export const GAUGES = ["temperature", "energy_drift", "pressure", "largest_overlap", "collisions_per_second", "collisions", "frames_per_second", "nanoseconds"];
-
-/** Columns kept of each reading: tables have more than the gauge's own. */
-export const RECORDED = [...GAUGES, "frame", "time", "pressure_error", "bulk_pressure"];
-
-/** Colours of the phases of a worker (Okabe and Ito), waiting last. */
-const PHASES = ["#0072b2", "#56b4e9", "#e69f00", "#d55e00", "#c9d0d8"];
+export const GAUGES = ["temperature", "energy_drift", "pressure", "largest_overlap", "collisions", "frames_per_second"];
 
 export function drawGauges() {
   const gauges = state.gauges;
@@ -31,7 +25,6 @@ export function drawGauges() {
   $("count").checked = Boolean(gauges?.counting);
   $("pressure-note").textContent = pressureNote(gauges);
   drawSpeeds(gauges?.speeds);
-  drawWorkers(gauges);
 }
 
 function collisionsNote(gauges) {
@@ -44,33 +37,7 @@ function pressureNote(gauges) {
   if (!gauges || (!gauges.counting && gauges.pressure === null)) return "not counted";
   if (gauges.pressure_note) return gauges.pressure_note;
   if (gauges.pressure === null) return "not enough counted yet";
-  const error = gauges.pressure_error === null ? "error not known yet" : "";
-  const bulk = gauges.bulk_pressure === null ? "" : `bulk equation of state ${digits(gauges.bulk_pressure)}`;
-  return [error, bulk].filter(Boolean).join("; ");
-}
-
-/** A bar for each worker: its fraction of time in each phase. */
-function drawWorkers(gauges) {
-  const canvas = $("workers"), each = gauges?.workers;
-  canvas.style.height = `${1.3 * (each?.length ?? 1) + 1.6 * Math.ceil((gauges?.phases.length ?? 1) / 2)}rem`;
-  const { c, width, height, ratio, size } = paper(canvas);
-  $("workers-note").textContent = each ? `waiting ${Math.round(100 * gauges.waiting)} %` : "not running";
-  if (!each) return;
-  const rows = Math.ceil(gauges.phases.length / 2), bar = (height - 1.5 * size * rows) / each.length;
-  each.forEach((parts, k) => {
-    let x = 0;
-    parts.forEach((part, phase) => {
-      c.fillStyle = PHASES[phase];
-      c.fillRect(x, k * bar, part * width, bar - 2 * ratio);
-      x += part * width;
-    });
-  });
-  gauges.phases.forEach((name, phase) => {
-    const x = (phase % 2) * width / 2, y = height - 1.5 * size * (rows - Math.floor(phase / 2)) + 1.1 * size;
-    c.fillStyle = PHASES[phase];
-    c.fillRect(x, y - 0.75 * size, 0.8 * size, 0.8 * size);
-    write(c, name, x + size, y, "left", INK);
-  });
+  return gauges.pressure_error === null ? "error not known yet" : "";
 }
 
 /** The last readings of a gauge as a line, scaled from lowest to highest. */

@@ -1,55 +1,44 @@
-// The quantity that the colours show: its choice, and the legend below the stage.
+// The legend below the stage: what the colours show.
 
 import { $, FASTEST, INK, KNEE, SOFT, bound, colourOf, digits, paper, sharpen, state, write } from "./common.js";
-import { send, takers } from "./connection.js";
+import { takers } from "./connection.js";
 import { afterDrawing, requestDraw } from "./stage.js";
 
 const LOW = FASTEST - KNEE; // as in mpsim/viewer/colouring.py
-const NAMES = { speed: "speed [length/time]", worker: "worker", column: "column", collision: "time since the last collision", own: "own values" };
 
-let colours = { by: "speed" }, legendKey = "";
+let own = [], legendKey = ""; // percentiles of the numbers that the program gave; none: colours show speeds
 /** Draw the legend again, even if its numbers are the same. */
 export const forgetLegend = () => { legendKey = ""; };
 
-/** What the colours show. */
-export const legendShows = () => colours.by;
+/** Whether colours show speeds. */
+export const showsSpeed = () => !own.length;
 
-const select = $("colour");
-takers.colours = [(message) => {
-  colours = message;
-  if (message.choices.join() !== [...select.options].map((each) => each.value).join()) {
-    select.replaceChildren(...message.choices.map((each) => new Option(NAMES[each], each)));
-  }
-  select.value = message.by;
+takers.colours = [({ values }) => {
+  own = values;
+  $("legend-name").textContent = showsSpeed() ? "speed [length/time]" : "own values";
   requestDraw();
 }];
-select.addEventListener("change", () => send({ do: "colour", by: select.value }));
 
 /** Ticks of the legend: [place from 0 to 1, value, note below, alignment]. */
 function ticksOf(picture) {
   const knee = KNEE / FASTEST;
-  if (colours.by === "speed") {
+  if (showsSpeed()) {
     return [[0, 0, "", "left"], [knee / 2, picture.usual / 2, "", "center"], [knee, picture.usual, "98 % below", "right"], [1, picture.fastest, "max", "right"]];
   }
-  if (!colours.values) return [];
-  const [, lower, upper, most] = colours.values;
+  const [, lower, upper, most] = own;
   return [[LOW / FASTEST, lower, "", "left"], [knee, upper, "98 % below", "right"], [1, most, "max", "right"]];
 }
 
 function drawLegend() {
   const canvas = $("legend"), { changed } = sharpen(canvas), picture = state.picture;
-  const key = picture ? JSON.stringify([picture.usual, picture.fastest, colours]) : "";
+  const key = picture ? JSON.stringify([picture.usual, picture.fastest, own]) : "";
   if (key === legendKey && !changed) return;
   legendKey = key;
-  const { c, width, height, ratio, size } = paper(canvas), bar = height - 2.95 * size, classes = colours.classes ?? 0;
+  const { c, width, height, ratio, size } = paper(canvas), bar = height - 2.95 * size;
   if (!picture) return;
   for (let x = 0; x < width; x++) {
-    const at = classes ? Math.floor((x / width) * classes) / Math.max(classes - 1, 1) : x / (width - 1);
-    c.fillStyle = colourOf(at * FASTEST);
+    c.fillStyle = colourOf((x / (width - 1)) * FASTEST);
     c.fillRect(x, 0, 1, bar);
-  }
-  for (let k = 0; k < classes; k++) {
-    write(c, colours.by === "column" ? ["even columns", "odd columns"][k] : `worker ${k}`, (k + 0.5) * width / classes, bar + 1.3 * size, "center", INK);
   }
   const room = [width, width]; // in each line of text, left of what was written: long numbers do not run into each other
   for (const [place, value, note, align] of ticksOf(picture).reverse()) {

@@ -6,12 +6,10 @@ import { onCanvas } from "./edits.js";
 import "./follow.js";
 import "./downloads.js";
 import "./address.js";
-import { offerSaving } from "./export.js";
 import "./comparison.js";
 import "./sliders.js";
 import "./timeline.js";
-import "./time.js";
-import { SPEEDS, connect, refuse, send, showStatus } from "./connection.js";
+import { SPEEDS, connect, refuse, send, showStatus, takers } from "./connection.js";
 import { forgetLegend } from "./legend.js";
 import { camera, renderer, requestDraw, stage } from "./stage.js";
 
@@ -32,8 +30,15 @@ $("speed").value = USUAL;
 $("speed").addEventListener("input", () => { state.dragging = true; setSpeed(+$("speed").value); });
 $("speed").addEventListener("change", () => { state.dragging = false; });
 
+takers.scene.push((scene) => {
+  $("seed-label").hidden = !scene.can_redraw;
+  if (document.activeElement !== $("seed")) $("seed").value = scene.seed;
+});
+$("seed").addEventListener("change", () => {
+  send({ do: "seed", value: bound(Math.round(+$("seed").value) || 0, 0, 1000000) });
+});
+
 $("count").addEventListener("change", () => send({ do: "count", value: $("count").checked }));
-offerSaving();
 
 $("zoom-in").addEventListener("click", () => camera.zoomBy(1.5));
 $("zoom-out").addEventListener("click", () => camera.zoomBy(1 / 1.5));

@@ -1,15 +1,16 @@
-// Changes parameters during a run: gravity by an arrow on a dial, the others by sliders.
+// Changes parameters during a run, by sliders.
 
-import { $, ARROWS, CURVE, bound, digits, paper, polyline, state, trace } from "./common.js";
+import { $, bound, digits } from "./common.js";
 import { paced } from "./edits.js";
 import { send, takers } from "./connection.js";
 
 const STEPS = 1000; // of a slider
 const NAMES = {
+  "gravity-x": "Gravity along x", "gravity-y": "Gravity along y",
   restitution: "Restitution", wall_restitution: "Wall restitution", friction: "Friction", wall_friction: "Wall friction", piston_speed: "Piston speed",
   temperature: "Temperature of the thermostat", wall_temperature: "Wall temperature", interval: "Time between two emitted discs",
-  every: "Frames between two emitted discs", dt: "Time step, dt", contact: "Contact",
-  passes: "Passes", substeps: "Sub-steps", workers: "Workers",
+  every: "Frames between two emitted discs", dt: "Time step, dt",
+  passes: "Passes", substeps: "Sub-steps",
 };
 
 /** Sends values of one parameter; those of one drag are undone together. */
@@ -43,29 +44,23 @@ function scaleOf({ low, high, log, whole }) {
 
 function made(each) {
   const label = document.createElement("label"), output = document.createElement("output");
-  const control = document.createElement(each.choices ? "select" : "input"), { post, end } = sender(each.name);
-  control.id = `change-${each.name}`;
-  label.append(NAMES[each.name] ?? each.name, output, control);
+  const control = document.createElement("input"), { post, end } = sender(each.name);
+  control.id = `change-${each.id}`;
+  label.append(NAMES[each.id] ?? each.name, output, control);
   const row = { label, output, control, each, held: false };
-  if (each.choices) {
-    for (const word of each.choices) control.append(new Option(word, word));
-    control.addEventListener("change", () => { post(control.value); end(); });
-  } else {
-    Object.assign(control, { type: "range", min: 0, max: STEPS, step: each.whole ? STEPS / bound(each.high - each.low, 1, 50) : STEPS / 200 });
-    control.addEventListener("input", () => {
-      row.held = true;
-      const value = scaleOf(row.each).value(+control.value);
-      output.textContent = textOf(row.each, value);
-      post(value);
-    });
-    control.addEventListener("change", () => { row.held = false; end(); update(row, row.each); });
-  }
+  Object.assign(control, { type: "range", min: 0, max: STEPS, step: each.whole ? STEPS / bound(each.high - each.low, 1, 50) : STEPS / 200 });
+  control.addEventListener("input", () => {
+    row.held = true;
+    const value = scaleOf(row.each).value(+control.value);
+    output.textContent = textOf(row.each, value);
+    post(row.each.both?.map((old, axis) => (axis === row.each.axis ? value : old)) ?? value);
+  });
+  control.addEventListener("change", () => { row.held = false; end(); update(row, row.each); });
   return row;
 }
 
 function update(row, each) {
   row.each = each;
-  if (each.choices) { row.control.value = each.value; return; }
   if (row.held) return;
   row.control.value = scaleOf(each).at(each.value);
   row.output.textContent = textOf(each, each.value);
@@ -73,75 +68,18 @@ function update(row, each) {
   row.control.setAttribute("aria-valuetext", textOf(each, each.value));
 }
 
+/** The sliders of a parameter: one, or for gravity one along each axis. */
+const slidersOf = (each) => (each.name !== "gravity" ? [{ ...each, id: each.name }]
+  : each.value.map((value, axis) => ({ ...each, id: `gravity-${"xy"[axis]}`, value, axis, both: each.value })));
+
 takers.hands.push(({ parameters }) => {
-  const sliders = parameters.filter((each) => each.name !== "gravity");
-  for (const [name, row] of shown) if (!sliders.some((each) => each.name === name)) { row.label.remove(); shown.delete(name); }
+  const sliders = parameters.flatMap(slidersOf);
+  for (const [id, row] of shown) if (!sliders.some((each) => each.id === id)) { row.label.remove(); shown.delete(id); }
   for (const each of sliders) {
-    if (!shown.has(each.name)) {
-      shown.set(each.name, made(each));
-      $("sliders").append(shown.get(each.name).label);
+    if (!shown.has(each.id)) {
+      shown.set(each.id, made(each));
+      $("sliders").append(shown.get(each.id).label);
     }
-    update(shown.get(each.name), each);
+    update(shown.get(each.id), each);
   }
-  gravity = parameters.find((each) => each.name === "gravity");
-  dial.dataset.value = JSON.stringify(gravity?.value ?? null);
-  if (!dragged) drawDial();
 });
-
-// --- gravity
-
-const dial = $("dial"), pull = sender("gravity");
-let gravity = null, dragged = null;
-
-function drawDial(value = gravity?.value) {
-  const { c, width, height, ratio } = paper(dial), middle = width / 2, round = middle - 2 * ratio;
-  if (!value) return;
-  c.fillStyle = "#fff";
-  c.strokeStyle = "#7d8895";
-  c.lineWidth = ratio;
-  c.beginPath();
-  c.arc(middle, height / 2, round, 0, 7);
-  c.fill();
-  c.stroke();
-  const [x, y] = value.map((each) => (each / gravity.high) * round), length = Math.hypot(x, y);
-  c.fillStyle = CURVE;
-  c.beginPath();
-  c.arc(middle, height / 2, 3 * ratio, 0, 7);
-  c.fill();
-  $("gravity-text").textContent = Math.hypot(...value) ? `${digits(value[0])}, ${digits(value[1])}` : "none";
-  if (length < ratio) return;
-  const tip = [middle + x, height / 2 - y], head = Math.min(9 * ratio, length);
-  polyline(c, [[middle, height / 2], tip], 3 * ratio, CURVE);
-  const angles = [2.6, -2.6].map((turn) => Math.atan2(y, x) + turn);
-  trace(c, [tip, ...angles.map((each) => [tip[0] + head * Math.cos(each), tip[1] - head * Math.sin(each)])]);
-  c.fill();
-}
-
-/** Set gravity from the tip of the arrow: zero near the middle, at most the dial's radius. */
-function pullBy(event) {
-  const box = dial.getBoundingClientRect(), round = box.width / 2;
-  const vector = [(event.clientX - box.left - round) / round, -(event.clientY - box.top - box.height / 2) / round];
-  const length = Math.hypot(...vector), kept = length < 0.08 ? 0 : gravity.high / Math.max(length, 1);
-  dragged = vector.map((each) => +(each * kept).toPrecision(3));
-  drawDial(dragged);
-  pull.post(dragged);
-}
-
-dial.addEventListener("pointerdown", (event) => {
-  if (!gravity || event.button !== 0) return;
-  dial.setPointerCapture(event.pointerId);
-  pullBy(event);
-});
-dial.addEventListener("pointermove", (event) => { if (dragged && dial.hasPointerCapture(event.pointerId)) pullBy(event); });
-for (const name of ["pointerup", "pointercancel"]) dial.addEventListener(name, () => { dragged = null; pull.end(); });
-
-dial.addEventListener("keydown", (event) => {
-  const arrow = ARROWS[event.key], none = ["Delete", "Backspace"].includes(event.key);
-  if (!gravity || event.ctrlKey || event.metaKey || event.altKey || (!arrow && !none)) return;
-  const step = gravity.high / 10;
-  const value = none ? [0, 0] : gravity.value.map((each, axis) => +(Math.round(each / step + arrow[axis]) * step).toPrecision(6));
-  if (Math.hypot(...value) <= gravity.high * 1.0001) { pull.post(value); pull.end(); }
-  event.preventDefault();
-  event.stopPropagation();
-});
-$("parameters").addEventListener("toggle", () => drawDial());

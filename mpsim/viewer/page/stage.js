@@ -3,7 +3,7 @@
 import { $, INK, bound, digits, polyline, sharpen, state, trace } from "./common.js";
 import { ByCanvas, ByWebGL } from "./discs.js";
 
-const MOST_ZOOM = 64;
+export const MOST_ZOOM = 64;
 
 /** The visible part of the box: the point in the middle, and canvas pixels per length. */
 export const camera = {
