@@ -126,7 +126,7 @@ class RunFolder:
         """The folder of a run; an InputError if it is not one, or of another version."""
         folder = Path(path)
         try:
-            record = files.json_value(folder / RECORD, MOST_BYTES)
+            record = json.loads(files.text(folder / RECORD, MOST_BYTES))
             found = int(record["format"])
         except (OSError, ValueError, OverflowError, TypeError, KeyError, RecursionError) as error:
             raise InputError(

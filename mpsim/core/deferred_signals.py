@@ -104,8 +104,7 @@ def _let_go_in_fork() -> None:
         _held[0].put_back()
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_let_go_in_fork)
+os.register_at_fork(after_in_child=_let_go_in_fork)
 
 
 class Noted:

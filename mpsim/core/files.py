@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import fcntl
-import json
 import os
 import re
 import secrets
@@ -12,13 +11,12 @@ import stat
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import psutil
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.machine import garbage_collection_paused
 from mpsim.errors import MpsimError, OutputError
 
 # --- Opens files of unknown origin: checks kind and size before it reads the content
@@ -63,13 +61,6 @@ def content(path: str | os.PathLike[str], most: int) -> bytes:
 def text(path: Path, most: int) -> str:
     """The text of a regular UTF-8 file of at most `most` bytes, without the mark that editors may put before it."""
     return content(path, most).decode("utf-8-sig")
-
-
-def json_value(path: Path, most: int) -> Any:
-    """The value in a regular JSON file of at most `most` bytes; ValueError or RecursionError if it is no JSON."""
-    written = text(path, most)
-    with garbage_collection_paused():
-        return json.loads(written)
 
 
 # --- Locks a file, so that it has only one writer in all processes
@@ -127,8 +118,7 @@ def _leave_to_owner() -> None:
             lock.release()
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_leave_to_owner)
+os.register_at_fork(after_in_child=_leave_to_owner)
 
 
 def _unlock(descriptor: int, owner: int) -> None:

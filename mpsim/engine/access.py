@@ -410,5 +410,4 @@ def _close_all_at_end(_: object = None) -> None:
 
 _close_all_at_end()
 multiprocessing.util.register_after_fork(_close_all_at_end, _close_all_at_end)  # and whatever its start method
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_drop_copies)
+os.register_at_fork(after_in_child=_drop_copies)

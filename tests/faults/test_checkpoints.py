@@ -286,8 +286,6 @@ IMPOSSIBLE_EXACT = {
     "a step that is no power of two": put("solver.clock", slice(2, 4), 0.3),
     "a lap of another length": put("solver.clock", 3, 1e9),
     "a present after its frame": put("solver.clock", 1, 1e9),
-    "a count below 0": put("solver.counter", 3, -1),
-    "a unit that is no power of two": put("solver.units", 0, 0.3),
 }
 
 
@@ -306,15 +304,7 @@ def both(*changes):
 
 
 IMPOSSIBLE_FEATURES = {
-    "a disc that has half left": of_one(1, "solver.exits", 0, 0.5),
     "a place of leaving that is not a number": of_one(1, "solver.exits", 1, np.nan),
-    "a place of leaving of a disc that is there": of_one(0, "solver.exits", 1, 3.0),
-    "a disc that has left and has an event": of_one(0, "solver.exits", 0, 1.0),
-    "a disc that has left and flies": of_one(1, "solver.disc", 2, 1.0),
-    "a disc that flies and has left": both(
-        of_one(0, "solver.disc", slice(5, 7), np.inf), of_one(0, "solver.exits", 0, 1.0)
-    ),
-    "a disc that is back and left nowhere": of_one(1, "solver.exits", 0, 0.0),
     "an obstacle beyond the last": of_one(0, "solver.event", 3, 5 + 2),
     "a disc ahead of the present": of_one(0, "solver.disc", 4, 1e9),
     "a spin that is not a number": put("solver.spin", 3, np.nan),

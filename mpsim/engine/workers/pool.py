@@ -57,11 +57,6 @@ ENOUGH_DESCRIPTORS = 24
 _hiding = threading.Lock()
 
 
-def default_start_method() -> str:
-    """forkserver where it exists: its workers are forked from a clean process, so threads here cannot harm them."""
-    return "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
-
-
 class WorkerPool:
     """Workers 1 .. workers - 1 of one simulation; worker 0 is the coordinator itself. None until `start`.
 
@@ -71,7 +66,8 @@ class WorkerPool:
     def __init__(self, block: SharedBlock, start_method: str | None, program: Program = GRID):
         self._block = block
         self._program = program
-        self._context: Any = multiprocessing.get_context(start_method or default_start_method())
+        # Workers of a fork server are forked from a clean process, so threads here cannot harm them.
+        self._context: Any = multiprocessing.get_context(start_method or "forkserver")
         self._control: Any = block.arrays["control"]
         self._team: Any = block.arrays["team"]
         self._connections: list[Connection] = []
@@ -353,5 +349,4 @@ def _leave_to_the_parent() -> None:
     children -= {child for child in children if child.name.startswith(NAME)}
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_leave_to_the_parent)
+os.register_at_fork(after_in_child=_leave_to_the_parent)

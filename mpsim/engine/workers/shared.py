@@ -67,28 +67,13 @@ def refusals_named() -> Iterator[None]:
 def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
     """The error for a shared block of a size [bytes] that cannot be had."""
     need = f"the shared block needs {size:,} bytes"
-    fewer = "Use fewer discs or precision='float32', or"
     if error.errno in (errno.EMFILE, errno.ENFILE):
         return SharedMemoryError(f"{need} and a file descriptor, {_descriptors(error)}")
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if error.errno == errno.ENOMEM and limit != resource.RLIM_INFINITY:
-        return SharedMemoryError(
-            f"{need} of address space; this process may have {limit:,} bytes, and uses "
-            f"{psutil.Process().memory_info().vms:,}. {fewer} raise the limit (ulimit -v)."
-        )
-    if error.errno == errno.EFBIG:
-        most = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-        return SharedMemoryError(
-            f"{need} in one file; this process may make files of {most:,}. {fewer} raise the limit (ulimit -f)."
-        )
-    if error.errno in (errno.ENOSPC, errno.ENOMEM):
-        return SharedMemoryError(
-            f"{need}, and {_free()} ({error.strerror}). Shared memory must hold the whole block. {fewer} enlarge it "
-            f"(docker run --shm-size={-(-size // 2**20) + 1}m; mount -o remount,size=... /dev/shm)."
-        )
     return SharedMemoryError(
-        f"{need}, and cannot be made in /dev/shm ({error.strerror or error}; {_free()}). Shared memory must be there "
-        "and writable for this user (on Linux: mount -o remount,rw /dev/shm; chmod 1777 /dev/shm)."
+        f"{need} in /dev/shm, which are refused ({error.strerror or error}; {_free()}). Shared memory must be writable "
+        "for this user, and hold the whole block. Use fewer discs or precision='float32', enlarge it (docker run "
+        f"--shm-size={-(-size // 2**20) + 1}m; mount -o remount,size=... /dev/shm), or raise what this process may "
+        "have (ulimit -v, ulimit -f)."
     )
 
 
@@ -102,15 +87,11 @@ def refusal_of_process(what: str, error: OSError | RuntimeError | EOFError, reme
     why = str(error)
     if isinstance(error, EOFError | ConnectionError):
         why = "Python's fork server, which starts workers, ended. It may have been killed, or allowed no process"
-    number = error.errno if isinstance(error, OSError) and not isinstance(error, ConnectionError) else errno.EAGAIN
-    if number in (errno.EAGAIN, errno.ENOMEM):
-        rule = "There must be memory for one (free, ulimit -v), and starting one allowed (ulimit -u, or a container's)."
-    else:
-        rule = (
-            "The current folder, a folder for temporary files (TMPDIR, of fewer than 80 characters) and "
-            f"{sys.executable!r} must be there, and may be used."
-        )
-    return ResourceError(f"{what} could not be started: {why}. {rule} {remedy}")
+    return ResourceError(
+        f"{what} could not be started: {why}. There must be memory for one (free, ulimit -v), starting one allowed "
+        "(ulimit -u, or a container's), and the current folder, a folder for temporary files (TMPDIR, of fewer than 80 "
+        f"characters) and {sys.executable!r} there, which may be used. {remedy}"
+    )
 
 
 def resident_bytes(pid: int) -> int:
