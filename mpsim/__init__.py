@@ -92,8 +92,6 @@ late.VIEWS.update(
     report_html="mpsim.output.tables:report_html",
     report_times="mpsim.output.figures:times",
     trade_text="mpsim.output.tables:terminal_table",
-    trade_html="mpsim.output.tables:html_table",
-    tuned_html="mpsim.output.tables:tuned_html",
     measure_names="mpsim.measure.registry:names",
 )
 

@@ -5,8 +5,6 @@ says why, 2 wrong usage or input, 130 Ctrl-C.
 """
 
 import importlib
-import logging
-import sys
 import warnings
 from functools import partial
 from typing import Any
@@ -96,15 +94,8 @@ Examples:
     cls=Commands, epilog=EXAMPLES, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
 )
 @click.version_option(package_name="mpsim", prog_name="mpsim")
-@click.option("-v", "--verbose", is_flag=True, help="Also report which files are read and which choices are made.")
-def main(verbose: bool) -> None:
+def main() -> None:
     """Simulate many hard discs in two dimensions, with the same bits on any number of cores.
 
     SCENE is the name of a scene that comes with mpsim or a path to a .toml file.
     """
-    if verbose:
-        handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(logging.Formatter("%(message)s"))
-        logging.getLogger("mpsim").addHandler(handler)
-        logging.getLogger("mpsim").setLevel(logging.INFO)
-        click.get_current_context().call_on_close(lambda: logging.getLogger("mpsim").removeHandler(handler))

@@ -1,9 +1,7 @@
 """`mpsim run` and `mpsim resume`, and the folder in which a run is kept."""
 
 import contextlib
-import csv
 import dataclasses
-import io
 import json
 import os
 import time
@@ -37,16 +35,12 @@ from mpsim.studies.findings import Promise, found_by, promise_of
 
 # --- The folder of a run
 #
-# run.json            scene, settings, versions, and what each part of the run did
+# run.json            scene, settings, versions, and what each part of the run did, averages with errors included
 # checkpoint.mpsim    from which `mpsim resume` continues
 # trajectory.xyz      (or .gsd) frames, for OVITO and mpsim.Trajectory
 # measures.csv        energy, overlap and collision rate along the run
-# averages.csv        averages of the measures asked for, with their errors, of each part of the run
 # timings.csv         time of each frame, phase and worker, of the first part; timings-2.csv of the second ...
 # final.npz, .png     the last state
-
-AVERAGED = ("measure", "value", "error", "samples", "settled", "upper", "from_frame", "to_frame")
-"""Columns of the averages: a `Measure` each, over the frames after from_frame up to to_frame."""
 
 FORMAT = 1
 RECORD = "run.json"
@@ -61,13 +55,12 @@ MOST_BYTES = 2**23
 
 CHECKPOINT = "checkpoint.mpsim"
 MEASURES = "measures.csv"
-AVERAGES = "averages.csv"
 TIMINGS = "timings.csv"
 STATE = "final.npz"
 PICTURE = "final.png"
 
 _OURS = (
-    RECORD, CHECKPOINT, f"{CHECKPOINT}.previous", MEASURES, AVERAGES, TIMINGS, "timings-[0-9]*.csv", STATE, PICTURE,
+    RECORD, CHECKPOINT, f"{CHECKPOINT}.previous", MEASURES, TIMINGS, "timings-[0-9]*.csv", STATE, PICTURE,
     "plot.png",
 )  # fmt: skip
 """Files of a run, which --force removes, beside its trajectory; any other stays."""
@@ -140,8 +133,6 @@ class RunFolder:
                 f"{newer if found > FORMAT else older}"
             )
         missing = sorted(name for name, kind in KINDS.items() if not isinstance(record.get(name), kind))
-        if "parts" not in missing and not all(map(_is_part, record["parts"])):
-            missing.append("parts with measures")
         if missing:
             raise InputError(f"{RECORD} must hold {', '.join(missing)}; that in {str(folder)!r} does not.")
         return cls(folder, record)
@@ -186,8 +177,6 @@ class RunFolder:
         parts = self.record["parts"]
         parts.append(part)
         self._write(self.timings, report.to_csv(first_frame=sim.frame - report.frames + 1))
-        if averages := averages_of(parts):
-            self._write(AVERAGES, averages)
         sim.state.save(self[STATE])
         self.note(sim, "done" if sim.frame >= self.record["target"] else "paused")
 
@@ -212,22 +201,6 @@ def part_of(sim: Simulation, report: Report, wall_seconds: float, compile_second
         "block_bytes": report.block_bytes,
         "measures": {name: dataclasses.asdict(measure) for name, measure in report.measures.items()},
     }
-
-
-def _is_part(part: Any) -> bool:
-    """Whether a value of a record can be a part of a run."""
-    measures = part.get("measures") if isinstance(part, dict) else None
-    return isinstance(measures, dict) and all(isinstance(each, dict) for each in measures.values())
-
-
-def averages_of(parts: list[dict[str, Any]]) -> str:
-    """The averages of all parts of a run as CSV, a line for each measure of each part; "" if none was asked for."""
-    rows = [{**part, "measure": name, **values} for part in parts for name, values in part["measures"].items()]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, AVERAGED, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue() if rows else ""
 
 
 def _demand_leave(folder: Path, force: bool) -> None:
@@ -425,8 +398,7 @@ def _advance(
         click.echo(json_text(folder.record))
         return
     _print_summary(part, report, sim, folder.record["scene"], watched)
-    averages = [AVERAGES] if report.measures else []
-    names = ", ".join((folder.record["trajectory"], MEASURES, *averages, folder.timings, STATE, PICTURE))
+    names = ", ".join((folder.record["trajectory"], MEASURES, folder.timings, STATE, PICTURE))
     frames = len(Trajectory(folder.trajectory))
     click.echo(f"written to {folder.path}/: {names}; {frames} frames in the trajectory")
 

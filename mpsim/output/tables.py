@@ -1,4 +1,4 @@
-"""Tables of text: of a trade-off study for a terminal and a notebook, of a report and of tuned settings."""
+"""Tables of text: of a trade-off study, and of a report for a notebook."""
 
 import html
 import io
@@ -22,8 +22,7 @@ from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
 from mpsim.studies import deviations
 from mpsim.studies.deviations import FEW_RUNS, RESOLVED, Deviation
 from mpsim.studies.ensemble import Cost
-from mpsim.studies.tradeoff import Row, Tradeoff, label
-from mpsim.studies.tune import Tuned
+from mpsim.studies.tradeoff import Row, Tradeoff
 
 # --- Trade-off studies
 
@@ -122,19 +121,6 @@ def reasons(table: Tradeoff) -> list[str]:
     return [f"n/m, {name.replace('_', ' ')}: {reason}" for name, reason in found]
 
 
-def html_table(table: Tradeoff) -> str:
-    """The table as HTML."""
-    heads = header(table)
-    lines = []
-    for row in table.rows:
-        texts = [html.escape(cell) for cell in cells(row, table.measures)]
-        span = f' colspan="{len(heads) - 1}"' if row.cost is None else ""
-        lines.append(f"<tr><td>{texts[0]}</td>" + "".join(f"<td{span}>{text}</td>" for text in texts[1:]) + "</tr>")
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
-    caption = html.escape(". ".join([title(table), *reasons(table)]))
-    return f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
-
-
 def title(table: Tradeoff) -> str:
     """The scene, the reference, the length of the runs, and the meaning of the signs."""
     unresolved = unresolved_text(error for row in table.rows for error in row.errors.values())
@@ -168,7 +154,7 @@ def _grid(columns: list[list[str]], widths: list[int]) -> Table:
     return grid
 
 
-# --- Reports and tuned settings, for a notebook
+# --- Reports, for a notebook
 
 
 def phases_of(report: Report) -> dict[str, str]:
@@ -190,24 +176,5 @@ def report_html(report: Report) -> str:
     if report.compile_seconds:
         rows.append(("compiling before", f"{report.compile_seconds:.1f} s"))
     rows += [(name, measure_text(name, measure)) for name, measure in report.measures.items()]
-    return html_of(rows, "report.plot() draws it")
-
-
-def tuned_html(tuned: Tuned) -> str:
-    """The answer of `tune` as a table: the settings, their cost, and each error beside its budget."""
-    rows = [("settings", label(tuned.settings)), ("cost", f"{cost_text(tuned.cost)} ns per disc and unit of time")]
-    rows += [
-        (name.replace("_", " "), f"{error_text(name, tuned.errors[name])}, budget {budget:g}")
-        for name, budget in tuned.budgets.items()
-    ]
-    rows += [("claim", "exact" if tuned.exact else "verified with new runs")]
-    rows.append(("tried", f"{len(tuned.tried)} candidates"))
-    rows += [("mpsim warns", tuned.warning)] if tuned.warning else []
-    unresolved = unresolved_text(tuned.errors.values())
-    return html_of(rows, f"the cheapest settings inside the budgets; errors against {tuned.reference}; <: {unresolved}")
-
-
-def html_of(rows: list[tuple[str, str]], caption: str) -> str:
-    """Names and values as an HTML table."""
     lines = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in rows]
-    return f"<table><caption>{html.escape(caption)}</caption><tbody>{''.join(lines)}</tbody></table>"
+    return f"<table><caption>report.plot() draws it</caption><tbody>{''.join(lines)}</tbody></table>"

@@ -118,22 +118,6 @@ class Runner(Generic[Key]):
             return future
 
 
-def checked_path(path: str | os.PathLike[str]) -> Path:
-    """A path that can be written, checked before the long work.
-
-    Raises:
-        InputError: if it cannot.
-    """
-    try:
-        files.check_target(Path(path))
-    except (OSError, TypeError, ValueError) as error:  # the last two: no path at all
-        raise InputError(
-            f"path must be a file in a folder that can be written to; got {path!r} "
-            f"({getattr(error, 'strerror', None) or error}). Make the folder, or give another path."
-        ) from None
-    return Path(path)
-
-
 # --- The file of a study: a head, and one line of JSON for each finished run
 #
 # A line is written by one system call when its run is done. So Ctrl-C leaves complete lines, and a kill leaves at most
@@ -161,8 +145,7 @@ class RunFile:
         self._lines: list[bytes] = []
         self._descriptor = -1
         if path is not None:
-            self._path = checked_path(path)
-            self._open()
+            self._open(path)
 
     def __enter__(self) -> "RunFile":
         return self
@@ -230,9 +213,11 @@ class RunFile:
                 f"({error.strerror}). Make room and call again: the runs that it holds are not repeated."
             ) from error
 
-    def _open(self) -> None:
+    def _open(self, path: str | os.PathLike[str]) -> None:
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
         try:
+            self._path = Path(path)
+            files.check_target(self._path)
             self._descriptor = os.open(self._path, flags, 0o666)
             self._lock = FileLock(self._path)
         except OutputError:
@@ -241,10 +226,10 @@ class RunFile:
                 f"path must be a file that no other {self._what} has; {self._path} is being written by another one, of "
                 "this process or another. Wait for its end, or give another path."
             ) from None
-        except OSError as error:
+        except (OSError, TypeError, ValueError) as error:  # the last two: no path at all
             raise InputError(
-                f"path must be a file that can be written to; got {str(self._path)!r} ({error.strerror}). Give another "
-                "path."
+                f"path must be a file in a folder that can be written to; got {path!r} "
+                f"({getattr(error, 'strerror', None) or error}). Make the folder, or give another path."
             ) from None
         try:
             self._read()

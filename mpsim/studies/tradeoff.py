@@ -129,7 +129,7 @@ class Row:
         return values
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Tradeoff:
     """Costs and errors of candidates on one scene.
 
@@ -204,11 +204,8 @@ class Tradeoff:
         frame.attrs = {name: value for name, value in json.loads(self.to_json()).items() if name != "rows"}
         return frame
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return view("trade_text", self)
-
-    def _repr_html_(self) -> str:
-        return view("trade_html", self)
 
 
 def label(settings: Settings) -> str:

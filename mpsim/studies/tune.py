@@ -17,7 +17,6 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.late import view
 from mpsim.core.progress import checked_progress, shown
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BudgetError, InputError, NotMeasurableError
@@ -33,7 +32,7 @@ from mpsim.studies.tradeoff import Row, checked_candidates, families, label, row
 # --- The result of a search for settings: each candidate with its verdict, and the answer
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Tuned:
     """The answer of `tune`.
 
@@ -71,10 +70,7 @@ class Tuned:
         """Whether the errors were within the budgets in new, independent runs; those of the reference are not run."""
         return not all(error.exact for error in self.errors.values())
 
-    def _repr_html_(self) -> str:
-        return view("tuned_html", self)
-
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         lines = [f"{label(self.settings)}: {self.cost.median:.3g} ns per disc and unit of time ({self.cost.method})"]
         for name, budget in self.budgets.items():
             error = self.errors[name]

@@ -373,7 +373,6 @@ def test_a_run_that_fails_is_a_row_with_its_reason_and_is_tried_again_if_it_was_
     assert (failed.failure, failed.cost, failed.errors) == (failing["failure"], None, {})
     assert good.failure is None
     assert "failed: DivergedError" in str(found)
-    assert "failed: DivergedError" in found._repr_html_()
     assert found.frontier("overlap") == [good]
     assert next(csv.DictReader(io.StringIO(found.to_csv())))["failure"] == failed.failure
     assert kept(path, candidates=[FINE]).rows[0].failure == failed.failure, "it is in the file"
