@@ -57,11 +57,10 @@ for name, settings in json.loads(sys.argv[1]).items():
     with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, **settings)) as sim:
         sim.run(frames=100)
         medians = [float(np.median(sim.run(frames=150).frame_seconds)) for _ in range(5)]
-        found[name] = min(medians) / scene.count * 1e9, sim.digest()
+        found[name] = min(medians) / scene.count * 1e9
 print(json.dumps(found))
 """
-"""Prints nanoseconds per disc and frame, and digests, of scenes: the least of several medians, as other load only adds
-to it."""
+"""Prints nanoseconds per disc and frame of scenes: the least of several medians, as other load only adds to it."""
 
 
 class OtherVersionError(Exception):
@@ -85,13 +84,8 @@ def checkout_of(revision: str) -> Iterator[Path]:
         yield Path(folder)
 
 
-def timed(scenes: dict[str, dict[str, Any]], there: Path, turn: int) -> dict[str, tuple[float, float, bool]]:
-    """Costs of scenes here and in another checkout, one right after the other, and whether digests are equal.
-
-    Args:
-        scenes: settings and features by name.
-        there: top level of the other checkout, which comes first in every other turn.
-        turn: number of the turn.
+def timed(scenes: dict[str, dict[str, Any]], there: Path, turn: int) -> dict[str, tuple[float, float]]:
+    """Costs of scenes here and in another checkout, which comes first in every other turn.
 
     Raises:
         OtherVersionError: if it fails there.
@@ -105,8 +99,7 @@ def timed(scenes: dict[str, dict[str, Any]], there: Path, turn: int) -> dict[str
         if run.returncode:
             raise (OtherVersionError if top == there else RuntimeError)(run.stderr.strip())
         printed[top] = json.loads(run.stdout)
-    pairs = ((name, printed[TOP][name], printed[there][name]) for name in scenes)
-    return {name: (here[0], before[0], here[1] == before[1]) for name, here, before in pairs}
+    return {name: (printed[TOP][name], printed[there][name]) for name in scenes}
 
 
 def losses(there: Path) -> list[str]:
@@ -114,9 +107,9 @@ def losses(there: Path) -> list[str]:
     suspects = SCENES
     for turn in range(TURNS):
         costs = timed(suspects, there, turn)
-        for name, (here, before, _) in costs.items():
+        for name, (here, before) in costs.items():
             print(f"turn {turn + 1}: {name}: {here:.2f} ns per disc and frame, {here / before:.2f} of {before:.2f}")
-        suspects = {name: SCENES[name] for name, (here, before, _) in costs.items() if here / before >= LOSS}
+        suspects = {name: SCENES[name] for name, (here, before) in costs.items() if here / before >= LOSS}
         if not suspects:
             break
     return list(suspects)
@@ -130,11 +123,8 @@ def main() -> int:
     try:
         with checkout_of(revision) as there:
             lost = losses(there)
-    except InputError as error:
-        print(f"nothing to compare with: {error}")
-        return 0
-    except OtherVersionError as error:
-        print(f"nothing to compare with: {revision} cannot run these scenes: {str(error).splitlines()[-1]}")
+    except (InputError, OtherVersionError) as error:
+        print(f"nothing to compare with: {revision}: {str(error).splitlines()[-1]}")
         return 0
     for name in lost:
         print(f"{name}: slower by {LOSS} or more than {revision} in {TURNS} turns out of {TURNS}.")

@@ -368,7 +368,7 @@ def draw_final_states(result: Fixed, frames: int, path: Path) -> None:
         save_figure(figure, path)
 
 
-def draw_scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -> None:
+def draw_scaling(timings: Sequence[Timing], path: Path) -> None:
     """Nanoseconds per disc and frame against the number of discs, and the speed-up of the workers."""
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(8, 6.6)
@@ -394,7 +394,6 @@ def draw_scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -
         speed_up = {discs: grid[discs] / parallel[discs][[0, 2, 1]] for discs in common}
         _bars(below, speed_up, color=METHOD_COLOURS["parallel"], marker="o")
         below.axhline(1, color="black", linewidth=1)
-        _mark_crossover([above, below], crossover, common)
         below.set(ylabel="speed-up of the workers\n(grid / parallel)", xlabel="discs")
         below.set_ylim(0, max(2.2, 1.05 * max(float(ratio.max()) for ratio in speed_up.values())))
         below.xaxis.set_major_formatter(WHOLE)
@@ -405,20 +404,6 @@ def _bars(axes: Axes, rows: Mapping[int, NDArray[np.float64]], **style: Any) -> 
     """Points with bars; rows: median, low and high by number of discs."""
     middle, low, high = np.array(list(rows.values())).T
     axes.errorbar(list(rows), middle, [middle - low, high - middle], capsize=2, **style)
-
-
-def _mark_crossover(panels: Sequence[Axes], crossover: int | None, sizes: Sequence[int]) -> None:
-    """Shade the sizes between which parallel becomes faster than grid, and stays so at all larger measured sizes."""
-    if crossover is None:
-        return
-    before = max((size for size in sizes if size < crossover), default=crossover)
-    for axes in panels:
-        axes.axvspan(before, crossover, color="#999999", alpha=0.2, linewidth=0)
-    words = f"at every measured size from {crossover:,} discs on\nparallel is faster than grid"
-    words += f"; at {before:,} it is not" if before < crossover else ""
-    side, shift = ("left", 6) if crossover**2 < sizes[0] * sizes[-1] else ("right", -6)  # the text stays inside
-    place = {"xytext": (shift, 0), "textcoords": "offset points", "ha": side}
-    panels[-1].annotate(words, (crossover, 0.12), color="#555555", fontsize=9, **place)
 
 
 def _running(values: NDArray[np.float64], part: float) -> NDArray[np.float64]:
@@ -614,7 +599,7 @@ def show(results: dict[str, Any], settings: Settings, out: Path, busy: bool) -> 
         if not busy:
             words = f"parallel is faster than grid from {from_here:,} discs on" if from_here else "no crossover"
             console.print(f"  {words}")
-        draw_scaling(found, from_here, out / "scaling.png")
+        draw_scaling(found, out / "scaling.png")
         record["scaling"] = [each.figures() for each in found]
     return record
 

@@ -22,14 +22,12 @@ import mpsim
 from mpsim.engine.solvers.stepped import Grid, grid_for
 from mpsim.output.animation import DPI, Picture
 from mpsim.output.drawing import STYLE, draw_discs, new_figure
-from mpsim.output.figures import PHASE_COLOURS, usual_phases
 from mpsim.scene.scenefile import load
 
 WORKERS = (("#0072B2", "#7CC4EC"), ("#D55E00", "#F0B84B"))
 """Two shades for each worker, so that brackets beside each other differ."""
 
 AT_REST = "#EEEEEE"
-FRAME_DISCS = 20_000
 HEAP_TIME = 20.0
 
 
@@ -110,33 +108,6 @@ def neighbours(path: Path) -> None:
     figure.savefig(path)
 
 
-def frame(path: Path) -> None:
-    """A usual frame of one worker, and of two, step by step."""
-    scene = mpsim.Scene.random(count=FRAME_DISCS, packing=0.4, radius=0.5, seed=1)
-    figure = new_figure(8, 3.0)
-    axes = figure.add_subplot()
-    names = ["one worker", "worker 0 of two", "worker 1 of two"]
-    for workers in (1, 2):
-        with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=workers)) as sim:
-            sim.run(frames=300)
-            phases = usual_phases(sim.run(frames=1000))
-        for worker in range(workers):
-            row, left = workers - 1 + worker, 0.0
-            for phase, seconds in phases.items():
-                axes.barh(row, seconds[worker] * 1e6, left=left, color=PHASE_COLOURS[phase])
-                left += float(seconds[worker]) * 1e6
-            axes.text(left, row, f" {left:.0f} µs", va="center")
-    axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
-    axes.margins(x=0.12)
-    axes.grid(axis="y", visible=False)
-    title = f"A frame of {FRAME_DISCS:,} discs: its phases add up to the time of the frame"
-    axes.set(xlabel="time, mean of the middle half of 1,000 frames [µs]", title=title)
-    handles = [swatch(colour) for colour in PHASE_COLOURS.values()]
-    figure.legend(handles, PHASE_COLOURS, loc="outside lower center", ncols=len(PHASE_COLOURS))
-    figure.savefig(path)
-
-
 def funnel(path: Path) -> None:
     """The scene that the tutorial's last page writes, as it is after the run there."""
     text = (DOCS / "tutorial" / "5-your-own-scene.md").read_text()
@@ -183,7 +154,7 @@ def heap(path: Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-PICTURES = {each.__name__: each for each in (passes, neighbours, frame, funnel, heap)}
+PICTURES = {each.__name__: each for each in (passes, neighbours, funnel, heap)}
 
 
 def main() -> int:

@@ -132,8 +132,9 @@ def _packing(packing: float) -> Case:
 HEXAGONAL = math.pi / (2 * math.sqrt(3))
 
 
-def step_and_packing(fraction: float, packing: float) -> Case:
+def _step_and_packing(pair: tuple[float, float]) -> Case:
     """The case of a step, as a fraction of a radius, and a packing."""
+    fraction, packing = pair
     case = _packing(packing)
     dt = step_for(fraction)
     return Case(case.scene, dt, _frames(4.0 if packing > 0.7 else 20.0, dt, 1000))
@@ -249,6 +250,12 @@ NUMBERS = [
     for value in values
 ]
 
+MAP = "map"
+"""Name of the axis of pairs of steps and packings."""
+
+STEP_FRACTIONS = (0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0, 100.0)
+PACKINGS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.8, 0.85, 0.88, 0.9)
+
 AXES = {
     axis.name: axis
     for axis in (
@@ -298,13 +305,9 @@ AXES = {
             (1e6,),
         ),
         Axis("numbers", "one number near the limits of floating point", tuple(NUMBERS), _numbers),
+        Axis(MAP, "steps and packings", tuple(product(STEP_FRACTIONS, PACKINGS)), _step_and_packing),
     )
 }
-
-STEP_FRACTIONS = (0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0, 100.0)
-PACKINGS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.8, 0.85, 0.88, 0.9)
-"""The two axes of the map of steps and packings."""
-
 
 # --- Trials of the stability map: outcomes of every method, contact, law and precision on extreme scenes
 #
@@ -338,9 +341,6 @@ path amplifies errors of direction."""
 
 HANG_SECONDS = 180.0
 """Seconds after which a trial counts as a hang: far more than the slowest takes, compilation included."""
-
-MAP = "map"
-"""Name of the axis pair of steps and packings."""
 
 
 @dataclass(frozen=True)
@@ -385,7 +385,7 @@ MAP_ROWS = (Row("grid"), Row("grid", "push"), Row("grid", on_fast="substep"), Ro
 
 @dataclass(frozen=True)
 class Trial:
-    """One run: axis, value and row. For MAP the value is (displacement in a step, packing)."""
+    """One run: axis, value and row."""
 
     axis: str
     value: Any
@@ -393,7 +393,7 @@ class Trial:
 
     def case(self) -> Case:
         """The case to run."""
-        return step_and_packing(*self.value) if self.axis == MAP else AXES[self.axis].case(self.value)
+        return AXES[self.axis].case(self.value)
 
 
 @dataclass
@@ -420,15 +420,12 @@ class Outcome:
 
 
 def trials(axes: Iterable[str] | None = None, full: bool = False) -> list[Trial]:
-    """All trials along some axes (None: all axes, and the map of steps and packings)."""
+    """All trials along some axes; None: all axes."""
     found = []
-    for name in axes or [*AXES, MAP]:
-        if name == MAP:
-            found += [Trial(MAP, pair, row) for row in MAP_ROWS for pair in product(STEP_FRACTIONS, PACKINGS)]
-            continue
+    for name in axes or AXES:
         axis = AXES[name]
         values = sorted(axis.values + axis.full) if full and axis.full else axis.values
-        found += [Trial(name, value, row) for value in values for row in ROWS]
+        found += [Trial(name, value, row) for value in values for row in (MAP_ROWS if name == MAP else ROWS)]
     # All pairs of a million discs would take too long.
     return [each for each in found if each.axis != "count" or each.value <= 5000 or each.row.method != "naive"]
 
@@ -620,7 +617,7 @@ def counts_table(outcomes: Sequence[Outcome]) -> str:
     rows = []
     for name in [*dict.fromkeys(outcome.axis for outcome in outcomes), "all"]:
         chosen = [outcome for outcome in outcomes if name in ("all", outcome.axis)]
-        title = {MAP: "steps and packings", "all": "**all**"}.get(name) or AXES[name].title
+        title = "**all**" if name == "all" else AXES[name].title
         rows.append((title, len(chosen), *counts(chosen).values()))
     return table(("axis", "trials", *KINDS, *FORBIDDEN), rows)
 
@@ -652,8 +649,7 @@ def run(options: argparse.Namespace) -> int:
 
 def main() -> int:
     parser = parser_of(__doc__)
-    axes = [*AXES, MAP]
-    parser.add_argument("--only", nargs="+", choices=axes, metavar="AXIS", help=", ".join(axes))
+    parser.add_argument("--only", nargs="+", choices=AXES, metavar="AXIS", help=", ".join(AXES))
     parser.add_argument("--full", action="store_true", help="also the long trials")
     parser.add_argument("--workers", type=int, default=2, help="processes that try at the same time (default: 2)")
     parser.add_argument("--out", type=Path, default=Path("results/stability"), help="default: results/stability")

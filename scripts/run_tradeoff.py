@@ -19,17 +19,15 @@ import matplotlib
 import numpy as np
 from harness import exit_code, fill_page, made_by, make_folder, parser_of, progress_bar, say
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from rich.progress import TaskID
 
 import mpsim
 from mpsim import Settings, Tradeoff
 from mpsim.core.machine import usable_cores
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.output.drawing import STYLE, new_figure, save_figure
+from mpsim.output.drawing import STYLE, new_figure, plain_ticks, save_figure
 from mpsim.output.tables import UNITS, cells, header, reasons, title
 from mpsim.studies.tradeoff import Row
 
@@ -80,8 +78,6 @@ GREY = "#B0B0B0"
 ZERO = 0.03  # position of errors of exactly 0, as a fraction of the width: a logarithmic axis has none for them
 BAND = 0.06  # fraction of the width, at the left, that is kept for them
 
-WIDE = 2.5  # decades from which on an axis has powers of ten alone
-
 COST = "cost [ns per disc and unit of time]"
 
 
@@ -94,16 +90,6 @@ def family(settings: Settings) -> str:
     if settings.law == "reflect":
         return "reflect"
     return settings.contact + (f" x{settings.passes}" if settings.passes > 1 else "")
-
-
-def short_label(settings: Settings) -> str:
-    """The settings in the fewest words that distinguish them from others in a picture, such as impact 0.1/2."""
-    if not capabilities_of(settings).has_steps:
-        return settings.method
-    step = f"{settings.dt:.3g}" + (f"/{settings.substeps}" if settings.substeps > 1 else "")
-    workers = f", {settings.workers} workers" if settings.workers else ""
-    method = f", {settings.method}" if settings.method != "auto" else ""
-    return f"{family(settings)} {step}{method}{workers}"
 
 
 def frontier(table: Tradeoff, measure: str) -> Figure:
@@ -160,9 +146,9 @@ def draw(axes: Axes, table: Tradeoff, measure: str, front: Sequence[Row], size: 
     axes.set(xscale="log", yscale="log")
     rows = _drawable(table, measure)
     _limits(axes, rows, measure)
-    left = _band(axes, [row for row in rows if _place(row, measure)[0] == 0])
-    _ticks(axes.xaxis, left, axes.get_xlim()[1])
-    _ticks(axes.yaxis, *axes.get_ylim())
+    if any(_place(row, measure)[0] == 0 for row in rows):
+        _band(axes)
+    plain_ticks(axes.yaxis)
     _step_line(axes, front, measure)
     on_front = {id(row) for row in front}
     for row in sorted(rows, key=lambda row: id(row) in on_front):
@@ -199,35 +185,10 @@ def _limits(axes: Axes, rows: Sequence[Row], measure: str) -> None:
         axes.set_ylim(places[:, 1].min() / 10 ** (0.1 * decades), places[:, 1].max() * 10 ** (0.13 * decades))
 
 
-def _band(axes: Axes, exact: Sequence[Row]) -> float:
-    """The place of errors of exactly 0, if there are any; returns where the others begin."""
-    left, right = axes.get_xlim()
-    if not exact:
-        return left
+def _band(axes: Axes) -> None:
+    """The place of errors of exactly 0."""
     axes.fill_between([0, BAND], 0, 1, transform=axes.transAxes, color="#F0F0F0", linewidth=0, zorder=0.7)
     axes.text(ZERO, 0.012, "0", transform=axes.transAxes, ha="center", va="bottom", fontsize=9, color="#555555")
-    return left * (right / left) ** BAND
-
-
-def _ticks(axis: Axis, low: float, high: float) -> None:
-    """Few enough numbers to be read, without powers of ten if people would not write them."""
-    decades = float(np.log10(high / low))
-    steps = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0) if decades < 0.75 else (1.0, 2.0, 5.0) if decades < WIDE else (1.0,)
-    powers = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1, max(round(decades / 6), 1))
-    values = np.outer(10.0**powers, steps).ravel()
-    axis.set_major_locator(FixedLocator(values[(low <= values) & (values <= high)].tolist()))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
-    axis.set_minor_formatter(NullFormatter())
-    if decades > WIDE:
-        axis.set_minor_locator(NullLocator())
-
-
-def _number(value: float) -> str:
-    if 1e-3 <= value <= 1e5:
-        return f"{value:,.6g}"
-    first, power = f"{value:.0e}".split("e")
-    times = "" if first == "1" else f"{first}\\cdot "
-    return f"${times}10^{{{int(power)}}}$"
 
 
 def _step_line(axes: Axes, front: Sequence[Row], measure: str) -> None:
@@ -283,7 +244,7 @@ def _label_front(axes: Axes, front: Sequence[Row], measure: str) -> None:
     for row in front:
         error, cost = _place(row, measure)
         axes.annotate(
-            short_label(row.settings),
+            " ".join([family(row.settings), *[f"{row.settings.dt:.3g}"] * (row.settings.method != "event")]),
             (error or ZERO, cost),
             xycoords=axes.transData if error else axes.get_yaxis_transform(),
             xytext=(8, 6),

@@ -12,8 +12,6 @@ one without a page take turns, and of their ratios the median counts, as the mac
 import contextlib
 import io
 import json
-import os
-import re
 import shutil
 import subprocess
 import sys
@@ -23,14 +21,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from harness import exit_code, fill_page, made_by, make_folder, parser_of, say, table
+from harness import exit_code, fill_page, made_by, make_folder, parser_of, say
 from numpy.typing import NDArray
-from websockets.sync.client import connect
 
 import mpsim
 from mpsim.scene import scenefile
-from mpsim.viewer import protocol
-from mpsim.viewer.server import page_files
 from mpsim.viewer.session import Session
 
 if TYPE_CHECKING:
@@ -129,29 +124,6 @@ def cost_of_watching(turns: int, seconds: float) -> tuple[NDArray[np.float64], f
     return 100 * (np.quantile(ratios, [0, 0.5, 1]) - 1), float(np.median(rates))
 
 
-def seconds_to_first_picture() -> float:
-    """From the command until its page has the first picture, in a process of its own [s].
-
-    Python may keep its bytecode, as it does unless the environment forbids it.
-    """
-    started = time.perf_counter()
-    command = [sys.executable, "-u", "-m", "mpsim", "view", "gas", "--no-browser"]
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
-        try:
-            assert process.stdout is not None
-            address = re.search(r"http://\S+/", process.stdout.readline())
-            assert address is not None
-            where, origin = address[0].replace("http", "ws", 1) + "socket", address[0].rsplit("/", 2)[0]
-            with connect(where, origin=origin, compression=None, max_size=None) as socket:  # pyright: ignore[reportArgumentType]
-                socket.send('{"do": "visible", "value": true}')
-                while not (isinstance(message := socket.recv(), bytes) and message[5] == protocol.PICTURE):
-                    pass
-                return time.perf_counter() - started
-        finally:
-            process.terminate()
-
-
 @contextlib.contextmanager
 def chromium() -> Iterator["Browser"]:
     """The browser of this machine, for pictures; needs Playwright."""
@@ -213,7 +185,7 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER")
-    parser.add_argument("--docs", type=Path, help="page whose table is renewed")
+    parser.add_argument("--docs", type=Path, help="page whose numbers are renewed")
     options = parser.parse_args()
     if options.pictures is not None:
         make_folder(options.pictures)
@@ -223,18 +195,13 @@ def main() -> None:
         return
     turns, seconds = (1, 1.0) if options.quick else (7, 3.0)
     (low, middle, high), pictures = cost_of_watching(turns, seconds)
-    first = min(seconds_to_first_picture() for _ in range(1 if options.quick else 3))
-    size = sum(len(file.content) for file in page_files().values()) / 1000
-    watching = f"{middle:.1f} % (turns: {low:.1f} to {high:.1f}), at {pictures:.0f} pictures a second; the same digest"
-    rows = [
-        (f"a page that watches {COUNT:,} discs at full speed, of the run's processor time", "≤ 3 %", watching),
-        ("from the command to the first picture, compiled", "≤ 1 s", f"{first:.2f} s"),
-        ("the page, all files", "≤ 150 kB", f"{size:.1f} kB"),
-    ]
-    text = f"{table(('quantity', 'limit', 'measured'), rows)}\n\n{made_by()}"
+    text = (
+        f"A page that watches {COUNT:,} discs at full speed takes {middle:.1f} % of the run's processor time (turns: "
+        f"{low:.1f} to {high:.1f}), at {pictures:.0f} pictures a second.\n\n{made_by()}"
+    )
     say(text)
     if options.docs is not None:
-        fill_page(options.docs, {"table": text})
+        fill_page(options.docs, {"cost": text})
 
 
 if __name__ == "__main__":

@@ -126,13 +126,6 @@ PEERS = {
         package=("taichi", "taichi"),
         threads=(1, 2),
     ),
-    "warp": Peer(
-        "Warp, CPU",
-        "with_warp",
-        "Its hash grid and two kernels, all contacts of a frame at once, launches recorded. One thread: all that "
-        "Warp uses on a CPU.",
-        package=("warp", "warp-lang"),
-    ),
     "lammps": Peer(
         "LAMMPS, `gran/hooke`",
         "with_lammps",

@@ -48,13 +48,13 @@ def test_run_validation_compares_two_discs_with_what_is_known(tmp_path):
 @pytest.mark.long
 def test_run_peers_has_a_row_for_the_yardstick_and_one_for_an_engine_that_is_missing(tmp_path):
     page, readme = tmp_path / "page.md", (ROOT / "README.md").read_text()
-    words = ["--quick", "--accurate", "0", "--counts", "60", "--peers", "mpsim-push", "numpy", "cpp", "warp"]
+    words = ["--quick", "--accurate", "0", "--counts", "60", "--peers", "mpsim-push", "numpy", "cpp", "pymunk"]
     run("run_peers", *words, "--work", tmp_path, "--page", page)
     text = page.read_text()
     assert re.search(r"\| mpsim, contact `push` \| [\d.,]+ ", text)
     assert "A short run, for a look: not to be quoted." in text
     assert (ROOT / "README.md").read_text() == readme
-    assert re.search(r"\| Warp, CPU \| (not installed: pip install warp-lang|[\d.,]+ )", text)
+    assert re.search(r"\| pymunk \| (not installed: pip install pymunk|[\d.,]+ )", text)
 
 
 def test_the_readme_claims_what_the_page_of_peers_says():
