@@ -18,7 +18,7 @@ from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Terms
 from mpsim.errors import InputError
 from mpsim.features import feature
 from mpsim.features.motions import Movement
-from mpsim.features.obstacles import OBSTACLES, Obstacle, Polyline, Removed, capsules_of, listed
+from mpsim.features.obstacles import Obstacle, Polyline, Removed, capsules_of, listed
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
@@ -256,17 +256,13 @@ def checked_parameters(solver: Solver, start: Scene, given: Mapping[str, Any]) -
 
 def checked_wall(solver: Solver, start: Scene, wall: ArrayLike | Obstacle) -> Change:
     """`Simulation.add_wall`, checked."""
-    return _checked_obstacles(solver, start, WALL, {"wall": _obstacle(wall)})
+    (obstacle,) = listed(_obstacle(wall))
+    return _checked_obstacles(solver, start, WALL, {"wall": obstacle})
 
 
 def _obstacle(wall: Any) -> Obstacle:
     """An obstacle, or the Polyline that points make."""
-    if not isinstance(wall, Obstacle):
-        return Polyline(wall)
-    if not isinstance(wall, OBSTACLES.kinds):
-        kinds = ", ".join(f"mpsim.{kind.__name__}" for kind in OBSTACLES.kinds)
-        raise checks.refusal("wall", f"be one of {kinds}, or points", f"a {type(wall).__name__}", "Use one of these.")
-    return wall
+    return wall if isinstance(wall, Obstacle) else Polyline(wall)
 
 
 def checked_move(solver: Solver, start: Scene, wall: int, motion: Movement | None) -> Change:

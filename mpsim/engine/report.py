@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import os
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.files import written
-from mpsim.core.late import imported, view
+from mpsim.core.late import view
 from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN, frames_until
 from mpsim.errors import InputError, NotRecordedError
 from mpsim.kernels.records import PHASES
@@ -172,28 +171,13 @@ class Report:
         """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        columns = self._columns()
+        names = [(name, worker) for name in PHASES for worker in range(self.phase_seconds[name].shape[1])]
+        phases = {f"{name.replace(' ', '_')}_{each}": self.phase_seconds[name][:, each] for name, each in names}
+        columns = {"seconds": self.frame_seconds, **phases}
         writer.writerow(["frame", *columns])
         numbers = range(first_frame, first_frame + self.frames)
         writer.writerows(zip(numbers, *(column.tolist() for column in columns.values()), strict=True))
         return written(text.getvalue(), path, TABLE)
-
-    def _columns(self) -> dict[str, NDArray[np.float64]]:
-        """Time of each frame, and each phase of each worker, by the names of columns."""
-        names = [(name, worker) for name in PHASES for worker in range(self.phase_seconds[name].shape[1])]
-        phases = {f"{name.replace(' ', '_')}_{each}": self.phase_seconds[name][:, each] for name, each in names}
-        return {"seconds": self.frame_seconds, **phases}
-
-    def to_pandas(self) -> Any:
-        """The columns of `to_csv` [s] as a pandas.DataFrame; its `attrs["measures"]` hold value, error and samples.
-
-        Raises:
-            OutputError: if pandas is not installed.
-        """
-        pandas = imported("pandas", "a DataFrame", "sweep", "use to_csv")
-        frame = pandas.DataFrame(self._columns(), index=pandas.RangeIndex(1, self.frames + 1, name="frame"))
-        frame.attrs["measures"] = {name: dataclasses.asdict(measure) for name, measure in self.measures.items()}
-        return frame
 
     def plot(self) -> Any:
         """matplotlib Figure, without a window, of the frame times and of each worker's working and waiting times.

@@ -94,9 +94,6 @@ if TYPE_CHECKING:
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
-MANY_GUARDED = 1_000_000
-"""So many collisions of a run in which the guard acts, up to a second of work, and it is said before the run ends."""
-
 MEMORY_SECONDS = 0.1
 """Time between two readings of the memory of processes, at least: each opens files of the system."""
 
@@ -186,7 +183,7 @@ class Simulation(ReadOnly):
         self._step_limits: StepLimits = StepLimits(scene, settings)
         self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
         self._memory: Memory | None = None
-        self._rest, self._guard = Once(), Once()
+        self._guard = Once()
         self._logged: list[Any] = []  # collisions of a frame in hand: an interrupted run leaves them to the next one
         self._solver: Solver = methods.solver_of(choice.method)(scene, settings, choice)
         self._closing = Closing(self, self._solver, self._access)  # before there is anything to close
@@ -651,8 +648,8 @@ class Simulation(ReadOnly):
         solver, limits = self._solver, self._step_limits
         if part.logged:
             self._take_collisions()
-        if record.guarded >= MANY_GUARDED:
-            self._warn_of_rest(record.guarded)
+        if record.guarded:
+            self._warn_of_guard()
         if part.too_fast:  # look now: the run may end here, or be saved
             self._adapt()
         limits.look_for_pressed(solver, self._access.notices)
@@ -666,15 +663,16 @@ class Simulation(ReadOnly):
             with interrupts_held_back():
                 self._logged.append(solver.take_collisions())
 
-    def _warn_of_rest(self, guarded: int) -> None:
-        """Warn once, while it runs: the guard has acted so often in the run that discs must be at rest."""
+    def _warn_of_guard(self) -> None:
+        """Warn once that the guard has acted, as in inelastic collapse or for discs at rest."""
         self._access.notices.warn(
-            "discs seem to have come to rest: method='event' simulates each of their tiny bounces, "
-            f"{guarded} so far, so its frames take long. Give a contact_time longer than "
-            f"{self._solver.contact_time:.3g} (the result is then a model, not exact), use contact='impact' with "
-            "another method, or end the run earlier.",
+            "the contact-time guard suppresses the loss of energy where the previous collision of a disc was less than "
+            f"the contact time {self._solver.contact_time:.3g} ago, as in inelastic collapse or for a disc at rest, "
+            "whose tiny bounces method='event' simulates. Without it the run would never end. If frames take long, "
+            "give a longer contact_time (the result is then a model, not exact), or use contact='impact' with another "
+            "method. This is said once; report.guarded counts.",
             GuardWarning,
-            self._rest,
+            self._guard,
         )
 
     def _emit(self, enter: Callable[[Solver, Insert], None]) -> None:
@@ -706,14 +704,6 @@ class Simulation(ReadOnly):
         if averages is not None:
             measures = Measures(averages.measures(self.scene, solver.count, self.settings.dt))
         method, workers = methods.what_ran(solver.choice, self._batch_sizer.best)
-        if record.guarded:
-            self._access.notices.warn(
-                f"in {record.guarded} collisions the contact-time guard suppressed the loss of energy, because the "
-                "previous collision of a disc was less than the contact time ago, as in inelastic collapse or for a "
-                "disc at rest. Without the guard the run would never end. This is said once; report.guarded counts.",
-                GuardWarning,
-                self._guard,
-            )
         if compiled := compile_seconds() - self._compiled_before:
             self._compiled_before += compiled
         return Report(
@@ -1110,13 +1100,6 @@ class Simulation(ReadOnly):
         """
         solver = self._open_solver()
         return Journal(*self._start, tuple(self._changes), solver.frame, digest_of_state(solver))
-
-    @property
-    @reading
-    def origin(self) -> tuple[int, float]:
-        """Frame and time [time] of the last `change` of dt, since which frames are counted; (0, 0.0) without one."""
-        frame, time = self._open_solver().terms.origin
-        return frame, time
 
     @exclusive
     def snapshot(self) -> Snapshot:

@@ -33,10 +33,18 @@ from mpsim.features.piston import Piston, check_piston
 from mpsim.features.properties import check_acceleration, check_gravity, check_radius
 from mpsim.kernels.geometry import RADIUS
 from mpsim.scene import starts
-from mpsim.scene.discs import GivenStart, Lattice, Start, demand_equal_discs, demand_sites, demand_whole_box, start_of
 from mpsim.scene.placement import placed
 from mpsim.scene.settings import NAMES, Settings, check_recommended, check_settings
-from mpsim.scene.starts import overlaps_in_words
+from mpsim.scene.starts import (
+    GivenStart,
+    Lattice,
+    Start,
+    demand_equal_discs,
+    demand_sites,
+    demand_whole_box,
+    overlaps_in_words,
+    start_of,
+)
 
 SLOWEST, FASTEST = 1e-6, 10.0
 """Bounds of the rate of compression. Collisions per disc grow as its inverse; at the fastest, discs hardly move."""

@@ -182,7 +182,7 @@ ROOM = (
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:discs seem to have come to rest")  # which a slow machine says before
+@pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 @pytest.mark.parametrize(
     ("jammed", "roomy", "text"),
     [

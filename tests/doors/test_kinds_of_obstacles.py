@@ -108,7 +108,7 @@ def test_a_kind_that_only_its_feature_knows_is_kept_or_refused_by_name(tmp_path,
             again()
     with mpsim.Simulation(scene_of([]), mpsim.Settings(**HOW)) as sim:
         for wall in (Probe(HERE[0], 0.25), *scene.obstacles[:1]):
-            with pytest.raises(mpsim.InputError, match=r"wall must be one of mpsim\.FixedDisc, .*; got a Probe"):
+            with pytest.raises(mpsim.InputError, match=r"obstacles\[0\] must be an mpsim\.FixedDisc or .*; got Probe"):
                 sim.add_wall(wall)
 
     class Peg(mpsim.FixedDisc):

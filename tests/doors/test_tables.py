@@ -6,7 +6,6 @@ import io
 import json
 import math
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -90,17 +89,6 @@ def test_times_as_csv_are_those_of_the_report(workers, tmp_path):
     for name, seconds in report.phase_seconds.items():
         for worker in range(workers):
             assert [float(row[f"{name.replace(' ', '_')}_{worker}"]) for row in rows] == seconds[:, worker].tolist()
-
-
-@pytest.mark.slow
-def test_the_table_of_pandas_is_that_of_csv(report, monkeypatch):
-    rows, found = list(csv.DictReader(report.to_csv().splitlines())), report.to_pandas().reset_index()
-    assert list(found.columns) == list(rows[0])
-    assert found.to_dict("records") == [{name: float(value) for name, value in row.items()} for row in rows]
-    assert found.attrs["measures"]["temperature"]["value"] == report.measures["temperature"].value
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(mpsim.errors.OutputError, match=r"a DataFrame needs the package pandas.*`, or use to_csv"):
-        report.to_pandas()
 
 
 def test_places_that_cannot_be_written_are_refused(report, tmp_path):
