@@ -10,7 +10,7 @@ import struct
 import tokenize
 import zipfile
 from collections.abc import Callable
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,11 +73,23 @@ DAMAGE = (
 MOST_HEADER = 256
 """Largest size in bytes of the header of an array: NumPy evaluates its text, and nested text can take all memory."""
 
+_LENGTHS_AT = 26
+"""Bytes of a member's own header before the lengths of its name and of what follows that."""
+
 _ENCRYPTED = 1
 """Bit among the flags of a member of a zip file."""
 
 REAL = "fiu"
 """dtype kinds of real numbers: floating, signed, unsigned."""
+
+
+class Declared(NamedTuple):
+    """What the header of an array says: the bytes that follow are of this type and shape, in the order "C" or "F"."""
+
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    order: Literal["C", "F"]
+    nbytes: int
 
 
 def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
@@ -86,6 +98,15 @@ def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
     Nothing is read or allocated before the kind is known to be in `kinds`, and the shape to fit the bytes that follow:
     otherwise a ValueError says what does not.
     """
+    said = declared(file, length, name, kinds)
+    content = file.read(said.nbytes)
+    if len(content) != said.nbytes:
+        raise ValueError(f"{name!r} is cut off")
+    return np.frombuffer(content, said.dtype).reshape(said.shape, order=said.order)
+
+
+def declared(file: Any, length: int, name: str, kinds: str) -> Declared:
+    """The header of an array, behind which the file stands then; errors as of `read_array`."""
     if np.lib.format.read_magic(file) != (1, 0):
         raise ValueError(f"{name!r} is of another version of the .npy format")
     try:
@@ -97,10 +118,7 @@ def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
     rest = length - file.tell()
     if math.prod(shape) * dtype.itemsize != rest or min(shape, default=0) < 0:
         raise ValueError(f"{name!r} declares shape {shape!s:.60} of {dtype}, and has {rest} bytes")
-    content = file.read(rest)
-    if len(content) != rest:
-        raise ValueError(f"{name!r} is cut off")
-    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran else "C")
+    return Declared(dtype, tuple(map(int, shape)), "F" if fortran else "C", rest)
 
 
 class ArrayFile:
@@ -112,6 +130,7 @@ class ArrayFile:
     """
 
     def __init__(self, file: BinaryIO):
+        self._file = file
         length = os.fstat(file.fileno()).st_size
         try:
             with interrupts_held_back():  # one that is half made would print an error when it is collected
@@ -150,3 +169,21 @@ class ArrayFile:
         info = self._members[name]
         with self._zip.open(info) as member:
             return read_array(member, info.file_size, name, f"{REAL}b")
+
+    def map(self, name: str) -> NDArray[Any]:
+        """The same in the pages of the file, none of which is read before it is needed; its checksum is not looked at.
+
+        The file must not be made shorter as long as the array is there.
+        """
+        info = self._members[name]
+        with self._zip.open(info) as member:
+            said = declared(member, info.file_size, name, f"{REAL}b")
+        if not said.nbytes:
+            return self.read(name)
+        self._file.seek(info.header_offset + _LENGTHS_AT)
+        lengths = self._file.read(4)
+        name_length, extra = (int.from_bytes(part, "little") for part in (lengths[:2], lengths[2:]))
+        begin = info.header_offset + _LENGTHS_AT + len(lengths) + name_length + extra + info.file_size - said.nbytes
+        if begin + said.nbytes > os.fstat(self._file.fileno()).st_size:
+            raise ValueError(f"{name!r} is cut off")
+        return np.asarray(np.memmap(self._file, said.dtype, "r", begin, said.shape, said.order))
