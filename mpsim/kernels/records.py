@@ -223,8 +223,8 @@ CONTROL = record_of(
         ("absorbing", np.int64, (4,)),  # by edge: 1 where it absorbs discs
         ("workers", np.int64),
         ("members", np.int64),  # of the team: the workers, and with ranks one more that stands for all other ranks
-        ("part", np.int64),  # the part of a step that the workers of a rank are to do: MOVE, SORT, EVEN or ODD
-        ("ahead", np.int64),  # frame of the step that they start after ODD, or NO_FRAME
+        ("part", np.int64),  # the part of a step that a rank is to do: MOVE, SORT, EVEN or ODD
+        ("ahead", np.int64),  # frame of the step that it starts after ODD, or NO_FRAME
         ("done", np.int64),  # frames finished since the start, in all commands
         ("steps", np.int64),  # done since the start
     ],
@@ -287,8 +287,6 @@ MEMBER = record_of(
         ("even", np.int64),  # columns where the passes continue, between two parts of a step on a rank
         ("odd", np.int64),
         ("stop", np.int64),  # one past the last column whose contacts are all on this rank
-        ("first_slot", np.int64),  # its slice after the sort
-        ("last_slot", np.int64),
     ],
     LINE_PAIR,
 )

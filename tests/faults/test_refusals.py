@@ -157,6 +157,25 @@ def test_whatever_the_system_answers_is_named(monkeypatch):
     assert left() == before
 
 
+def test_discs_whose_workers_are_refused_are_not_added(monkeypatch):
+    """`auto` goes from naive to parallel as discs are added."""
+    before, whole = started_before("parallel"), lattice(20, 20)
+    box = {"width": whole.width, "height": whole.height, "radius": 0.5}
+    scene = mpsim.Scene(position=whole.position[:144], velocity=whole.velocity[:144], **box)
+    with begin(scene, "auto") as sim:
+        sim.run(frames=1)
+        digest = sim.digest()
+        with monkeypatch.context() as patch:
+            patch.setattr("multiprocessing.popen_forkserver.Popen._launch", refusing(errno.EAGAIN))
+            with pytest.raises(mpsim.errors.ResourceError, match=r"^worker 1 could"):
+                sim.add(whole.position[200:300], whole.velocity[200:300])
+        assert (sim.count, sim.digest(), sim.pids) == (144, digest, [])
+        assert sim.run(frames=1).method == "naive"
+        sim.add(whole.position[200:300], whole.velocity[200:300])
+        assert (sim.count, len(sim.pids)) == (244, 2)
+    assert left() == before
+
+
 # --- a /dev/shm of one's own
 
 

@@ -32,7 +32,7 @@ from mpsim.engine.solvers.speeds import Speeds, fastest_in, speeds_of
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc_at, state_of
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock
-from mpsim.engine.workers.worker import buffers_of, call_of, kernel_arguments, load_kernels, numbers_of
+from mpsim.engine.workers.worker import LINGER, buffers_of, call_of, kernel_arguments, load_kernels, numbers_of
 from mpsim.errors import DivergedError, InputError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
@@ -91,7 +91,7 @@ class AsTheyLay(ChunkedArray):
 def naive_call(block: SharedBlock) -> Callable[[], int]:
     """`run_naive` with its arguments: views of the block. There is one buffer, which is never sorted."""
     if (known := block.calls.get("naive")) is None:
-        its = kernel_arguments(block, 0)
+        its = kernel_arguments(block)
         parameters, control = records.row_of(its.parameters), records.row_of(its.control)
         call = its.a, its.features, parameters, control, its.team, its.tally, its.times
         known = block.calls["naive"] = bound(run_naive, *call)
@@ -212,17 +212,22 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._pool: WorkerPool | None = None
+        self._next_pool: WorkerPool | None = None  # of a block that is to replace the present one
         self._block = self._next_block(max(scene.count, 1), self.radii)
 
     def start(self) -> None:
         self._fill(self._block)
         self._write(self._scene.position, self._scene.velocity, given_in(self._scene))
         self._configure()
-        self._load_kernels()
-        self._start_workers()
+        self._load_kernels(self._block)
+        self._start_workers(self._block)
+        self._take_workers()
 
     def close(self) -> None:
-        self._stop_workers()
+        for pool in (self._next_pool, self._pool):
+            if pool is not None:
+                pool.stop()
+        self._next_pool = self._pool = None
         self._block.close()
 
     # --- frames
@@ -265,7 +270,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         if pool is not None:
             pool.wake()
         try:
-            abort = call_of(self._block, run_grid)()
+            abort = call_of(self._block, run_grid, 0, LINGER)()
         finally:
             if pool is not None:
                 pool.settle()
@@ -522,6 +527,9 @@ class GridSolver(SteppedSolver, CollisionLog):
             else:
                 with block.closed_on_error():
                     self._fill(block)
+                    self._load_kernels(block)
+                    if new_workers:
+                        self._start_workers(block)
         except BaseException:
             self._set_terms(before[0])
             _, self.choice, self._capacity = before
@@ -534,10 +542,7 @@ class GridSolver(SteppedSolver, CollisionLog):
             try:
                 self._enter(snapshot)
                 if new_workers:
-                    self._stop_workers()
-                self._load_kernels()
-                if new_workers:
-                    self._start_workers()
+                    self._take_workers()
                 elif self._pool is not None:
                     self._pool.move_to(self._block)
             finally:
@@ -567,15 +572,23 @@ class GridSolver(SteppedSolver, CollisionLog):
         pool = self._pool  # which the thread of a run may just be replacing
         return pool.pids if pool is not None else []
 
-    def _start_workers(self) -> None:
+    def _start_workers(self, block: SharedBlock) -> None:
+        """Start the workers of a block, if there are any; if they are refused, nothing has changed."""
         if self._most_workers > 1:
-            self._pool = WorkerPool(self._block, self.choice.processes.start_method)
-            self._pool.start(self._most_workers)
+            self._next_pool = pool = WorkerPool(block, self.choice.processes.start_method)
+            try:
+                pool.start(self._most_workers)
+            except BaseException:
+                pool.stop()
+                self._next_pool = None
+                raise
 
-    def _stop_workers(self) -> None:
-        if self._pool is not None:
-            self._pool.stop()
-            self._pool = None
+    def _take_workers(self) -> None:
+        """Stop the present workers; those that were started last take their place."""
+        self._pool, self._next_pool = self._next_pool, self._pool
+        if self._next_pool is not None:
+            self._next_pool.stop()
+            self._next_pool = None
 
     def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""
@@ -593,17 +606,17 @@ class GridSolver(SteppedSolver, CollisionLog):
         block.arrays["team"]["bad_slot"] = -1
         fill_features(block.arrays, self._scene)
 
-    def _load_kernels(self) -> None:
-        """Compile or load what will run, before workers start, which then find the machine code.
+    def _load_kernels(self, block: SharedBlock) -> None:
+        """Compile or load what will run on a block, before workers start, which then find the machine code.
 
         Ctrl-C waits, as Numba looks up the types of arguments inside exceptions of its own. It comes in this frame,
         which holds no view of the block.
         """
         with interrupts_held_back():
             if self.choice.method == "naive":
-                naive_call(self._block)
+                naive_call(block)
             else:
-                load_kernels(self._block)
+                load_kernels(block)
 
     def _enter(self, snapshot: SolverState) -> None:
         """Write a snapshot into the present block."""

@@ -20,7 +20,6 @@ from mpsim.engine.workers.shared import ArraySpec, SharedBlock, refusal_of_proce
 from mpsim.errors import ResourceError
 from mpsim.kernels import compiling, records
 from mpsim.kernels.features.hooks import features_of
-from mpsim.kernels.frame.rank import run_part
 from mpsim.kernels.frame.stepping import run_grid
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
 
@@ -54,7 +53,7 @@ class Program(NamedTuple):
 
 
 class GridArguments(NamedTuple):
-    """Arguments of `run_grid`, or `run_part`, in its order; see there. All but the last two are views of the block."""
+    """Views of the block: arguments of `run_part`, and of `run_grid` but its last two, in its order; see there."""
 
     a: records.Discs
     b: records.Discs
@@ -67,11 +66,9 @@ class GridArguments(NamedTuple):
     sent: Any
     tally: Any
     times: Any
-    worker: int
-    linger: int
 
 
-def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
+def kernel_arguments(block: SharedBlock, worker: int = 0) -> GridArguments:
     """What one worker calls its kernel with."""
     if (known := block.calls.get(worker)) is not None:
         return known
@@ -89,8 +86,6 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
         sent=arrays["sent"],
         tally=arrays["tally"][worker],
         times=arrays["times"][worker],
-        worker=worker,
-        linger=LINGER,
     )
     return found
 
@@ -115,24 +110,23 @@ def numbers_of(block: SharedBlock) -> tuple[Any, Any]:
     return known
 
 
-def call_of(block: SharedBlock, kernel: Callable[..., int], worker: int = 0) -> Callable[[], int]:
-    """`run_grid` or `run_part` with the arguments of one worker."""
-    key = kernel, worker
+def call_of(block: SharedBlock, kernel: Callable[..., Any], *ending: int) -> Callable[[], Any]:
+    """A kernel with the arguments of worker 0; `run_grid` with those of the worker in `ending`, which it takes too."""
+    key = kernel, *ending
     if (known := block.calls.get(key)) is None:
-        given = kernel_arguments(block, worker)
+        given = kernel_arguments(block, *ending[:1])
         rows = {"parameters": records.row_of(given.parameters), "control": records.row_of(given.control)}
-        known = block.calls[key] = compiling.bound(kernel, *given._replace(**rows))
+        known = block.calls[key] = compiling.bound(kernel, *given._replace(**rows), *ending)
     return known
 
 
 def _grid_call(block: SharedBlock, worker: int = 0) -> Callable[[], int]:
-    """A kernel for whole commands, or, on the ranks of MPI, for parts of a step."""
-    control = block.arrays["control"]
-    return call_of(block, run_part if control.members > control.workers else run_grid, worker)
+    """`run_grid` with the arguments of one worker."""
+    return call_of(block, run_grid, worker, LINGER)
 
 
 GRID = Program(_grid_call, _grid_call)
-"""Of stepped solvers."""
+"""Of the methods grid and parallel."""
 
 
 def load_kernels(block: SharedBlock, program: Program = GRID) -> None:

@@ -1,8 +1,9 @@
 """The step of one rank: the phases of `stepping.py` as calls, between which the ranks exchange discs.
 
 A rank has a range of the columns of the grid. `start` has only these, and one more before them if the first is odd, so
-that a column has the same parity as in the grid. The last member of the team, behind the workers of the
-rank, stands for all other ranks: the discs that come from them are its slice, in the slots after those of the rank.
+that a column has the same parity as in the grid. The first member of the team is the rank itself;
+the second stands for all other ranks: the discs that come from them are its slice, in the slots after those of the
+rank.
 
 The bracket of two columns that meet at the border of two ranks is resolved by both, in a grid of these two, with
 the same bits, so nothing has to be sent back. The rank of its left column counts it.
@@ -19,12 +20,10 @@ from mpsim.kernels.frame.sorting import (
     list_emigrants,
     move_and_bin,
     set_phase,
-    wait_for_all,
 )
-from mpsim.kernels.frame.stepping import resolve_inside, wait_for_walls
+from mpsim.kernels.frame.stepping import resolve_inside
 from mpsim.kernels.machine import now
-from mpsim.kernels.records import ABORT, EVEN, MOVE, NO_FRAME, ODD, RUNNING, SORT
-from mpsim.kernels.waiting import next_command
+from mpsim.kernels.records import EVEN, MOVE, NO_FRAME, ODD, SORT
 
 
 @inlined
@@ -70,54 +69,45 @@ def unpack_disc(message, k, first_cell, features, discs, i):
 
 
 @linked
-def do_move(front, back, changes, features, parameters, control, team, sent, tally, times, worker):
-    """The phase `move` of one worker."""
-    mine = team[worker]
+def do_move(front, back, changes, features, parameters, control, team, sent, tally, times):
+    """The phase `move`."""
+    mine = team[0]
     moment = now(mine.clock)
     set_phase(mine, MOVE)
     if move_and_bin(front, back, changes, features, parameters, control, mine, tally):
-        list_emigrants(front, changes, sent[worker], team, worker, control)
+        list_emigrants(front, changes, sent[0], team, 0, control)
     add_time(times, mine, MOVE, moment)
 
 
 @linked
-def do_sort(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
-    """The phase `sort` of one worker, and the part of both passes within its columns."""
-    mine = team[worker]
+def do_sort(front, back, start, changes, features, parameters, control, team, sent, tally, times):
+    """The phase `sort`, and the part of both passes within columns in the cache."""
+    mine = team[0]
     moment = now(mine.clock)
     set_phase(mine, SORT)
-    if worker == 0:
-        control.steps += 1
-        control.in_order = 1
-        prepare_next_step(features, parameters, control)
-    slot, end, merging = begin_sort(front, back, start, changes, team, sent, worker, control)
+    control.steps += 1
+    control.in_order = 1
+    prepare_next_step(features, parameters, control)
+    slot, end, merging = begin_sort(front, back, start, changes, team, sent, 0, control)
     moment = add_time(times, mine, SORT, moment)
-    moment = wait_for_walls(features.moving_wall, control, mine, times, moment)
     mine.even, mine.odd, moment = resolve_inside(
-        front, back, start, changes, slot, end, merging, features, parameters, control, team, tally, times, worker,
-        moment,
-    )  # fmt: skip
-    mine.first_slot, mine.last_slot = slot, end
-    if worker == control.workers - 1:
-        # The column after the last is empty. Its first entry is that of the last worker with columns, perhaps another.
-        start[mine.last_column * (control.rows + 2) + 1 :] = end
-    wait_for_all(control, mine, times, moment)
-    if worker == 0:
-        control.live ^= 1
-        for each in range(control.workers):
-            team[each].low, team[each].high = team[each].first_slot, team[each].last_slot
+        front, back, start, changes, slot, end, merging, features, parameters, control, team, tally, times, 0, moment
+    )
+    start[mine.last_column * (control.rows + 2) + 1 :] = end  # the column after the last is empty
+    control.live ^= 1
+    mine.low, mine.high = slot, end
 
 
 @linked
 def do_even(discs, start, features, parameters, control, mine, tally, times):
-    """The rest of the even pass of one worker."""
+    """The rest of the even pass."""
     rest = features, parameters, control, mine, tally, times
     resolve_columns(EVEN, mine.even, mine.stop, 2, discs, start, *rest, now(mine.clock))
 
 
 @linked
 def do_odd(discs, start, features, parameters, control, mine, tally, times):
-    """The rest of the odd pass of one worker."""
+    """The rest of the odd pass."""
     rest = features, parameters, control, mine, tally, times
     first = mine.first_column
     moment = resolve_columns(ODD, first, min(first + first % 2, mine.stop), 2, discs, start, *rest, now(mine.clock))
@@ -126,44 +116,28 @@ def do_odd(discs, start, features, parameters, control, mine, tally, times):
     mine.odd = mine.even + 1
 
 
-@linked
-def do_part(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
-    """One worker's share of a part of a step: what `stepping.step` does between two exchanges of ranks."""
-    mine = team[worker]
+@compiled
+def run_part(a, b, start, changes, features, parameters, control, team, sent, tally, times):
+    """The part of a step that `control` names; arguments as of `stepping.run_grid`.
+
+    MOVE; SORT, with the even pass away from borders; EVEN, of a further pass; ODD, and the move of the next step if
+    there is one. After SORT the state is in the other buffer. Contacts at borders come between.
+    """
+    parameters, control, mine = parameters[0], control[0], team[0]
+    front, back = a, b
+    if control.live == 1:
+        front, back = b, a
     if control.part == SORT:
-        do_sort(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker)
-        if control.signals[ABORT] == RUNNING:
-            do_even(back, start, features, parameters, control, mine, tally, times)
+        do_sort(front, back, start, changes, features, parameters, control, team, sent, tally, times)
+        do_even(back, start, features, parameters, control, mine, tally, times)
     elif control.part == EVEN:
         do_even(front, start, features, parameters, control, mine, tally, times)
     elif control.part == ODD:
         do_odd(front, start, features, parameters, control, mine, tally, times)
         if control.ahead != NO_FRAME:
-            wait_for_all(control, mine, times, now(mine.clock))
             mine.frame = control.ahead
     if control.part == MOVE or (control.part == ODD and control.ahead != NO_FRAME):
-        do_move(front, back, changes, features, parameters, control, team, sent, tally, times, worker)
-    wait_for_all(control, mine, times, now(mine.clock))
-
-
-@compiled
-def run_part(a, b, start, changes, features, parameters, control, team, sent, tally, times, worker, linger):
-    """The part of a step that `control` names, for one worker of a rank; called, and waits, like `stepping.run_grid`.
-
-    MOVE; SORT, with the even pass away from borders; EVEN, of a further pass; ODD, and the move of the next step if
-    there is one. After SORT the state is in the other buffer. Contacts at borders come between.
-    """
-    parameters, control, mine = parameters[0], control[0], team[worker]
-    while True:
-        heard = next_command(control, mine, worker, linger)
-        if heard != RUNNING:
-            return heard
-        front, back = a, b
-        if control.live == 1:
-            front, back = b, a
-        do_part(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker)
-        if worker == 0 or control.signals[ABORT] != RUNNING:
-            return control.signals[ABORT]
+        do_move(front, back, changes, features, parameters, control, team, sent, tally, times)
 
 
 @compiled
@@ -172,37 +146,34 @@ def pack_emigrants(front, changes, features, control, team, message):
 
     A disc that an edge has absorbed is not sent: `exits` says where it rests.
     """
-    stride = control.rows + 2
-    first_cell, last_cell = team[0].first_column * stride, team[control.workers - 1].last_column * stride
+    stride, mine = control.rows + 2, team[0]
+    first_cell, last_cell = mine.first_column * stride, mine.last_column * stride
     count = 0
-    for worker in range(control.workers):
-        for k in range(team[worker].low, team[worker].low + team[worker].outbox):
-            i = changes.outbox[k]
-            if not first_cell <= front.cell[i] < last_cell and not is_absent(front.id[i], features):
-                pack_disc(front, i, first_cell_of_grid(control), features, message, count)
-                count += 1
+    for k in range(mine.low, mine.low + mine.outbox):
+        i = changes.outbox[k]
+        if not first_cell <= front.cell[i] < last_cell and not is_absent(front.id[i], features):
+            pack_disc(front, i, first_cell_of_grid(control), features, message, count)
+            count += 1
     return count
 
 
 @compiled
 def unpack_immigrants(message, arrived, front, changes, features, control, team, sent):
     """Append the discs of a message, cells as in the grid, to those of the rank, to be sorted with them."""
-    first_cell = first_cell_of_grid(control)
-    courier, end = team[control.workers], team[control.workers - 1].high
+    courier, end = team[1], team[0].high
     courier.low, courier.high, courier.outbox = end, end + arrived, arrived
-    sent[control.workers, :] = 0
+    sent[1, :] = 0
+    first, last = cells_of(team, 0, control)
     for k in range(arrived):
-        unpack_disc(message, k, first_cell, features, front, end + k)
+        unpack_disc(message, k, first_cell_of_grid(control), features, front, end + k)
         changes.outbox[end + k] = end + k
-        for worker in range(control.workers):
-            first, last = cells_of(team, worker, control)
-            sent[control.workers, worker] += first <= front.cell[end + k] < last
+        sent[1, 0] += first <= front.cell[end + k] < last
 
 
 @compiled
 def pack_own(discs, features, control, team, message):
     """Write all discs of the rank to a message, cells as in the grid."""
-    for i in range(team[control.workers - 1].high):
+    for i in range(team[0].high):
         pack_disc(discs, i, first_cell_of_grid(control), features, message, i)
 
 

@@ -11,7 +11,7 @@ from mpsim.engine.feature_arrays import columns_of, feature_specs, fill_features
 from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.solvers.stepped import Grid, block_arrays
 from mpsim.engine.workers.shared import SharedBlock, remove_stale_blocks
-from mpsim.engine.workers.worker import GridArguments, call_of, kernel_arguments, load_kernels
+from mpsim.engine.workers.worker import GridArguments, call_of, kernel_arguments
 from mpsim.errors import InputError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
@@ -254,7 +254,7 @@ class Subdomain:
         """Compile or load the kernels."""
         remove_stale_blocks()  # which a job that was ended leaves behind: its trackers are ended with it
         with interrupts_held_back():
-            load_kernels(self.block)
+            call_of(self.block, kernels.run_part)
 
     def close(self) -> None:
         """Remove the block. May be called again."""
@@ -344,7 +344,7 @@ class Subdomain:
     def arguments(self) -> GridArguments:
         """What kernels are called with: the state in `a`."""
         if not self._arguments:  # kept, as a step asks often
-            given = kernel_arguments(self.block, 0)
+            given = kernel_arguments(self.block)
             self._arguments = {0: given, 1: given._replace(a=given.b, b=given.a)}
         return self._arguments[int(self.arrays["control"].live)]
 
