@@ -1101,6 +1101,13 @@ class Simulation(ReadOnly):
         solver = self._open_solver()
         return Journal(*self._start, tuple(self._changes), solver.frame, digest_of_state(solver))
 
+    @property
+    @reading
+    def origin(self) -> tuple[int, float]:
+        """Frame and time [time] of the last `change` of dt, since which frames are counted; (0, 0.0) without one."""
+        frame, time = self._open_solver().terms.origin
+        return frame, time
+
     @exclusive
     def snapshot(self) -> Snapshot:
         """Copies of everything that the next frame depends on, in memory, for `restore` and `from_snapshot`.

@@ -228,7 +228,7 @@ def test_a_disc_falls_as_gravity_is_changed(method):
         sim.run(frames=16)
         assert sim.state.velocity[0].tolist() == pytest.approx([2, -1])
         assert sim.state.position[0].tolist() == pytest.approx([16, 13.5])
-        assert (sim.time, sim.frame, sim.settings.dt) == (2.0, 24, 0.0625)
+        assert (sim.time, sim.frame, sim.origin, sim.settings.dt) == (2.0, 24, (8, 1.0), 0.0625)
         assert sim.run(until=3.0).frames == 16
 
 

@@ -31,7 +31,7 @@ def change_everything(sim):
 
 
 def kept(sim):
-    there = sim.digest(), sim.frame, sim.time, sim.count, sim.substeps
+    there = sim.digest(), sim.frame, sim.time, sim.count, sim.substeps, sim.origin
     return *there, sim.scene.digest(), sim.settings, [change.what for change in sim.journal]
 
 
