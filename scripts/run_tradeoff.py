@@ -106,7 +106,7 @@ def frontier(table: Tradeoff, measure: str) -> Figure:
         draw(axes, table, measure, front)
         axes.set(xlabel=axis_label(measure), ylabel=COST)
         axes.set_title(_title(table), fontsize=10)
-        figure.legend(handles=_legend(table.rows), loc="outside lower center", ncols=5, fontsize=9)
+        figure.legend(handles=_legend(table.rows), loc="outside lower center", ncols=4, fontsize=9)
         _label_front(axes, front, measure)
     return figure
 
@@ -126,7 +126,7 @@ def overview(table: Tradeoff) -> Figure:
             panel.set_visible(False)
         figure.supylabel(COST, fontsize=11)
         figure.suptitle(_title(table), fontsize=11)
-        figure.legend(handles=_legend(table.rows), loc="outside lower center", ncols=5, fontsize=9)
+        figure.legend(handles=_legend(table.rows), loc="outside lower center", ncols=4, fontsize=9)
     return figure
 
 
