@@ -19,7 +19,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar, Unpack, cast
+from typing import Any, NamedTuple, NoReturn, TypeVar, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,9 +87,6 @@ from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import check_region, is_in
-
-if TYPE_CHECKING:
-    from mpsim.engine.solvers.grid import Columns
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -392,15 +389,6 @@ class Simulation(ReadOnly):
     def masses(self) -> NDArray[np.float64]:
         """Mass of each disc, including added ones, shape (N,), read-only [mass]."""
         return self._open_solver().masses
-
-    @reading
-    def columns(self) -> Columns:
-        """Grid column of each disc, the worker that the column belongs to, and the number of columns.
-
-        Raises:
-            InputError: for `naive` and `event`, which have no columns.
-        """
-        return named("mpsim.engine.solvers.grid:columns_of")(self._open_solver())
 
     @property
     @reading

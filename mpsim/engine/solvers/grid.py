@@ -1,12 +1,10 @@
-"""The methods naive, grid and parallel: discs in the shared block, its growth, commands; and a frame pass by pass."""
-
-from __future__ import annotations
+"""The methods naive, grid and parallel: discs in the shared block, its growth, commands."""
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +21,6 @@ from mpsim.engine.solvers.base import (
     CollisionLog,
     InPlace,
     NewDiscs,
-    Solver,
     SolverState,
     Terms,
     count_in,
@@ -33,7 +30,7 @@ from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock
 from mpsim.engine.workers.worker import LINGER, buffers_of, call_of, kernel_arguments, load_kernels, numbers_of
-from mpsim.errors import DivergedError, InputError
+from mpsim.errors import DivergedError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.compiling import bound
@@ -41,9 +38,6 @@ from mpsim.kernels.features import collisions
 from mpsim.kernels.frame.stepping import run_grid, run_naive
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-
-if TYPE_CHECKING:
-    pass
 
 # --- Discs in the block, where the last frame has sorted them, and in the order of their numbers
 
@@ -162,40 +156,7 @@ FEW = 16
 """Discs that are fewer than one in so many are looked for in memory; otherwise all are put in order."""
 
 
-# --- The solver, and who is where in its grid
-
-
-class Columns(NamedTuple):
-    """Who is where in the grid.
-
-    Attributes:
-        of_disc: column of each disc, shape (N,).
-        owner: the worker to whom the next frame gives that column, shape (N,).
-        number: of columns, of equal width.
-    """
-
-    of_disc: NDArray[np.int64]
-    owner: NDArray[np.int64]
-    number: int
-
-
-def has_columns(solver: Solver) -> TypeGuard[GridSolver]:
-    """Whether a solver sorts its discs into columns."""
-    return isinstance(solver, GridSolver) and solver.choice.method != "naive"
-
-
-def columns_of(solver: Solver) -> Columns:
-    """Who is where in the grid of a solver.
-
-    Raises:
-        InputError: for a method without columns.
-    """
-    if not has_columns(solver):
-        raise InputError(
-            "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
-            f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."
-        )
-    return solver.columns()
+# --- The solver
 
 
 class GridSolver(SteppedSolver, CollisionLog):
@@ -327,17 +288,6 @@ class GridSolver(SteppedSolver, CollisionLog):
         return self._origin.frame + numbers_of(self._block)[0].done
 
     # --- who does what
-
-    def columns(self) -> Columns:
-        """Who is where in the grid."""
-        x = self.state().position[:, 0].astype(np.float64)
-        column = np.clip((x * (self._grid.columns / self._scene.width)).astype(np.int64), 0, self._grid.columns - 1)
-        return Columns(column, self.owners()[column], self._grid.columns)
-
-    def owners(self) -> NDArray[np.int64]:
-        """The worker to whom the next frame gives each column, shape (columns,)."""
-        first = self._shares(self._most_workers)[0][:-1]
-        return np.searchsorted(first, np.arange(self._grid.columns), side="right") - 1
 
     def _deal(self, workers: int) -> None:
         """Assign columns and a slice of the discs to each worker."""
