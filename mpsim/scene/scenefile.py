@@ -1,8 +1,8 @@
 """Scene files: TOML that a person can read and write, checked as a whole.
 
 A scene file holds the arguments of Scene by the same names, and may start discs by rule (random places, lattices,
-thermal velocities). It is safe to read: nothing in it is executed, and it refers to no other files than .npy ones in
-its own folder or below, which are logged and listed in `SceneFile.read`.
+thermal velocities). It is safe to read: nothing in it is executed, and it refers to no other files than .npy and .csv
+in its own folder or below, which are logged and listed in `SceneFile.read`.
 
 The table of a feature has the fields of its class as keys. So has a table for a field whose type is a class, or the
 base of several: the keys decide which. A new feature, kind of obstacle or class of a field needs no entry here.

@@ -1,4 +1,4 @@
-"""Values in scene files: arrays in the file itself or in .npy files beside it, and values as TOML."""
+"""Values in scene files: arrays in the file itself or in .npy and .csv files beside it, and values as TOML."""
 
 import dataclasses
 import io
@@ -23,6 +23,9 @@ Numbers = NDArray[np.float64]
 
 MOST_ARRAY_BYTES = 2**33
 """Bytes of all array files of a scene together: enough for the largest scene."""
+
+MOST_CSV = 2**23
+"""Bytes of a .csv file, which is read as text."""
 
 INLINE = 64
 """Number of rows up to which an array is saved in the scene file itself, where a person can read it."""
@@ -52,14 +55,14 @@ class ArrayFiles:
         return checks.finite_array(name, numbers, fitting[0] if fitting and numbers.size else shapes[-1], meaning)
 
     def content(self, name: str, path: str) -> NDArray[Any]:
-        """The array in a .npy file.
+        """The array in a .npy or .csv file.
 
         Raises:
             InputError: if there is none, or if it cannot be read without executing code.
         """
         full, shown = self._folder / path, checks.brief(path)
         if not names_array_file(path):
-            raise InputError(f"{name} must be numbers or the name of a .npy file; got {shown}.")
+            raise InputError(f"{name} must be numbers or the name of a .npy or .csv file; got {shown}.")
         try:
             inside = full.resolve().is_relative_to(self._folder.resolve())
         except (OSError, ValueError, RuntimeError):  # too long a name, a null byte, a loop of links
@@ -74,7 +77,7 @@ class ArrayFiles:
             with files.opened(full) as file:
                 length = os.fstat(file.fileno()).st_size
                 self._count(name, full, length)
-                return _from_npy(name, full, file, length)
+                return _from_csv(name, full) if full.suffix.lower() == ".csv" else _from_npy(name, full, file, length)
         except (FileNotFoundError, IsADirectoryError) as error:
             what = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
             raise InputError(f"{name} must be a file that exists; got {shown}: {what} in {self._folder}.") from None
@@ -96,7 +99,7 @@ class ArrayFiles:
 
 def names_array_file(text: str) -> bool:
     """Whether a text ends as the name of an array file does."""
-    return Path(text).suffix.lower() == ".npy"
+    return Path(text).suffix.lower() in (".npy", ".csv")
 
 
 def _from_npy(name: str, path: Path, file: BinaryIO, length: int) -> NDArray[Any]:
@@ -107,6 +110,44 @@ def _from_npy(name: str, path: Path, file: BinaryIO, length: int) -> NDArray[Any
             f"{name} must be an array of real numbers as numpy.save writes it; {path.name} is not ({error!s:.200}). "
             "Save it anew."
         ) from None
+
+
+def _from_csv(name: str, path: Path) -> Numbers:
+    """One row per line, after an optional line of headings."""
+    lines: dict[int, str] = {}
+    try:
+        every = files.content(path, MOST_CSV).decode("utf-8-sig").splitlines()
+        lines = {number: line for number, line in enumerate(every, 1) if line.strip(" ,\t")}
+        if (first := next(iter(lines), 0)) and not any(map(_is_number, lines[first].split(","))):
+            del lines[first]
+        rows = [*lines.values()]
+        numbers = np.loadtxt(rows, delimiter=",", quotechar='"', comments=None, ndmin=2) if rows else np.zeros((0, 1))
+    except ValueError as error:  # of bytes that are no text, too
+        why = _wrong_line(lines) or str(error)
+        raise InputError(
+            f"{name} must be lines of numbers with commas between them, as many in each; {path.name} is not: {why}."
+        ) from None
+    return numbers[:, 0] if numbers.shape[1] == 1 else numbers
+
+
+def _wrong_line(lines: dict[int, str]) -> str:
+    """What is wrong in the first line, of those by number, that differs from the others; "" if none does."""
+    widths = {number: line.count(",") + 1 for number, line in lines.items()}
+    for number, line in lines.items():
+        wrong = next((cell for cell in line.split(",") if not _is_number(cell.strip(' "'))), None)
+        if wrong is not None:
+            return f"line {number} has {checks.brief(wrong)}"
+        if widths[number] != (usual := next(iter(widths.values()))):
+            return f"line {number} has {widths[number]}, and line {next(iter(widths))} has {usual}"
+    return ""
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _numbers(name: str, value: Any, meaning: str) -> Numbers:

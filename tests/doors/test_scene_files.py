@@ -60,7 +60,7 @@ def test_a_byte_order_mark_before_a_scene_or_a_session_is_no_part_of_it(load, tm
 
 def test_a_file_says_the_same_as_python(load, tmp_path, caplog):
     np.save(tmp_path / "mass.npy", np.array([1.0, 2.5], ">f4"))
-    np.save(tmp_path / "speeds.npy", [[1, 0], [-0.5, 1e-3]])
+    (tmp_path / "speeds.csv").write_text("vx, vy\n1, 0\n\n-0.5, 1e-3\n")
     with caplog.at_level(logging.INFO, logger="mpsim"):
         scene = load("""
             schema = 1
@@ -81,7 +81,7 @@ def test_a_file_says_the_same_as_python(load, tmp_path, caplog):
             passes = 2
             [[discs]]
             position = [[1, 2], [9, 3]]
-            velocity = "speeds.npy"
+            velocity = "speeds.csv"
             radius = [0.5, 0.25]
             mass = "mass.npy"
             acceleration = [1, 0]
@@ -109,7 +109,7 @@ def test_a_file_says_the_same_as_python(load, tmp_path, caplog):
     shown = mpsim_command("show", tmp_path / "scene.toml").stdout
     assert "A test" in shown
     assert "Nothing." in shown
-    assert [Path(record.args[0]).name for record in caplog.records[:3]] == ["scene.toml", "speeds.npy", "mass.npy"]
+    assert [Path(record.args[0]).name for record in caplog.records[:3]] == ["scene.toml", "speeds.csv", "mass.npy"]
 
 
 def test_random_places_are_those_of_python(load):
@@ -406,12 +406,15 @@ def write(content):
     return lambda path: path.write_bytes(content)
 
 
+NO_ROWS = "must be lines of numbers with commas between them, as many in each; {} is not: "
 NOT_NUMPY = "must be an array of real numbers as numpy.save writes it; {} is not ("
 FILES = {
     "none.npy": (lambda path: None, "must be a file that exists; got 'none.npy': no such file in "),
     "text.npy": (write(b"hello"), NOT_NUMPY),
     "complex.npy": (save(np.zeros((3, 2), complex)), NOT_NUMPY + "'complex.npy' holds complex128). Save it anew."),
-    "x.txt": (write(b"1,2"), "must be numbers or the name of a .npy file; got 'x.txt'."),
+    "x.txt": (write(b"1,2"), "must be numbers or the name of a .npy or .csv file; got 'x.txt'."),
+    "ragged.csv": (write(b"x,y\n1,2\n3,4,5\n"), NO_ROWS),
+    "bytes.csv": (write(b"\xff\xfe\x00"), NO_ROWS + "'utf-8' codec"),
 }  # fmt: skip
 
 
@@ -428,7 +431,7 @@ def test_no_file_can_lead_out_of_its_folder(problems, tmp_path, monkeypatch):
     outside = tmp_path.parent / f"{tmp_path.name}-outside.npy"
     np.save(outside, np.ones((1, 2)))
     Path("link.npy").symlink_to(outside)
-    for name in (f"../{outside.name}", str(outside), "link.npy", "sub/../../x.npy", "~/x.npy/../../../x.npy"):
+    for name in (f"../{outside.name}", str(outside), "link.npy", "sub/../../x.npy", "~/x.npy/../../../x.csv"):
         (text,) = problems(HEAD + f"[[discs]]\nposition = '{name}'\nradius = 0.5\n")
         assert text.startswith("discs[0].position must be a file in the folder of the scene file, or below; got")
     (text,) = problems(HEAD + '[[discs]]\nposition = "a\\u0000.npy"\nradius = 0.5\n')

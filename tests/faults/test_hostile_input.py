@@ -278,6 +278,15 @@ def test_more_emitters_than_a_scene_may_have_are_refused_before_they_are_made(tm
     refused(lambda: mpsim.Scene(**box, emitters=[spout] * sum(rows)), match="emitters must be at most 1,000,000")
 
 
+def test_a_large_csv_is_refused_before_it_is_read(tmp_path):
+    (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.csv'\n")
+    with (tmp_path / "a.csv").open("wb") as file:
+        file.truncate(2**32)  # sparse: it takes no room
+    refused(scenefile.load, tmp_path / "scene.toml", match="4,294,967,296 bytes, and at most 8,388,608 are read")
+    (tmp_path / "a.csv").write_text("1,1\n" * 4000 + "1,x\n")
+    refused(scenefile.load, tmp_path / "scene.toml", match="line 4001 has 'x'")
+
+
 XYZ = 'Lattice="9 0 0 0 9 0 0 0 1" Properties=pos:R:3:id:I:1'
 TRAJECTORIES = {
     "a count of 5,000 digits": ("9" * 5000 + "\n", "must give the number of discs"),
