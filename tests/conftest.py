@@ -36,7 +36,7 @@ SLOW_EXAMPLES = {
     "mpsim.studies.tune.tune",
     "mpsim.scene.scene.Scene.compressed",
     "mpsim.measure.correlations.Correlations",
-    "mpsim.measure.order.to_freud",
+    "mpsim.measure.observables.to_freud",
     "mpsim.studies.sweep.sweep",
     "mpsim.studies.tradeoff.tradeoff",
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -224,21 +224,6 @@ def count_of(discs: Discs) -> int:
     if not isinstance(discs, StateInChunks):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
         raise no_state("state must be a State", discs)
     return discs.count
-
-
-def states_in(states: State | Iterable[State]) -> list[State]:
-    """One state or several as a list."""
-    if isinstance(states, State):
-        return [states]
-    if not isinstance(states, Iterable):  # pyright: ignore[reportUnnecessaryIsInstance] - as above
-        raise no_state("states must be a State or a list of them", states)
-    found = list(states)
-    for index, each in enumerate(found):
-        if not isinstance(each, State):  # pyright: ignore[reportUnnecessaryIsInstance] - as above
-            raise no_state(f"states[{index}] must be a State", each)
-    if not found:
-        raise InputError("states must be at least one State; got none. Give sim.state, or a list of several.")
-    return found
 
 
 def _two_each(name: str, value: Any, count: int | None) -> NDArray[np.floating]:

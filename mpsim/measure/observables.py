@@ -1,4 +1,4 @@
-"""Observables of one state: energies, momentum, overlaps, speeds; and the deviation between two states.
+"""Observables of one state: energies, momentum, overlaps, speeds; the deviation between two states; discs for freud.
 
 Everything is computed in float64, whatever the precision of the state. Masses are those of the scene, 1 if it has none.
 Absorbed discs do not count. Along a periodic axis, distances are between nearest images, and displacements are
@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.state import Discs, State, count_of
-from mpsim.errors import InputError
+from mpsim.errors import InputError, NotMeasurableError
 from mpsim.measure import moments
 from mpsim.measure.moments import (
     SAME_BOX,
@@ -364,6 +365,46 @@ def trajectory_error(state: State, reference: State, scene: Scene | None = None)
     distance = np.hypot(*_difference(state, reference, common, scene).T)
     worst = int(distance.argmax())
     return TrajectoryDeviation(math.sqrt(float((distance**2).mean())), float(distance[worst]), int(common[worst]))
+
+
+def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
+    """The discs that are present, in freud's form: a two-dimensional box, and points, shape (K, 3) [length].
+
+    freud computes pair correlations, structure factors, bond-orientational order, Voronoi cells, clusters and more from
+    these. Points are relative to the middle of the box, in float32, which is what freud computes in. If a piston has
+    moved a wall, the box is that of the state.
+
+    Args:
+        state: at any moment.
+        scene: that of the state; it says which axes are periodic.
+
+    Raises:
+        InputError: if the state is not finite.
+        NotMeasurableError: if the package freud-analysis is not installed.
+
+    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1, boundary="periodic")
+    >>> discs = to_freud(State(scene.position, scene.velocity), scene)
+    >>> import freud
+    >>> psi = freud.order.Hexatic(k=6).compute(discs, neighbors={"num_neighbors": 6}).particle_order
+    >>> pairs = freud.density.RDF(bins=20, r_max=4.0).compute(discs)
+    >>> psi.shape, pairs.rdf.shape
+    ((50,), (20,))
+    """
+    state = placed(state, scene)
+    places = checked_positions(state.position)[state.present]
+    try:
+        import freud  # noqa: PLC0415
+    except ImportError as error:
+        raise NotMeasurableError(
+            f"to_freud needs the package freud-analysis, which cannot be imported ({error}). Install it by pip install "
+            "freud-analysis."
+        ) from None
+    x_low, x_high, y_low, y_high = scene.box if state.box is None else state.box
+    box = freud.box.Box(Lx=x_high - x_low, Ly=y_high - y_low, is2D=True)
+    box.periodic = (*scene.periodic, False)
+    points = np.zeros((len(places), 3), np.float32)
+    points[:, :2] = places - np.array([x_low + x_high, y_low + y_high]) / 2
+    return box, points
 
 
 def _edges(bins: int | ArrayLike, largest: float) -> NDArray[np.float64]:

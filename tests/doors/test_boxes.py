@@ -51,18 +51,14 @@ ELSEWHERE = {
 }
 
 OF_STATES = {
-    "hexatic_correlation": lambda state, scene: vars(measure.hexatic_correlation(state, scene, bins=5, r_max=5.0)),
-    "hexatic_order": lambda state, scene: vars(measure.hexatic_order(state, scene)),
     "kinetic_energy": measure.kinetic_energy,
     "mean_squared_displacement": lambda state, scene: measure.mean_squared_displacement(earlier(scene), state, scene),
     "momentum": measure.momentum,
     "overlap": lambda state, scene: vars(measure.overlap(state, scene, radii=np.full(scene.count, 0.55))),
-    "pair_correlation": lambda state, scene: vars(measure.pair_correlation(state, scene, bins=8, r_max=3.0)),
     "potential_energy": measure.potential_energy,
     "rotational_energy": measure.rotational_energy,
     "speed_distribution": lambda state, scene: vars(measure.speed_distribution(state)),
     "speed_kurtosis": lambda state, scene: measure.speed_kurtosis(state),
-    "structure_factor": lambda state, scene: vars(measure.structure_factor(state, scene, bins=6, k_max=4.0)),
     "temperature": measure.temperature,
     "trajectory_error": lambda state, scene: vars(measure.trajectory_error(state, earlier(scene), scene)),
     "starting_from": lambda state, scene: scene.starting_from(state).position,
@@ -92,8 +88,7 @@ def test_the_table_has_every_measure_of_states():
 @pytest.mark.parametrize("name", OF_STATES)
 def test_a_measure_does_not_depend_on_where_the_box_is(name, tmp_path):
     """Along walls only the origin says where it is."""
-    scenes = [SCENE] if name in ("structure_factor", "pair_correlation") else [SCENE, WALLED]
-    for scene in scenes:
+    for scene in (SCENE, WALLED):
         expected = flat(OF_STATES[name](frame_of(tmp_path / "a.xyz", scene).state, scene))
         assert expected.size
         for how in ELSEWHERE.values():
@@ -106,7 +101,7 @@ def test_a_measure_does_not_depend_on_where_the_box_is(name, tmp_path):
 def test_discs_beyond_walls_are_refused_where_places_count(tmp_path):
     scene = WALLED
     state = frame_of(tmp_path / "a.xyz", scene, corner=(0.0, -scene.height / 2), origin=False).state
-    for name in ("overlap", "potential_energy", "hexatic_order"):
+    for name in ("overlap", "potential_energy"):
         with pytest.raises(mpsim.InputError, match=r"must be in its box, .* x .*; got disc \d+ at .*Lattice and Orig"):
             OF_STATES[name](state, scene)
     assert measure.temperature(state, scene) == measure.temperature(mpsim.State(scene.position, scene.velocity), scene)
@@ -136,10 +131,6 @@ def test_across_borders_the_sides_of_a_box_are_those_of_its_state():
 
     assert measure.overlap(scaled(scene, wider), scene).pairs == 0
     assert measure.overlap(scaled(scene, 1 / wider), scene).pairs == 32, "the control: all neighbours"
-    found = measure.pair_correlation(scaled(scene, wider), scene, bins=1, r_max=1.2)
-    assert found.value * 0.44 * np.pi == pytest.approx(4)
-    psi = measure.hexatic_order(scaled(SCENE, wider), SCENE).psi
-    assert psi == pytest.approx(measure.hexatic_order(scaled(SCENE, 1.0), SCENE).psi, abs=1e-9)
 
 
 def test_displacements_follow_image_flags_and_the_box():
@@ -235,21 +226,8 @@ def test_a_recording_of_a_moving_wall_has_its_numbers(tmp_path):
 def test_freud_agrees_on_the_neighbours_of_a_frame_from_elsewhere(tmp_path):
     freud = pytest.importorskip("freud")  # which takes seconds
     frame = frame_of(tmp_path / "a.xyz", SCENE, **ELSEWHERE["far and unwrapped"])
-    box, points = measure.to_freud(frame.state, SCENE)
-    order = freud.order.Hexatic(k=6).compute((box, points), neighbors={"num_neighbors": 6})
-    psi = measure.hexatic_order(frame.state, SCENE).psi
-    assert np.abs(order.particle_order) == pytest.approx(np.abs(psi), abs=1e-3)
-
-
-@pytest.mark.parametrize("side", [3.0, 5.5, 7.5])
-def test_wave_vectors_on_the_edge_of_a_shell_belong_to_it_whatever_the_rounding(side):
-    """The last Bragg peak of a lattice was lost in every seventh box."""
-    lattice = (np.indices((6, 6)).reshape(2, -1).T + 0.5) * side / 6
-    box = {"width": side, "height": side, "boundary": "periodic"}
-    scene = mpsim.Scene(position=lattice, velocity=0 * lattice, radius=0.1, **box)
-    state = mpsim.State(scene.position, scene.velocity)
-    for m in range(1, 16):
-        inside = sum(0 < a * a + b * b <= m * m for a in range(-m, m + 1) for b in range(-m, m + 1)) // 2
-        found = measure.structure_factor(state, scene, bins=m, k_max=2 * np.pi * m / side)
-        assert found.vectors.sum() == inside
-        assert found.vectors[0] == 2, "of length 1"
+    there, here = (
+        freud.order.Hexatic(k=6).compute(measure.to_freud(state, SCENE), neighbors={"num_neighbors": 6}).particle_order
+        for state in (frame.state, mpsim.State(SCENE.position, SCENE.velocity))
+    )
+    assert np.abs(there) == pytest.approx(np.abs(here), abs=1e-3)

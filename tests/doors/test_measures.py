@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from support.scenes import At, box_of, drop, gas, scene_of, simulate, state_of
+from support.scenes import At, box_of, gas, scene_of, simulate, state_of
 
 import mpsim
 from mpsim import Emitter, FixedDisc, InputError, Piston, Scene, State, measure
@@ -22,7 +22,7 @@ def moving(velocity):
     return State(np.zeros_like(velocity, dtype=float), velocity)
 
 
-# --- overlaps and structure
+# --- overlaps
 
 
 def test_overlaps_at_one_point_and_of_touching_discs_in_float32_and_of_nobody():
@@ -38,108 +38,12 @@ def test_overlaps_at_one_point_and_of_touching_discs_in_float32_and_of_nobody():
     assert measure.potential_energy(nobody, scene_of(scene.position, gravity=(0, -1))) == 0
 
 
-def test_an_ideal_gas_has_no_correlation_within_its_errors():
-    walls = drop(800, 20.0, seed=1)
-    boxed = measure.pair_correlation([state_of(drop(800, 20.0, seed=k)) for k in range(10)], walls, bins=60, r_max=4.0)
-    assert np.abs((boxed.value - 1) / boxed.error).max() < 4
-    assert abs(boxed.contact.deviation(1.0)) < 3
-    few = measure.pair_correlation(state_of(walls), walls, bins=6, r_max=4.0)
-    assert math.isnan(few.contact.value), "too few shells near contact"
-
-
-def test_pair_correlation_knows_the_box_behind_a_piston():
-    half = gas(300, 0.3, seed=2)
-    side, arrays = half.width, {"position": half.position, "velocity": half.velocity, "radius": 0.5}
-    piston = Scene(width=2 * side, height=side, **arrays, piston=Piston("right", -1.0, side, start=side))
-    with simulate(piston, method="naive") as sim:
-        state = sim.state
-    behind = measure.pair_correlation(state, piston, bins=20, r_max=4.0)
-    alone = measure.pair_correlation(State(half.position, half.velocity), half, bins=20, r_max=4.0)
-    assert behind.density == alone.density
-
-
-ROW = math.sqrt(0.75)
-
-
-def scene_at(places, width, height, boundary="periodic"):
-    return Scene(
-        width=width, height=height, position=places, velocity=np.zeros_like(places), radius=0.01, boundary=boundary
-    )
-
-
-def random_points(count, seed, boundary="periodic"):
-    return scene_at(0.02 + np.random.default_rng(seed).random((count, 2)) * [9.96, 7.96], 10, 8, boundary)
-
-
-def test_the_structure_factor_is_that_of_its_slow_twin_and_of_points_at_random_one():
-    scene = random_points(40, 1)
-    found = measure.structure_factor(state_of(scene), scene, bins=7, k_max=6.0)
-    sums, numbers = np.zeros(7), np.zeros(7, int)
-    for n in range(-20, 21):
-        for m in range(-20, 21):
-            k = 2 * math.pi * np.array([n / 10, m / 8])
-            if 0 < math.hypot(*k) <= 6.0 and (n > 0 or (n == 0 and m > 0)):
-                shell = min(math.ceil(math.hypot(*k) / (6 / 7)) - 1, 6)
-                sums[shell] += abs(np.exp(1j * scene.position @ k).sum()) ** 2 / 40
-                numbers[shell] += 1
-    assert found.vectors.tolist() == numbers.tolist()
-    assert found.value == pytest.approx(sums / numbers, rel=1e-9)
-    states = [state_of(random_points(200, seed)) for seed in range(12)]
-    found = measure.structure_factor(states, random_points(200, 2), bins=12, k_max=10.0)
-    deviations = (found.value - 1) / found.error
-    assert (np.abs(deviations) < 3).all()
-    assert 0.5 < deviations.std() < 1.6
-
-
-def test_a_triangular_lattice_is_in_order_at_any_distance_and_points_are_not():
-    column, row = np.divmod(np.arange(12 * 14), 14)
-    places = np.stack([column + 0.5 * (row % 2) + 0.1, (row + 0.1) * ROW], axis=1)
-    start = scene_at(np.mod(places, [12, 14 * ROW]), 12, 14 * ROW)
-    found = measure.hexatic_order(state_of(start), start)
-    assert found.psi == pytest.approx(np.ones(168))
-    assert (found.local, found.whole) == pytest.approx((1.0, 1.0))
-    turned = scene_at(start.position[:, ::-1].copy(), start.height, start.width)
-    assert measure.hexatic_order(state_of(turned), turned).psi == pytest.approx(-np.ones(168))
-    far = measure.hexatic_correlation(state_of(start), start, bins=5, r_max=5.0)
-    assert far.value[far.pairs > 0] == pytest.approx(np.ones((far.pairs > 0).sum()))
-    assert far.r.tolist() == [0.5, 1.5, 2.5, 3.5, 4.5]
-    points, half = random_points(400, 5), np.array([5.0, 4.0])
-    gaseous = measure.hexatic_correlation([state_of(points)] * 2, points, bins=4, r_max=4.0)
-    assert np.abs(gaseous.value[2:]).max() < 0.05
-    place = points.position
-    distances = [np.hypot(*(np.mod(place[n + 1 :] - place[n] + half, 2 * half) - half).T) for n in range(400)]
-    assert gaseous.pairs.sum() == 2 * (np.concatenate(distances) < 4.0).sum()
-
-
-@pytest.mark.parametrize("boundary", ["periodic", "walls"])
-def test_six_nearest_neighbours_are_those_of_the_slow_twin(boundary):
-    scene, images = random_points(60, 4, boundary), boundary == "periodic"
-    psi = []
-    for n in range(60):
-        r = scene.position[:, None] + np.array([(x, y) for x in (-10, 0, 10) for y in (-8, 0, 8)]) * images
-        r = r.reshape(-1, 2) - scene.position[n]
-        near = np.unique(r[(r != 0).any(axis=1)].round(12), axis=0)
-        near = near[np.argsort(np.hypot(*near.T))[:6]]
-        psi.append(np.exp(6j * np.arctan2(near[:, 1], near[:, 0])).mean())
-    found = measure.hexatic_order(state_of(scene), scene)
-    assert found.psi == pytest.approx(psi, abs=1e-9)
-    present = np.arange(60) % 3 > 0
-    state, fewer = (
-        State(scene.position, scene.velocity, present=present),
-        scene_at(scene.position[present], 10, 8, boundary),
-    )
-    found = measure.hexatic_order(state, scene)
-    assert found.psi.tolist() == measure.hexatic_order(state_of(fewer), fewer).psi.tolist()
-    assert found.disc.tolist() == np.flatnonzero(present).tolist()
-
-
 # --- refusals
 
 
-ONE, POINTS, WALLS = scene_of([[5, 5]]), random_points(20, 1), random_points(20, 1, "walls")
+ONE, POINTS = scene_of([[5, 5]]), gas(20, 0.1, boundary="periodic")
 FALLING_ROUND = scene_of([[5, 5]], gravity=(0, -1), boundary=("walls", "periodic"))
 SIZES = scene_of([[5, 5], [9, 9], [3, 3]], radius=[0.5, 1.0, 0.25], mass=[2.0, 4.0, 1.0])
-THIN = scene_at(np.stack([np.arange(20) + 0.5, np.full(20, 0.5)], axis=1), 20, 1)
 P, IN_9 = state_of(POINTS), State([[5, 5]], [[0, 0]], box=(0, 9, 0, 9))
 P_IN_BOX = State(P.position, P.velocity, image=np.zeros((20, 2), int), box=POINTS.box)
 
@@ -154,36 +58,11 @@ P_IN_BOX = State(P.position, P.velocity, image=np.zeros((20, 2), int), box=POINT
         (lambda: measure.potential_energy(state_of(FALLING_ROUND), FALLING_ROUND), "along a periodic axis.*walls"),
         (lambda: measure.temperature(P, SIZES), "needs one mass of the scene per disc; got 3 and 20 discs"),
         (lambda: measure.overlap(IN_9, ONE), "whose box is 9 x 9; got one of 20"),
-        (lambda: measure.pair_correlation(state_of(SIZES), SIZES, 10, 3.0), "of one radius; got radii from 0.25 to 1"),
-        (lambda: measure.pair_correlation(P, POINTS, 10, 4.1), r"r_max must lie above .* and below 4.*its own images"),
-        (lambda: measure.structure_factor(state_of(WALLS), WALLS, 50, 5.0), "periodic in both axes"),
-        (lambda: measure.structure_factor([P, 3], POINTS, 50, 5.0), r"states\[1\] must be a State; got int"),
-        (lambda: measure.hexatic_order(state_of(THIN), THIN), r"6 neighbours .* half of each periodic axis, 0\.5"),
-        (lambda: measure.hexatic_correlation(P, POINTS, 5, 4.1), "r_max must be at most half of a periodic axis, 4"),
     ],
 )  # fmt: skip
 def test_what_a_measure_cannot_take_is_refused_by_name(call, words):
     with pytest.raises(InputError, match=words):
         call()
-
-
-def test_pair_correlation_is_refused_where_density_is_not_uniform():
-    plain = gas(60, 0.1)
-    parts = {name: getattr(plain, name) for name in ("width", "height", "position", "velocity", "radius")}
-    state, middle = State(plain.position, plain.velocity), plain.width / 2
-    for features, words in (
-        ({"gravity": (0, -1)}, "has gravity"),
-        ({"emitters": Emitter((middle, middle), (1, 0), interval=1.0)}, "has emitters"),
-        ({"piston": Piston("left", 1, middle)}, "needs a box at rest; got a piston on its way"),
-        ({"obstacles": FixedDisc((middle, middle), 0.1)}, r"box without obstacles.*got 1\. Leave them out"),
-    ):
-        with pytest.raises(InputError, match=words):
-            measure.pair_correlation(state, Scene(**parts, **features), 10, 3.0)
-    leaky = Scene(**parts, absorbing="left")
-    assert measure.pair_correlation(state, leaky, 10, 3.0).references > 0, "nobody has left yet"
-    gone = State(plain.position, plain.velocity, present=np.arange(60) > 0)
-    with pytest.raises(InputError, match=r"discs have left through an absorbing edge \(1 absent in 2 states\)"):
-        measure.pair_correlation([state, gone], leaky, 10, 3.0)
 
 
 def test_without_freud_the_error_says_how_to_get_it(monkeypatch):

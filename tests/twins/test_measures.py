@@ -84,7 +84,7 @@ def check_sums(seed):
 
 
 def check_pairs(seed):
-    """Overlaps, and the pair correlation, over all pairs one by one."""
+    """Overlaps, over all pairs one by one."""
     scene, (state, _), here = drawn(seed)
     p, discs = state.position.astype(float), np.flatnonzero(here)
     pairs = list(combinations(discs.tolist(), 2))
@@ -98,18 +98,6 @@ def check_pairs(seed):
         assert found.pairs == len(deep), f"{found.pairs} pairs instead of {len(deep)}"
         same([found.largest, found.mean], [deep.max(initial=0), deep.mean() if len(deep) else 0])
         assert found.worst == (pairs[int(depth.argmax())] if len(deep) else None)
-    if np.ndim(scene.radius) or not here.all() or scene.gravity is not None or scene.acceleration is not None:
-        return
-    reach = 1.9  # 0.4 + 1.9 is more than the nearest half wall
-    low = np.array([0 if wraps else scene.radius + reach for wraps in scene.periodic])
-    inner = np.array([scene.width, scene.height]) - 2 * low
-    centre = ((p >= low) & (p <= low + inner)).all(axis=1)
-    if (inner <= 0).any() or not centre.any():
-        return
-    edges = np.linspace(2 * scene.radius, reach, 6)
-    counts = sum(np.histogram(distance[centre[ends]], edges)[0] for ends in (i, j))
-    expected = centre.sum() ** 2 / inner.prod() * np.pi * (edges[1:] ** 2 - edges[:-1] ** 2)
-    same(measure.pair_correlation(state, scene, bins=5, r_max=reach).value, counts / expected)
 
 
 def check_displacements(seed):
