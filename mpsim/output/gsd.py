@@ -105,30 +105,18 @@ class GsdReader:
     def __len__(self) -> int:
         return len(self._file)
 
-    def number(self, index: int) -> int:
-        """The frame of the simulation that is at an index."""
-        try:
-            step = self._chunk(index, "configuration/step")
-            return 0 if step is None else int(step[0])
-        except TimeoutError:  # of the user
-            raise
-        except Exception as error:  # what the library makes of a damaged file has no end
-            raise self._damaged(f"the number of frame {index} of", error) from None
-
     def read(self, index: int) -> Frame:
         """One frame: what mpsim wrote, or the standard fields of a file from another program."""
         try:
             return self._read(index)
         except (MpsimError, TimeoutError):
             raise
-        except Exception as error:  # likewise
-            raise self._damaged(f"frame {index} of", error) from None
-
-    def _damaged(self, what: str, error: Exception) -> TrajectoryError:
-        return TrajectoryError(
-            f"a trajectory that ends in .gsd must be a whole GSD file; {what} {str(self._path)!r} cannot be read "
-            f"({type(error).__name__}: {error!s:.200}). If it was copied while it was written, copy it again."
-        )
+        except Exception as error:  # what the library makes of a damaged file has no end
+            raise TrajectoryError(
+                f"a trajectory that ends in .gsd must be a whole GSD file; frame {index} of {str(self._path)!r} cannot "
+                f"be read ({type(error).__name__}: {error!s:.200}). If it was copied while it was written, copy it "
+                "again."
+            ) from None
 
     def _read(self, index: int) -> Frame:
         box = self._chunk(index, "log/mpsim/box")
@@ -182,20 +170,17 @@ class GsdReader:
         return self._later[chunk]
 
     def _of_mpsim(self, index: int, width: float, height: float) -> Frame:
-        """A frame that mpsim wrote. An earlier version wrote no masses, and no arrays for frames without discs."""
-        real = np.float32 if self._chunk(index, "log/mpsim/single")[0] else np.float64
-        none: dict[str, Any] = {"position": np.zeros((0, 2), real), "velocity": np.zeros((0, 2), real)}
-        none |= {"radius": np.zeros(0), "ids": np.zeros(0, np.int64)}
+        """A frame that mpsim wrote."""
         names = {**_PER_DISC, **{column.name: column.name for column in in_state()}}
         found = {ours: self._chunk(index, f"log/particles/mpsim/{name}") for name, ours in names.items()}
-        known: dict[str, Any] = {name: array for name, array in found.items() if array is not None} or none
+        known: dict[str, Any] = {name: array for name, array in found.items() if array is not None}
         known["time"] = float(self._chunk(index, "log/mpsim/time")[0])
-        corner = self._chunk(index, "log/mpsim/origin")
-        left, low = (0.0, 0.0) if corner is None else map(float, corner)
+        left, low = map(float, self._chunk(index, "log/mpsim/origin"))
         x, y = (bool(wrap) for wrap in self._chunk(index, "log/mpsim/periodic"))
-        place = known.pop("position")
+        place, step = known.pop("position"), self._chunk(index, "configuration/step")
+        number = 0 if step is None else int(step[0])
         where, box = f"frame {index} of {str(self._path)!r}", (width, height)
-        return self._given.frame(where, self.number(index), box, (left, low), (x, y), place, self._path, known)
+        return self._given.frame(where, number, box, (left, low), (x, y), place, self._path, known)
 
     def _chunk(self, index: int, name: str) -> Any:
         """The data of a frame under a name; None if there are none."""

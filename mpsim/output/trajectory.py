@@ -8,7 +8,7 @@ import math
 import os
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, overload
 
@@ -31,7 +31,7 @@ from mpsim.features.edges import BoundaryName
 from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.output.frames import Frame, Given, Ownership, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
-from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter
+from mpsim.output.xyz import XyzReader, XyzWriter
 from mpsim.scene.scene import Scene
 
 # --- Checks that a trajectory file belongs to a simulation before it is continued
@@ -128,45 +128,34 @@ def _walls(corners: NDArray[np.float64]) -> str:
 logger: logging.Logger = logging.getLogger("mpsim")
 
 
-Reader = XyzReader | DumpReader | GsdReader
+Reader = XyzReader | GsdReader
 Writer = XyzWriter | GsdWriter
 
 WRITERS: dict[str, type[Writer]] = {".xyz": XyzWriter, ".extxyz": XyzWriter, ".gsd": GsdWriter}
 """What writes a file, by its ending."""
 
-READERS: dict[str, type[Reader]] = {
-    ".xyz": XyzReader,
-    ".extxyz": XyzReader,
-    ".gsd": GsdReader,
-    ".lammpstrj": DumpReader,
-    ".dump": DumpReader,
-}
-"""What reads a file, by its ending; texts may be compressed."""
-
-READERS |= {f"{ending}.gz": reader for ending, reader in [*READERS.items()] if reader is not GsdReader}
+READERS: dict[str, type[Reader]] = {".xyz": XyzReader, ".extxyz": XyzReader, ".gsd": GsdReader}
+"""What reads a file, by its ending."""
 
 FORMATS = ("xyz", "gsd")  # usual endings of the formats that are written
 
 
 def ending_of(path: str | os.PathLike[str]) -> str:
-    """The ending of a file, such as .xyz.gz, in lower case."""
-    suffixes = [suffix.lower() for suffix in Path(os.fsdecode(path)).suffixes]
-    return "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
+    """The ending of a file, such as .xyz, in lower case."""
+    return Path(os.fsdecode(path)).suffix.lower()
 
 
 # --- Trajectories: frames of a run in one file, written while it runs and read back one by one
 #
 # `.xyz` and `.extxyz` are extended XYZ, which needs no other package; `.gsd` is GSD, which needs the package gsd.
-# OVITO opens both. If the process is killed, at most the frame that was being written is lost. Text dumps of LAMMPS
-# are read.
+# OVITO opens both. If the process is killed, at most the frame that was being written is lost.
 
 
 class Trajectory:
     """A trajectory to read: a sequence of frames, each read from the file when it is needed.
 
     Args:
-        path: ends in .xyz, .extxyz, .gsd, .lammpstrj or .dump (text dumps of LAMMPS), or, but for GSD, one of these
-            and .gz; written by mpsim or by another program.
+        path: ends in .xyz, .extxyz or .gsd; written by mpsim or by another program.
         box: for frames that hold no box, as those of plain XYZ: (width, height), or (x_low, x_high, y_low, y_high)
             [length].
         boundary: for frames that do not say which axes are periodic: as of a Scene; None: both are.
@@ -204,7 +193,7 @@ class Trajectory:
         boundary: BoundaryName | Sequence[BoundaryName] | None = None,
         radius: float | None = None,
     ):
-        self.path: Path = _path_of(path, READERS)
+        self.path: Path = _path_of(path)
         self.given: dict[str, Any] = {"box": box, "boundary": boundary, "radius": radius}
         given = Given.of(**self.given)
         if not self.path.is_file():
@@ -286,7 +275,7 @@ class Trajectory:
             ) from None
 
     def close(self) -> None:
-        """Close the file. Not needed for text that is not compressed, whose file is open only while a frame is read."""
+        """Close the file. Not needed for text, whose file is open only while a frame is read."""
         self._reader.close()
 
     def __repr__(self) -> str:
@@ -329,7 +318,7 @@ class TrajectoryWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x", comm: object = None):
-        self.path: Path = _path_of(path, WRITERS)
+        self.path: Path = _path_of(path)
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes every frame.")
         checks.choice("mode", mode, ("x", "w", "a"))
         self.frames: int = 0
@@ -364,7 +353,7 @@ class TrajectoryWriter:
             if mode == "w":  # never through a link
                 files.check_target(path)
                 path.unlink(missing_ok=True)
-            self._writer = WRITERS[path.suffix.lower()](path, "x" if mode == "w" else mode)
+            self._writer = WRITERS[ending_of(path)](path, "x" if mode == "w" else mode)
         try:
             self._lock = FileLock(path)
         except OutputError:  # another writer was faster
@@ -400,7 +389,7 @@ class TrajectoryWriter:
             logger.warning("mpsim: %s It is cut off.", each.message)
         try:
             kept = len(reader)
-            while kept and reader.number(kept - 1) > sim.frame:
+            while kept and reader.read(kept - 1).frame > sim.frame:
                 kept -= 1
             if kept < len(reader):
                 logger.info("mpsim: %d frames of %s are written anew.", len(reader) - kept, self.path)
@@ -460,11 +449,11 @@ class TrajectoryWriter:
         self._ranks.close()
 
 
-def _path_of(path: str | os.PathLike[str], endings: Iterable[str]) -> Path:
-    if isinstance(path, str | os.PathLike) and ending_of(path) in endings:
+def _path_of(path: str | os.PathLike[str]) -> Path:
+    if isinstance(path, str | os.PathLike) and ending_of(path) in READERS:
         return Path(os.fsdecode(path))
     instead = "Use 'run.xyz'."
     if isinstance(path, str | os.PathLike) and os.path.isdir(path):  # False too for what no path can be
-        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if ending_of(each) in endings)
+        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if ending_of(each) in READERS)
         instead = f"It is a folder; use {str(inside[0])!r}." if inside else instead
-    raise InputError(f"a trajectory's path must end in {', '.join(endings)}; got {path!r}. {instead}")
+    raise InputError(f"a trajectory's path must end in {', '.join(READERS)}; got {path!r}. {instead}")

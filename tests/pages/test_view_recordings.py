@@ -1,7 +1,5 @@
 """Recordings on a page: every frame of the file, the time line, files that grow, are damaged, or are of others."""
 
-import gzip
-
 import gsd.hoomd
 import numpy as np
 import pytest
@@ -172,8 +170,8 @@ def test_files_of_other_programs_are_shown_in_their_box(tmp_path):
 
 
 def test_discs_without_velocities_are_shown_and_their_gauges_are_empty(tmp_path):
-    (tmp_path / "plain.xyz.gz").write_bytes(gzip.compress(b"2\nplain\nAr 1 1 0\nAr 3 2 0\n" * 3))
-    with paused(mpsim.Trajectory(tmp_path / "plain.xyz.gz", box=(8, 6), radius=0.5)) as page:
+    (tmp_path / "plain.xyz").write_text("2\nplain\nAr 1 1 0\nAr 3 2 0\n" * 3)
+    with paused(mpsim.Trajectory(tmp_path / "plain.xyz", box=(8, 6), radius=0.5)) as page:
         gauges = page.gauges_at(0)
         assert gauges["discs"] == 2
         assert gauges["temperature"] is gauges["energy"] is gauges["speeds"] is None
@@ -185,7 +183,7 @@ def test_discs_without_velocities_are_shown_and_their_gauges_are_empty(tmp_path)
         (["--box", "8;6"], "'8;6' must be numbers, such as 10,8."),
         (["--box", "8"], "with sides above 0; got [8.0]"),
     ):
-        assert said in mpsim_command("view", tmp_path / "plain.xyz.gz", *words).stderr
+        assert said in mpsim_command("view", tmp_path / "plain.xyz", *words).stderr
 
 
 def test_a_frame_with_another_period_is_not_shown_in_the_box_of_the_first(tmp_path):
