@@ -90,7 +90,7 @@ late.VIEWS.update(
     compressed="mpsim.scene.compression:compressed",
     scene_png="mpsim.output.drawing:scene_png",
     report_html="mpsim.output.tables:report_html",
-    report_times="mpsim.output.figures:times",
+    report_times="mpsim.output.history:times",
     trade_text="mpsim.output.tables:terminal_table",
     measure_names="mpsim.measure.registry:names",
 )

@@ -161,8 +161,7 @@ def plot(folder: Path, out: Path | None, force: bool) -> None:
     The run may still be in progress.
     """
     from mpsim.output.drawing import checked_picture, save_figure  # noqa: PLC0415 - with matplotlib, see run.py
-    from mpsim.output.figures import history  # noqa: PLC0415
-    from mpsim.output.recorder import read_table  # noqa: PLC0415
+    from mpsim.output.history import history, read_table  # noqa: PLC0415
     from mpsim.output.trajectory import Trajectory  # noqa: PLC0415
 
     found = RunFolder.open(folder)

@@ -378,8 +378,8 @@ def _advance(
 ) -> None:
     """Run to a frame, and record everything."""
     # With matplotlib, whose import would only delay the start of other commands.
-    from mpsim.output.figures import final_picture  # noqa: PLC0415
-    from mpsim.output.recorder import Recorder  # noqa: PLC0415
+    from mpsim.output.drawing import draw, save_figure  # noqa: PLC0415
+    from mpsim.output.history import Recorder  # noqa: PLC0415
 
     every, measures, start = folder.record["every"], folder.record["measures"] or None, folder.record.get("start")
     if start is not None and frames_until(start, sim.settings.dt) >= target:  # this part of the run ends before
@@ -393,7 +393,7 @@ def _advance(
         saved = {"checkpoint": folder[CHECKPOINT], "checkpoint_seconds": CHECKPOINT_SECONDS}
         report, part = _run(sim, target, quiet, measures=measures, start=start, observe=observers, **saved)
         folder.finish(sim, report, part)
-    final_picture(sim.scene, frame_of(sim), folder[PICTURE])
+    save_figure(draw(frame_of(sim), sim.scene), folder[PICTURE])
     if as_json:
         click.echo(json_text(folder.record))
         return

@@ -23,7 +23,7 @@ from support.seconds import quickest
 import mpsim
 from mpsim.cli.app import main
 from mpsim.cli.run import RunFolder
-from mpsim.output.recorder import COLUMNS, read_table
+from mpsim.output.history import COLUMNS, read_table
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
 from mpsim.studies.ensemble import FILE
@@ -297,7 +297,7 @@ TRAJECTORIES = {
     "a width of 5,000 digits": (f"1\n{XYZ.replace('I:1', 'I:' + '9' * 5000)}\n1 1 0 1\n", "must name its columns"),
     "a box of 5,000 letters": (
         f"1\n{XYZ.replace('9 0', 'x' * 5000)}\n1 1 0 1\n",
-        "must hold finite numbers under Lattice",
+        "must hold 9 finite numbers under Lattice",
     ),
 }
 
