@@ -323,8 +323,8 @@ def _nearest(name: str, lag: float, lags: Floats) -> int:
 FORMAT = 3
 """Version of the file."""
 
-LEVELS, MOST_LEVELS = 20, 40
-"""Levels without `longest`: with 16 points the longest lag is 7.8 million samples. At most: beyond any run."""
+LEVELS = 20
+"""Levels without `longest`: with 16 points the longest lag is 7.8 million samples."""
 
 MOST_WAVE_NUMBERS = 64
 """Wave numbers at most: each takes a cosine per disc, axis and lag at every sample."""
@@ -638,50 +638,35 @@ class Correlations:
 
     @classmethod
     def _restored(cls, arrays: Mapping[str, NDArray[Any]]) -> Correlations:
-        """What `save` has written, checked."""
-
-        def whole(name: str, low: int, high: int = 2**62) -> int:
-            return checks.whole(name, arrays[name].item(), low, high, "")
-
-        if (version := whole("format", 0)) != FORMAT:
-            raise ValueError(f"it is of version {version}, and {FORMAT} is read")
+        """What `save` has written; the checksums of the file have said that it is whole."""
+        numbers = {name: values.item() for name, values in arrays.items() if not values.ndim}
+        if numbers["format"] != FORMAT:
+            raise ValueError(f"it is of version {numbers['format']}, and {FORMAT} is read")
         again = cls(
-            arrays["every"].item(),
-            start=arrays["start"].item(),
+            numbers["every"],
+            start=numbers["start"],
             discs=arrays["discs"],
             wave_numbers=arrays["wave_numbers"],
-            points=arrays["points"].item(),
+            points=numbers["points"],
         )
-        points, discs, waves = again._points, _numbers(arrays["discs"]), len(again.wave_numbers)
-        count, levels, span = whole("count", 1), whole("levels", 1, MOST_LEVELS), whole("span", 1)
-        if not len(discs) or discs.max() >= count:
-            raise ValueError("its discs are not there")
-        dt, memory = (
-            checks.positive("dt", arrays["dt"].item(), ""),
-            checks.non_negative("memory", arrays["memory"].item(), ""),
+        again._bound = numbers["dt"], numbers["count"]
+        again._frame, again._continuing = numbers["frame"], True
+        motion = again._motion = Motion(
+            again.wave_numbers,
+            again._points,
+            numbers["levels"],
+            arrays["discs"],
+            again.every * numbers["dt"],
+            numbers["constant"],
+            numbers["memory"],
+            numbers["count"],
+            numbers["samples"],
+            numbers["span"],
         )
-        constant = checks.truth("constant", arrays["constant"].item())
-        samples = whole("samples", 1, span * MOST_PARTS)
-        interval = again.every * dt
-        motion = Motion(again.wave_numbers, points, levels, discs, interval, constant, memory, count, samples, span)
-        used, lags, shape = -(-motion.samples // span), len(motion.lags), (2, len(discs), 2)
-        received, counts = arrays["received"], arrays["counts"]
-        whole_numbers = received.dtype == counts.dtype == np.int64 and counts.shape == (used, lags)
-        if not whole_numbers or received.ndim != 1 or not 1 <= len(received) <= levels:
-            raise ValueError("its levels are wrong")
-        if received.min() < 0 or received.max() > motion.samples or counts.min() < 0 or counts.max() > span:
-            raise ValueError("its counts are wrong")
-        motion.received, motion.counts[:used] = received.tolist(), counts
-        for name, each in (
-            ("latest", shape),
-            ("recent", (len(received), points, *shape)),
-            ("sums", (used, lags, WAVES + waves)),
-        ):
-            checks.finite_array(name, arrays[name], each, str(each))
-        motion.latest, motion.sums[:used] = arrays["latest"].copy(), arrays["sums"]
+        used = len(arrays["counts"])
+        motion.counts[:used], motion.sums[:used] = arrays["counts"], arrays["sums"]
+        motion.received, motion.latest = arrays["received"].tolist(), arrays["latest"].copy()
         motion.recent = [each.copy() for each in arrays["recent"]]
-        again._motion, again._bound = motion, (dt, count)
-        again._frame, again._continuing = whole("frame", 0), True
         return again
 
     def __repr__(self) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.state import Discs, State, count_of
@@ -63,15 +63,11 @@ class SpeedDistribution:
         edges: shape (bins + 1,), of the bins [length/time].
         value: shape (bins,), density of speeds: fraction of discs in a bin, divided by its width [time/length].
         maxwell: shape (bins,), the same for the Maxwell distribution, its mean over each bin [time/length].
-        distance: largest difference of the two cumulative distributions (Kolmogorov-Smirnov), from 0 to 1, of the
-            speeds themselves, not of the bins. For N >= 50 speeds in equilibrium, it exceeds 1.08/sqrt(N) in 5 % of
-            cases and 1.28/sqrt(N) in 1 % (Lilliefors, J. Am. Stat. Assoc. 64, 387, 1969; numbers by simulation).
     """
 
     edges: NDArray[np.float64]
     value: NDArray[np.float64]
     maxwell: NDArray[np.float64]
-    distance: float
 
 
 @dataclass(frozen=True)
@@ -268,38 +264,32 @@ def speed_kurtosis(state: Discs) -> float:
     return float((fourth / count) / (second / count) ** 2)
 
 
-def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistribution:
+def speed_distribution(state: State, bins: int = 50) -> SpeedDistribution:
     """Distribution of speeds, and Maxwell's of the same mean square, with density (v/kT) exp(-v^2/(2 kT)) in 2-D.
 
     In a mixture of masses, give the state of one species, State(position[species], velocity[species]).
 
     Args:
         state: the state; speeds include its drift, if any.
-        bins: number of bins of equal width from 0 to the largest speed, or their edges, shape (bins + 1,), rising,
-            >= 0 [length/time].
+        bins: number of bins of equal width from 0 to the largest speed.
 
     Raises:
-        InputError: if no disc moves, the state is not finite or the edges do not rise.
+        InputError: if no disc moves, or the state is not finite.
 
     Source: for Maxwell's distribution in 2-D, squared speeds are exponential: P(< v) = 1 - exp(-v^2/(2 kT)).
 
-    >>> state = State(np.zeros((2, 2)), np.array([[1.0, 0.0], [0.0, 3.0]]))
-    >>> found = speed_distribution(state, bins=3)
-    >>> found.value.tolist(), round(found.distance, 6)
-    ([0.0, 0.5, 0.5], 0.334701)
+    >>> found = speed_distribution(State(np.zeros((2, 2)), np.array([[1.0, 0.0], [0.0, 3.0]])), bins=3)
+    >>> found.value.tolist(), found.maxwell.round(3).tolist()
+    ([0.0, 0.5, 0.5], [0.181, 0.369, 0.284])
     """
     unit = _moving_unit("speed_distribution", state)
-    squares = np.sort(_squares(Chunk(slice(None), state), unit))
-    mean_square, speed = float(squares.mean()), unit * np.sqrt(squares)
-    edges = _edges(bins, float(speed[-1]))
-    below = -np.expm1(-((edges / unit) ** 2) / mean_square)
-    count = len(speed)
+    squares = _squares(Chunk(slice(None), state), unit)
+    speed = unit * np.sqrt(squares)
+    number = checks.whole("bins", bins, 1, 1_000_000, "About 50 bins are usual.")
+    edges = np.linspace(0, float(speed.max()), number + 1)
+    below, width = -np.expm1(-((edges / unit) ** 2) / float(squares.mean())), np.diff(edges)
     counted, _ = np.histogram(speed, edges)
-    cumulative = -np.expm1(-squares / mean_square)
-    ranks = np.arange(count) / count
-    distance = float(max((cumulative - ranks).max(), (ranks + 1 / count - cumulative).max()))
-    width = np.diff(edges)
-    return SpeedDistribution(edges, counted / (count * width), np.diff(below) / width, distance)
+    return SpeedDistribution(edges, counted / (len(speed) * width), np.diff(below) / width)
 
 
 def mean_squared_displacement(before: State, after: State, scene: Scene | None = None) -> float:
@@ -348,8 +338,8 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
 def trajectory_error(state: State, reference: State, scene: Scene | None = None) -> TrajectoryDeviation:
     """Deviation of the discs from their positions in a reference state at the same time, such as the exact solver's.
 
-    Meaningful only while the motion is predictable: see `require_predictable`. Discs that are absent in
-    both states are left out; one that is absent in one of them counts where it left the box.
+    Two correct solvers agree for about 20 Lyapunov times only, in a gas at packing 0.3 for 7 units of time. Discs that
+    are absent in both states are left out; one that is absent in one of them counts where it left the box.
 
     Args:
         state, reference: the states.
@@ -393,7 +383,7 @@ def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
     state = placed(state, scene)
     places = checked_positions(state.position)[state.present]
     try:
-        import freud  # noqa: PLC0415
+        import freud  # noqa: PLC0415  # pyright: ignore[reportMissingTypeStubs]
     except ImportError as error:
         raise NotMeasurableError(
             f"to_freud needs the package freud-analysis, which cannot be imported ({error}). Install it by pip install "
@@ -405,16 +395,6 @@ def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
     points = np.zeros((len(places), 3), np.float32)
     points[:, :2] = places - np.array([x_low + x_high, y_low + y_high]) / 2
     return box, points
-
-
-def _edges(bins: int | ArrayLike, largest: float) -> NDArray[np.float64]:
-    if isinstance(bins, (int, np.integer)):
-        number = checks.whole("bins", bins, 1, 1_000_000, "About 50 bins are usual.")
-        return np.linspace(0, largest, number + 1)
-    edges = checks.finite_array("bins", bins, (None,), "(bins + 1,)")
-    if len(edges) < 2 or edges[0] < 0 or (np.diff(edges) <= 0).any():
-        raise InputError(f"bins must be at least two rising edges >= 0; got {edges.tolist()}. Sort them.")
-    return edges
 
 
 def _moving_unit(name: str, discs: Discs) -> float:

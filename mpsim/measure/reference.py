@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.measure.statistics import Measure
 
 VIRIAL = (
     1.0,
@@ -37,15 +36,6 @@ VIRIAL = (
 LARGEST_PACKING = 0.62
 """The Pade approximant is not used above this packing: the virial series does not show the freezing that begins at
 0.70."""
-
-
-DENSE_72 = Measure(6.90107, 7e-5, 1)
-"""Pressure P sigma^2 / kT of 72 discs at packing 0.65, periodic [1] (Li, Nishikawa, Hollmer, Carillo, Maggs & Krauth,
-J. Chem. Phys. 157, 234111, 2022)."""
-
-COEXISTENCE = 9.185
-"""Pressure P sigma^2 / kT where fluid (packing about 0.700) and hexatic (0.716) coexist, large systems [1] (Bernard &
-Krauth, Phys. Rev. Lett. 107, 155704, 2011; Engel et al., Phys. Rev. E 87, 042134, 2013)."""
 
 
 def compressibility(packing: float) -> float:
@@ -104,21 +94,6 @@ def pade(virial: Sequence[float], top: int) -> tuple[NDArray[np.float64], NDArra
     return np.convolve(series, below)[: top + 1], below
 
 
-def contact_value(packing: float) -> float:
-    """Pair-correlation function at contact, g(sigma) = (Z - 1) / (2 packing) [1], 1 for a dilute gas.
-
-    Args:
-        packing: 0 <= packing <= LARGEST_PACKING [1].
-
-    Source: the virial theorem, Z = 1 + 2 packing g(sigma) in 2-D; Z as in `compressibility`, divided by the packing
-    before it is evaluated, so that no digits cancel in a dilute gas.
-
-    >>> [round(contact_value(packing), 5) for packing in (0.0, 0.01, 0.1, 0.3, 0.5)]
-    [1.0, 1.01586, 1.18072, 1.7721, 3.10624]
-    """
-    return _at_contact(_packing(packing))
-
-
 def enskog_rate(packing: float, radius: float = 0.5, temperature: float = 1.0) -> float:
     """Collisions per disc and time in the bulk, 2 sqrt(pi) n sigma g(sigma) sqrt(kT) [1/time].
 
@@ -128,7 +103,7 @@ def enskog_rate(packing: float, radius: float = 0.5, temperature: float = 1.0) -
         temperature: kT >= 0 [length^2/time^2].
 
     Source: Chapman & Cowling, The Mathematical Theory of Non-uniform Gases (1970), ch. 16, in two dimensions. Exact in
-    equilibrium up to terms of order 1/N (see `shell_factor`), since positions and velocities are independent.
+    equilibrium up to terms of order 1/N, since positions and velocities are independent.
 
     >>> [round(enskog_rate(packing), 5) for packing in (0.01, 0.1, 0.3, 0.5)]
     [0.04585, 0.53292, 2.39952, 7.01004]
@@ -159,80 +134,6 @@ def enskog_diffusion(packing: float, radius: float = 0.5, temperature: float = 1
     packing = checks.positive("packing", packing, "(a fraction of the area)")
     temperature = checks.positive("temperature", temperature, "[length^2/time^2]")
     return temperature / enskog_rate(packing, radius, temperature)
-
-
-def shell_factor(degrees: int) -> float:
-    """Mean |u| of a velocity component for infinitely many degrees of freedom, over its mean at fixed energy [1], < 1.
-
-    sqrt(2/K) Gamma((K + 1)/2) / Gamma(K/2), which is 1 - 1/(4 K) + ... for K degrees of freedom.
-
-    Args:
-        degrees: K >= 1 [1].
-
-    Source: mean of a component of a vector uniform on a sphere in K dimensions [D].
-
-    >>> round(shell_factor(142), 6), round(1 - 1 / (4 * 142), 6)
-    (0.998241, 0.998239)
-    """
-    degrees = checks.whole("degrees", degrees, 1, 10**9, "Give 2 N, or 2 (N - 1) at zero total momentum.")
-    if degrees > 10_000:  # beyond, the logarithms cancel; the next term is below 1e-13
-        return 1 - 1 / (4 * degrees) + 1 / (32 * degrees**2)
-    return math.exp(math.lgamma((degrees + 1) / 2) - math.lgamma(degrees / 2)) * math.sqrt(2 / degrees)
-
-
-@dataclass(frozen=True)
-class ClosedBox:
-    """A gas between hard walls.
-
-    Attributes:
-        pressure: mean force on a wall per full length of the wall [1/time^2].
-        compressibility: pressure x side^2 / (N kT) [1].
-        bulk_density: number density in the middle [1/length^2].
-    """
-
-    pressure: float
-    compressibility: float
-    bulk_density: float
-
-
-def closed_box(count: int, side: float, radius: float, temperature: float = 1.0) -> ClosedBox:
-    """Pressure on the walls of a square box, to 0.1 to 0.4 % for 100 discs; exact in the limit of a large box.
-
-    n_b solves N = n_b L^2 - 4 L R n_b (1 - eta_b)/(1 + eta_b), eta_b = pi R^2 n_b, and
-    P = n_b kT Z(eta_b) - 2 n_b kT R / ((1 - eta_b) L).
-
-    Args:
-        count: N >= 1.
-        side: L, of the box, > 2 radius, and so large that the bulk is not denser than LARGEST_PACKING [length].
-        radius: R > 0 [length].
-        temperature: kT > 0 [length^2/time^2].
-
-    Source: excess of discs and line tension at a hard wall by scaled-particle theory (Helfand, Frisch & Lebowitz,
-    J. Chem. Phys. 34, 1037, 1961), to first order in perimeter over area [D]; Z as in `compressibility`.
-
-    >>> round(closed_box(100, math.sqrt(100 * math.pi / 4 / 0.3), 0.5).compressibility, 4)
-    2.2438
-    """
-    count = checks.whole("count", count, 1, 10**9, "Count the discs.")
-    side, radius = checks.positive("side", side, "[length]"), checks.positive("radius", radius, "[length]")
-    temperature = checks.positive("temperature", temperature, "[length^2/time^2]")
-    area = math.pi * radius**2
-
-    def held(density: float) -> float:
-        return density * (side**2 - 4 * side * radius * (1 - density * area) / (1 + density * area))
-
-    low, high = 0.0, LARGEST_PACKING / area
-    if side <= 2 * radius or held(high) < count:
-        raise InputError(
-            f"closed_box holds at most {held(high):.1f} discs of radius {radius:g} in a box of side {side:g} up to a "
-            f"packing of {LARGEST_PACKING} in its middle; got {count}. Use fewer or smaller discs, or a larger box."
-        )
-    for _ in range(200):
-        middle = (low + high) / 2
-        low, high = (middle, high) if held(middle) < count else (low, middle)
-    bulk = low * temperature * compressibility(low * area)
-    pressure = bulk - 2 * low * temperature * radius / ((1 - low * area) * side)
-    return ClosedBox(pressure, pressure * side**2 / (count * temperature), low)
 
 
 @dataclass(frozen=True)
@@ -329,6 +230,6 @@ def _packing(value: float) -> float:
     if packing > LARGEST_PACKING:
         raise InputError(
             f"packing must be at most {LARGEST_PACKING} for the virial equation of state; got {value!r}. Denser discs "
-            "are near freezing: compare with published values such as DENSE_72."
+            "are near freezing: compare with published values."
         )
     return packing

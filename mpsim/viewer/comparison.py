@@ -30,10 +30,9 @@ from mpsim.features.capsules import of_discs
 from mpsim.features.obstacles import capsules_of
 from mpsim.measure.observables import trajectory_error
 from mpsim.measure.registry import refusal
-from mpsim.measure.statistics import Predictability
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.studies.preliminary import divergence
+from mpsim.studies.preliminary import AGREEMENT, divergence
 from mpsim.studies.tradeoff import label
 from mpsim.viewer.gauges import MeanPressure
 
@@ -282,7 +281,7 @@ class Comparison:
         self._wanted: Beside = beside
         self._settings: Settings | None = None
         self._note: str | None = None
-        self._predictability: Predictability | None = None
+        self._rate: float | None = None  # at which runs diverge [1/time]
         self._diverging: Scene | None = None  # whose Lyapunov time is known, or being found
         self._stopped = threading.Event()
         self._work: threading.Thread | None = None  # that finds the Lyapunov time
@@ -310,7 +309,7 @@ class Comparison:
             self._note = str(error)
             return
         if self._diverging is not scene and scene.count <= MOST_DIVERGING:
-            self._diverging, self._predictability = scene, None
+            self._diverging, self._rate = scene, None
             self._stop_work()
             self._work = threading.Thread(target=self._find_divergence, args=(scene, self._stopped), daemon=True)
             self._work.start()
@@ -378,15 +377,15 @@ class Comparison:
 
     def told(self, sim: Simulation) -> dict[str, Any]:
         """The message for pages, for `protocol.text_of`; sim: the first stage."""
-        second, found = self.second, self._predictability
+        second, rate = self.second, self._rate
         told: dict[str, Any] = {
             "first": label(sim.settings),
             "second": None if second is None else label(second.sim.settings),
             "exact": second is not None and capabilities_of(second.sim.settings).is_exact,
             "note": self._note,
             "skipped": 0 if second is None else second.skipped,
-            "lyapunov_time": None if found is None else found.lyapunov_time,
-            "agree_until": None if found is None else found.horizon,
+            "lyapunov_time": None if rate is None else 1 / rate,
+            "agree_until": None if rate is None else AGREEMENT / rate,
         }
         if second is not None:
             told |= second.difference.read(sim.state, second.sim.state, sim.time, told["agree_until"])
@@ -398,6 +397,6 @@ class Comparison:
                 raise _StoppedError
 
         with contextlib.suppress(MpsimError, _StoppedError):  # of a scene that has none, or that `event` cannot run
-            found = divergence(scene, progress=check)
+            rate = divergence(scene, progress=check)
             check(1, 1)
-            self._predictability = found
+            self._rate = rate

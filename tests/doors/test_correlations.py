@@ -3,6 +3,8 @@
 Most of them look at motions that are made up: an observer reads nothing of a simulation but its public names.
 """
 
+import contextlib
+
 import numpy as np
 import pytest
 from support.scenes import At, gas, simulate
@@ -222,37 +224,19 @@ def written(tmp_path_factory):
     return path
 
 
-WRONG = {
-    "no format": ("format", lambda a: None, "format"),
-    "another version": ("format", lambda a: a + 1, "it is of version 4, and 3 is read"),
-    "odd points": ("points", lambda a: a + 1, "points must be even"),
-    "few discs": ("count", lambda a: 0 * a + 2, "its discs are not there"),
-    "dt 0": ("dt", lambda a: 0 * a, "dt must be a finite number > 0"),
-    "waves": ("wave_numbers", lambda a: a[:, None], "wave_numbers must have shape"),
-    "levels": ("received", lambda a: a[:0], "its levels are wrong"),
-    "received": ("received", lambda a: a - 10**6, "its counts are wrong"),
-    "recent": ("recent", lambda a: a[:, 1:], "recent must have shape"),
-    "sums": ("sums", lambda a: a[:-1], "sums must have shape"),
-    "counts": ("counts", lambda a: -a, "its counts are wrong"),
-}
-
-
-def test_a_file_with_something_wrong_in_it_is_refused(written, tmp_path):
+def test_a_file_of_another_version_is_refused(written, tmp_path):
     with np.load(written) as file:
         arrays = {key: file[key] for key in file.files}
-    np.savez(tmp_path / "c.npz", **arrays)
-    Correlations.load(tmp_path / "c.npz")  # the control: only written again
-    for case, (name, change, words) in WRONG.items():
-        changed = arrays | {name: change(arrays[name])}
-        np.savez(tmp_path / "c.npz", **{key: value for key, value in changed.items() if value is not None})
-        with pytest.raises(mpsim.InputError, match="a file of Correlations must be one that mpsim has written") as info:
+    for change, words in ({}, None), ({"format": arrays["format"] + 1}, "it is of version 4, and 3 is read"):
+        np.savez(tmp_path / "c.npz", **arrays | change)
+        with pytest.raises(mpsim.InputError, match=words) if words else contextlib.nullcontext():
             Correlations.load(tmp_path / "c.npz")
-        assert words in str(info.value), case
 
 
 def test_files_that_are_cut_off_missing_or_in_the_way_are_refused(written, tmp_path):
-    for length in (0, 10, 1000, -1):
-        (tmp_path / "cut.npz").write_bytes(written.read_bytes()[:length])
+    whole = written.read_bytes()
+    for damaged in (b"", whole[:10], whole[:1000], whole[:-1], whole[:3000] + b"\xff" * 9 + whole[3009:]):
+        (tmp_path / "cut.npz").write_bytes(damaged)
         with pytest.raises(mpsim.InputError, match="must be one that mpsim has written"):
             Correlations.load(tmp_path / "cut.npz")
     (tmp_path / "folder.npz").mkdir()

@@ -106,10 +106,8 @@ MADE_BY = {
     "Tuned": mpsim.tune,
     "Equilibration": measure.equilibration,
     "Overlap": measure.overlap,
-    "Predictability": measure.predictability,
     "SpeedDistribution": measure.speed_distribution,
     "TrajectoryDeviation": measure.trajectory_error,
-    "ClosedBox": reference.closed_box,
     "TwoDiscs": reference.two_discs,
 }
 """Results, which nobody makes by hand, and whose example shows one."""
