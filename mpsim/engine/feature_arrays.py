@@ -103,6 +103,13 @@ def _rms_momentum(scene: Scene) -> float:
     return math.sqrt(squares / (2 * scene.count)) if scene.count else 0.0
 
 
+def unit_of_work(scene: Scene, dt: float) -> float:
+    """What the work of surfaces is counted in: a millionth of a typical energy, a power of two [energy]."""
+    mass = float(scene.mass.mean()) if scene.count and scene.mass is not None else 1.0
+    exponent = 2 * math.frexp(typical_momentum(scene, dt))[1] - math.frexp(mass)[1] - 20
+    return math.ldexp(1.0, min(max(exponent, -900), 900))
+
+
 def typical_momentum(scene: Scene, dt: float) -> float:
     """What impulses are counted in: a momentum like those that discs have or come to have [mass length/time], > 0.
 

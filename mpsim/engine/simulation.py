@@ -392,6 +392,23 @@ class Simulation(ReadOnly):
 
     @property
     @reading
+    def work(self) -> dict[int | str, float]:
+        """Work of each moving surface on discs since the start [mass length^2/time^2], > 0 where it gives them energy.
+
+        By the name of a wall, or the number of an obstacle with a motion or a surface_velocity. It is the sum, over all
+        contacts, of the impulse on the disc times the velocity of the surface's material at the point of contact.
+
+        >>> from mpsim import Piston
+        >>> scene = Scene.random(count=50, width=10, height=10, radius=0.2, piston=Piston("right", -0.5, 8), seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     report = sim.run(frames=100)
+        ...     sim.work["right"] > 0
+        True
+        """
+        return self._whole("work").work
+
+    @property
+    @reading
     def array_names(self) -> tuple[str, ...]:
         """Names of the arrays in the shared block; those of a feature exist only if the scene has the feature."""
         return tuple(self._open_solver().block.specs)

@@ -71,7 +71,7 @@ IN_A_DRUM = mpsim.Scene.random(
 
 
 def played_in_a_drum(sim, folder=None, drum=True, paddle=True):
-    """The last state of a run in which a drum is put up, and a paddle takes the place of a peg."""
+    """The last state and the work of a run in which a drum is put up, and a paddle takes the place of a peg."""
     sim.run(frames=5)
     if drum:
         sim.add_wall(mpsim.Circle((55, 55), 51.5, inside=True, motion=mpsim.Oscillation((1, 0), period=2)))
@@ -83,7 +83,7 @@ def played_in_a_drum(sim, folder=None, drum=True, paddle=True):
         sim = mpsim.Simulation.resume(sim.save(folder / "run"), workers=1)
     with sim:
         sim.run(frames=20)
-        return sim.state
+        return sim.state, sim.work
 
 
 @pytest.mark.parametrize("method", ["parallel", "event"])
@@ -93,11 +93,15 @@ def test_obstacles_that_come_and_go_have_the_same_bits_on_other_workers_and_afte
             assert len(sim.pids) == workers - 1
             return played_in_a_drum(sim, *how, **without)
 
-    expected = played(1)
-    for workers, *how in ((2,), (1, tmp_path), (2, tmp_path)):
-        assert_same_bits(played(workers, *how), expected, f"{method} on {workers}, resumed on 1: {how != []}")
+    expected, work = played(1)
+    assert len(work) == 3
+    assert min(map(abs, work.values())) > 1
+    for workers, *how in ((2,), (3,), (1, tmp_path), (2, tmp_path)):
+        state, done = played(workers, *how)
+        assert_same_bits(state, expected, f"{method} on {workers}, resumed on 1: {how != []}")
+        assert done == work
     for without in ("drum", "paddle"):
-        assert played(1, **{without: False}).digest() != expected.digest(), f"the {without} is not met"
+        assert played(1, **{without: False})[0].digest() != expected.digest(), f"the {without} is not met"
 
 
 def test_auto_goes_on_with_the_method_it_had(tmp_path):

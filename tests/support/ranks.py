@@ -108,14 +108,15 @@ CASES = {
 
 
 def found(name: str, **settings: Any) -> dict[str, Any]:
-    """Digest, contacts and measures of a case."""
+    """Digest, contacts, measures and work of a case."""
     case = CASES[name]()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, **settings)) as sim:
             report = sim.run(frames=case.frames, measures=case.measures)
             measures = {name: str(value) for name, value in report.measures.items()}
-            return {"digest": sim.digest(), "collisions": report.collisions, "measures": measures}
+            found = {"digest": sim.digest(), "collisions": report.collisions, "measures": measures}
+            return found | {"work": sim.work}
 
 
 def on_ranks(

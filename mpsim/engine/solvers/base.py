@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.columns import COLUMNS, EXITS, MASS, Column, kept_sizes
 from mpsim.core.state import Box, State, digest_of, in_chunks
+from mpsim.engine.feature_arrays import unit_of_work
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock, resident_bytes
 from mpsim.errors import InputError
+from mpsim.features.edges import EDGES
 from mpsim.kernels.features import collisions as log
+from mpsim.kernels.features import work
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
 
@@ -119,6 +122,38 @@ def check_shapes(snapshot: SolverState, shapes: Shapes) -> None:
 def check_periods(scene: Scene, image: NDArray[np.int64]) -> None:
     """Raise ValueError unless counts of periods, shape (N, 2), are 0 along axes with walls."""
     demand((image[:, ~np.array(scene.periodic)] == 0).all(), "no disc can have moved through a wall")
+
+
+# --- The work of surfaces that move, as counted in a block, and as snapshots hold it
+
+NO_WORK: NDArray[np.int64] = np.zeros((0, 2), np.int64)
+"""Sums of no owner."""
+
+
+def work_specs(scene: Scene, workers: int) -> dict[str, ArraySpec]:
+    """The arrays of a block in which workers count work; {} for a scene in which no surface moves."""
+    if not any(each.works(scene) for each in scene._features):
+        return {}
+    owners = work.WALLS + len(scene.obstacles)
+    shape = workers, 2, 2, -(-owners // 8) * 8  # no two workers write to one pair of cache lines
+    return {work.SUM: ArraySpec(INTEGER, shape), work.UNIT: ArraySpec(REAL, (1,))}
+
+
+def work_together(*sums: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Sums of whole units and parts, each of shape (owners, 2), added up; later ones may have more owners."""
+    found = np.zeros((max(map(len, sums)), 2), np.int64)
+    for each in sums:
+        found[: len(each)] += each
+        found[:, 0] += found[:, 1] >> work.PART_BITS
+        found[:, 1] &= work.MASK
+    return found
+
+
+def work_shapes(snapshot: SolverState) -> Shapes:
+    """dtype and shape of the work in a snapshot from a file; {} if it has none."""
+    if work.SUM not in snapshot:
+        return {}
+    return {work.SUM: (INTEGER, (len(snapshot[work.SUM]), 2)), work.UNIT: (REAL, (1,))}
 
 
 # --- The logs of collisions of a solver, and the table made from them
@@ -516,6 +551,8 @@ class Solver(ABC):
         self.choice: Choice = choice
         self.radii: NDArray[np.float64] = kept_sizes(scene.radii)
         self.masses: NDArray[np.float64] = kept_sizes(scene.masses)
+        self._work_before: NDArray[np.int64] = NO_WORK  # what was done before the present block was filled
+        self._work_unit = 0.0  # 0: none has been done
 
     @property
     def terms(self) -> Terms:
@@ -646,6 +683,46 @@ class Solver(ABC):
             InputError: for a scene or settings that the method cannot do, naming them; then nothing has changed.
             ResourceError, WorkerDiedError, WorkerStalledError: as `add`.
         """
+
+    # --- the work of surfaces
+
+    @property
+    def work(self) -> dict[int | str, float]:
+        """Work on discs since the start, by wall or number of obstacle: of those that move, and that have done any."""
+        scene, sums = self._scene, self._work_sums()
+        energies = (sums[:, 0] + sums[:, 1] / 2.0**work.PART_BITS) * self._work_unit
+        moving = {wall.edge for wall in scene._moving_walls}
+        moving |= {work.WALLS + k for k, each in enumerate(scene.obstacles) if each.moves or each.surface_velocity}
+        names = (*EDGES, *range(len(sums)))
+        return {names[k]: float(each) for k, each in enumerate(energies) if each or k in moving}
+
+    def _work_sums(self) -> NDArray[np.int64]:
+        """Whole units and parts of the work of each owner since the start, shape (owners, 2)."""
+        return work_together(self._work_before, *self._work_counted())
+
+    def _work_counted(self) -> list[NDArray[np.int64]]:
+        """The same of each worker in the present block."""
+        counted = self.block.arrays.get(work.SUM)
+        return [] if counted is None else [sums[work.NEW].T + sums[work.AGREED].T for sums in counted]
+
+    def _count_work_from(self, before: NDArray[np.int64], unit: float) -> None:
+        """Count from 0 in the present block, after this was done; unit: of it, 0 if it is none."""
+        arrays = self.block.arrays
+        if not unit and work.SUM in arrays:
+            unit = unit_of_work(self._scene, self._settings.dt)
+        self._work_before, self._work_unit = before, unit
+        if work.SUM in arrays:
+            arrays[work.SUM][:], arrays[work.UNIT][0] = 0, unit
+
+    def _saved_work(self) -> SolverState:
+        """What a snapshot holds of it."""
+        if not self._work_unit:
+            return {}
+        return {work.SUM: self._work_sums(), work.UNIT: np.array([self._work_unit])}
+
+    def _restore_work(self, snapshot: SolverState) -> None:
+        """Go on from the work in a snapshot."""
+        self._count_work_from(snapshot.get(work.SUM, NO_WORK), float(snapshot.get(work.UNIT, np.zeros(1))[0]))
 
     # --- snapshots
 

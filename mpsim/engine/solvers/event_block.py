@@ -23,6 +23,7 @@ from mpsim.engine.solvers.base import (
     count_in,
     demand,
     shapes_in_each,
+    work_shapes,
 )
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock
@@ -46,6 +47,7 @@ from mpsim.kernels.features import collisions
 from mpsim.kernels.features.bodies import Bodies
 from mpsim.kernels.features.capsules import Capsules
 from mpsim.kernels.features.piston import MovingWalls
+from mpsim.kernels.features.work import work_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -382,7 +384,7 @@ def check(scene: Scene, arrays: SolverState, dt: float) -> None:
 
     What is only no state of such a scene, as a disc that flies after it has left, is computed as it is.
     """
-    check_shapes(arrays, shapes(scene, count_in(arrays)))
+    check_shapes(arrays, shapes(scene, count_in(arrays)) | work_shapes(arrays))
     disc, count = records.of_numbers(records.DISC, arrays["disc"]), len(arrays["order"])
     demand(checks.equal(np.sort(arrays["order"]), np.arange(count)), "order must be a permutation")
     flight = ("position", "velocity", "last_update")
@@ -479,6 +481,7 @@ class BlockPlan(NamedTuple):
         cells, tiling = cells_for(self.scene, count), self._tiling(count)
         shapes = stores.layout(count, cells) | column_shapes(self.scene, count)
         specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
+        specs |= base.work_specs(self.scene, self.workers)
         if self.logging:
             specs |= base.specs_of(count, self.workers if tiling != WHOLE else 1)
         if tiling != WHOLE:
@@ -517,7 +520,7 @@ class BlockPlan(NamedTuple):
         store = stores.store_of(arrays)
         count = len(store.order)
         box, features = self._box(count), features_of(arrays | self._given(count))
-        features = features._replace(log=collisions.log_of(arrays, 0))
+        features = features._replace(log=collisions.log_of(arrays, 0), work=work_of(arrays, 0))
         if "tiles" in arrays:
             lay_out(arrays, self._tiling(count), box, self.dt, self.workers, packed(box, features))
         return System(store, box, features)

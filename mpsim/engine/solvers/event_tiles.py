@@ -246,7 +246,7 @@ def specs_of(
 
 def packed(box: Any, features: Any) -> bytes:
     """What workers must know of a scene besides the arrays of the block."""
-    numbers = {name: value for name, value in features._asdict().items() if name not in (*COLUMNS, "log")}
+    numbers = {name: value for name, value in features._asdict().items() if name not in (*COLUMNS, "log", "work")}
     return pickle.dumps((box, numbers))
 
 

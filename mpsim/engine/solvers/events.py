@@ -42,6 +42,7 @@ from mpsim.kernels import records as stepped
 from mpsim.kernels.compiling import entry_of
 from mpsim.kernels.events import cells, records, solver
 from mpsim.kernels.features import collisions
+from mpsim.kernels.features.work import AGREED, SUM
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -80,6 +81,7 @@ class EventSolver(Solver, CollisionLog):
         scene, known = self._scene, {"radius": self.radii, "mass": self.masses}
         columns = event_block.columns_of_discs(scene, self.count, given_in(scene) | known)
         self._system = self._plan.placed(self._block, scene.position, scene.velocity, columns, 0.0)
+        self._count_work_from(base.NO_WORK, 0.0)
         self._begin()
 
     def _begin(self) -> None:
@@ -283,7 +285,7 @@ class EventSolver(Solver, CollisionLog):
         crushing = crushing_speed_of(scene, velocity, self._plan.crushing_speed)
         plan = self._plan.under(terms, max(choice.workers), crushing_speed=crushing)
         begins = origin != self._origin
-        block = plan.room(count)
+        block, work = plan.room(count), self._work_sums()
         with block.closed_on_error():
             present = 0.0 if begins else self._present
             system = plan.placed(block, discs.position, discs.velocity, columns, present)
@@ -294,6 +296,7 @@ class EventSolver(Solver, CollisionLog):
             seen = records.of_numbers(records.TOTALS, records.numbers(self._seen) - records.numbers(counted))
             windows = self._windows_on(block, system, choice)
         self._take(plan, terms, choice, block, system, windows)
+        self._count_work_from(work, self._work_unit)
         self.radii, self.masses, self._seen = discs.radius, discs.mass, seen
         if begins:
             self._progress, self._stopped = np.zeros((), records.PROGRESS)[()], 0.0
@@ -372,6 +375,11 @@ class EventSolver(Solver, CollisionLog):
         self._system = self._played = self._seen = self._clock = None
         self._block.close()
 
+    def _work_counted(self) -> list[NDArray[np.int64]]:
+        if self._windows is None:
+            return super()._work_counted()
+        return [sums[AGREED].T for sums in self._block.arrays.get(SUM, ())]
+
     # --- snapshots
 
     def snapshot(self) -> SolverState:
@@ -381,7 +389,7 @@ class EventSolver(Solver, CollisionLog):
         found |= {"radii": self.radii, "masses": self.masses, "units": np.array(self._plan.units)}
         if self._plan.crushing_speed is not None:
             found[event_block.CRUSHING_SPEED] = np.array([self._plan.crushing_speed])
-        return found | {name: records.numbers(each).copy() for name, each in self._kept.items()}
+        return found | {name: records.numbers(each).copy() for name, each in self._kept.items()} | self._saved_work()
 
     @property
     def _kept(self) -> dict[str, Any]:
@@ -407,6 +415,7 @@ class EventSolver(Solver, CollisionLog):
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
             windows = None if new_workers else self._windows_on(block, system, choice)
         self._take(plan, terms, choice, block, system, windows)
+        self._restore_work(snapshot)
         self.radii: NDArray[np.float64] = radii
         self.masses: NDArray[np.float64] = masses
         for name, each in self._kept.items():

@@ -179,6 +179,7 @@ class GridSolver(SteppedSolver, CollisionLog):
     def start(self) -> None:
         self._fill(self._block)
         self._write(self._scene.position, self._scene.velocity, given_in(self._scene))
+        self._count_work_from(base.NO_WORK, 0.0)
         self._configure()
         self._load_kernels(self._block)
         self._start_workers(self._block)
@@ -436,7 +437,7 @@ class GridSolver(SteppedSolver, CollisionLog):
             if column.kept and column.name in arrays:
                 found[column.name] = column.take(arrays[column.name], self.count)
         found["progress"] = np.array([arrays["control"].done, arrays["control"].steps])
-        return found
+        return found | self._saved_work()
 
     def restore(self, snapshot: SolverState, choice: Choice, terms: Terms, new_workers: bool = True) -> None:
         capacity = max(self._capacity, count_in(snapshot))
@@ -543,7 +544,7 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""
         precision = self._settings.precision
-        features = feature_specs(self._scene, capacity, precision)
+        features = feature_specs(self._scene, capacity, precision) | base.work_specs(self._scene, self._most_workers)
         grid = self._grid_of(capacity, self._giant_radius(radii))
         self._capacity = capacity
         arrays = block_arrays(capacity, grid, self._most_workers, precision, features)
@@ -583,6 +584,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         for column in columns.COLUMNS:
             if column.name in snapshot:
                 column.put(arrays[column.name], snapshot[column.name])
+        self._restore_work(snapshot)
         self._configure()
 
     def _put_as_they_lay(self, position: AsTheyLay, velocity: AsTheyLay) -> None:

@@ -25,6 +25,7 @@ from mpsim.engine.solvers.base import (
     demand,
     frames_until,
     shapes_in_each,
+    work_shapes,
 )
 from mpsim.engine.solvers.speeds import Fastest, SpeedLimit, Speeds, disc_too_fast
 from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec
@@ -320,7 +321,7 @@ class SteppedSolver(Solver, Steps):
         shapes: Shapes = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
         kept = [column for column in columns_of(scene) if column.kept]
         shapes |= {column.name: (column.dtype(real), column.rows(count)) for column in kept}
-        check_shapes(snapshot, shapes | shapes_in_each(count))
+        check_shapes(snapshot, shapes | shapes_in_each(count) | work_shapes(snapshot))
         for name in ("velocity", *(column.name for column in kept if column.in_state or column.given)):
             demand(np.isfinite(snapshot[name]).all(), f"{name} must be finite")
         _check_places(scene, snapshot["position"])

@@ -14,6 +14,7 @@ from mpsim.kernels.events import cells, records
 from mpsim.kernels.events.features.hooks import BARE, COLUMNS
 from mpsim.kernels.events.windows import Own, Shared, run_windows
 from mpsim.kernels.features.collisions import log_of
+from mpsim.kernels.features.work import work_of
 
 WAITING = "waiting."
 """Before the names of the arrays in which discs wait until all tiles agree."""
@@ -35,9 +36,9 @@ def arguments_of(arrays: dict[str, Any], features: Any, box: Any, worker: int = 
     Args:
         arrays: of the block.
         features, box: of the whole box.
-        worker: whose log of collisions it is, if there are any.
+        worker: whose log of collisions and sums of work these are, if there are any.
     """
-    features = features._replace(log=log_of(arrays, worker))
+    features = features._replace(log=log_of(arrays, worker), work=work_of(arrays, worker))
     store = cells.store_of(arrays)
     waiting = features._replace(**{name: arrays[WAITING + name] for name in COLUMNS if name in arrays})
     names = ("tiles", "plan", "plan_times", "counted", "counts", "latest", "busy", "control", "team")

@@ -294,7 +294,7 @@ def hit_surface(i, now, side, store, box, features):
     change = max(leaving - inward, 0.0)  # in a grazing impact, rounding may have reversed it already
     disc.velocity[0] += change * nx
     disc.velocity[1] += change * ny
-    on_surface(i, nx, ny, change, running, store, box, features)
+    on_surface(i, nx, ny, change, speed, running, store, box, features)
     disc.last_contact = now
     store.event[i].collision_count += 1
     store.counter.walls += counts(store.region)

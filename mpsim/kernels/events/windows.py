@@ -29,6 +29,7 @@ from mpsim.kernels.events.records import (
     place_along,
 )
 from mpsim.kernels.events.solver import STOP_ROUNDING, Watch, play_frames, process_event, stalled, write_totals
+from mpsim.kernels.features import work as sums
 from mpsim.kernels.features.collisions import agree, begin_span, overflows, take_back
 from mpsim.kernels.machine import atomic_add, now
 from mpsim.kernels.records import ABORT, RUNNING
@@ -387,6 +388,7 @@ def clear_counts(whole, shared, own, worker):
         shared.counted[worker, frame].collisions = 0
     shared.latest[worker] = whole.clock.now
     take_back(own.features.log)
+    sums.take_back(own.features.work)
 
 
 @linked
@@ -598,12 +600,14 @@ def play_again(whole, box, features, shared, own, command, progress, seen, times
     left, done = min(plan.frames + 1, command.frames - plan.done), plan.done
     link(whole, box, features, own.places)
     take_back(features.log)
+    sums.take_back(features.work)
     most = FEWEST_EVENTS + EVENTS_OF_A_DISC * whole.disc.shape[0]
     finished, status, particle = play_frames(
         whole, box, features, shared.times.dt, left, most, command.stop, progress, seen, times[0, done:],
         totals[done:], shared.team[0].clock,
     )  # fmt: skip
     agree(features.log)
+    sums.agree(features.work)
     order_by_tiles(whole, box, features, shared.tiles, plan)
     plan.done += finished
     shared.times.reached = command.stop if status == STOPPED else progress.frame * shared.times.dt
@@ -655,6 +659,7 @@ def work(whole, box, features, shared, own, worker, deadline):
     if agreed:
         take_discs(whole, features, shared, worker)
         agree(own.features.log)
+        sums.agree(own.features.work)
     shared.busy[worker] += now(mine.clock) - began
     if barrier_of(control, mine) != RUNNING:
         return ABORTED

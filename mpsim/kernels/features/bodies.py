@@ -23,6 +23,7 @@ from mpsim.kernels.features.capsules import (
 from mpsim.kernels.features.contact_hooks import on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
+from mpsim.kernels.features.work import WALLS, on_disc
 from mpsim.kernels.geometry import OWNER, RADIUS, concerns
 from mpsim.kernels.records import IMPACT, Field, record_of
 
@@ -299,15 +300,16 @@ def resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features,
         discs.vy[i] += change * touch.ny
         discs.x[i] += change * touch.nx * since
         discs.y[i] += change * touch.ny * since
+    pushing = touch.wx * touch.nx + touch.wy * touch.ny
     surface = touch.wy * touch.nx - touch.wx * touch.ny + touch.along
     owner = int(bodies.capsule[k, OWNER])
-    on_capsule(discs, i, owner, touch.nx, touch.ny, change, since, surface, features, parameters)
-    leave(discs, i, body, bodies, k, radius, shift_x, shift_y)
+    on_capsule(discs, i, owner, touch.nx, touch.ny, change, since, pushing, surface, features, parameters)
+    leave(discs, i, body, bodies, k, radius, shift_x, shift_y, features)
     return True
 
 
 @inlined
-def leave(discs, i, body, bodies, k, radius, shift_x, shift_y):
+def leave(discs, i, body, bodies, k, radius, shift_x, shift_y, features):
     """Put a disc that is still inside capsule k on its surface, where it rests: it does not move inwards."""
     x, y = np.float64(discs.x[i]) - shift_x, np.float64(discs.y[i]) - shift_y
     touch = touch_at(body, bodies, k, radius, x, y, body.now, current_pose(body))
@@ -318,6 +320,8 @@ def leave(discs, i, body, bodies, k, radius, shift_x, shift_y):
         if inward < 0.0:
             discs.vx[i] -= inward * touch.nx
             discs.vy[i] -= inward * touch.ny
+            power = -inward * (touch.wx * touch.nx + touch.wy * touch.ny)
+            on_disc(features.work, WALLS + int(bodies.capsule[k, OWNER]), discs.id[i], power, features.mass)
 
 
 @linked

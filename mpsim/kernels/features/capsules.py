@@ -256,7 +256,7 @@ def leave_surface(discs, i, k, nx, ny, depth, approaches, capsules, ax, ay, feat
     discs.x[i] += displacement * nx
     discs.y[i] += displacement * ny
     surface = surface_speed(capsules.capsule, k, nx, ny)
-    on_capsule(discs, i, int(capsules.capsule[k, OWNER]), nx, ny, change, time, surface, features, parameters)
+    on_capsule(discs, i, int(capsules.capsule[k, OWNER]), nx, ny, change, time, 0.0, surface, features, parameters)
 
 
 @linked

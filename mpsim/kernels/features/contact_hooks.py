@@ -4,7 +4,7 @@ Separate from `hooks.py`, which imports the capsules: their contacts are such po
 """
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import baths, collisions, friction
+from mpsim.kernels.features import baths, collisions, friction, work
 
 
 @inlined
@@ -38,15 +38,17 @@ def on_walls(discs, i, x, y, in_flight, features, parameters, control):
 
 
 @inlined
-def on_capsule(discs, i, owner, nx, ny, normal_change, time, surface, features, parameters):
+def on_capsule(discs, i, owner, nx, ny, normal_change, time, pushing, surface, features, parameters):
     """Contact of a disc with a capsule, along the unit vector n from there to the disc.
 
-    owner: number of the obstacle. normal_change: of its velocity along n. time: since the contact [time]. surface:
-    speed of the capsule's surface along (-ny, nx) [length/time].
+    owner: number of the obstacle. normal_change: of its velocity along n. time: since the contact [time].
+    pushing, surface: speed of the capsule's surface along n, and along (-ny, nx) [length/time].
     """
     sliding = friction.on_surface(
         features.wall_friction, discs, i, nx, ny, normal_change, time, surface, features, parameters
     )
+    power = normal_change * pushing - sliding * surface
+    work.on_disc(features.work, work.WALLS + owner, discs.id[i], power, features.mass)
     collisions.on_capsule(features.log, discs, i, owner, nx, ny, normal_change, sliding, time, features, parameters)
 
 

@@ -11,12 +11,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import any_present, inlined
-from mpsim.kernels.features import baths, bodies, capsules, collisions, edges, friction, piston, properties
+from mpsim.kernels.features import baths, bodies, capsules, collisions, edges, friction, piston, properties, work
 from mpsim.kernels.features.collisions import log_of
+from mpsim.kernels.features.work import work_of
 
-FEATURES = (properties, edges, piston, capsules, bodies, friction, baths, collisions)
+FEATURES = (properties, edges, piston, capsules, bodies, friction, baths, collisions, work)
 """Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several,
-or None: of the log of collisions, each worker has its own."""
+or None: of the log of collisions, and of sums of work, each worker has its own."""
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -28,9 +29,9 @@ BARE = Features(*[None] * len(Features._fields))
 def features_of(arrays: Mapping[str, Any], worker: int = 0) -> Any:
     """The `Features` of a scene, from its arrays by name; field f of a record r is the array "r.f".
 
-    worker: whose log of collisions to use, if there are logs.
+    worker: whose log of collisions and sums of work to use, if there are any.
     """
-    found: dict[str, Any] = {"log": log_of(arrays, worker)}
+    found: dict[str, Any] = {"log": log_of(arrays, worker), "work": work_of(arrays, worker)}
     for feature in FEATURES:
         for name, source in feature.FIELDS.items():
             if isinstance(source, str):

@@ -20,6 +20,7 @@ from mpsim.kernels.features.hooks import (
     wall_place,
 )
 from mpsim.kernels.features.properties import accelerate, accelerations_of
+from mpsim.kernels.features.work import on_disc
 from mpsim.kernels.machine import atomic_store
 from mpsim.kernels.records import ALONG_X, ALONG_Y, BAD, BOTTOM, FASTEST_SCALE, IMPACT, LEFT, RIGHT, TOP, real
 
@@ -61,6 +62,18 @@ def count_impulses(x, y, disc, features, parameters, control, tally, frame):
 
 
 @inlined
+def count_work(moving_wall, x, y, disc, features, parameters):
+    """Add the work of the walls that a disc has hit along x and along y, if any wall moves."""
+    if moving_wall is not None:
+        for edge, met, change in (
+            (LEFT, x, x.low_change), (RIGHT, x, -x.high_change), (BOTTOM, y, y.low_change), (TOP, y, -y.high_change),
+        ):  # fmt: skip
+            if change != 0 and not is_absent(disc, features):
+                speed, acceleration = wall_motion(edge, features, parameters)
+                on_disc(features.work, edge, disc, change * (speed - acceleration * met.time), features.mass)
+
+
+@inlined
 def commit_wall_contact(discs, i, x, y, in_flight, features, parameters, control, tally, frame):
     """Write back disc i after its motion along x and along y, tally its impulses on walls, and apply features there.
 
@@ -69,6 +82,7 @@ def commit_wall_contact(discs, i, x, y, in_flight, features, parameters, control
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x.position, y.position, x.velocity, y.velocity
     x, y = leave_walls(discs, i, x, y, in_flight, features, parameters, control)
     count_impulses(x, y, discs.id[i], features, parameters, control, tally, frame)
+    count_work(features.moving_wall, x, y, discs.id[i], features, parameters)
     on_walls(discs, i, x, y, in_flight, features, parameters, control)
 
 

@@ -9,6 +9,7 @@ these have wandered.
 import math
 import time
 from collections.abc import Callable, Mapping
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
 from mpsim.core.version import __version__
 from mpsim.engine.feature_arrays import columns_of, given_in
-from mpsim.engine.solvers.base import BatchResult, Choice, NewDiscs, SolverState, Terms
+from mpsim.engine.solvers.base import NO_WORK, BatchResult, Choice, NewDiscs, SolverState, Terms, work_together
 from mpsim.engine.solvers.ranks.messages import LOST, NOT_FINITE, MpiRanks
 from mpsim.engine.solvers.ranks.subdomain import (
     Border,
@@ -102,6 +103,7 @@ class MpiSolver(SteppedSolver):
     def start(self) -> None:
         self._meet()
         self._enter_all(self._scene.rows, given_in(self._scene), (0, 0))
+        self._count_work_from(NO_WORK, 0.0)
 
     def close(self) -> None:
         self._leave_part()
@@ -263,10 +265,11 @@ class MpiSolver(SteppedSolver):
         arrays = part.arrays
         tally = arrays["tally"][:1, :frames] if count_enabled else None
         counts = fastest_in(part.team), int(part.team["collisions"].sum())
-        told = ranks.all_of((part.failure, *counts, arrays["times"][:1, :frames], tally))
-        failures, fastest, contacts, times, tallies = zip(*told, strict=True)
+        told = ranks.all_of((part.failure, *counts, arrays["times"][:1, :frames], tally, self._work_counted()))
+        failures, fastest, contacts, times, tallies, works = zip(*told, strict=True)
         ranks.raise_any(failures)
         self._fastest = max(fastest)
+        self._count_work_from(work_together(self._work_before, *chain.from_iterable(works)), self._work_unit)
         self.too_fast: bool = self._fastest.fraction > 0
         counters = self._counters(np.concatenate(tallies)) if count_enabled else None
         return BatchResult(np.concatenate(times), sum(contacts), counters, too_fast=self.too_fast)
@@ -446,6 +449,7 @@ class MpiSolver(SteppedSolver):
         self.choice = choice
         self._leave_part()
         self._continue_with(discs, progress)
+        self._count_work_from(self._work_before, self._work_unit)
 
     # --- snapshots
 
@@ -462,7 +466,7 @@ class MpiSolver(SteppedSolver):
             if column.kept and column.name not in found:
                 found[column.name] = column.take(self._arrays[column.name], self.count)
         found["progress"] = np.array([self._control.done, self._control.steps])
-        return found
+        return found | self._saved_work()
 
     def restore(self, snapshot: SolverState, choice: Choice, terms: Terms, new_workers: bool = True) -> None:
         self._set_terms(terms)
@@ -475,6 +479,7 @@ class MpiSolver(SteppedSolver):
         given = {name: np.asarray(snapshot[name]) for name in names}
         position, velocity = snapshot["position"], snapshot["velocity"]
         self._enter_all(lambda first, last: (position[first:last], velocity[first:last]), given, progress)
+        self._restore_work(snapshot)
 
 
 def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.engine.feature_arrays import columns_of, feature_specs, fill_features, giant_radius
-from mpsim.engine.solvers.base import NewDiscs
+from mpsim.engine.solvers.base import NewDiscs, work_specs
 from mpsim.engine.solvers.stepped import Grid, block_arrays
 from mpsim.engine.workers.shared import SharedBlock, remove_stale_blocks
 from mpsim.engine.workers.worker import GridArguments, call_of, kernel_arguments
@@ -318,7 +318,7 @@ class Subdomain:
         capacity = int(SPARE * count) + FEWEST
         features = feature_specs(self._scene, max(capacity, self._count_of_all), self._settings.precision)
         grid = Grid(self._own.last - self._own.before, self._grid.rows)
-        specs = block_arrays(capacity, grid, 2, self._settings.precision, features)
+        specs = block_arrays(capacity, grid, 2, self._settings.precision, features | work_specs(self._scene, 1))
         old, new = self._block, SharedBlock(specs, alone=True)
         with new.closed_on_error():
             new.create()

@@ -1,4 +1,4 @@
-"""The log of collisions, if a run asks for it: what each impact records."""
+"""What each impact records: the log of collisions, if a run asks for it, and the work of surfaces that move."""
 
 import math
 
@@ -8,6 +8,7 @@ from mpsim.kernels.events.features.edges import is_moving_wall
 from mpsim.kernels.events.features.properties import mass_of, radius_of
 from mpsim.kernels.events.records import MOVING_WALL, counts
 from mpsim.kernels.features.collisions import DISC, OBSTACLE, WALL, write
+from mpsim.kernels.features.work import WALLS, on_disc
 
 FIELDS = ("log",)
 """log: of `collision_log`. Its numbers of discs are those of `event.number`."""
@@ -62,3 +63,14 @@ def on_surface(log, i, nx, ny, change, sliding, moving_wall, capsules, bodies, s
         on_fixed(log, WALL, i, side - MOVING_WALL, nx, ny, change, sliding, store, box, features)
     else:
         on_fixed(log, OBSTACLE, i, owner_of(capsules, bodies, side), nx, ny, change, sliding, store, box, features)
+
+
+@inlined
+def add_work(work, i, power, moving_wall, capsules, bodies, store, features):
+    """Impact of disc i as in `on_surface`; power: change of its velocity times the velocity of the surface."""
+    if work is not None:  # noqa: SIM102 - see optional.py
+        if counts(store.region) != 0:
+            side = store.event[i].side
+            wall = is_moving_wall(moving_wall, side)
+            owner = side - MOVING_WALL if wall else WALLS + owner_of(capsules, bodies, side)
+            on_disc(work, owner, i, power, features.mass)

@@ -14,8 +14,9 @@ from typing import Any
 
 from mpsim.kernels.compiling import any_present, copy_entry, copy_row, inlined, swap_entries, swap_rows
 from mpsim.kernels.events.features import baths, bodies, capsules, collisions, edges, expansion, laws, properties
+from mpsim.kernels.features import work
 
-FEATURES = (properties, laws, edges, capsules, bodies, baths, collisions, expansion)
+FEATURES = (properties, laws, edges, capsules, bodies, baths, collisions, expansion, work)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -177,13 +178,14 @@ def on_wall(i, axis, inward, normal_change, sliding, store, box, features):
 
 
 @inlined
-def on_surface(i, nx, ny, normal_change, running, store, box, features):
+def on_surface(i, nx, ny, normal_change, speed, running, store, box, features):
     """After disc i has hit a surface that has changed its velocity by so much along n, the unit vector from there.
 
-    running: speed of the surface along (-ny, nx).
+    speed, running: of the surface along n, and along (-ny, nx).
     """
     sliding = laws.on_surface(features.wall_friction, i, nx, ny, normal_change, running, store, box, features)
     others = features.moving_wall, features.capsules, features.bodies
+    collisions.add_work(features.work, i, normal_change * speed + sliding * running, *others, store, features)
     collisions.on_surface(features.log, i, nx, ny, normal_change, sliding, *others, store, box, features)
 
 
