@@ -94,8 +94,7 @@ def test_obstacles_that_come_and_go_have_the_same_bits_on_other_workers_and_afte
             return played_in_a_drum(sim, *how, **without)
 
     expected, work = played(1)
-    assert len(work) == 3
-    assert min(map(abs, work.values())) > 1
+    assert min(abs(work[1]), abs(work[2])) > 1, "both do work"
     for workers, *how in ((2,), (3,), (1, tmp_path), (2, tmp_path)):
         state, done = played(workers, *how)
         assert_same_bits(state, expected, f"{method} on {workers}, resumed on 1: {how != []}")
