@@ -404,6 +404,8 @@ class Ensemble:
         earlier = file.head.get("reference")
         self.preliminary: PreliminaryRun = preliminary_run(scene, until, earlier, seconds, contact_time)
         self.chosen: bool = until is None
+        self.until: float
+        self.memory: float
         self.until, self.memory = self._planned(until)
         self._file, self._results = file, dict[str, Any]()
         first = self.preliminary
