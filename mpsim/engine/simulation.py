@@ -657,7 +657,8 @@ class Simulation(ReadOnly):
             self._warn_of_guard()
         if part.too_fast:  # look now: the run may end here, or be saved
             self._adapt()
-        limits.look_for_pressed(solver, self._access.notices)
+        if limits.may_be_pressed(solver.count):
+            limits.look_for_pressed(solver, self._access.notices)
         if self._emission.emits:
             self._emit(self._emission.in_time)
 

@@ -400,8 +400,8 @@ class StepLimits:
         return usual
 
     def look_for_pressed(self, solver: Solver, notices: Notices) -> None:
-        """Look for discs that are pressed into each other, after frames that are checked; warn once, or refuse."""
-        if not self.may_be_pressed(solver.count) or not self._is_look(solver.frame, solver.count):
+        """Look for discs that are pressed into each other, after frames that are checked; warn, or refuse."""
+        if not self._is_look(solver.frame, solver.count):
             return
         text = solver.ranks.on_root(lambda: pressed(solver, self._scene, self._settings))
         if text and self._settings.on_fast == "error":
