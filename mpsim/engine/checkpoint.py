@@ -5,6 +5,8 @@ mpsim.core.files); the one before is kept as <name>.previous. A kill at any mome
 <name>. Reading verifies sizes first, then a digest over everything, then whether a simulation can be in such a state.
 """
 
+from __future__ import annotations
+
 import contextlib
 import dataclasses
 import errno

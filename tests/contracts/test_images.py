@@ -93,6 +93,7 @@ def test_an_added_disc_starts_to_count_and_changes_no_other_count(method):
         assert sim.state.unwrapped[:2].tolist() == before.unwrapped.tolist()
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 @pytest.mark.parametrize(("method", "dt"), [*((each, 0.3) for each in METHODS), ("grid", 0.01), ("event", 1.2)])
 def test_a_disc_that_enters_inside_a_frame_counts_the_borders_of_that_flight(method, dt):
     """Two that leave (9.8, 0.2) at 0.5 and 1: by hand, 0.7 and 0.2 later, in unwrapped places."""
