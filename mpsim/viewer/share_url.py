@@ -13,6 +13,7 @@ from urllib.parse import parse_qsl, quote, urlencode
 
 from mpsim.core import checks
 from mpsim.engine import parameters
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.scene import scenefile
 from mpsim.scene.scene import Scene, settings_for
@@ -175,7 +176,8 @@ def write(link: Link) -> str:
     values |= _differences(link.settings, usual, SETTINGS)
     values |= {name: _text(link.changed[name]) for name in VALUES if name in link.changed}
     if link.beside is not None:
-        differing = _differences(link.beside, link.settings, BESIDE)
+        steps = capabilities_of(link.beside).has_steps  # passes, too, concern only these
+        differing = _differences(link.beside, link.settings, BESIDE if steps else ("method", "law", "precision"))
         words = [value if name == "method" else f"{name}={value}" for name, value in differing.items()]
         values["beside"] = ",".join(words) or link.beside.method
     return urlencode(values, safe=",=", quote_via=quote)

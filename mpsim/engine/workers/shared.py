@@ -72,7 +72,7 @@ def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
     return SharedMemoryError(
         f"{need} in /dev/shm, which are refused ({error.strerror or error}; {_free()}). Shared memory must be writable "
         "for this user, and hold the whole block. Use fewer discs or precision='float32', enlarge it (docker run "
-        f"--shm-size={-(-size // 2**20) + 1}m; mount -o remount,size=... /dev/shm), or raise what this process may "
+        f"--shm-size={-(-size // 2**20) + 1}m; mount -o remount,rw,size=... /dev/shm), or raise what this process may "
         "have (ulimit -v, ulimit -f)."
     )
 
