@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 
 import mpsim
 
-PATIENCE = 60.0
+PATIENCE = 150.0
 """Seconds for what must come, on a busy machine."""
 
 HEADER = struct.Struct("<4sBBHIIQd4d2d2d")
