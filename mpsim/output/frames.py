@@ -260,11 +260,11 @@ def _in_plane(name: str, vectors: NDArray[Any], z: ArrayLike, scale: float, wher
 
 
 WRITTEN_AS = {
-    "time": "the key Time (extended XYZ) or log/mpsim/time (GSD)",
-    "velocity": "the column velo:R:3 (extended XYZ) or particles/velocity (GSD)",
-    "radius": "the column radius:R:1 (extended XYZ) or particles/diameter (GSD)",
-    "mass": "the column masses:R:1 (extended XYZ) or particles/mass (GSD)",
-    "image": "the column map_shift:I:3 (extended XYZ) or particles/image (GSD)",
+    "time": "the key Time (extended XYZ), log/mpsim/time (GSD) or ITEM: TIME (LAMMPS)",
+    "velocity": "the column velo:R:3 (extended XYZ), particles/velocity (GSD) or vx vy (LAMMPS)",
+    "radius": "the column radius:R:1 (extended XYZ), particles/diameter (GSD) or radius (LAMMPS)",
+    "mass": "the column masses:R:1 (extended XYZ), particles/mass (GSD) or mass (LAMMPS)",
+    "image": "the column map_shift:I:3 (extended XYZ), particles/image (GSD) or ix iy (LAMMPS)",
 }
 """Where formats have what has a name of its own in them."""
 

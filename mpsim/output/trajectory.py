@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import logging
 import math
 import os
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, overload
 
@@ -31,6 +33,7 @@ from mpsim.features.edges import BoundaryName
 from mpsim.measure.moments import lengths_of, to_nearest_image
 from mpsim.output.frames import Frame, Given, Ownership, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
+from mpsim.output.lammps import DumpReader
 from mpsim.output.xyz import XyzReader, XyzWriter
 from mpsim.scene.scene import Scene
 
@@ -128,34 +131,43 @@ def _walls(corners: NDArray[np.float64]) -> str:
 logger: logging.Logger = logging.getLogger("mpsim")
 
 
-Reader = XyzReader | GsdReader
+Reader = XyzReader | DumpReader | GsdReader
 Writer = XyzWriter | GsdWriter
 
 WRITERS: dict[str, type[Writer]] = {".xyz": XyzWriter, ".extxyz": XyzWriter, ".gsd": GsdWriter}
 """What writes a file, by its ending."""
 
-READERS: dict[str, type[Reader]] = {".xyz": XyzReader, ".extxyz": XyzReader, ".gsd": GsdReader}
-"""What reads a file, by its ending."""
+READERS: dict[str, type[Reader]] = {
+    ".xyz": XyzReader,
+    ".extxyz": XyzReader,
+    ".lammpstrj": DumpReader,
+    ".dump": DumpReader,
+}
+READERS |= {f"{ending}.gz": reader for ending, reader in READERS.items()} | {".gsd": GsdReader}
+"""What reads a file, by its ending; texts may be compressed."""
 
 FORMATS = ("xyz", "gsd")  # usual endings of the formats that are written
 
 
 def ending_of(path: str | os.PathLike[str]) -> str:
-    """The ending of a file, such as .xyz, in lower case."""
-    return Path(os.fsdecode(path)).suffix.lower()
+    """The ending of a file, such as .xyz.gz, in lower case."""
+    suffixes = [suffix.lower() for suffix in Path(os.fsdecode(path)).suffixes]
+    return "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
 
 
 # --- Trajectories: frames of a run in one file, written while it runs and read back one by one
 #
 # `.xyz` and `.extxyz` are extended XYZ, which needs no other package; `.gsd` is GSD, which needs the package gsd.
-# OVITO opens both. If the process is killed, at most the frame that was being written is lost.
+# OVITO opens both. If the process is killed, at most the frame that was being written is lost. Text dumps
+# of LAMMPS are read.
 
 
 class Trajectory:
     """A trajectory to read: a sequence of frames, each read from the file when it is needed.
 
     Args:
-        path: ends in .xyz, .extxyz or .gsd; written by mpsim or by another program.
+        path: ends in .xyz, .extxyz, .gsd, .lammpstrj or .dump (text dumps of LAMMPS), or, but for GSD, one of these
+            and .gz; written by mpsim or by another program.
         box: for frames that hold no box, as those of plain XYZ: (width, height), or (x_low, x_high, y_low, y_high)
             [length].
         boundary: for frames that do not say which axes are periodic: as of a Scene; None: both are.
@@ -193,7 +205,7 @@ class Trajectory:
         boundary: BoundaryName | Sequence[BoundaryName] | None = None,
         radius: float | None = None,
     ):
-        self.path: Path = _path_of(path)
+        self.path: Path = _path_of(path, READERS)
         self.given: dict[str, Any] = {"box": box, "boundary": boundary, "radius": radius}
         given = Given.of(**self.given)
         if not self.path.is_file():
@@ -265,17 +277,17 @@ class Trajectory:
 
     @contextlib.contextmanager
     def _unreadable(self) -> Iterator[None]:
-        """Turn an error of the system into a TrajectoryError, as of a file that was replaced or removed."""
+        """Turn errors of the system and of gzip into a TrajectoryError, as of a file that was replaced or removed."""
         try:
             yield
-        except OSError as error:
-            reason = reason_of(error)
+        except (OSError, zlib.error, EOFError) as error:
+            reason = str(error) if isinstance(error, gzip.BadGzipFile) else reason_of(error)
             raise TrajectoryError(
                 f"a trajectory must be a file that can be read; {str(self.path)!r} cannot ({reason})."
             ) from None
 
     def close(self) -> None:
-        """Close the file. Not needed for text, whose file is open only while a frame is read."""
+        """Close the file. Not needed for text that is not compressed, whose file is open only while a frame is read."""
         self._reader.close()
 
     def __repr__(self) -> str:
@@ -318,7 +330,7 @@ class TrajectoryWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x", comm: object = None):
-        self.path: Path = _path_of(path)
+        self.path: Path = _path_of(path, WRITERS)
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes every frame.")
         checks.choice("mode", mode, ("x", "w", "a"))
         self.frames: int = 0
@@ -449,11 +461,11 @@ class TrajectoryWriter:
         self._ranks.close()
 
 
-def _path_of(path: str | os.PathLike[str]) -> Path:
-    if isinstance(path, str | os.PathLike) and ending_of(path) in READERS:
+def _path_of(path: str | os.PathLike[str], endings: Iterable[str]) -> Path:
+    if isinstance(path, str | os.PathLike) and ending_of(path) in endings:
         return Path(os.fsdecode(path))
     instead = "Use 'run.xyz'."
     if isinstance(path, str | os.PathLike) and os.path.isdir(path):  # False too for what no path can be
-        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if ending_of(each) in READERS)
+        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if ending_of(each) in endings)
         instead = f"It is a folder; use {str(inside[0])!r}." if inside else instead
-    raise InputError(f"a trajectory's path must end in {', '.join(READERS)}; got {path!r}. {instead}")
+    raise InputError(f"a trajectory's path must end in {', '.join(endings)}; got {path!r}. {instead}")

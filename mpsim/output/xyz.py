@@ -5,14 +5,17 @@ gives the same bits. A frame is complete if all its lines are there, each with i
 file is left from a killed process, and is dropped.
 """
 
+import contextlib
+import gzip
 import os
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+import weakref
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, dropwhile
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 import orjson
@@ -48,7 +51,7 @@ _NAMED: dict[str, Column] = {
 }
 """Columns that go by the names that OVITO and ASE know; each bears the name of the attribute of a Frame that it is."""
 
-_NUMBER = re.compile(r"\d{1,17}")  # of a frame, or of the discs in one
+NUMBER = re.compile(r"\d{1,17}")  # of a frame, or of the discs in one
 
 
 class XyzWriter:
@@ -73,7 +76,7 @@ class XyzWriter:
 
     def truncate(self, frames: int) -> None:
         """Cut the file after its first frames, and after the last complete one."""
-        self._file.truncate(scan(self._path)[0][frames])
+        self._file.truncate(scan(self._path, XyzReader.skip)[0][frames])
 
     def close(self) -> None:
         """Close the file, after forcing its content to the disk."""
@@ -142,20 +145,23 @@ def _entries_of(column: NDArray[Any] | str) -> bytes:
     return orjson.dumps(np.ascontiguousarray(column), option=orjson.OPT_SERIALIZE_NUMPY)[1:-1] + b","
 
 
-# --- Reading
+# --- Reading text, of which a format tells how a frame is skipped, and what is in it
 
 
-def _refusal(where: str, line: int, words: str) -> TrajectoryError:
-    """The error in a line of a frame, of which line 1 is the number of discs."""
+def refusal(where: str, line: int, words: str) -> TrajectoryError:
+    """The error in a line of a frame, whose first line is line 1."""
     return TrajectoryError(f"{where}, its line {line}, {words}")
 
 
-class XyzReader:
+class TextReader:
     """Reads frames at their positions in a file; given: what its frames may lack."""
 
     def __init__(self, path: Path, given: Given | None = None):
         self._path, self._given = path, given or Given()
-        self._offsets, lost, ended = scan(path)
+        self._held = contextlib.ExitStack()
+        self._content: BinaryIO | None = None  # of a compressed file
+        weakref.finalize(self, self._held.close)
+        self._offsets, lost, ended = scan(path, self.skip)
         words = None
         if lost:
             words = (
@@ -171,26 +177,191 @@ class XyzReader:
             text = f"the trajectory {str(path)!r} {words}"
             warnings.warn(text, TrajectoryWarning, stacklevel=level_of_caller())
 
+    @staticmethod
+    def skip(file: BinaryIO, where: str) -> bool | None:
+        """Skip a frame, as `scan` asks."""
+        raise NotImplementedError
+
+    def _frame(self, where: str, index: int, lines: list[str]) -> Frame:
+        raise NotImplementedError
+
     def __len__(self) -> int:
         return len(self._offsets) - 1
 
     def refresh(self) -> None:
         """Look for frames written since the last call; if the file has been replaced, for all frames."""
+        self.close()
         try:
-            self._offsets = scan(self._path, self._offsets)[0]
+            self._offsets = scan(self._path, self.skip, (0,) if _is_compressed(self._path) else self._offsets)[0]
         except TrajectoryError:
-            self._offsets = scan(self._path)[0]
+            self._offsets = scan(self._path, self.skip)[0]
 
     def read(self, index: int) -> Frame:
         """One frame, or raise a TrajectoryError that names what the file lacks."""
         start, end = self._offsets[index : index + 2]
-        with files.opened(self._path) as file:
+        if _is_compressed(self._path):  # opened once: it is read from its start each time
+            self._content = self._content or self._held.enter_context(_opened(self._path))
+        with contextlib.nullcontext(self._content) if self._content else _opened(self._path) as file:
             file.seek(start)
-            lines = file.read(end - start).decode("utf-8", "replace").lstrip().split("\n")
-        where, head = f"frame {index} of {str(self._path)!r}", lines[0].strip()
-        count = int(head) if _NUMBER.fullmatch(head) else len(lines)
+            lines = file.read(end - start).lstrip().decode("utf-8-sig", "replace").split("\n")
+        return self._frame(f"frame {index} of {str(self._path)!r}", index, lines)
+
+    def close(self) -> None:
+        """Close the file; one that is not compressed is open only while a frame is read."""
+        self._content = None
+        self._held.close()
+
+
+def _is_compressed(path: Path) -> bool:
+    return path.suffix.lower() == ".gz"
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    """The content of a file, open for reading."""
+    with files.opened(path) as file:
+        if _is_compressed(path):
+            with gzip.GzipFile(fileobj=file) as content:
+                yield cast(BinaryIO, content)
+        else:
+            yield file
+
+
+def scan(
+    path: Path, skip: Callable[[BinaryIO, str], bool | None], known: Sequence[int] = (0,)
+) -> tuple[list[int], int, bool]:
+    """Find the frames of a file, which is streamed.
+
+    Args:
+        skip: skips a frame of this name. Returns whether its last line has its end, which other programs may omit; None
+            if there is no frame. Raises EOFError if the file ends within the frame.
+        known: offsets from an earlier scan, which is not done again.
+
+    Returns:
+        Where each complete frame begins, and the last one ends; bytes of an incomplete one behind it; whether the last
+        line has its end.
+    """
+    ended = True
+    with _opened(path) as file:
+        offsets = [offset for offset in known if offset <= os.fstat(file.fileno()).st_size]
+        file.seek(offsets[-1])
+        try:
+            while (found := skip(file, f"frame {len(offsets) - 1} of {str(path)!r}")) is not None:
+                ended = found
+                offsets.append(file.tell())
+        except EOFError:
+            return offsets, file.tell() - offsets[-1], True
+    return offsets, 0, ended
+
+
+def lines_from(file: BinaryIO) -> Iterator[bytes]:
+    """The lines of a file from its first one that is not blank."""
+    return dropwhile(lambda line: not line.strip(), iter(partial(file.readline, LONGEST_LINE), b""))
+
+
+def skip_rows(lines: Iterator[bytes], before: bytes, count: int, where: str, number: int) -> bool:
+    """Skip the lines of the discs. Returns and raises as `scan` asks.
+
+    before: the line before them; number: of that line in the frame.
+    """
+    head = previous = last = before
+    for row in range(count):
+        if len(last) == LONGEST_LINE:
+            raise refusal(where, number + row, f"must have less than {LONGEST_LINE:,} bytes; it has more.")
+        if not last.endswith(b"\n"):
+            raise EOFError
+        previous, last = last, next(lines, b"")
+    if last.endswith(b"\n"):
+        return True
+    if last is head or b"precision=" in head:  # mpsim ends each line
+        raise EOFError
+    if previous is not head and len(last.split()) < len(previous.split()):
+        raise EOFError
+    return False
+
+
+_FORTRAN = re.compile(r"(\d\.?)[dD]([+-]?\d)")
+
+
+def numbers_of(where: str, line: int, name: str, text: str, count: int) -> list[float]:
+    """The finite numbers of a text, at least so many; name: under which it stands in this line of a frame."""
+    try:
+        numbers = [float(word) for word in _FORTRAN.sub(r"\1e\2", text).split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) < count or not np.isfinite(numbers).all():
+        raise refusal(where, line, f"must hold {count} finite numbers under {name}; got {text!r:.80}.")
+    return numbers
+
+
+def table(
+    where: str, rows: list[str], first: int, widths: dict[str, int], kinds: dict[str, type], says: str
+) -> dict[str, NDArray[Any]]:
+    """The numbers of some columns, by name, each of shape (N, width).
+
+    Args:
+        rows: the lines of the discs; first: number of the first one in the frame.
+        widths: of all columns in a line, by name; kinds: float or int, of those that are read.
+        says: what in the frame names the columns, and a verb, for errors.
+    """
+    kinds = {name: kinds[name] for name in widths if name in kinds}
+    dtype = np.dtype([(name, kinds.get(name, "U1"), (width,)) for name, width in widths.items()])
+    found = np.zeros(0, dtype)
+    for text in (rows, (_FORTRAN.sub(r"\1e\2", row) for row in rows)) if rows else ():
+        with contextlib.suppress(ValueError):
+            found = np.atleast_1d(np.loadtxt(text, dtype, comments=None))
+            break
+    if len(found) < len(rows):
+        raise _wrong_row(where, rows, first, widths, kinds, says)
+    for name in kinds:
+        infinite = np.flatnonzero(~np.isfinite(found[name]).all(axis=1))
+        if len(infinite):
+            words = f"must hold finite numbers in its column {name}; got {found[name][infinite[0]]}."
+            raise refusal(where, first + int(infinite[0]), words)
+    return {name: found[name] for name in kinds}
+
+
+def _wrong_row(
+    where: str, rows: list[str], first: int, widths: dict[str, int], kinds: dict[str, type], says: str
+) -> TrajectoryError:
+    """What is wrong with the first row that is not as it should be."""
+    names = [name for name, width in widths.items() for _ in range(width)]
+    for line, words in enumerate(map(str.split, rows), first):
+        if len(words) != len(names):
+            text = f"must have {len(names)} columns, as its {says}; got a line with {len(words)}."
+            return refusal(where, line, text)
+        for name, word in zip(names, words, strict=True):
+            try:
+                np.array(kinds.get(name, str)(_FORTRAN.sub(r"\1e\2", word)), kinds.get(name))
+            except (ValueError, OverflowError):
+                whole = ", whole ones of at most 64 bits" * (kinds[name] is int)
+                return refusal(where, line, f"must hold numbers in its column {name}{whole}; got {word!r:.80}.")
+    return refusal(where, first, f"and the next ones must be a table of numbers; got {rows[0]!r:.80}.")
+
+
+# --- Reading XYZ
+
+
+class XyzReader(TextReader):
+    """Reads extended and plain XYZ."""
+
+    @staticmethod
+    def skip(file: BinaryIO, where: str) -> bool | None:
+        lines = lines_from(file)
+        head = next(lines, b"")
+        if not head:
+            return None
+        count = head.decode("utf-8-sig", "replace").strip()
+        if not NUMBER.fullmatch(count):
+            words = "must give the number of discs where a frame begins;"
+            raise refusal(where, 1, f"{words} got {head[:80]!r}. Give a file of extended XYZ.")
+        return skip_rows(lines, next(lines, b""), int(count), where, 2)
+
+    def _frame(self, where: str, index: int, lines: list[str]) -> Frame:
+        head = lines[0].strip()
+        count = int(head) if NUMBER.fullmatch(head) else len(lines)
         if count > len(lines) - 2 or any(map(str.strip, lines[count + 2 :])):
-            raise _refusal(where, 1, f"has changed since the file was opened, to {head!r:.80}. Open it again.")
+            raise refusal(where, 1, f"has changed since the file was opened, to {head!r:.80}. Open it again.")
         keys, rows = keys_of(lines[1]), lines[2 : 2 + count]
         # a file without names of columns may have more of them than those of the format
         further = f":_:S:{max(len(rows[0].split()) - 4, 0) if rows else 0}"
@@ -201,66 +372,14 @@ class XyzReader:
             reals = ("velocity", *(column.name for column in in_state() if not column.integer))
             known |= {name: known[name].astype(np.float32) for name in reals if name in known}
         if "time" in keys:
-            known["time"] = _numbers(where, "Time", keys, 1)[0]
+            known["time"] = numbers_of(where, 2, "Time", keys["time"], 1)[0]
         box, periodic, origin = _box(where, keys), _periodic(where, keys), (0.0, 0.0)
         if "origin" in keys:
-            left, low, *_ = _numbers(where, "Origin", keys, 2)
+            left, low, *_ = numbers_of(where, 2, "Origin", keys["origin"], 2)
             origin = left, low
         number = keys.get("frame", keys.get("timestep", ""))  # the time step of LAMMPS
-        number = int(number) if _NUMBER.fullmatch(number) else index
+        number = int(number) if NUMBER.fullmatch(number) else index
         return self._given.frame(where, number, box, origin, periodic, position, self._path, known)
-
-    def close(self) -> None:
-        """Do nothing: the file is open only while a frame is read."""
-
-
-def scan(path: Path, known: Sequence[int] = (0,)) -> tuple[list[int], int, bool]:
-    """Find the frames of a file, which is streamed; known: offsets from an earlier scan, which is not done again.
-
-    Returns:
-        Where each complete frame begins, and the last one ends; bytes of an incomplete one behind it; whether the last
-        line has its end.
-    """
-    ended = True
-    with files.opened(path) as file:
-        offsets = [offset for offset in known if offset <= os.fstat(file.fileno()).st_size]
-        file.seek(offsets[-1])
-        try:
-            while (found := _skip_frame(file, f"frame {len(offsets) - 1} of {str(path)!r}")) is not None:
-                ended = found
-                offsets.append(file.tell())
-        except EOFError:
-            return offsets, file.tell() - offsets[-1], False
-    return offsets, 0, ended
-
-
-def _skip_frame(file: BinaryIO, where: str) -> bool | None:
-    """Skip a frame. Returns whether its last line has its end, which other programs may omit; None without a frame.
-
-    Raises:
-        EOFError: if the file ends within the frame.
-    """
-    lines = iter(partial(file.readline, LONGEST_LINE), b"")
-    head = next((line for line in lines if line.strip()), b"")
-    if not head:
-        return None
-    if not _NUMBER.fullmatch(head.strip().decode("ascii", "replace")):
-        words = f"must give the number of discs where a frame begins; got {head[:80]!r}. Give a file of extended XYZ."
-        raise _refusal(where, 1, words)
-    before = last = comment = next(lines, b"")
-    for row in range(int(head)):
-        if len(last) == LONGEST_LINE:
-            raise _refusal(where, row + 2, f"must have less than {LONGEST_LINE:,} bytes; it has more.")
-        if not last.endswith(b"\n"):
-            raise EOFError
-        before, last = last, next(lines, b"")
-    if last.endswith(b"\n"):
-        return True
-    if last is comment or b"precision=" in comment:  # mpsim ends each line
-        raise EOFError
-    if before is not comment and len(last.split()) < len(before.split()):
-        raise EOFError
-    return False
 
 
 _QUOTED = r'"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\''
@@ -283,19 +402,20 @@ def _columns(where: str, rows: list[str], properties: str) -> dict[str, Any]:
     parts = properties.split(":")
     if len(parts) % 3 or not all(re.fullmatch(r"\d{1,4}", width) for width in parts[2::3]):
         words = f"must name its columns as name:type:width, again and again; got Properties={properties:.80}."
-        raise _refusal(where, 2, words)
+        raise refusal(where, 2, words)
     widths = {name.lower(): int(width) for name, width in zip(parts[::3], parts[2::3], strict=True)}
     known = {**_NAMED, **_of_states()}
     if "momenta" in widths and not any(known.get(name) == _VELOCITY for name in widths):
         known["momenta"] = _MOMENTUM
     if "pos" not in widths:
-        raise _refusal(where, 2, f"must have the column pos:R:3, the places; its Properties are {properties:.80}.")
+        raise refusal(where, 2, f"must have the column pos:R:3, the places; its Properties are {properties:.80}.")
     for name, width in widths.items():
         least = len(known[name].components) + 1 if name in known else 0
         if width < least:
-            raise _refusal(where, 2, f"must have a column {name} of {least} numbers or more; got {width}.")
+            raise refusal(where, 2, f"must have a column {name} of {least} numbers or more; got {width}.")
     found = dict[str, Any]()
-    for name, values in _table(where, rows, widths, known).items():
+    kinds: dict[str, type] = {name: int if column.integer else float for name, column in known.items()}
+    for name, values in table(where, rows, 3, widths, kinds, "Properties say").items():
         column = known[name]
         wide = values if column.name in ("position", "velocity", "momentum") else values[:, :2]
         found[column.name] = np.ascontiguousarray(wide) if column.components else values[:, 0]
@@ -303,41 +423,6 @@ def _columns(where: str, rows: list[str], properties: str) -> dict[str, Any]:
     if momentum is not None and "mass" in found and (found["mass"] > 0).all():
         found["velocity"] = momentum / found["mass"][:, None]
     return found
-
-
-def _table(where: str, rows: list[str], widths: dict[str, int], known: dict[str, Column]) -> dict[str, NDArray[Any]]:
-    """The numbers of the known columns, by name, each of shape (N, width)."""
-    kinds = {name: int if known[name].integer else float for name in widths if name in known}
-    dtype = np.dtype([(name, kinds.get(name, "U1"), (width,)) for name, width in widths.items()])
-    try:
-        table = np.atleast_1d(np.loadtxt(rows, dtype, comments=None)) if rows else np.zeros(0, dtype)
-    except ValueError:
-        table = np.zeros(0, dtype)
-    if len(table) < len(rows):
-        raise _wrong_row(where, rows, widths, kinds)
-    for name in kinds:
-        infinite = np.flatnonzero(~np.isfinite(table[name]).all(axis=1))
-        if len(infinite):
-            words = f"must hold finite numbers in its column {name}; got {table[name][infinite[0]]}."
-            raise _refusal(where, 3 + int(infinite[0]), words)
-    return {name: table[name] for name in kinds}
-
-
-def _wrong_row(where: str, rows: list[str], widths: dict[str, int], kinds: dict[str, type]) -> TrajectoryError:
-    """What is wrong with the first row that is not as it should be."""
-    names = [name for name, width in widths.items() for _ in range(width)]
-    for line, words in enumerate(map(str.split, rows), start=3):
-        if len(words) != len(names):
-            return _refusal(
-                where, line, f"must have {len(names)} columns, as its Properties say; got a line with {len(words)}."
-            )
-        for name, word in zip(names, words, strict=True):
-            try:
-                np.array(kinds.get(name, str)(word), kinds.get(name))
-            except (ValueError, OverflowError):
-                whole = ", whole ones of at most 64 bits" * (kinds[name] is int)
-                return _refusal(where, line, f"must hold numbers in its column {name}{whole}; got {word!r:.80}.")
-    return _refusal(where, 3, f"and the next ones must be a table of numbers; got {rows[0]!r:.80}.")
 
 
 def _of_states() -> dict[str, Column]:
@@ -348,13 +433,13 @@ def _of_states() -> dict[str, Column]:
 
 def _box(where: str, keys: dict[str, str]) -> tuple[float, float] | None:
     """Width and height; None if there is no box, or one of zeros, which stands for none."""
-    numbers = _numbers(where, "Lattice", keys, 9) if "lattice" in keys else []
+    numbers = numbers_of(where, 2, "Lattice", keys["lattice"], 9) if "lattice" in keys else []
     if not any(numbers):
         return None
     width, height, slanted = numbers[0], numbers[4], max(abs(numbers[index]) for index in (1, 2, 3, 5, 6, 7))
     if min(width, height) <= 0 or slanted > ROUNDING * min(width, height):
         words = "must have an upright rectangular box with sides above 0, Lattice='width 0 0 0 height 0 0 0 z'; got "
-        raise _refusal(where, 2, f"{words}{keys['lattice']!r:.80}.")
+        raise refusal(where, 2, f"{words}{keys['lattice']!r:.80}.")
     return width, height
 
 
@@ -364,17 +449,5 @@ def _periodic(where: str, keys: dict[str, str]) -> tuple[bool, bool] | None:
         return None
     words = keys["pbc"].upper().split()
     if len(words) != 3 or not {*words} <= {"T", "F"}:
-        raise _refusal(where, 2, f"must say which axes are periodic, such as pbc='T T F'; got {keys['pbc']!r:.80}.")
+        raise refusal(where, 2, f"must say which axes are periodic, such as pbc='T T F'; got {keys['pbc']!r:.80}.")
     return words[0] == "T", words[1] == "T"
-
-
-def _numbers(where: str, name: str, keys: dict[str, str], count: int) -> list[float]:
-    """The finite numbers of a key, at least so many."""
-    text = keys[name.lower()]
-    try:
-        numbers = [float(word) for word in text.split()]
-    except ValueError:
-        numbers = []
-    if len(numbers) < count or not np.isfinite(numbers).all():
-        raise _refusal(where, 2, f"must hold {count} finite numbers under {name}; got {text!r:.80}.")
-    return numbers

@@ -1,10 +1,13 @@
 """Trajectories of other programs: what is read from them, what is refused by name, and what stays absent."""
 
+import gzip
+import zlib
+
 import gsd.hoomd
 import numpy as np
 import pytest
 from support.scenes import gas
-from support.trajectories import DT, SCENES, written
+from support.trajectories import DT, SCENES, content, written
 
 import mpsim
 from mpsim import measure
@@ -14,6 +17,18 @@ pytestmark = pytest.mark.plain
 LATTICE = 'Lattice="8 0 0 0 6 0 0 0 1"'
 ROWS = "X 1 1 0\nX 3 2 0\n"
 FRAME = f'2\n{LATTICE} Properties=species:S:1:pos:R:3 pbc="T T F"\n{ROWS}'
+DUMP = """ITEM: TIMESTEP
+70
+ITEM: NUMBER OF ATOMS
+2
+ITEM: BOX BOUNDS pp ff pp
+-4 4
+-3 5
+-0.5 0.5
+ITEM: ATOMS id type x y z vx vy vz radius mass
+2 1 3.5 1 0 0.5 0.25 0 0.4 2
+1 1 -1 2 0 -1 1 0 0.5 1
+"""
 
 
 def read(tmp_path, text, name="a.xyz", **given):
@@ -55,6 +70,8 @@ SAME = {
     "single quotes": FRAME.replace('"', "'"),
     "lower case": FRAME.replace("Lattice", "lattice").replace("Properties", "properties"),
     "upper case": FRAME.replace("Lattice", "LATTICE").replace("Properties", "PROPERTIES"),
+    "exponents of Fortran": FRAME.replace('"8 0', '"0.8d1 0').replace("X 3 2", "X 0.3D+1 20.d-1"),
+    "a byte order mark": "\ufeff" + FRAME,
     "off the axes by rounding": FRAME.replace('"8 0 0', '"8 1e-17 0'),
     "lines that end as on Windows": FRAME.replace("\n", "\r\n"),
     "keys within a text": FRAME.replace("pbc", r"""note="a \" Lattice='1 0 0' pbc=F" pbc"""),
@@ -142,18 +159,60 @@ def test_time_steps_of_lammps_are_the_numbers_of_frames(tmp_path):
 # --- cut off
 
 
-def test_a_file_cut_off_anywhere_has_its_whole_frames(tmp_path):
+@pytest.mark.parametrize("text", [FRAME, DUMP], ids=["xyz", "dump"])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_file_cut_off_anywhere_has_its_whole_frames(tmp_path, text, compressed):
     """Cut within the last number, it is the file of a program that writes no newline at its end, which is said."""
-    frames, path = 2, tmp_path / "a.xyz"
-    for cut in range(1, len(FRAME), 2):
-        path.write_text((FRAME * frames)[:-cut])
-        left = FRAME[: len(FRAME) - cut].splitlines()
-        complete = len(left) == 4 and len(left[-1].split()) == 4
+    frames, path = 2, tmp_path / f"a.{'xyz' if text is FRAME else 'dump'}{'.gz' * compressed}"
+    for cut in range(1, len(text), 2 + 5 * compressed):
+        whole = (text * frames)[:-cut].encode()
+        path.write_bytes(gzip.compress(whole) if compressed else whole)
+        left = text[: len(text) - cut].splitlines()
+        complete = len(left) == len(text.splitlines()) and len(left[-1].split()) == len(text.splitlines()[-1].split())
         says = "ends without the end of a line. Its last frame is read" if complete else "ends in the middle of a frame"
         with pytest.warns(mpsim.errors.TrajectoryWarning, match=says):
             trajectory = mpsim.Trajectory(path)
         assert len(trajectory) == frames - 1 + complete
         assert [len(frame.position) for frame in trajectory] == [2] * len(trajectory)
+
+
+def test_a_compressed_file_is_read_in_any_order_and_grows(tmp_path):
+    written(tmp_path / "run.xyz", gas(5, 0.1), 12, 2, method="naive")
+    whole, packed = (tmp_path / "run.xyz").read_bytes(), tmp_path / "run.xyz.gz"
+    packed.write_bytes(gzip.compress(whole))
+    assert content(packed) == content(tmp_path / "run.xyz")
+    trajectory = mpsim.Trajectory(packed)
+    assert [trajectory[index].frame for index in (6, 0, 3, 1)] == [12, 0, 6, 2]
+    packed.write_bytes(gzip.compress(whole) + gzip.compress(FRAME.encode()))
+    assert trajectory.refresh() == 8
+    assert trajectory[7].position.tolist() == [[1, 1], [3, 2]]
+    trajectory.close()
+    assert trajectory[7].position.tolist() == [[1, 1], [3, 2]], "it is opened again"
+    packed.unlink()
+    packed.write_bytes(gzip.compress(FRAME.replace("X 1", "X 4").encode()))
+    assert trajectory.refresh() == 1
+    assert trajectory[0].position.tolist() == [[4, 1], [3, 2]], "of another file in the place of the first"
+    assert read(tmp_path, gzip.compress(DUMP.encode()), "a.LAMMPSTRJ.gz").ids.tolist() == [1, 2]
+
+
+def test_a_compressed_file_that_is_damaged_is_refused(tmp_path):
+    written(tmp_path / "run.xyz", gas(5, 0.1), 12, 2, method="naive")
+    packed, path = gzip.compress((tmp_path / "run.xyz").read_bytes()), tmp_path / "b.xyz.gz"
+    for damaged in (b"no gzip", packed[:500] + b"\xff" * 10 + packed[510:], packed[:-8] + b"\0" * 8):
+        path.write_bytes(damaged)
+        with pytest.raises(
+            mpsim.errors.TrajectoryError, match=r"must be a file that can be read; .*b.xyz.gz' cannot \("
+        ):
+            mpsim.Trajectory(path)
+    path.write_bytes(packed[: len(packed) // 2])
+    with pytest.warns(mpsim.errors.TrajectoryWarning, match="ends in the middle of a frame"):
+        found = content(path)
+    whole = content(tmp_path / "run.xyz")
+    assert 0 < len(found) < len(whole)
+    assert found == whole[: len(found)]
+    packer = zlib.compressobj(wbits=31)
+    path.write_bytes(packer.compress(FRAME.encode() * 2) + packer.flush(zlib.Z_FULL_FLUSH))  # as a file that is written
+    assert len(mpsim.Trajectory(path)) == 2, "without a warning: nothing is lost"
 
 
 # --- dimensions
@@ -316,6 +375,84 @@ def test_measures_and_pictures_of_positions_need_no_velocities_and_others_say_so
     with pytest.raises(mpsim.InputError, match=r"colour must not be 'speed' of discs whose velocities are unknown\."):
         mpsim.draw(frame)
     mpsim.draw(frame, colour="radius")
+
+
+# --- LAMMPS
+
+
+def test_a_dump_of_lammps_is_read(tmp_path):
+    frame = read(tmp_path, DUMP, "a.lammpstrj")
+    assert (frame.frame, frame.box, frame.origin, frame.periodic) == (70, (8, 8), (-4, -3), (True, False))
+    assert (frame.ids.tolist(), frame.position.tolist()) == ([1, 2], [[-1, 2], [3.5, 1]]), "in the order of their ids"
+    assert (frame.velocity.tolist(), frame.mass.tolist()) == ([[-1, 1], [0.5, 0.25]], [1, 2])
+    assert frame.radius.tolist() == [0.5, 0.4]
+    with pytest.raises(mpsim.errors.TrajectoryError, match=r"time must be in a trajectory.*ITEM: TIME \(LAMMPS\)"):
+        frame.time  # noqa: B018
+    one = DUMP.replace("ATOMS\n2", "ATOMS\n1").replace("2 1 3.5 1 0 0.5 0.25 0 0.4 2\n", "")
+    (tmp_path / "a.dump").write_text(DUMP + one + DUMP.replace("2 1 3.5", "0 1 3.5"))
+    frames = list(mpsim.Trajectory(tmp_path / "a.dump"))
+    assert [frame.ids.tolist() for frame in frames] == [[1, 2], [1], [0, 1]], "number and order may change"
+    assert [frame.position[0].tolist() for frame in frames] == [[-1, 2], [-1, 2], [3.5, 1]]
+
+
+PLACES = {
+    "x y": ("3.5 1", "-1 2"),
+    "x y z": ("3.5 1 7", "-1 2 7"),
+    "xs ys zs": ("0.9375 0.5 0.5", "0.375 0.625 0.5"),
+    "xu yu zu": ("3.5 1 0", "-1 2 0"),
+    "xsu ysu zsu": ("0.9375 0.5 0.5", "0.375 0.625 0.5"),
+    "xs ys zs x y z": ("9 9 9 3.5 1 0", "9 9 9 -1 2 0"),
+}
+
+
+def test_all_coordinates_and_quantities_of_lammps_are_read(tmp_path):
+    for names, (second, first) in PLACES.items():
+        text = DUMP[: DUMP.index("ITEM: ATOMS")] + f"ITEM: ATOMS id {names}\n2 {second}\n1 {first}\n"
+        frame = read(tmp_path, text, "a.dump")
+        assert frame.position.tolist() == [[-1, 2], [3.5, 1]], names
+        if "u" in names:
+            assert frame.unwrapped.tolist() == frame.position.tolist(), "whatever border they are beyond"
+    text = DUMP.replace("vx vy vz radius mass", "ix iy iz diameter omegaz q")
+    text = text.replace("0.5 0.25 0 0.4 2", "-1 0 0 0.8 7 9").replace("-1 1 0 0.5 1", "2 0 0 1.0 -3 9")
+    frame = read(tmp_path, text.replace("ITEM: TIMES", "ITEM: UNITS\nlj\nITEM: TIME\n1.75\nITEM: TIMES"), "a.dump")
+    assert (frame.radius.tolist(), frame.spin.tolist(), frame.time) == ([0.5, 0.4], [-3, 7], 1.75)
+    assert frame.unwrapped.tolist() == frame.state.unwrapped.tolist() == [[15, 2], [-4.5, 1]]
+    old = DUMP.replace(" pp ff pp", "")
+    assert read(tmp_path, old, "a.dump").periodic == (True, True)
+    assert read(tmp_path, old, "a.dump", boundary="walls").periodic == (False, False)
+    upright = DUMP.replace("BOUNDS", "BOUNDS xy xz yz").replace("-4 4", "-4 4 0").replace("-3 5", "-3 5 0")
+    assert read(tmp_path, upright.replace(".5 0.5\n", ".5 0.5 0\n"), "a.dump").box == (8, 8)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "-4 4\n-3 5\n-0.5 0.5",
+            "-4 4 1\n-3 5 0\n-0.5 0.5 0",
+            "line 5, must begin an upright rectangular box.*got '-4 4 1",
+        ),
+        ("-4 4\n-3 5\n-0.5 0.5", "8 0 0 -4\n0 8 0 -3\n0 0 1 0", "must begin an upright rectangular box"),
+        ("-4 4", "-4 nan", "line 6, must hold 6 finite numbers under ITEM: BOX BOUNDS; got '-4 nan"),
+        (
+            "ITEM: TIMESTEP",
+            "TIMESTEP",
+            "line 1, must begin a frame of a LAMMPS dump with ITEM: TIMESTEP, NUMB.* got 'TIMESTEP",
+        ),
+        ("x y z", "a b c", "line 9, must name columns x and y, or xs, xu or xsu; got 'id type a b c vx"),
+        ("3.5 1 0", "3.5 1 1", "must be two-dimensional"),
+        ("0.4 2\n", "0.4\n", "line 10, must have 10 columns, as its ITEM: ATOMS says; got a line with 9"),
+        ("2 1 3.5", "1 1 3.5", "must hold each id once; got 1 twice"),
+        ("2 1 3.5", "2.5 1 3.5", "line 10, must hold numbers in its column id, whole ones of at most 64 bits; got '2"),
+        (
+            "BOX BOUNDS",
+            "BOX",
+            "line 1, must begin a frame of a LAMMPS dump with ITEM: TIMESTEP, NUMBER OF ATOMS, BOX B",
+        ),
+    ],
+)
+def test_a_dump_that_is_no_plane_in_a_box_is_refused(tmp_path, old, new, words):
+    refused(tmp_path, DUMP.replace(old, new, 1), words, "a.dump")
 
 
 # --- files of mpsim in other programs

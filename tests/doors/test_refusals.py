@@ -84,7 +84,8 @@ WHOLE = [
     ),
     (
         lambda: mpsim.Trajectory("run.txt"),
-        "a trajectory's path must end in .xyz, .extxyz, .gsd; got 'run.txt'. Use 'run.xyz'.",
+        "a trajectory's path must end in .xyz, .extxyz, .lammpstrj, .dump, .xyz.gz, .extxyz.gz, .lammpstrj.gz, "
+        ".dump.gz, .gsd; got 'run.txt'. Use 'run.xyz'.",
     ),
     (
         lambda: mpsim.Simulation(scene(), start_method="frok"),
