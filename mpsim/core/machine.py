@@ -34,24 +34,35 @@ def may_start_processes() -> bool:
 
 
 def _cgroup_quotas() -> list[float]:
-    """CPU quotas, in cores, of this process's cgroup (version 2) and of all groups above it.
+    """CPU quotas, in cores, of this process's cgroups of both versions and of all groups above them.
 
     A container sees its own group at the top, also where its path is that of the host, which leads nowhere.
     """
-    top = Path("/sys/fs/cgroup")
+    quotas: list[float] = []
     try:
-        line = Path("/proc/self/cgroup").read_text(errors="surrogateescape").splitlines()[-1]  # 0::/path
-    except (OSError, IndexError):
+        text = Path("/proc/self/cgroup").read_text(errors="surrogateescape")
+    except OSError:
         return []
-    own = top / line.split(":", 2)[-1].lstrip("/")
-    return [quota for group in (own, *own.parents) if group.is_relative_to(top) for quota in _quota(group / "cpu.max")]
+    for line in text.splitlines():
+        _, controllers, path = line.split(":", 2)
+        if not controllers:
+            top, files = Path("/sys/fs/cgroup"), ["cpu.max"]
+        elif "cpu" in controllers.split(","):
+            top, files = Path("/sys/fs/cgroup/cpu"), ["cpu.cfs_quota_us", "cpu.cfs_period_us"]
+        else:
+            continue
+        own = top / path.lstrip("/")
+        for group in (own, *own.parents):
+            if group.is_relative_to(top):
+                quotas += _quota(*(group / file for file in files))
+    return quotas
 
 
-def _quota(file: Path) -> list[float]:
-    """Quota over period, in cores; nothing where there is no limit."""
+def _quota(*files: Path) -> list[float]:
+    """Quota over period, read from one file with both or from two files; nothing where there is no limit."""
     try:
-        quota, period = file.read_text().split()
-        return [] if quota == "max" else [float(quota) / float(period)]
+        quota, period = " ".join(file.read_text() for file in files).split()[:2]
+        return [float(quota) / float(period)] if quota not in ("max", "-1") else []
     except (OSError, ValueError):
         return []
 

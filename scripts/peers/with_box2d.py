@@ -3,7 +3,6 @@
 import numpy as np
 import pyb2d3  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
-
 from peers.engine import Plan, Run, Start
 
 HEAVY = 1e8

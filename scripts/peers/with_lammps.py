@@ -11,7 +11,6 @@ from importlib.metadata import PackageNotFoundError, files
 
 import numpy as np
 from numpy.typing import NDArray
-
 from peers.engine import NotThereError, Plan, Run, Start
 
 STEPS_IN_CONTACT = 20

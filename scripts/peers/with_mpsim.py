@@ -2,10 +2,10 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from peers.engine import Plan, Run, Start
 
 import mpsim
 from mpsim.scene.settings import Contact, MethodName
-from peers.engine import Plan, Run, Start
 
 
 class Engine(Run):

@@ -6,7 +6,6 @@ import numpy as np
 import pymunk  # pyright: ignore[reportMissingImports]
 import pymunk.batch  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
-
 from peers.engine import Plan, Run, Start
 
 HEAVY = 1e8

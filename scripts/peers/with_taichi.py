@@ -3,7 +3,6 @@
 import numpy as np
 import taichi as ti  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
-
 from peers.engine import Plan, Run, Start
 
 IN_A_CELL = 8
