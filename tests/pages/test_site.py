@@ -18,7 +18,7 @@ LOADED_BY_STYLE = re.compile(r"""(?:@import|url\()\s*["']?(?:https?:)?//[^"')]+"
 
 def test_the_site(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(ROOT / "docs"), str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=170)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
     assert done.returncode == 0, done.stderr
     for kind, loaded in (("html", LOADED), ("css", LOADED_BY_STYLE)):  # links that a reader may follow do not count
         assert [match for page in tmp_path.rglob(f"*.{kind}") for match in loaded.findall(page.read_text())] == []

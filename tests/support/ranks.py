@@ -124,7 +124,7 @@ def on_ranks(
     *words: str,
     script: str | None = None,
     program: str = "support.ranks",
-    bound: float = 170,
+    bound: float = 280,
     prefix: Sequence[str] = (),
 ) -> Outcome:
     """`python -m PROGRAM WORDS`, or a script, on so many ranks; prefix: of the command, such as `unshare`."""
