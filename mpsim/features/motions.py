@@ -262,3 +262,11 @@ class Path(Movement):
 
 
 MOTIONS: tuple[type[Movement], ...] = (Translation, Oscillation, Rotation, Path)
+
+
+def check_kind(name: str, motion: object, kinds: tuple[type[Movement], ...] = MOTIONS) -> None:
+    """Refuse what is not exactly of one of the kinds: the kernels move a subclass as they move its base."""
+    if type(motion) not in kinds:
+        names = ", ".join(f"mpsim.{kind.__name__}" for kind in kinds)
+        remedy = "Use that class itself, not a subclass." if isinstance(motion, kinds) else "Use one of them."
+        raise InputError(f"motion of a {name} must be one of {names}; got {type(motion).__name__}. {remedy}")

@@ -25,7 +25,7 @@ from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
 from mpsim.features.feature import MOST_VALUES, AddedDiscs, Continuation, Feature, Floats, Invalidation
-from mpsim.features.motions import MOTIONS, Movement, Rotation
+from mpsim.features.motions import MOTIONS, Movement, Rotation, check_kind
 from mpsim.kernels.features.bodies import BODY
 from mpsim.kernels.geometry import ENDS, OWNER, POLYGON, RADIUS, ROW, SURFACE
 
@@ -47,9 +47,8 @@ class Obstacle:
 
     def __post_init__(self) -> None:
         name = type(self).__name__
-        if self.motion is not None and not isinstance(self.motion, MOTIONS):
-            names = ", ".join(f"mpsim.{kind.__name__}" for kind in MOTIONS)
-            raise InputError(f"motion of a {name} must be one of {names}; got {type(self.motion).__name__}.")
+        if self.motion is not None:
+            check_kind(name, self.motion)
         speed = checks.finite_array(f"surface_velocity of a {name}", self.surface_velocity, (), "()")
         object.__setattr__(self, "surface_velocity", float(speed))
 

@@ -17,7 +17,7 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
 from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation
-from mpsim.features.motions import MOTIONS, Movement, Rotation, Translation
+from mpsim.features.motions import MOTIONS, Movement, Rotation, Translation, check_kind
 from mpsim.features.properties import densest_packing, has_radii
 from mpsim.kernels.features.bodies import MOTION, pose_at
 from mpsim.kernels.features.piston import moving_wall_in
@@ -84,13 +84,10 @@ class Piston:
 
     def _check_motion(self) -> None:
         """Refuse what does not move a wall, or moves it along itself."""
-        motion = self.motion
-        if not isinstance(motion, MOTIONS) or isinstance(motion, Rotation):
-            names = ", ".join(f"mpsim.{kind.__name__}" for kind in MOTIONS if kind is not Rotation)
-            raise InputError(
-                f"motion of a Piston must be one of {names}; got {type(motion).__name__}. A wall of the box cannot "
-                "turn: take a Polyline."
-            )
+        motion: Any = self.motion
+        if isinstance(motion, Rotation):
+            raise InputError("motion of a Piston must not be a Rotation: a wall cannot turn. Take a Polyline instead.")
+        check_kind("Piston", motion, tuple(kind for kind in MOTIONS if kind is not Rotation))
         low, high = motion.swept(np.zeros((1, 2)))
         axis = EDGES.index(self.wall) // 2
         if low[1 - axis] or high[1 - axis] or low[axis] == high[axis]:

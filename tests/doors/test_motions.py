@@ -72,6 +72,10 @@ def test_a_motion_goes_through_checkpoints_and_another_start(tmp_path, motion, m
         assert rest.digest() != end.digest(), "nothing has met the obstacle"
 
 
+class Swerve(Translation):
+    """A motion of a user's own, which the kernels do not know."""
+
+
 REFUSED = [
     (lambda: Translation((0, 0)), "velocity of a Translation must not be (0, 0)"),
     (lambda: Translation((1, math.nan)), "velocity of a Translation must be"),
@@ -86,6 +90,8 @@ REFUSED = [
     (lambda: Path([0, 0], [(0, 0), (1, 1)]), "times of a Path must be at least two, each later"),
     (lambda: Path([0, 1], [(0, 0)]), "displacements of a Path must have shape (2, 2); got shape (1, 2)"),
     (lambda: Polyline(LINE, motion=3), "motion of a Polyline must be one of mpsim.Translation, mpsim.Oscillation"),
+    (lambda: Polyline(LINE, motion=Swerve((1, 0))), "mpsim.Path; got Swerve. Use that class itself, not a subclass."),
+    (lambda: mpsim.Piston("left", motion=Swerve((1, 0), 3)), "motion of a Piston must be one of mpsim.Translation"),
     (lambda: FixedDisc((1, 1), 1, surface_velocity=math.nan), "surface_velocity of a FixedDisc must be"),
     (lambda: scene_of(Translation((1, 0))), "the motion of obstacles[0] must keep it in the box, in [0, 12] along x"),
     (lambda: scene_of(Rotation((2, 4), 1)), "got [-3, 7]"),
