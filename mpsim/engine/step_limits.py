@@ -15,7 +15,7 @@ from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, sides_at, speeds_at_
 from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.features import FEATURES, VECTORS
 from mpsim.features.energy import acceleration_bound, is_inelastic
-from mpsim.features.obstacles import OBSTACLES
+from mpsim.features.obstacles import OBSTACLES, surfaces_near
 from mpsim.scene.placement import overlaps
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -174,8 +174,12 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     pairs, (i, j), depth = overlaps(position, radius, (scene.width, scene.height), scene.periodic)
     found = [([i, j], depth, f"discs {here[i]} and {here[j]} overlap by {depth:.3g}")] if pairs else []
     if (deepest := scene._deepest(position, radius, solver.time)) is not None:
-        words = f"disc {here[deepest.disc]} is {deepest.depth:.3g} deep in {deepest.where}"
-        found.append(([deepest.disc], deepest.depth, words))
+        disc = deepest.disc
+        others = surfaces_near(scene, position[disc], float(radius[disc]), solver.time)
+        beside = next((f", and beside {name}" for name in others if name != deepest.where), "")
+        found.append(
+            ([disc], deepest.depth, f"disc {here[disc]} is {deepest.depth:.3g} deep in {deepest.where}{beside}")
+        )
     for discs, depth, words in found:
         smaller = float(radius[discs].min())
         if depth > DEEP * smaller + STEPS * max(mean, float(moved[discs].max())):
@@ -187,6 +191,17 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
                 f"{relief[0].upper()}{relief[1:]}, or use smaller ones or a larger box."
             )
     return None
+
+
+def pinched(solver: Solver, scene: Scene, disc: int) -> str:
+    """What to say of a disc that kernels report to be about to pass a surface by one more step."""
+    state, radius = solver.state(disc, disc + 1), float(solver.radii[disc])
+    surfaces = surfaces_near(scene, state.position[0].astype(np.float64), radius, solver.time)
+    return (
+        f"disc {disc} is pinched between {' and '.join(surfaces[:2])} in frame {solver.frame - 1}: one more step "
+        f"presses it through one of them. Let what moves keep a diameter, {2 * radius:g}, from what is at rest, or "
+        "stop earlier; smaller steps do not help."
+    )
 
 
 # --- Limits of the time step: checks speeds and collision rates, and warns, refuses or uses sub-steps
@@ -390,6 +405,10 @@ class StepLimits:
             return usual
         frame = solver.frame
         speeds = solver.speeds(new, None if self.adapts else changed)
+        if speeds.pinched >= 0:
+            text = solver.ranks.on_root(lambda: pinched(solver, self._scene, speeds.pinched))
+            self._refuse_if_wanted(f"{text} on_fast='warn' runs it anyway.")
+            notices.warn(text, FastWarning, self._pressed)
         if self.adapts:
             self.set_limit(solver)
             return self.substeps_for(speeds, frame)

@@ -312,15 +312,6 @@ class CapsuleIndex:
             np.maximum.at(depth, disc, -gaps(place, radius[disc], rows))
 
 
-def nearest(
-    position: Floats, radius: float, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]
-) -> int:
-    """Index of the capsule that is nearest to a disc, position (2,) [length], or of which an image is."""
-    images = with_images(capsules, size, periodic, math.inf)
-    gap = gaps(position - images.shift, radius, capsules[images.source])
-    return int(images.source[gap == gap.min()].min())
-
-
 def _listed_pairs(position: Floats, lists: CellLists) -> Iterator[Pairs]:
     """Discs and the capsules that their cells list, in chunks of pairs: indices of both."""
     column, row = np.clip(position * lists.per_length, 0, lists.grid - 1).astype(np.int64).T

@@ -24,6 +24,7 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
+from mpsim.features.edges import EDGES
 from mpsim.features.feature import MOST_VALUES, AddedDiscs, Continuation, Feature, Floats, Invalidation
 from mpsim.features.motions import MOTIONS, Movement, Rotation, check_kind
 from mpsim.kernels.features.bodies import BODY
@@ -305,6 +306,28 @@ def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obs
     return chosen
 
 
+def _obstacles_near(scene: Scene, position: Floats, radius: float, time: float) -> dict[str, float]:
+    """Gap between a disc at (x, y) and each obstacle, the nearest first, by name [length]."""
+    rows = scene._capsules_at(time)
+    images = capsules.with_images(rows, (scene.width, scene.height), scene.periodic, math.inf)
+    gap, found = (
+        capsules.gaps(position - images.shift, radius, rows[images.source]),
+        np.full(len(scene.obstacles), np.inf),
+    )
+    np.minimum.at(found, rows[images.source, OWNER].astype(int), gap)
+    return {f"obstacles[{number}]": float(found[number]) for number in np.argsort(found, kind="stable")}
+
+
+def surfaces_near(scene: Scene, position: Floats, radius: float, time: float) -> list[str]:
+    """Names of the obstacles and walls within a radius of a disc at (x, y), the nearest first."""
+    near = _obstacles_near(scene, position, radius, time)
+    for side, ends in zip((-1, 1), scene.walls_at(time), strict=True):
+        for axis in range(2):
+            if not scene.periodic[axis]:
+                near[f"the {EDGES[2 * axis + (side > 0)]} wall"] = side * (ends[axis] - position[axis]) - radius
+    return [name for name in sorted(near, key=lambda each: near[each]) if near[name] < radius]
+
+
 class _Made(NamedTuple):
     """Arrays of `Capsules` and of `Bodies`, by name."""
 
@@ -365,9 +388,8 @@ class Obstacles(Feature):
         if not number:
             return None
         worst = int(depth.argmax())
-        rows = scene._capsules_at(time)
-        nearest = capsules.nearest(position[worst], radius[worst], rows, size, scene.periodic)
-        return Deepest(number, worst, f"obstacles[{rows[nearest, OWNER]:.0f}]", float(depth[worst]))
+        where = next(iter(_obstacles_near(scene, position[worst], radius[worst], time)))
+        return Deepest(number, worst, where, float(depth[worst]))
 
     def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
         at_rest = {

@@ -99,6 +99,9 @@ DEPTH_SCALE = 2.0**32
 FASTEST_SCALE = 2.0**20
 """Speeds are reported in units of the limit, so many to one."""
 
+PINCHED = 2**61
+"""Reported in place of a speed, which is always less, of a disc that surfaces are about to press through each other."""
+
 
 class ContactLaw(NamedTuple):
     """A law by which a contact changes the velocities of two discs: how contacts are resolved, not what a scene has.
@@ -282,7 +285,7 @@ MEMBER = record_of(
         ("last_column", np.int64),
         ("commands", np.int64),  # this worker has begun
         ("mails", np.int64),  # messages it has read
-        ("fastest", np.int64),  # 0, or the speed of the fastest disc in this command, times FASTEST_SCALE / the limit
+        ("fastest", np.int64),  # 0, the speed of the fastest disc of a command times FASTEST_SCALE / limit, or PINCHED
         ("fastest_disc", np.int64),  # its id
         ("even", np.int64),  # columns where the passes continue, between two parts of a step on a rank
         ("odd", np.int64),

@@ -13,6 +13,7 @@ from support.scenes import gas, pair, simulate
 
 import mpsim
 from mpsim import (
+    Circle,
     Emitter,
     FastWarning,
     FixedDisc,
@@ -23,6 +24,7 @@ from mpsim import (
     Settings,
     Simulation,
     TooFastError,
+    Translation,
 )
 from mpsim.errors import ResolutionWarning
 
@@ -278,6 +280,52 @@ def test_a_disc_pressed_between_piston_and_obstacle_is_found():
     text, _ = refused(scene, 600, method="naive", dt=0.05)
     assert PRESSED in text
     assert re.search(r"disc 1 is 0\.\d+ .*deep in obstacles\[0\]", text)
+
+
+def between(other, stop, x=9.0, **features):
+    """A disc of diameter 1 before a paddle that comes from the left and stops at a distance from another surface."""
+    paddle = Polyline([(x - 1, 2), (x - 1, 8)], motion=Translation((0.5, 0), stop=stop))
+    box = {"width": 20, "height": 10, "position": [[x, 5]], "velocity": [[0, 0]], "radius": 0.5}
+    return Scene(**box, obstacles=[each for each in (paddle, other) if each], **features)
+
+
+COMING = Polyline([(11.5, 2), (11.5, 8)], motion=Translation((-0.5, 0), stop=0.5))
+PINCHES = {
+    "at rest": (Polyline([(11, 2), (11, 8)]), 9.0, "obstacles[1]"),
+    "coming": (COMING, 9.0, "obstacles[1]"),
+    "container": (Circle((6, 5), 5, inside=True), 9.0, "obstacles[1]"),
+    "wall": (None, 19.0, "the right wall"),
+}
+
+
+@pytest.mark.parametrize("restitution", [0.0, 1.0])
+@pytest.mark.parametrize("contact", ["impact", "push"])
+@pytest.mark.parametrize("name", PINCHES)
+def test_a_disc_is_named_with_both_surfaces_before_they_press_it_through_one(name, contact, restitution):
+    """To which they leave less than a diameter. The control: with more, it lives on where it is."""
+    other, x, told = PINCHES[name]
+    settings, room = {"method": "naive", "dt": 0.02, "contact": contact}, 3 - (other is None)
+    scene = between(other, room, x, wall_restitution=restitution)
+    with simulate(scene, on_fast="error", **settings) as sim:
+        with pytest.raises(TooFastError, match=r"disc 0 is pinched between .* in frame \d+: one more step") as caught:
+            sim.run(frames=500)
+        assert {"obstacles[0]", told} <= set(re.findall(r"obstacles\[\d\]|the right wall", str(caught.value)))
+        assert x - 1 + 0.5 * sim.time < sim.state.position[0, 0] < x - 1 + room
+        assert room - 0.5 * sim.time < 1.5, "only where it is narrow"
+    with simulate(between(other, room - 1.5, x, wall_restitution=restitution), on_fast="error", **settings) as sim:
+        sim.run(frames=500)
+        assert x - 1 + room - 1.5 < sim.state.position[0, 0] < x - 1 + room
+
+
+def test_a_pinched_disc_is_warned_of_once_and_on_any_workers_in_the_same_frame(tmp_path):
+    scene, told = between(PINCHES["at rest"][0], 3, wall_restitution=0.5), []
+    for method, workers in (("naive", None), ("grid", None), ("parallel", 2)):
+        with simulate(scene, method=method, workers=workers, dt=0.01) as sim:
+            with pytest.warns(FastWarning, match="pinched between obstacles") as found:
+                sim.run(frames=600)
+            told.append(([str(each.message) for each in found], sim.digest()))
+    assert told[0] == told[1] == told[2]
+    assert len(told[0][0]) == 1
 
 
 @pytest.mark.parametrize(("packing", "dt", "contact"), [(0.6, 0.05, "impact"), (0.7, 0.04, "push")])

@@ -32,7 +32,7 @@ from mpsim.features.baths import probability_of
 from mpsim.features.capsules import lists_of_cells
 from mpsim.features.edges import EDGES
 from mpsim.features.energy import gravity_strength, is_inelastic, thermal_speed
-from mpsim.features.obstacles import OBSTACLES
+from mpsim.features.obstacles import OBSTACLES, surfaces_near
 from mpsim.features.piston import PISTON
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records as stepped
@@ -156,16 +156,19 @@ def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float
     return max(CRUSHING * fastest, least or 0.0)
 
 
-def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> StalledError:
-    """The error for a disc that a wall has made so fast [length/time] by a time [time]."""
-    name, what = "obstacle", "an obstacle that moves"
+def crushed(scene: Scene, time: float, disc: int, frame: int, now: State, radius: float) -> StalledError:
+    """The error for a disc that a wall or an obstacle has made so fast by a time [time], with the state of all then."""
+    name, what, speed = "obstacle", "an obstacle that moves", math.hypot(*now.velocity[disc].tolist())
+    between = " and ".join(
+        [*surfaces_near(scene, now.position[disc].astype(np.float64), radius, time), "other discs"][:2]
+    )
     for wall in scene._moving_walls[:1]:
         way = "" if math.isinf(wall.rests) else f" and on its way to {wall.record.end:g}"
         name, what = wall.name, f"the {wall.name}, now at {wall.place(time):.6g}{way},"
     return StalledError(
-        f"disc {disc} is crushed in frame {frame}: {what} leaves it no room before an obstacle, a wall or other discs, "
-        f"and has driven it to a speed of {speed:.3g}, more than {CRUSHING:g} times any at the start. Let the {name} "
-        "stop earlier, or make room for the discs before it."
+        f"disc {disc} is crushed in frame {frame} between {between}: {what} leaves it no room, and has driven it to a "
+        f"speed of {speed:.3g}, more than {CRUSHING:g} times any at the start. Let the {name} stop earlier, or make "
+        "room for the discs before it."
     )
 
 

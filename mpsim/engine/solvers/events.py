@@ -140,7 +140,7 @@ class EventSolver(Solver, CollisionLog):
         now = self.state()
         place, velocity = now.position[disc].tolist(), now.velocity[disc].tolist()
         if np.isfinite([place, velocity]).all():
-            return crushed(self._scene, self.time, disc, self.frame, math.hypot(*velocity))
+            return crushed(self._scene, self.time, disc, self.frame, now, float(self.radii[disc]))
         return DivergedError(disc, self.frame, (place[0], place[1]), (velocity[0], velocity[1]))
 
     def _play_whole(

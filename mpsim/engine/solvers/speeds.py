@@ -35,6 +35,7 @@ class Speeds:
         mean_speed: root mean square [length/time].
         smallest: radius of the smallest disc [length].
         when: in words, when discs were or will be so fast; "": now.
+        pinched: index of a disc that surfaces are about to press through one another; -1: there is none.
     """
 
     disc: int = -1
@@ -45,13 +46,16 @@ class Speeds:
     mean_speed: float = 0.0
     smallest: float = math.inf
     when: str = ""
+    pinched: int = -1
 
     def fraction(self, dt: float) -> float:
         """Displacement of the fastest disc in a step of length dt, as a fraction of its limit."""
         return self.speed * dt / self.limit
 
     def or_faster(self, other: "Speeds | None") -> "Speeds":
-        """These, with the fastest disc of a moment before if it was faster (but for rounding)."""
+        """These, with the fastest disc of a moment before if it was faster (but for rounding), or the pinched one."""
+        if other is not None and other.pinched >= 0:
+            return replace(self, pinched=other.pinched)
         if other is None or other.fraction(1 + 1e-5) < self.fraction(1.0):
             return self
         return replace(other, collision_rate=self.collision_rate, mean_speed=self.mean_speed, smallest=self.smallest)
@@ -272,7 +276,8 @@ class Fastest(NamedTuple):
     """The fastest disc that was too fast in a command. Of equally fast ones it is that of the least number.
 
     Attributes:
-        fraction: its speed over that from which on discs are too fast, times FASTEST_SCALE; 0: there was none.
+        fraction: its speed over that from which on discs are too fast, times FASTEST_SCALE; PINCHED: it is pinched;
+            0: there was none.
         negative_disc: its number, times -1.
     """
 
@@ -298,6 +303,8 @@ def disc_too_fast(found: Fastest, fast: float, radii: NDArray[np.float64], own: 
     if not found.fraction:
         return None
     disc = -found.negative_disc
+    if found.fraction == records.PINCHED:
+        return Speeds(pinched=disc)
     radius = float(radii[disc])
     speed = found.fraction / records.FASTEST_SCALE * math.sqrt(fast) * (radius if own else 1.0)
     return Speeds(disc, speed, radius, when=f"in frame {frame}")

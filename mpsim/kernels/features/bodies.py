@@ -14,6 +14,8 @@ import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.capsules import (
+    goes_past,
+    goes_past_capsules,
     is_behind_surface,
     nearest_offset,
     normal_at_corner,
@@ -25,7 +27,7 @@ from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.features.work import WALLS, on_disc
 from mpsim.kernels.geometry import OWNER, RADIUS, concerns
-from mpsim.kernels.records import IMPACT, Field, record_of
+from mpsim.kernels.records import IMPACT, PINCHED, Field, record_of
 
 # --- Motions: displacement, angle and velocities at a time
 
@@ -270,20 +272,26 @@ def time_of_touch(body, bodies, k, radius, x, y, vx, vy, ax, ay, now, dt):
     return since, touch
 
 
-@linked
-def resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features, parameters, impact):
-    """Contact of the disc in slot i, less the shift of an image, with capsule k. Returns whether they overlap."""
+@inlined
+def overlap(body, bodies, k, radius, x, y, pose):
+    """Whether a disc at (x, y) overlaps capsule k, and not another one of the corner more."""
     if not concerns(bodies.capsule, k, radius):
         return False
-    pose = current_pose(body)
-    x, y = np.float64(discs.x[i]) - shift_x, np.float64(discs.y[i]) - shift_y
     frame_x, frame_y = into_frame(body, pose, x, y)
     rx, ry, end = nearest_offset(frame_x, frame_y, bodies.capsule, k)
     reach = radius + bodies.capsule[k, RADIUS]
     apart = rx * rx + ry * ry < reach * reach if reach < 0.0 else not rx * rx + ry * ry < reach * reach
     if apart:
         return False
-    if end >= 0 and is_behind_surface(rx, ry, end, bodies, radius):
+    return not (end >= 0 and is_behind_surface(rx, ry, end, bodies, radius))
+
+
+@linked
+def resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features, parameters, impact):
+    """Contact of the disc in slot i, less the shift of an image, with capsule k. Returns whether they overlap."""
+    pose = current_pose(body)
+    x, y = np.float64(discs.x[i]) - shift_x, np.float64(discs.y[i]) - shift_y
+    if not overlap(body, bodies, k, radius, x, y, pose):
         return False
     own_ax, own_ay = accelerations_of(discs, i, features)
     ax, ay = np.float64(own_ax), np.float64(own_ay)
@@ -325,32 +333,71 @@ def leave(discs, i, body, bodies, k, radius, shift_x, shift_y, features):
 
 
 @linked
-def resolve_bodies(discs, low, high, features, parameters, control):
+def resolve_bodies(discs, low, high, features, parameters, control, mine):
     """Contacts of a slice with bodies, in the order in which the scene lists them."""
     bodies, half = features.bodies, parameters.diameter / discs.x.dtype.type(2)
     impact = control.contact == IMPACT
     for number in range(bodies.body.size):
         body = bodies.body[number]
-        pose, columns, rows = current_pose(body), body.cells[0], body.cells[1]
         for i in range(low, high):
-            x, y = np.float64(discs.x[i]), np.float64(discs.y[i])
-            shift_x = period_to_nearest(features.wrap_x, body.nearest[0], x - body.place[0])
-            shift_y = period_to_nearest(features.wrap_y, body.nearest[1], y - body.place[1])
-            frame_x, frame_y = into_frame(body, pose, x - shift_x, y - shift_y)
-            column = (frame_x - body.low[0]) * body.per_length[0]
-            row = (frame_y - body.low[1]) * body.per_length[1]
-            if not ((column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows)):
+            cell, shift_x, shift_y = cell_in(body, np.float64(discs.x[i]), np.float64(discs.y[i]), features)
+            if cell < 0 or is_absent(features.exits, discs.id[i]):
                 continue
-            if is_absent(features.exits, discs.id[i]):
-                continue
-            cell, radius = body.first + int(column) * rows + int(row), np.float64(value_or(discs.radius, i, half))
-            met = False
+            radius, met = np.float64(value_or(discs.radius, i, half)), False
             for entry in range(bodies.near[cell], bodies.near[cell + 1]):
                 k = bodies.index[entry]
                 met |= resolve_touch(discs, i, body, bodies, k, radius, shift_x, shift_y, features, parameters, impact)
             if met:
                 put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
                 wrap_disc(discs, i, features)
+                if parameters.fast < math.inf and is_pinched(discs, i, number, radius, features, parameters):
+                    note_pinched(discs.id[i], control, mine)
+
+
+@inlined
+def cell_in(body, x, y, features):
+    """The cell of a body in which (x, y) or its image is, below 0 outside its grid, and the shift of the image."""
+    shift_x = period_to_nearest(features.wrap_x, body.nearest[0], x - body.place[0])
+    shift_y = period_to_nearest(features.wrap_y, body.nearest[1], y - body.place[1])
+    frame_x, frame_y = into_frame(body, current_pose(body), x - shift_x, y - shift_y)
+    column = (frame_x - body.low[0]) * body.per_length[0]
+    row = (frame_y - body.low[1]) * body.per_length[1]
+    columns, rows = body.cells[0], body.cells[1]
+    if not ((column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows)):
+        return -1, shift_x, shift_y
+    return body.first + int(column) * rows + int(row), shift_x, shift_y
+
+
+@linked
+def is_pinched(discs, i, number, radius, features, parameters):
+    """Whether one more step takes a disc past a surface in which it still is when its contacts are done.
+
+    Those with what is at rest and with the bodies up to `number`: surfaces less than a diameter apart undo one
+    another's. As no disc moves more than its radius in a step, it has not been past it before.
+    """
+    dt, bodies = np.float64(parameters.dt), features.bodies
+    past = goes_past_capsules(features.capsules, discs, i, radius, dt)
+    x, y, vx, vy = np.float64(discs.x[i]), np.float64(discs.y[i]), np.float64(discs.vx[i]), np.float64(discs.vy[i])
+    for other in range(number + 1):
+        body = bodies.body[other]
+        cell, shift_x, shift_y = cell_in(body, x, y, features)
+        if cell < 0:
+            continue
+        own_x, own_y, pose = x - shift_x, y - shift_y, current_pose(body)
+        for entry in range(bodies.near[cell], bodies.near[cell + 1]):
+            k = bodies.index[entry]
+            if overlap(body, bodies, k, radius, own_x, own_y, pose):
+                touch = touch_at(body, bodies, k, radius, own_x, own_y, body.now, pose)
+                past |= goes_past(-touch.gap, touch.nx, touch.ny, vx - touch.wx, vy - touch.wy, radius, dt)
+    return past
+
+
+@inlined
+def note_pinched(disc, control, mine):
+    """Report a disc that is pinched, the one with the lowest number, and end the command with this frame."""
+    if mine.fastest < PINCHED or disc < mine.fastest_disc:
+        mine.fastest, mine.fastest_disc = PINCHED, disc
+    control.frames = mine.frame + 1  # as `motion.end_where_fast`
 
 
 @inlined
@@ -363,10 +410,10 @@ def period_to_nearest(wrap, nearest, difference):
 
 
 @inlined
-def after_move(bodies, discs, low, high, features, parameters, control):
+def after_move(bodies, discs, low, high, features, parameters, control, mine):
     """`resolve_bodies`, if there are bodies."""
     if bodies is not None:
-        resolve_bodies(discs, low, high, features, parameters, control)
+        resolve_bodies(discs, low, high, features, parameters, control, mine)
 
 
 @linked

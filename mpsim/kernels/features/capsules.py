@@ -259,20 +259,25 @@ def leave_surface(discs, i, k, nx, ny, depth, approaches, capsules, ax, ay, feat
     on_capsule(discs, i, int(capsules.capsule[k, OWNER]), nx, ny, change, time, 0.0, surface, features, parameters)
 
 
+@inlined
+def cell_at(capsules, x, y):
+    """The cell of a place, whose list names the capsules near it."""
+    columns, rows = capsules.grid[0], capsules.grid[1]
+    column = min(max(int(x * capsules.per_length[0]), 0), columns - 1)
+    return column * rows + min(max(int(y * capsules.per_length[1]), 0), rows - 1)
+
+
 @linked
 def resolve_capsules(discs, low, high, features, parameters, control):
     """Contacts of a slice with the capsules near each disc, in the order in which the scene lists them."""
     half = parameters.diameter / discs.x.dtype.type(2)
     impact = control.contact == IMPACT
     capsules = features.capsules
-    columns, rows = capsules.grid[0], capsules.grid[1]
     for i in range(low, high):
         disc = discs.id[i]
         if is_absent(features.exits, disc):
             continue
-        column = min(max(int(discs.x[i] * capsules.per_length[0]), 0), columns - 1)
-        row = min(max(int(discs.y[i] * capsules.per_length[1]), 0), rows - 1)
-        cell = column * rows + row
+        cell = cell_at(capsules, discs.x[i], discs.y[i])
         radius = value_or(discs.radius, i, half)
         ax, ay = accelerations_of(discs, i, features)
         met = False
@@ -298,3 +303,59 @@ def after_capsules(around, discs, low, high, features, parameters, control):
     """`resolve_containers`, if there are any."""
     if around is not None:
         resolve_containers(discs, low, high, features, parameters, control)
+
+
+# --- Discs that are about to be pressed through what is at rest, by something that moves
+
+
+PAST = 0.875
+"""Depth, in radii, from which on the side on which a centre lies is uncertain: at 1 it lies on the surface."""
+
+
+@inlined
+def goes_past(depth, nx, ny, vx, vy, radius, dt):
+    """Whether the centre of a disc `depth` in a surface may be at it after one more step of dt.
+
+    v: relative to the surface; in that step a wall may turn the disc round.
+    """
+    return (depth > 0.0) & (depth + abs(vx * nx + vy * ny) * dt > PAST * radius)
+
+
+@inlined
+def goes_past_capsules(capsules, discs, i, radius, dt):
+    """`goes_past`, of the disc in slot i and any capsule or container; capsules: None if nothing is at rest."""
+    if capsules is None:
+        return False
+    return goes_past_any(discs, i, capsules, radius, dt)
+
+
+@linked
+def goes_past_any(discs, i, capsules, radius, dt):
+    """The same where there are some."""
+    vx, vy, cell = np.float64(discs.vx[i]), np.float64(discs.vy[i]), cell_at(capsules, discs.x[i], discs.y[i])
+    past = False
+    for entry in range(capsules.near[cell], capsules.near[cell + 1]):
+        k = capsules.index[entry]
+        offset_x, offset_y, end = nearest_offset(discs.x[i], discs.y[i], capsules.capsule, k)
+        hidden = end >= 0 and is_behind_surface(offset_x, offset_y, end, capsules, radius)
+        if concerns(capsules.capsule, k, radius) and not hidden:
+            rx, ry = np.float64(offset_x), np.float64(offset_y)
+            distance = np.sqrt(rx * rx + ry * ry)
+            nx, ny = normal_of(rx, ry, distance, capsules.capsule, k)
+            past |= goes_past(radius + capsules.capsule[k, RADIUS] - distance, nx, ny, vx, vy, radius, dt)
+    return past | goes_past_containers(capsules.around, discs, i, capsules, radius, dt)
+
+
+@inlined
+def goes_past_containers(around, discs, i, capsules, radius, dt):
+    """`goes_past`, of the disc in slot i and any container; around: None if there is none."""
+    past = False
+    if around is not None:
+        for k in around:
+            rx, ry, squared = from_centre(discs, i, k, capsules)
+            distance = max(np.sqrt(squared), 1e-300)
+            depth = radius + capsules.capsule[k, RADIUS] + distance
+            vx, vy = np.float64(discs.vx[i]), np.float64(discs.vy[i])
+            if concerns(capsules.capsule, k, radius):
+                past |= goes_past(depth, -rx / distance, -ry / distance, vx, vy, radius, dt)
+    return past

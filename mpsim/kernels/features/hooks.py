@@ -97,10 +97,10 @@ def after_flight(discs, low, high, features):
 
 
 @inlined
-def after_move(discs, low, high, features, parameters, control):
+def after_move(discs, low, high, features, parameters, control, mine):
     """When all discs of the slice are known to be finite: contacts of single discs, in any order of discs."""
     capsules.after_move(features.capsules, discs, low, high, features, parameters, control)
-    bodies.after_move(features.bodies, discs, low, high, features, parameters, control)
+    bodies.after_move(features.bodies, discs, low, high, features, parameters, control, mine)
 
 
 @inlined

@@ -431,7 +431,7 @@ def move_block(discs, low, high, features, parameters, control, mine, tally):
     bad = accelerate_and_fly(discs, low, high, accelerated, features, parameters, control, tally, mine.frame)
     after_flight(discs, low, high, features)
     if not bad:
-        after_move(discs, low, high, features, parameters, control)
+        after_move(discs, low, high, features, parameters, control, mine)
     return not bad
 
 
