@@ -81,7 +81,7 @@ def watched(scene: mpsim.Scene, seconds: float) -> tuple[float, float]:
     with contextlib.redirect_stdout(io.StringIO()):
         view = mpsim.view(scene, GRID, browser=False, wait=False)
     with view, page_at(view.address, {"do": "speed", "value": None}):
-        session = view._session  # pyright: ignore[reportPrivateUsage]
+        session = view._server.source  # pyright: ignore[reportPrivateUsage]
         assert isinstance(session, Session)  # of a scene
         while (sim := session._sim) is None or sim.frame < 10:  # pyright: ignore[reportPrivateUsage]
             time.sleep(0.01)

@@ -24,16 +24,14 @@ NEAR, FAR = 4.0, 64.0
 BARRIER = 3.0  # thickness of the layer of discs that stay and keep in those that are pushed, in the same unit
 
 
-def make_room(sim: Simulation, capsules: Floats) -> bool:
-    """Push discs aside that overlap capsules, shape (K, ROW); returns whether there were any.
+def make_room(sim: Simulation, capsules: Floats) -> None:
+    """Push discs aside that overlap capsules, shape (K, ROW).
 
     Raises:
         InputError: if there is no room for them; then nothing has changed.
     """
-    moves = room_for(sim, capsules)
-    for ids, position in moves:
+    for ids, position in room_for(sim, capsules):
         sim.set(ids, position=position)
-    return bool(moves)
 
 
 def room_for(sim: Simulation, capsules: Floats) -> list[tuple[NDArray[np.int64], Floats]]:

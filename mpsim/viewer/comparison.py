@@ -9,9 +9,9 @@ import copy
 import dataclasses
 import math
 import threading
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -47,24 +47,18 @@ SATURATED = 0.01
 
 
 class Counts:
-    """Contacts resolved, computing time [s], simulated time [time] and mean pressure of one stage."""
+    """Contacts resolved, computing time [s] and mean pressure of one stage."""
 
     def __init__(self) -> None:
         self.collisions: int = 0
+        self.seconds: float = 0.0
         self.pressure: MeanPressure = MeanPressure()
-        self._seconds = self._time = 0.0
 
-    def note(self, report: Report, duration: float) -> None:
-        """Add a run; duration: its simulated time [time]."""
+    def note(self, report: Report) -> None:
+        """Add a run."""
         self.collisions += report.collisions
-        self._seconds += float(report.frame_seconds.sum())
-        self._time += duration
+        self.seconds += float(report.frame_seconds.sum())
         self.pressure.note(report)
-
-    @property
-    def cost(self) -> float:
-        """Computing time divided by simulated time [s/time]; NaN before the first run."""
-        return self._seconds / self._time if self._time else math.nan
 
 
 def measures_of(scene: Scene, count: int) -> tuple[str, ...]:
@@ -123,7 +117,7 @@ class Difference:
             "pressure": [each.value for each in pressures],
             "pressure_difference": pressures[0].value - pressures[1].value,
             "difference_error": math.hypot(*(each.error for each in pressures)),
-            "cost_ratio": second.cost / first.cost if first.cost else math.nan,
+            "cost_ratio": second.seconds / first.seconds if first.seconds else math.nan,
         }
 
 
@@ -132,19 +126,10 @@ class Difference:
 WHOLE = 1e-9  # relative deviation from a whole number that counts as rounding
 
 
-class StageSteps(NamedTuple):
-    """How the frames of the second stage correspond to those of the first."""
-
-    first: int  # frame of each stage at one moment, from which later frames are counted
-    second: int
-    each: int  # frames of the second stage in one frame of the first, >= 1
-
-
 class Mark(NamedTuple):
     """A moment of the second stage, to which it can go back."""
 
     snapshot: Snapshot
-    steps: StageSteps
     taken: int
     difference: Difference
 
@@ -157,11 +142,10 @@ class SecondStage:
     """
 
     def __init__(self, scene: Scene, settings: Settings, dt: float):
-        self._settings, each = in_step(settings, dt)
+        self._settings = in_step(settings, dt)
         self.sim: Simulation = Simulation(scene, self._settings)
         self.difference: Difference = Difference(scene)
         self.skipped: int = 0  # changes by hand that were refused here, because a disc was in the way
-        self._steps = StageSteps(0, 0, each)
         self._taken = 0  # entries of the first one's journal
 
     def close(self) -> None:
@@ -169,14 +153,14 @@ class SecondStage:
         self.sim.close()
 
     def follow(self, first: Simulation, report: Report) -> float:
-        """Run until the frame of the first stage, which has made this report since; returns the computing time [s]."""
-        steps, sim = self._steps, self.sim
-        frames = steps.second + (first.frame - steps.first) * steps.each - sim.frame
+        """Run until the time of the first stage, which has made this report since; returns the computing time [s]."""
+        sim = self.sim
+        frames = round((first.time - sim.time) / sim.settings.dt)
         if frames <= 0:
             return 0.0
-        own, duration = sim.run(frames=frames, measures=measures_of(sim.scene, sim.count)), frames * sim.settings.dt
-        self.difference.first.note(report, duration)
-        self.difference.second.note(own, duration)
+        own = sim.run(frames=frames, measures=measures_of(sim.scene, sim.count))
+        self.difference.first.note(report)
+        self.difference.second.note(own)
         return float(own.frame_seconds.sum())
 
     def take(self, first: Simulation) -> None:
@@ -193,7 +177,7 @@ class SecondStage:
             values = dict(change.values)
             if change.what == PARAMETERS:
                 if "dt" in values:
-                    self._renew_steps(first, values["dt"])
+                    self._fit(values["dt"])
                 values = {name: value for name, value in values.items() if name not in OF_SETTINGS}
             if values:
                 self._change(change.what, values)
@@ -217,46 +201,39 @@ class SecondStage:
                 ) from error
             self.skipped += 1
 
-    def _renew_steps(self, first: Simulation, dt: float) -> None:
-        """Fit the frames of this stage to a new dt of the first stage, and change its own dt as little as possible."""
+    def _fit(self, dt: float) -> None:
+        """Change dt as little as possible, so that a whole number of steps is one step `dt` of the first stage."""
         exact = not capabilities_of(self._settings).has_steps
-        own = dt if exact else fitting(self._settings.dt, dt)
-        each = round(dt / own)
+        own = dt if exact else dt / max(round(dt / self._settings.dt), 1)
         if self.sim.settings.dt != own:
             self.sim.change(dt=own)
-        self._steps = StageSteps(first.frame, self.sim.frame, each)
 
     def mark(self) -> Mark:
-        return Mark(self.sim.snapshot(), self._steps, self._taken, copy.deepcopy(self.difference))
+        return Mark(self.sim.snapshot(), self._taken, copy.deepcopy(self.difference))
 
     def back(self, mark: Mark) -> None:
         self.sim.restore(mark.snapshot)
-        self._steps, self._taken, self.difference = mark.steps, mark.taken, copy.deepcopy(mark.difference)
+        self._taken, self.difference = mark.taken, copy.deepcopy(mark.difference)
 
 
-def fitting(own: float, dt: float) -> float:
-    """The dt of a second stage, rounded so that a whole number of its steps is one step of the first stage [time]."""
-    return dt / max(round(dt / own), 1)
-
-
-def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:
-    """Settings of a second stage that fit the dt of the first, and the number of its frames in one frame of the first.
+def in_step(settings: Settings, dt: float) -> Settings:
+    """Settings of a second stage that fit the dt of the first: a whole number of its steps is one step of the first.
 
     Raises:
         InputError: if they do not fit.
 
-    >>> in_step(Settings(method="grid", dt=0.005), dt=0.02)[1], in_step(Settings(method="event"), dt=0.02)[1]
-    (4, 1)
+    >>> in_step(Settings(method="grid", dt=0.005), dt=0.02).dt, in_step(Settings(method="event"), dt=0.02).dt
+    (0.005, 0.02)
     """
     if not capabilities_of(settings).has_steps:
-        return dataclasses.replace(settings, dt=dt), 1
+        return dataclasses.replace(settings, dt=dt)
     each = round(dt / settings.dt)
     if each < 1 or abs(dt / settings.dt - each) > WHOLE * each:
         raise InputError(
             f"dt of a second stage must be that of the first one, {dt:g}, or a whole fraction of it; got "
             f"{settings.dt:g}. Use Settings(dt={dt / max(each, 1):g})."
         )
-    return dataclasses.replace(settings, dt=dt / each), each
+    return dataclasses.replace(settings, dt=dt / each)
 
 
 # --- The comparison on a page: runs a second stage, if there is one
@@ -265,6 +242,7 @@ MOST_DIVERGING = 5000  # largest number of discs for which the Lyapunov time is 
 
 CLOSING_SECONDS = 5.0  # longest time that `close` waits for these runs to end [s]
 
+Result = TypeVar("Result")
 Beside = Settings | Callable[[Settings], Settings] | None
 """A requested second stage: its settings, or what makes them from those of the first stage."""
 
@@ -349,18 +327,17 @@ class Comparison:
             ahead = min(end - sim.frame, every - sim.frame % every)
             reports.append(sim.run(frames=ahead, measures=wanted, observe=observers))
             seconds += float(reports[-1].frame_seconds.sum())
-            with self.stage() as second:
-                seconds += second.follow(sim, reports[-1]) if second is not None else 0.0
+            seconds += self.on_second(lambda second: second.follow(sim, reports[-1])) or 0.0
             look()
         return reports, seconds
 
-    @contextlib.contextmanager
-    def stage(self) -> Iterator[SecondStage | None]:
-        """The second stage. If it fails in this block, it ends, and the page shows why; the first stage continues."""
+    def on_second(self, act: Callable[[SecondStage], Result]) -> Result | None:
+        """Call a function with the second stage, if there is one. If it fails, the stage ends; the page shows why."""
         try:
-            yield self.second
+            return None if self.second is None else act(self.second)
         except MpsimError as error:
             self._end(f"The second stage has ended: {error}")
+            return None
 
     def _end(self, note: str | None) -> None:
         second, self.second, self._note = self.second, None, note

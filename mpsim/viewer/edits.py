@@ -71,21 +71,14 @@ class Sliders:
     """The sliders of one simulation. Their ranges follow from its initial values: they stay when values change."""
 
     def __init__(self, sim: Simulation):
+        self._sim = sim
         scene, self._dt = sim.journal.scene, sim.journal.settings.dt
         self._first = {name: value_of(scene) for name, value_of in VALUES.items()}
         self._gravity = longest_gravity(scene)
 
-    def of(self, sim: Simulation) -> list[dict[str, Any]]:
-        """Name, value and range of each slider, as sent to pages.
-
-        log: whether the scale is logarithmic. whole: whether only whole numbers can be chosen. The value of gravity is
-        (x, y), each of which has a slider.
-        """
-        return [*self._of_scene(sim), *self._of_settings(sim)]
-
-    def demand_offered(self, sim: Simulation, name: str, value: Any) -> None:
+    def demand_offered(self, name: str, value: Any) -> None:
         """Refuse numbers outside the sliders: they could make a frame so long that the page stops responding."""
-        offered = {each["name"]: each for each in self.of(sim)}
+        offered = {each["name"]: each for each in self.told()}
         if name not in offered:
             raise InputError(
                 f"{name} must be a parameter that the page offers here, one of {', '.join(offered)}; got "
@@ -99,24 +92,27 @@ class Sliders:
                     "Simulation.change in a program."
                 )
 
-    def _of_scene(self, sim: Simulation) -> Iterator[dict[str, Any]]:
+    def told(self) -> Iterator[dict[str, Any]]:
+        """Name, value and range of each slider, as sent to pages.
+
+        log: whether the scale is logarithmic. whole: whether only whole numbers can be chosen. The value of gravity is
+        (x, y), each of which has a slider.
+        """
+        settings = self._sim.settings
         for name, value_of in VALUES.items():
-            value, first = value_of(sim.scene), self._first[name]
+            value, first = value_of(self._sim.scene), self._first[name]
             if value is None or first is None:
                 continue
             if name == "gravity":
                 largest = max(self._gravity, *map(abs, value))
                 yield {"name": name, "value": value, "low": -largest, "high": largest, "log": False, "whole": False}
             elif name.endswith("restitution"):
-                if sim.settings.law == "elastic":
+                if settings.law == "elastic":
                     yield _slider(name, value, 0.0, 1.0)
             elif name == "every":
                 yield _slider(name, value, 1, int(first * DECADE), log=True, whole=True)
             else:
                 yield _slider(name, value, *sorted((first / DECADE, first * DECADE)), log=True)
-
-    def _of_settings(self, sim: Simulation) -> Iterator[dict[str, Any]]:
-        settings = sim.settings
         yield _slider("dt", settings.dt, self._dt / DECADE, self._dt * DECADE, log=True)
         if capabilities_of(settings).has_steps:
             yield _slider("passes", settings.passes, 1, MOST_PASSES, whole=True)
@@ -154,6 +150,7 @@ MOST_ADDED, MOST_WALLS = 10_000, 1000
 
 MOST_MOMENTS, MOST_BYTES = 16, 2**28  # largest number and size of the moments of undo; the oldest ones are forgotten
 THICKNESS = 0.5  # thickness of a drawn wall, in radii of the median disc: wide enough for a projector
+BUILDING = ("add", "wall")  # gestures that first push discs aside
 REFUSALS = (InputError, BusyError)  # errors that leave the simulation as it was; the page shows a note
 
 
@@ -183,7 +180,7 @@ class Moment(NamedTuple):
 
 
 class Interactions:
-    """Applies changes by hand to the simulation of a view, which may be replaced by another one.
+    """Applies changes by hand to a simulation of a view.
 
     A gesture lasts from press to release and is one step of undo, even if several pages change the simulation at the
     same time. The argument `same` of a command says that it continues the gesture before. Only a simulation that is
@@ -191,7 +188,8 @@ class Interactions:
     goes back to it.
     """
 
-    def __init__(self, owned: bool, moment: Callable[[], Moment], back: Callable[[Moment], None]):
+    def __init__(self, sim: Simulation, owned: bool, moment: Callable[[], Moment], back: Callable[[Moment], None]):
+        self._sim, self._sliders = sim, Sliders(sim)
         self._moment, self._back = moment, back
         self._undo: dict[int, Moment] = {}  # before each gesture, by numbers that are never used twice
         self._made = 0
@@ -202,41 +200,33 @@ class Interactions:
         self._held: dict[int, tuple[Place, float]] = {}  # held discs, and the time of a clock when each is released [s]
         self._gestures: dict[Key, int] = {}  # that "same" can continue: numbers of the moments before them
         self._added = self._walls = 0
-        self._sliders: Sliders | None = None
 
-    def begin(self, sim: Simulation) -> None:
-        """Begin with another simulation."""
-        self._held, self._gestures, self._undo = {}, {}, {}
-        self._added = self._walls = 0
-        self._sliders = Sliders(sim)
-
-    def told(self, sim: Simulation) -> dict[str, Any]:
+    def told(self) -> dict[str, Any]:
         """The message for pages, for `protocol.text_of`."""
-        assert self._sliders is not None  # `begin` was called
         return {
             "held": sorted(self._held),
             "undo": len(self._undo) if self._owned else None,
             "note": self._note,
             "notes": self._notes,
-            "dt": sim.settings.dt,
-            "parameters": self._sliders.of(sim),
+            "dt": self._sim.settings.dt,
+            "parameters": list(self._sliders.told()),
         }
 
-    def do(self, sim: Simulation, action: Action, now: float) -> None:
+    def do(self, action: Action, now: float) -> None:
         """Do an action at this time of a clock [s]."""
         self._now = now
         try:
-            getattr(self, f"do_{action.name}")(sim, **action.values)
+            getattr(self, f"do_{action.name}")(**action.values)
         except REFUSALS as error:
             self._say(str(error))
 
-    def hold_still(self, sim: Simulation, now: float) -> bool:
+    def hold_still(self, now: float) -> bool:
         """Put held discs back in their places, before frames are run; returns whether anything changed."""
         different = False
         for disc, (place, until) in list(self._held.items()):
             try:
                 if now <= until:
-                    different |= _put(sim, disc, place)
+                    different |= _put(self._sim, disc, place)
                     continue
             except REFUSALS as error:  # the disc is absent, or its place is no longer free
                 self._say(str(error))
@@ -250,27 +240,30 @@ class Interactions:
 
     @contextlib.contextmanager
     def _gesture(self, key: Key, same: bool = False) -> Iterator[None]:
-        """Remember the moment before a gesture, unless `same` continues it or it is refused."""
-        if same and key in self._gestures:
-            yield
-            return
-        moment = self._moment() if self._owned else None
+        """Remember the moment before a gesture, unless `same` continues it; go back to it if the gesture is refused."""
+        same = same and key in self._gestures
+        before = self._moment() if key[0] in BUILDING or (self._owned and not same) else None
         try:
             yield
         except REFUSALS:
-            self._gestures.pop(key, None)
+            if not same:
+                self._gestures.pop(key, None)
+            if before is not None and len(self._sim.journal) > len(before.snapshot.changes):
+                self._back(before)
             raise
+        if same:
+            return
         self._made += 1
         self._gestures[key] = self._made
-        if moment is not None:
-            self._undo[self._made] = moment
+        if self._owned and before is not None:
+            self._undo[self._made] = before
         while len(self._undo) > MOST_MOMENTS or sum(each.nbytes for each in self._undo.values()) > MOST_BYTES:
             del self._undo[min(self._undo)]
 
     # --- commands
 
     @command()
-    def do_undo(self, sim: Simulation) -> None:
+    def do_undo(self) -> None:
         """Go back to the moment before the last gesture."""
         if not self._owned:
             raise InputError(
@@ -285,106 +278,86 @@ class Interactions:
         self._held = {disc: held for disc, held in self._held.items() if ("hold", disc) in self._gestures}
 
     @command(replaces=True, id=DISC, x=number, y=number)
-    def do_hold(self, sim: Simulation, id: int, x: float, y: float) -> None:
+    def do_hold(self, id: int, x: float, y: float) -> None:
         """Hold a disc at a place."""
         if id not in self._held and len(self._held) >= MOST_HELD:
             raise InputError(f"pages may hold at most {MOST_HELD} discs at a time; got one more. Release another one.")
         with self._gesture(("hold", id), same=id in self._held):
-            _put(sim, id, (x, y))
+            _put(self._sim, id, (x, y))
         self._held[id] = (x, y), self._now + HOLD_SECONDS
 
     @command(id=DISC, vx=number, vy=number)
-    def do_release(self, sim: Simulation, id: int, vx: float, vy: float) -> None:
+    def do_release(self, id: int, vx: float, vy: float) -> None:
         """Throw a held disc, which ends its gesture."""
         if self._held.pop(id, None) is None:
             return
-        (limit, why), speed = _fastest(sim, id), math.hypot(vx, vy)
+        (limit, why), speed = _fastest(self._sim, id), math.hypot(vx, vy)
         if speed > limit:
             vx, vy = vx * limit / speed, vy * limit / speed
         if speed:
-            sim.set([id], velocity=(vx, vy))
+            self._sim.set([id], velocity=(vx, vy))
         if speed > limit:
             self._say(f"thrown at speed {limit:.3g}, {why}")
 
     @command(x=number, y=number, same=checks.truth)
-    def do_add(self, sim: Simulation, x: float, y: float, same: bool) -> None:
+    def do_add(self, x: float, y: float, same: bool) -> None:
         """Add a disc; others make room for it."""
         with self._gesture(("add", None), same):
-            self._demand_more()
-            own = _own_of_new(sim)
-            with self._room(sim, of_discs([(x, y)], own.get("radius", sim.scene.largest_radius))):
-                sim.add((x, y), (0.0, 0.0), **own)
+            if self._added >= MOST_ADDED:
+                raise InputError(f"pages may add at most {MOST_ADDED} discs; got one more. Reset, or begin with more.")
+            own = _own_of_new(self._sim)
+            make_room(self._sim, of_discs([(x, y)], own.get("radius", self._sim.scene.largest_radius)))
+            self._sim.add((x, y), (0.0, 0.0), **own)
             self._added += 1
 
     @command(id=DISC, same=checks.truth)
-    def do_remove(self, sim: Simulation, id: int, same: bool) -> None:
+    def do_remove(self, id: int, same: bool) -> None:
         """Remove a disc."""
         with self._gesture(("remove", None), same):
             self._held.pop(id, None)
-            sim.remove([id])
+            self._sim.remove([id])
 
     @command(ax=number, ay=number, bx=number, by=number)
-    def do_wall(self, sim: Simulation, ax: float, ay: float, bx: float, by: float) -> None:
+    def do_wall(self, ax: float, ay: float, bx: float, by: float) -> None:
         """Add a wall between two places; discs make room for it."""
         with self._gesture(("wall", None)):
-            radius, length = _typical(sim.radii, sim.absorbed), math.hypot(bx - ax, by - ay)
+            radius, length = _typical(self._sim.radii, self._sim.absorbed), math.hypot(bx - ax, by - ay)
             if length < 2 * radius:
                 raise InputError(
                     f"a wall must be at least as long as a disc is wide, {2 * radius:.4g}; got {length:.4g}. Drag "
                     "further."
                 )
-            self._build(sim, Polyline([(ax, ay), (bx, by)], THICKNESS * radius))
+            self._build(Polyline([(ax, ay), (bx, by)], THICKNESS * radius))
 
     @command(id=DISC, dx=number, dy=number)
-    def do_move_wall(self, sim: Simulation, id: int, dx: float, dy: float) -> None:
+    def do_move_wall(self, id: int, dx: float, dy: float) -> None:
         """Put an obstacle elsewhere, from where it is now; discs make room. It gets another number, and rests."""
         with self._gesture(("wall", None)):
-            before, scene = self._moment(), sim.scene
-            sim.remove_wall(id)
-            wall = scene.obstacles[id]
-            place = wall.at_place(shifted(capsules_of((wall,), sim.time), np.array([dx, dy])))
-            try:
-                self._build(sim, replace(wall, **place, motion=None))
-            except REFUSALS:
-                self._back(before)
-                raise
+            obstacles = self._sim.scene.obstacles
+            self._sim.remove_wall(id)
+            wall = obstacles[id]
+            place = wall.at_place(shifted(capsules_of((wall,), self._sim.time), np.array([dx, dy])))
+            self._build(replace(wall, **place, motion=None))
 
     @command(id=DISC, same=checks.truth)
-    def do_remove_wall(self, sim: Simulation, id: int, same: bool) -> None:
+    def do_remove_wall(self, id: int, same: bool) -> None:
         """Remove a wall, or another obstacle."""
         with self._gesture(("remove", None), same):
-            sim.remove_wall(id)
+            self._sim.remove_wall(id)
 
-    def _build(self, sim: Simulation, wall: Obstacle) -> None:
+    def _build(self, wall: Obstacle) -> None:
         if self._walls >= MOST_WALLS:
             raise InputError(f"pages may draw or move at most {MOST_WALLS:,} walls; got one more. Reset the view.")
-        with self._room(sim, capsules_of((wall,))):
-            sim.add_wall(wall)
+        make_room(self._sim, capsules_of((wall,)))
+        self._sim.add_wall(wall)
         self._walls += 1
 
-    @contextlib.contextmanager
-    def _room(self, sim: Simulation, capsules: NDArray[np.float64]) -> Iterator[None]:
-        """Push discs aside that are in the way of what this block adds; if it is refused, they are put back."""
-        before = self._moment()
-        pushed = make_room(sim, capsules)
-        try:
-            yield
-        except REFUSALS:
-            if pushed:
-                self._back(before)
-            raise
-
     @command(name=one_of(parameters.NAMES), value=_parameter_value, same=checks.truth)
-    def do_change(self, sim: Simulation, name: str, value: Any, same: bool) -> None:
+    def do_change(self, name: str, value: Any, same: bool) -> None:
         """Change a parameter."""
         with self._gesture(("change", name), same):
-            assert self._sliders is not None  # `begin` was called
-            self._sliders.demand_offered(sim, name, value)
-            sim.change(**{name: value})  # type: ignore[misc]  # one of Parameters, checked above
-
-    def _demand_more(self) -> None:
-        if self._added >= MOST_ADDED:
-            raise InputError(f"pages may add at most {MOST_ADDED} discs; got one more. Reset, or begin with more.")
+            self._sliders.demand_offered(name, value)
+            self._sim.change(**{name: value})  # type: ignore[misc]  # one of Parameters, checked above
 
 
 def _put(sim: Simulation, disc: int, place: Place) -> bool:

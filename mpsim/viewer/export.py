@@ -19,13 +19,12 @@ from PIL import Image
 from mpsim.engine.journal import Journal
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
-from mpsim.features.feature import chosen
+from mpsim.features.feature import chosen, plain
 from mpsim.output.animation import DPI, image_of, write_gif
 from mpsim.output.drawing import PAGE, ColourScale, MovingDiscs
 from mpsim.scene import scenefile, settings
 from mpsim.scene.scene import Scene
-from mpsim.viewer.colouring import FASTEST
-from mpsim.viewer.protocol import HEADER, SentPicture, unpack
+from mpsim.viewer.protocol import FASTEST, HEADER, SentPicture, unpack
 
 
 class Download(NamedTuple):
@@ -156,10 +155,6 @@ FILES: Mapping[str, Callable[[Simulation, str], Download]] = {
 """What can be downloaded besides the film, by the name that a browser requests."""
 
 
-def _arguments(scene: Scene) -> dict[str, Any]:
-    return {name: getattr(scene, name) for name in inspect.signature(Scene).parameters if name not in settings.NAMES}
-
-
 # --- as Python
 
 
@@ -200,8 +195,9 @@ def _named_or_written_out(scene: Scene, name: str) -> str:
             f"a program can contain the numbers of at most {MOST_WRITTEN_OUT} discs; this scene has {scene.count:,} "
             "and does not come with mpsim. Download the session, and use mpsim.Simulation.replay('session.toml')."
         )
-    defaults = {each.name: each.default for each in inspect.signature(Scene).parameters.values()}
-    given = {argument: value for argument, value in _arguments(scene).items() if not _same(value, defaults[argument])}
+    arguments = {each.name: each.default for each in inspect.signature(Scene).parameters.values()}
+    values = {name: getattr(scene, name) for name in arguments if name not in settings.NAMES}
+    given = {name: value for name, value in values.items() if plain(value) != plain(arguments[name])}
     return f"mpsim.Scene({_arguments_as_text(given)})"
 
 
@@ -233,20 +229,6 @@ def _call(part: Any) -> str:
     return f"mpsim.{kind.__name__}({_arguments_as_text(chosen(part))})"
 
 
-# --- named scenes
-
-
 def is_named(scene: Scene, name: str) -> bool:
     """Whether a scene is the one that comes with mpsim under this name."""
-    if name not in scenefile.names():
-        return False
-    other = _arguments(Scene.load(name))
-    return all(_same(value, other[argument]) for argument, value in _arguments(scene).items())
-
-
-def _same(one: Any, other: Any) -> bool:
-    if one is other:
-        return True
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        return one is not None and other is not None and bool(np.array_equal(one, other))
-    return type(one) is type(other) and one == other
+    return name in scenefile.names() and Scene.load(name).digest() == scene.digest()

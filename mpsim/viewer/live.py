@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import webbrowser
@@ -19,10 +20,9 @@ from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer import share_url
-from mpsim.viewer.colouring import own_colours
 from mpsim.viewer.playback import Playback, Recording
-from mpsim.viewer.protocol import in_utf8
-from mpsim.viewer.server import Admission, Pages, Server, listening, websockets
+from mpsim.viewer.protocol import in_utf8, own_colours
+from mpsim.viewer.server import Server
 from mpsim.viewer.session import Session
 from mpsim.viewer.share_url import Link
 from mpsim.viewer.source import Source
@@ -39,29 +39,26 @@ def source_of(
     *,
     name: str,
     playing: bool,
-    audience: Pages,
-    colour: ArrayLike | None = None,
-    beside: Settings | None = None,
+    colour: ArrayLike | None,
+    beside: Settings | None,
 ) -> Source:
-    """The source for the pages of a view; it raises errors as `Session` and `Recording` do."""
+    """The source for the pages of a view; it raises errors as `mpsim.view` does."""
+    _demand_viewed(viewed, settings, colour, beside)
     name, playing = in_utf8(str(name)), checks.truth("playing", playing)
     if isinstance(viewed, Trajectory):
         viewed = Recording(viewed.path, **viewed.given)
     if isinstance(viewed, Recording):
-        return Playback(viewed, name=name, playing=playing, audience=audience)
+        return Playback(viewed, name=name, playing=playing)
     own = own_colours(colour, viewed.given.count if isinstance(viewed, Link) else viewed.count)
-    return Session(viewed, settings, name=name, playing=playing, colour=own, beside=beside, audience=audience)
+    return Session(viewed, settings, name=name, playing=playing, colour=own, beside=beside)
 
 
-def demand_viewed(viewed: object, settings: object, colour: object, beside: object) -> None:
-    """Refuse what a view cannot show, before anything is opened."""
+def _demand_viewed(viewed: object, settings: object, colour: object, beside: object) -> None:
     if not isinstance(viewed, Viewed):
         raise InputError(
             f"a view shows an mpsim.Scene, an mpsim.Simulation or an mpsim.Trajectory; got {type(viewed).__name__}. "
             "Use mpsim.Scene.load(...) for the file of a scene, mpsim.Trajectory(...) for that of a run."
         )
-    if settings is not None and not isinstance(settings, Settings):
-        raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
     if beside is not None and not isinstance(beside, Settings):
         raise InputError(f"beside must be mpsim.Settings; got {type(beside).__name__}. Use Settings(method='event').")
     only_shown = isinstance(viewed, Trajectory | Recording)
@@ -132,15 +129,13 @@ def view(
     """
     browser, wait = checks.truth("browser", browser), checks.truth("wait", wait)
     shown = View(source, settings, host=host, port=port, playing=playing, name=name, colour=colour, beside=beside)
-    try:
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(shown)
         shown.start(browser)
         if wait:
             shown.wait()
-    except BaseException:
-        shown.close()
-        raise
-    if wait:
-        shown.close()
+        else:
+            stack.pop_all()
     return shown
 
 
@@ -174,22 +169,13 @@ class View:
         colour: ArrayLike | None = None,
         beside: Settings | None = None,
     ):
-        demand_viewed(source, settings, colour, beside)
         if not isinstance(host, str):
             raise InputError(f"host must be a name or an address; got {checks.brief(host)}. Use {HOST!r}.")
         port = checks.whole("port", port, 0, 65535, "0 takes one that is free.")
-        websockets()  # fail early if it is missing
-        found = listening(host, port)
-        try:
-            admission = Admission(host, found.getsockname()[1])
-            self._server = Server(found, admission)
-            options: dict[str, Any] = {"name": name, "playing": playing, "colour": colour, "beside": beside}
-            self._session: Source = source_of(source, settings, **options, audience=self._server)
-        except BaseException:
-            found.close()
-            raise
+        shown = source_of(source, settings, name=name, playing=playing, colour=colour, beside=beside)
+        self._server = Server(host, port, shown)
         self._at_end: Finalize | None = None
-        self.address: str = admission.address
+        self.address: str = self._server.address
         if isinstance(source, Link):  # the page reads the rest of the link
             self.address += f"?{share_url.write(source)}&{urlencode(source.seen)}".rstrip("&")
 
@@ -198,8 +184,7 @@ class View:
         # A thread that the interpreter ends inside numpy may abort the process: a view that is open at the end of the
         # program is closed, before the simulation of its program is.
         self._at_end = Finalize(None, self.close, exitpriority=END_PRIORITY + 1)
-        self._server.start(self._session)
-        self._session.start()
+        self._server.start()
         print(f"The live view is at {self.address}")
         print("Do not share this address: anyone who has it can control the view.", flush=True)
         if browser and _has_screen():
@@ -211,17 +196,13 @@ class View:
         Raises:
             MpsimError: the error that ended the simulation.
         """
-        ended = False
-        try:
-            ended = self._session.wait(seconds)
-        except KeyboardInterrupt:
-            return
-        if ended and self._session.error is not None:
-            raise self._session.error
+        source = self._server.source
+        with contextlib.suppress(KeyboardInterrupt):
+            if source.wait(seconds) and source.error is not None:
+                raise source.error
 
     def close(self) -> None:
         """Close the connections of the page, and the simulation unless it is yours. May be called again."""
-        self._session.close()
         self._server.close()
         if self._at_end is not None:
             self._at_end.cancel()

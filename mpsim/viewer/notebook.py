@@ -13,15 +13,14 @@ from mpsim.core import checks
 from mpsim.core.late import imported
 from mpsim.errors import InputError
 from mpsim.scene.settings import Settings
-from mpsim.viewer.live import Viewed, demand_viewed, source_of
+from mpsim.viewer.live import Viewed, source_of
 from mpsim.viewer.protocol import read_action
-from mpsim.viewer.server import MOST_PAGES, Client, Pages, Refusal, widget_module
+from mpsim.viewer.server import LATER, MOST_PAGES, POLICY, Client, Pages, Refusal, widget_module
 from mpsim.viewer.source import Source
 
 HEIGHT = 640  # default height of the page in a notebook, in pixels
 LONGEST_NAME = 64  # largest number of characters in the name that a page gives itself
 PING_SECONDS = 10.0  # time between two pings. A page that has sent nothing for one to two times as long is silent
-POLICY, LATER = 1008, 1013  # codes that say why a connection was closed, as in server.py
 
 
 def live(
@@ -64,9 +63,10 @@ def live(
     ...     shown
     <Live: 'gas'>
     """
-    demand_viewed(source, settings, colour, beside)
     height = checks.whole("height", height, 200, 4000, f"{HEIGHT} suits most screens.")
-    return Live(source, settings, height, name=str(name), playing=playing, colour=colour, beside=beside)
+    widget = _widget_class()
+    shown = source_of(source, settings, name=name, playing=playing, colour=colour, beside=beside)
+    return Live(NotebookPages(widget(height=height), shown), str(name))
 
 
 class Live:
@@ -76,21 +76,14 @@ class Live:
         widget: the widget that the notebook shows, an `anywidget.AnyWidget`.
     """
 
-    def __init__(self, source: Viewed, settings: Settings | None, height: int, *, name: str, **options: Any):
-        self.widget: Any = _widget_class()(height=height)
+    def __init__(self, pages: NotebookPages, name: str):
+        self.widget: Any = pages.widget
         self._name = name
-        self._pages = NotebookPages(self.widget)
-        try:
-            self._session: Source = source_of(source, settings, name=name, **options, audience=self._pages)
-        except BaseException:
-            self.widget.close()
-            raise
-        self._pages.start(self._session)
-        self._session.start()
+        self._pages = pages
+        pages.start()
 
     def close(self) -> None:
         """Close the simulation, unless it is yours, and remove the page from the notebook. May be called again."""
-        self._session.close()
         self._pages.close()
         self.widget.close()
 
@@ -148,9 +141,9 @@ class NotebookPages(Pages):
     page that has received fewer is sent everything again.
     """
 
-    def __init__(self, widget: Any):
-        super().__init__("mpsim live: notebook")
-        self._widget = widget
+    def __init__(self, widget: Any, source: Source):
+        super().__init__("mpsim live: notebook", source)
+        self.widget: Any = widget
         self._named: dict[str, _Page] = {}
         self._sending: set[asyncio.Task[None]] = set()  # files that pages download
         widget.on_msg(lambda _, content, buffers: self.from_outside(self._take, content))
@@ -257,7 +250,7 @@ class NotebookPages(Pages):
     def _post(self, name: str, content: Mapping[str, Any], buffers: Sequence[bytes | bytearray] = ()) -> None:
         """Send a message to a page. If the notebook's connection fails, the page is silent until it is heard again."""
         try:
-            self._widget.send({"page": name, **content}, list(buffers))
+            self.widget.send({"page": name, **content}, list(buffers))
         except Exception:  # whatever the notebook's packages raise, such as for a kernel that is ending
             if name in self._named:
                 self._named[name].silent = True

@@ -5,7 +5,7 @@ import time
 import warnings
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,9 @@ from mpsim.output.frames import Frame
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
 from mpsim.viewer import export
-from mpsim.viewer.colouring import scale_of
 from mpsim.viewer.gauges import Gauges, Meter
-from mpsim.viewer.protocol import Action, command, whole
-from mpsim.viewer.session import GAUGE_SECONDS, PICTURE_SECONDS
-from mpsim.viewer.source import Source, TimeBudget
-
-if TYPE_CHECKING:
-    from mpsim.viewer.server import Pages
+from mpsim.viewer.protocol import command, whole
+from mpsim.viewer.source import Source
 
 # --- Reads the frames of a trajectory as states for a view, together with a scene
 
@@ -163,18 +158,15 @@ FILE_SECONDS = 0.5  # time between two checks whether the file has grown [s]
 class Playback(Source):
     """Shows a recording on the pages of a view, and closes it at the end."""
 
-    def __init__(self, recording: Recording, *, name: str = "", playing: bool = True, audience: "Pages"):
-        super().__init__(recording.scene, audience)
+    def __init__(self, recording: Recording, *, name: str, playing: bool):
+        super().__init__(recording.scene, name or recording.name, playing and not recording.follow)
         self._recording = recording
-        self._name = name or recording.name
         # of the thread alone
         self._follow = recording.follow
-        self._playing = playing and not self._follow
         self._index = 0
         self._moment: tuple[State, InPlace] | None = None  # the frame at the index, read when it is needed
         self._radii = np.zeros(0)
         self._next_file = 0.0
-        self._pictures, self._readings = TimeBudget(PICTURE_SECONDS), TimeBudget(GAUGE_SECONDS)  # done for an index
         self._rate.speed = SPEED
         self._rate.note(1, 0.0)  # skipped frames take no time
 
@@ -192,21 +184,12 @@ class Playback(Source):
     def _last(self) -> int:
         return len(self._recording) - 1
 
-    def _resume(self) -> None:
-        self._rate.start(time.perf_counter())
-        self._note = None
-        self._tell()
-
     def _tell(self) -> None:
-        self._broadcast.tell_if_new("status", {"phase": self._phase, "speed": self._rate.speed, "note": self._note})
+        super()._tell()
         place = {"count": len(self._recording), "index": self._index, "follow": self._follow}
         self._broadcast.tell_if_new("timeline", place)
 
     # --- commands
-
-    def _do(self, action: Action) -> None:
-        super()._do(action)
-        self._resume()
 
     cannot = "a recording cannot {}: it only shows what was written. View the scene instead."
 
@@ -221,9 +204,6 @@ class Playback(Source):
     def do_step(self, frames: int) -> None:
         self._playing = False
         self._go(self._index + frames)
-
-    def do_speed(self, value: float | None) -> None:
-        self._rate.speed = value
 
     def do_reset(self) -> None:
         self._go(0)
@@ -279,11 +259,8 @@ class Playback(Source):
 
     def _look(self, now: float) -> None:
         """Make the picture and the gauges if they are due and another frame is reached."""
-        gauges, picture = (
-            budget.done != self._index and not budget.wait(now) for budget in (self._readings, self._pictures)
-        )
-        with self._wake:
-            picture = picture and self._asked
+        gauges, picture = (budget.is_due(self._index, now) for budget in (self._readings, self._pictures))
+        picture = picture and self._asked
         if not gauges and not picture:
             return
         if self._moment is None:
@@ -291,12 +268,10 @@ class Playback(Source):
         state, discs = self._moment
         if gauges:
             with self._readings.used(self._index, now):
-                self._broadcast.scale = scale_of(state)
-                numbers = self._gauges.of(state) | Meter().read(0.0)  # nothing runs, so there is no rate
-                self._broadcast.tell("gauges", {"frame": discs.frame, "time": discs.time, **numbers})
+                counts = Meter().read(0.0)  # nothing runs, so there is no rate
+                self._tell_gauges(self._gauges, state, frame=discs.frame, time=discs.time, **counts)
         if picture:
-            with self._wake:
-                self._asked = False
+            self._asked = False
             if not np.array_equal(discs.radii, self._radii):
                 self._radii = discs.radii
                 self._broadcast.forget_radii()

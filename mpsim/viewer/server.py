@@ -48,19 +48,18 @@ class Refusal(Exception):  # noqa: N818 - the answer to a request
 
 
 class Admission:
-    """Checks requests to one view, which listens at this host, a name or an address, and this port."""
+    """Checks requests to one view, which listens at this host, a name or an address, and this port.
+
+    Attributes:
+        address: at which a browser opens the page; it contains the token.
+    """
 
     def __init__(self, host: str, port: int):
-        self.token: str = secrets.token_urlsafe(TOKEN_BYTES)  # part of the address
+        self._token = secrets.token_urlsafe(TOKEN_BYTES)
         self._host = host.lower()
-        self._port = port
         self._loopback = is_loopback(host)
-
-    @property
-    def address(self) -> str:
-        """The address at which a browser opens the page."""
-        host = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(self._host, self._host)
-        return f"http://{f'[{host}]' if ':' in host else host}:{self._port}/{self.token}/"
+        name = socket.gethostname() if self._host in ("0.0.0.0", "::") else self._host
+        self.address: str = f"http://{f'[{name}]' if ':' in name else name}:{port}/{self._token}/"
 
     def name_of(self, path: str, headers: Any) -> str:
         """The name of what a request asks for: the part of its path after the token, without a query.
@@ -79,7 +78,7 @@ class Admission:
             )
         parts = path.partition("?")[0].split("/", 2)
         token = parts[1] if len(parts) == 3 and not parts[0] else ""
-        if not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
+        if not hmac.compare_digest(token.encode("utf-8", "replace"), self._token.encode()):
             raise Refusal(404, "Not found. Open the complete address that mpsim view has printed.")
         return parts[2]
 
@@ -297,10 +296,10 @@ MOST_FILES, FILE_SECONDS = 2, 8.0
 
 
 class Pages(ABC):
-    """The pages of one view; name: of their thread."""
+    """The pages of one view and its source, which they show; name: of their thread."""
 
-    def __init__(self, name: str):
-        self._source: Source | None = None
+    def __init__(self, name: str, source: Source):
+        self.source: Source = source
         self._clients: dict[Client, asyncio.Task[None]] = {}
         self._texts: dict[str, str] = {}
         self._picture: SentPicture | None = None
@@ -312,22 +311,17 @@ class Pages(ABC):
         self._end = asyncio.Event()
         self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
 
-    @property
-    def source(self) -> Source:
-        """What the pages show; there is one after `start`."""
-        assert self._source is not None
-        return self._source
-
-    def start(self, source: Source) -> None:
-        """Start the thread, unless it was started before; the pages show this source."""
+    def start(self) -> None:
+        """Start the threads of the pages and of the source, unless they were started before."""
         if self._loop is not None:
             return
-        self._source = source
         self._loop = asyncio.new_event_loop()
         self._thread.start()
+        self.source.start(self)
 
     def close(self) -> None:
-        """Close all connections and end the thread. May be called again."""
+        """Close the source, then all connections, and end the threads. May be called again."""
+        self.source.close()
         if self._thread.ident is not None:
             self.from_outside(self._end.set)
             self._thread.join()
@@ -451,15 +445,7 @@ HEADERS = {
 """Headers of all answers: browsers must not guess types, embed the page, pass on its address, or cache it."""
 
 
-def websockets() -> Any:
-    """The package websockets, or raise OutputError if it is not installed."""
-    instead = "write a film by mpsim.animate or `mpsim animate`"
-    imported("websockets.asyncio.server", "a live view", "view", instead)
-    return imported("websockets", "a live view", "view", instead)
-
-
-def listening(host: str, port: int) -> socket.socket:
-    """A listening socket, or raise ResourceError if the port is taken, or the host is not one of this machine."""
+def _listening(host: str, port: int) -> socket.socket:
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
@@ -472,13 +458,21 @@ def listening(host: str, port: int) -> socket.socket:
 
 
 class Server(Pages):
-    """The server of one view, with a listening socket, and what decides which requests are answered."""
+    """The server of one view, at a host and a port of this machine; 0: any free port.
 
-    def __init__(self, found: socket.socket, admission: Admission):
-        super().__init__("mpsim view: server")
-        self._socket = found
-        self._admission = admission
-        self._websockets = websockets()
+    Raises:
+        OutputError: if the package websockets is missing.
+        ResourceError: if the port is taken, or the host is not one of this machine.
+    """
+
+    def __init__(self, host: str, port: int, source: Source):
+        super().__init__("mpsim view: server", source)
+        instead = "write a film by mpsim.animate or `mpsim animate`"
+        imported("websockets.asyncio.server", "a live view", "view", instead)
+        self._websockets: Any = imported("websockets", "a live view", "view", instead)
+        self._socket = _listening(host, port)
+        self._admission = Admission(host, self._socket.getsockname()[1])
+        self.address: str = self._admission.address
 
     def close(self) -> None:
         super().close()

@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,22 +22,13 @@ from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.viewer import export, share_url
-from mpsim.viewer.colouring import OwnColours, scale_of
 from mpsim.viewer.comparison import Comparison
 from mpsim.viewer.edits import Interactions, Moment
 from mpsim.viewer.gauges import Gauges, Meter
-from mpsim.viewer.protocol import Action, command, whole
+from mpsim.viewer.protocol import Action, OwnColours, command, scale_of, whole
 from mpsim.viewer.share_url import Link
 from mpsim.viewer.source import LOOK, MOST_STEPS, TURN, Source, TimeBudget, first_speed
 
-if TYPE_CHECKING:
-    from mpsim.viewer.server import Pages
-
-PICTURE_SECONDS = 0.8 * LOOK
-"""Shortest time between two pictures [s]. It is a little less than LOOK; otherwise every other observation of the run
-would come too early for a picture."""
-
-GAUGE_SECONDS = 0.4  # shortest time between two readings of the gauges [s]
 COMPARISON_SECONDS = 0.1  # shortest time between two comparisons of two stages [s]
 
 FULL_SPEED, WAITING = (1 / 100, 0.5), (1 / 80, 0.1)
@@ -78,45 +69,38 @@ class Session(Source):
         source: Scene | Simulation | Link,
         settings: Settings | None = None,
         *,
-        name: str = "",
-        playing: bool = True,
-        colour: NDArray[np.float64] | None = None,
-        beside: Settings | None = None,
-        audience: "Pages",
+        name: str,
+        playing: bool,
+        colour: NDArray[np.float64] | None,
+        beside: Settings | None,
     ):
-        shown = source.given if isinstance(source, Link) else source
-        super().__init__(shown if isinstance(shown, Scene) else shown.scene, audience)
-        self._owned = isinstance(shown, Scene)
-        self._sim = None if isinstance(shown, Scene) else shown
         if beside is not None:
             in_one_process(beside, "a view")
+        link = None
+        if isinstance(source, Link):
+            link, source = source, source.given
+            settings, name, beside = link.settings, link.scene, link.beside
+        self._sim = source if isinstance(source, Simulation) else None
+        self._owned = self._sim is None
+        super().__init__(source if isinstance(source, Scene) else source.scene, name, playing)
         own = settings_for(self.scene, settings) if self._sim is None else self._sim.settings
         self._settings = in_one_process(own, "a view")
-        self._given, self._seed, self._name = self.scene, 0, name
-        self._parameters: Mapping[str, Any] = {}
+        self._given, self._seed = self.scene, 0
+        self._parameters: Mapping[str, Any] = {} if link is None else link.changed
         self._has_link = self._owned and export.is_named(self.scene, name)
         # of the thread alone
-        self._playing = playing
-        self._over = True  # until there is a simulation
         self._steps = 0
-        self._rate.speed = first_speed(frames_between_pictures(self.scene, self._settings))
         self._run = 0
-        self._edits = Interactions(self._owned, self._moment, self._back)
         self._comparison = Comparison(beside)
         self._meter = Meter()
         self._gauges: Gauges | None = None
         self._told_dt: float | None = None
         self._own_colours = OwnColours(colour)
         self._last: object = None  # moment of the last observation
-        self._pictures = TimeBudget(PICTURE_SECONDS)
-        self._readings = TimeBudget(GAUGE_SECONDS)
         self._comparisons = TimeBudget(COMPARISON_SECONDS)
-        if isinstance(source, Link):
-            self._name, self._has_link = source.scene, True
-            self._settings, self._parameters = in_one_process(source.settings, "a view"), source.changed
-            self._redraw(source.seed)
-            self._comparison.choose(source.beside)
-            self._rate.speed = first_speed(frames_between_pictures(self.scene, self._settings))
+        if link is not None:
+            self._redraw(link.seed)
+        self._rate.speed = first_speed(frames_between_pictures(self.scene, self._settings))
 
     @property
     def _simulation(self) -> Simulation:
@@ -126,7 +110,7 @@ class Session(Source):
     # --- begin and end
 
     def _open(self) -> None:
-        self._tell_scene("starting")
+        self._tell_scene()
         if self._owned:
             scene = self.scene
             start = State(scene.position, scene.velocity, box=scene.box)
@@ -147,29 +131,23 @@ class Session(Source):
         self._run += 1
         state = sim.state
         self._gauges, self._broadcast.scale = Gauges(self.scene, state, self._settings.law), scale_of(state)
+        self._broadcast.scene = self.scene
         self._meter.begin(sim, from_start=self._owned)
         self._pictures.done = self._readings.done = None
         self._broadcast.forget_radii()
-        self._edits.begin(sim)
+        self._edits = Interactions(sim, self._owned, self._moment, self._back)
         if self._owned:
             self._comparison.begin(self.scene, self._settings)
             self._follow_changes()
         self._resume()
+        self._tell_scene()
         self._tell_comparison()
-        self._broadcast.tell_if_new("hands", self._edits.told(sim))
+        self._broadcast.tell_if_new("hands", self._edits.told())
         self._tell_link()
 
-    def _restart(self) -> None:
-        self._begin()
-        self._tell_scene(self._phase)
-
     def _resume(self) -> None:
-        """Start the clocks afresh: the time before now does not count."""
-        now = time.perf_counter()
-        self._rate.start(now)
-        self._meter.start(now)
-        self._note = None
-        self._tell()
+        self._meter.start(time.perf_counter())
+        super()._resume()
 
     def _drop(self) -> None:
         if self._owned and self._sim is not None:
@@ -208,7 +186,7 @@ class Session(Source):
         frames = self._rate.due(now) if self._playing else min(self._steps, 1)
         if not frames:
             return
-        if self._edits.hold_still(self._simulation, time.perf_counter()):
+        if self._edits.hold_still(time.perf_counter()):
             self._changed()
         self._run_frames(frames)
         if self._steps:
@@ -236,14 +214,14 @@ class Session(Source):
         walls_differ = sim.scene.obstacles is not self._broadcast.scene.obstacles
         if walls_differ or sim.settings.dt != self._told_dt:  # a wall was drawn, dt was changed, or this was undone
             self._broadcast.scene = sim.scene
-            self._tell_scene(self._phase)
+            self._tell_scene()
         self._last = self._moment_of(sim)
-        if self._last != self._readings.done and not self._readings.wait(now, *READING):
+        if self._readings.is_due(self._last, now, *READING):
             with self._readings.used(self._last, now):
-                self._tell_gauges(sim)
+                self._read_gauges(sim)
         if self._comparison.second is None:
             self._broadcast.tell_if_new("pair", self._comparison.told(sim))  # it may just have ended, and why
-        elif self._last != self._comparisons.done and not self._comparisons.wait(now, *COMPARING):
+        elif self._comparisons.is_due(self._last, now, *COMPARING):
             with self._comparisons.used(self._last, now):
                 self._tell_comparison()
         self._picture()
@@ -258,11 +236,9 @@ class Session(Source):
         self._last = self._moment_of(sim)
         with self._wake:
             charged, self._charged = self._charged, 0.0
-            asked = self._asked
         self._pictures.charge(charged)
-        if asked and self._last != self._pictures.done and not self._pictures.wait(now, *self._picture_share):
-            with self._wake:
-                self._asked = False
+        if self._asked and self._pictures.is_due(self._last, now, *self._picture_share):
+            self._asked = False
             with self._pictures.used(self._last, now):
                 read_in_place(sim, self._show)
                 self._broadcast.tell_if_new("colours", self._own_colours.told())
@@ -300,19 +276,12 @@ class Session(Source):
 
     def do_play(self) -> None:
         self._playing = True
-        self._resume()
 
     def do_pause(self) -> None:
         self._playing, self._steps = False, 0
-        self._tell()
 
     def do_step(self, frames: int) -> None:
         self._playing, self._steps = False, min(self._steps + frames, MOST_STEPS)
-        self._resume()
-
-    def do_speed(self, value: float | None) -> None:
-        self._rate.speed = value
-        self._resume()
 
     def do_reset(self) -> None:
         self._demand_scene("reset")
@@ -331,19 +300,18 @@ class Session(Source):
         """Restart with other random positions and velocities."""
         self._demand_scene("seed")
         self._redraw(value)
-        self._restart()
+        self._begin()
 
     def _redraw(self, seed: int) -> None:
         """Take other random positions and velocities of the scene, or those that it has, from the next restart on."""
-        self._show_scene(self._given.redrawn(seed) if seed else self._given)
-        self._seed = seed
+        self.scene, self._seed = self._given.redrawn(seed) if seed else self._given, seed
 
     @command(settings=lambda name, value: None if value is None else _text(name, value))
     def do_beside(self, settings: str | None) -> None:
         """Restart with another second stage, or with none; settings: as in a link."""
         self._demand_scene("beside")
         self._comparison.choose(None if settings is None else partial(share_url.beside_of, text=settings))
-        self._restart()
+        self._begin()
 
     # --- commands: changes by hand
 
@@ -351,7 +319,8 @@ class Session(Source):
         if not hasattr(self._edits, f"do_{action.name}"):
             super()._do(action)
             return
-        self._edits.do(self._demand_simulation(action.name), action, time.perf_counter())
+        self._demand_simulation(action.name)
+        self._edits.do(action, time.perf_counter())
         self._changed()
 
     def _changed(self) -> None:
@@ -360,27 +329,22 @@ class Session(Source):
         self._gauges = None
         self._meter.forget()
         self._follow_changes()
-        self._broadcast.tell_if_new("hands", self._edits.told(self._simulation))
+        self._broadcast.tell_if_new("hands", self._edits.told())
         self._tell_link()
 
     def _follow_changes(self) -> None:
-        with self._comparison.stage() as second:
-            if second is not None:
-                second.take(self._simulation)
+        self._comparison.on_second(lambda second: second.take(self._simulation))
 
     def _moment(self) -> Moment:
-        mark = None
-        with self._comparison.stage() as second:
-            mark = None if second is None else second.mark()
+        mark = self._comparison.on_second(lambda second: second.mark())
         return Moment(self._simulation.snapshot(), self._meter.collisions, mark)
 
     def _back(self, moment: Moment) -> None:
         self._simulation.restore(moment.snapshot)
         self._broadcast.forget_radii()
         self._meter.back(moment.collisions)
-        with self._comparison.stage() as second:
-            if second is not None and moment.second is not None:
-                second.back(moment.second)
+        if (mark := moment.second) is not None:
+            self._comparison.on_second(lambda second: second.back(mark))
 
     def _exported(self, what: str) -> "export.Download":
         return export.FILES[what](self._demand_simulation("a file to keep"), self._name)
@@ -399,7 +363,7 @@ class Session(Source):
 
     # --- messages to pages
 
-    def _tell_scene(self, phase: str) -> None:
+    def _tell_scene(self) -> None:
         self._told_dt = (self._settings if self._sim is None else self._sim.settings).dt
         self._broadcast.tell_scene(
             self._name,
@@ -409,11 +373,7 @@ class Session(Source):
             can_redraw=self._owned and self._given._redraw is not None,
             seed=self._seed,
         )
-        self._tell(phase)
-
-    def _tell(self, phase: str = "") -> None:
-        status = {"phase": phase or self._phase, "speed": self._rate.speed, "note": self._note}
-        self._broadcast.tell("status", status)
+        self._tell()
 
     def _tell_link(self) -> None:
         """Send the link to what is shown, with its present values; only scenes that come with mpsim have one."""
@@ -430,11 +390,9 @@ class Session(Source):
         self._comparisons.done = self._moment_of(sim)
         self._broadcast.tell_if_new("pair", self._comparison.told(sim))
 
-    def _tell_gauges(self, sim: Simulation) -> None:
+    def _read_gauges(self, sim: Simulation) -> None:
         frame, moment, state = sim.frame, sim.time, sim.state  # of a fast run of a program, the state may be later
         if self._gauges is None:  # after a change by hand
             self._gauges = Gauges(sim.scene, state, self._settings.law)
-        self._broadcast.scale = scale_of(state)
-        numbers = self._gauges.of(state)
-        numbers |= self._meter.read(time.perf_counter())
-        self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers})
+        counts = self._meter.read(time.perf_counter())
+        self._tell_gauges(self._gauges, state, frame=frame, time=moment, **counts)

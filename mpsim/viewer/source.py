@@ -5,18 +5,20 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from mpsim.core import checks
+from mpsim.core.state import State
 from mpsim.errors import InputError, MpsimError
 from mpsim.kernels.compiling import announcing
 from mpsim.scene.scene import Scene
 from mpsim.viewer import export
-from mpsim.viewer.protocol import COMMANDS, Action, Broadcast, Command, whole
+from mpsim.viewer.gauges import Gauges
+from mpsim.viewer.protocol import COMMANDS, Action, Broadcast, Command, scale_of, whole
 
 if TYPE_CHECKING:
     from mpsim.viewer.server import Pages
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
 
 UNIT = 60.0  # frames a second at speed 1: one for each picture of a usual screen
 LOOK = 1 / 60  # shortest time between two observations of a run [s]. Each interrupts the run, which costs 0.3 ms
+PICTURE_SECONDS = 0.8 * LOOK  # shortest time between two pictures [s]: with LOOK every other observation came too early
+GAUGE_SECONDS = 0.4  # shortest time between two readings of the gauges [s]
 TURN = 3 * LOOK  # longest time for which frames are run at once [s], and so the longest wait of an action
 MOST_BEHIND = 0.1  # largest delay that a simulation catches up [s]. After a longer stop, the missed frames are dropped
 MOST_FRAMES = 10_000  # largest number of frames to run at once, however short they are
@@ -119,6 +123,10 @@ class TimeBudget:
         """Add processor time to the cost of the last use [s]."""
         self._cost += cost
 
+    def is_due(self, moment: object, now: float, *limits: float) -> bool:
+        """Whether it may be used now, for another moment than the last; limits: as in `wait`."""
+        return moment != self.done and not self.wait(now, *limits)
+
     def wait(self, now: float, share: float = math.inf, at_most: float = math.inf) -> float:
         """Time until the next use, so that the uses take at most a share of a core; 0: now; at_most: of a pause [s]."""
         return max(self._last + min(max(self._cost / share, self._at_least), at_most) - now, 0.0)
@@ -154,7 +162,7 @@ def _speed(name: str, value: object) -> float | None:
     return None if value is None else checks.between(name, value, SLOWEST, QUICKEST)
 
 
-EVERY: Mapping[str, Command] = {
+COMMANDS |= {
     "play": Command({}, replaces=True),
     "pause": Command({}, replaces=True),
     "step": Command({"frames": whole(1, MOST_STEPS)}),  # pause, and advance by some frames
@@ -163,14 +171,15 @@ EVERY: Mapping[str, Command] = {
 }
 """Commands that every source has."""
 
-COMMANDS.update(EVERY)
-
 
 class Source(ABC):
     """Something that pages show and control. Its methods `do_NAME` carry out the commands of pages."""
 
-    def __init__(self, scene: Scene, audience: "Pages"):
+    _broadcast: Broadcast  # from `start` on
+
+    def __init__(self, scene: Scene, name: str, playing: bool):
         self.scene: Scene = scene  # as at the start
+        self._name = name
         self.error: BaseException | None = None  # which ended it
         self._wake = threading.Condition()
         self._inbox: deque[_Waiting] = deque()
@@ -180,24 +189,24 @@ class Source(ABC):
         self._thread = threading.Thread(target=self._live, name="mpsim view: simulation", daemon=True)
         self._ended = threading.Event()
         # of the thread alone
-        self._broadcast = Broadcast(audience, scene)
-        self._playing = self._over = False
+        self._playing, self._begun, self._over = playing, False, False
         self._note: str | None = None
         self._rate = FrameRate()
+        self._pictures, self._readings = TimeBudget(PICTURE_SECONDS), TimeBudget(GAUGE_SECONDS)
 
     # --- called by other threads
 
-    def start(self) -> None:
-        """Start the thread, unless it was started before."""
-        if self._thread.ident is None:
-            self._thread.start()
+    def start(self, audience: "Pages") -> None:
+        """Start the thread, for these pages."""
+        self._broadcast = Broadcast(audience, self.scene)
+        self._thread.start()
 
     def submit(self, action: Action, sender: object) -> None:
         """Put the action of a page into the inbox, or raise InputError if too many of this page are waiting."""
         waiting = _Waiting(sender, action.name, action.values.get("id"), partial(self._do, action))
         self._put(waiting, COMMANDS[action.name].replaces)
 
-    def _put(self, new: _Waiting, replaces: bool) -> None:
+    def _put(self, new: _Waiting, replaces: bool = False) -> None:
         """Put something into the inbox; replaces: in place of the same that waits, unless others came between."""
         with self._wake:
             for k in reversed(range(len(self._inbox))) if replaces else ():
@@ -228,12 +237,8 @@ class Source(ABC):
             except (MpsimError, OSError) as error:
                 made.set_exception(error)
 
-        self.call("export", make)
+        self._put(_Waiting(None, "export", None, make))
         return made
-
-    def call(self, name: str, act: Callable[[], None], *, replaces: bool = False) -> None:
-        """Put a call into the inbox; replaces: instead of one of this name that waits, if no other came between."""
-        self._put(_Waiting(None, name, None, act), replaces)
 
     def ask(self) -> None:
         """Request the next picture, as soon as it differs from the last one."""
@@ -274,9 +279,6 @@ class Source(ABC):
 
     # --- the thread
 
-    def _show_scene(self, scene: Scene) -> None:
-        self.scene = self._broadcast.scene = scene
-
     def _live(self) -> None:
         try:
             with announcing(lambda text: self._broadcast.tell("compiling", {"text": text})):
@@ -312,6 +314,25 @@ class Source(ABC):
         if act is None:
             raise InputError(self.cannot.format(action.name))
         act(**action.values)
+        self._resume()
+
+    def do_speed(self, value: float | None) -> None:
+        self._rate.speed = value
+
+    def _resume(self) -> None:
+        """Start the clock afresh: the time before now does not count."""
+        self._rate.start(time.perf_counter())
+        self._note, self._begun = None, True
+        self._tell()
+
+    def _tell(self) -> None:
+        """Send the present status to the pages."""
+        self._broadcast.tell_if_new("status", {"phase": self._phase, "speed": self._rate.speed, "note": self._note})
+
+    def _tell_gauges(self, gauges: Gauges, state: State, **more: Any) -> None:
+        """Send the measures of a state and more numbers, and fit the scale of speeds to the state."""
+        self._broadcast.scale = scale_of(state)
+        self._broadcast.tell("gauges", {**more, **gauges.of(state)})
 
     def _rest(self) -> None:
         with self._wake:
@@ -323,9 +344,9 @@ class Source(ABC):
 
     @property
     def _phase(self) -> str:
-        return "over" if self._over else "playing" if self._playing else "paused"
+        return "over" if self._over else "starting" if not self._begun else "playing" if self._playing else "paused"
 
-    # --- what each kind of source does in the thread, besides the commands in EVERY
+    # --- what each kind of source does in the thread, besides the commands that all have
 
     cannot: ClassVar[str]  # says that this source has no such command
 
@@ -344,10 +365,6 @@ class Source(ABC):
     @abstractmethod
     def _seconds_to_next(self) -> float | None:
         """Time until something is due [s]; None: nothing is due before the next action. Called with the lock held."""
-
-    @abstractmethod
-    def _tell(self) -> None:
-        """Send the present status to the pages."""
 
     @abstractmethod
     def _refused(self, error: MpsimError) -> None:

@@ -1,7 +1,7 @@
 // Shared by all parts of the page: its state, numbers as text, colours, canvases at the screen's resolution.
 
 export const NONE = "–";
-export const KNEE = 223, FASTEST = 254, ABSORBED = 255; // bytes of colours, as in mpsim/viewer/colouring.py
+export const KNEE = 223, FASTEST = 254, ABSORBED = 255; // bytes of colours, as in mpsim/viewer/protocol.py
 
 // Viridis, clear to colour-blind people and in grey: nine of its colours, interpolated linearly.
 export const VIRIDIS = [0x440154, 0x472d7b, 0x3b528b, 0x2c728e, 0x21918c, 0x28ae80, 0x5ec962, 0xaddc30, 0xfde725]

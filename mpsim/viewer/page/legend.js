@@ -4,7 +4,7 @@ import { $, FASTEST, INK, KNEE, SOFT, bound, colourOf, digits, paper, sharpen, s
 import { takers } from "./connection.js";
 import { afterDrawing, requestDraw } from "./stage.js";
 
-const LOW = FASTEST - KNEE; // as in mpsim/viewer/colouring.py
+const LOW = FASTEST - KNEE; // as in mpsim/viewer/protocol.py
 
 let own = [], legendKey = ""; // percentiles of the numbers that the program gave; none: colours show speeds
 /** Draw the legend again, even if its numbers are the same. */
