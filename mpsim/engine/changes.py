@@ -20,7 +20,7 @@ from mpsim.features import feature
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Obstacle, Polyline, Removed, capsules_of, listed
 from mpsim.features.properties import has_masses, has_radii
-from mpsim.measure.moments import lengths_of, to_nearest_image
+from mpsim.measure.moments import to_nearest_image
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -161,12 +161,12 @@ def terms_after(scene: Scene, settings: Settings, changes: Iterable[Change]) -> 
 
 def demand_apart(solver: Solver, new: NewDiscs) -> None:
     """Refuse new discs that overlap discs that are there, or each other."""
-    state, lengths = solver.state(), lengths_of(solver.terms.scene)
+    state = solver.state()
     position = np.concatenate([state.position[state.present].astype(np.float64), new.position])
     radius = np.concatenate([solver.radii[state.present], new.radius])
     for index, own in enumerate(new.position):
         at = len(position) - len(new.position) + index
-        gap = np.hypot(*to_nearest_image(position - own, lengths).T) - radius - new.radius[index]
+        gap = np.hypot(*to_nearest_image(position - own, solver.terms.scene).T) - radius - new.radius[index]
         gap[at] = np.inf
         if gap.min() < 0:
             raise InputError(

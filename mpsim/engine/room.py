@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import gaps, of_discs, shifted, with_images
-from mpsim.measure.moments import lengths_of, to_nearest_image
+from mpsim.measure.moments import to_nearest_image
 from mpsim.scene.placement import GAP, pushed_aside
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def room_for(sim: Simulation, capsules: Floats) -> list[tuple[NDArray[np.int64],
         found = pushed_aside(position[near], radius[near], (width, height), scene.periodic, others, scale)
         if found is not None:
             moved = (found != position[near]).any(axis=1)
-            apart = to_nearest_image(found[moved, None] - position[around], lengths_of(scene))
+            apart = to_nearest_image(found[moved, None] - position[around], scene)
             if (np.hypot(*np.moveaxis(apart, -1, 0)) >= radius[near][moved, None] + radius[around]).all():
                 return [(numbers[near][moved], found[moved] + low)]
         if near.all() or reach >= FAR * largest:

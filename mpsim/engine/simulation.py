@@ -83,7 +83,7 @@ from mpsim.features.capsules import of_discs
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Obstacle
 from mpsim.kernels.compiling import compile_seconds
-from mpsim.measure.moments import lengths_of, to_nearest_image
+from mpsim.measure.moments import to_nearest_image
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import check_region, is_in
@@ -337,7 +337,7 @@ class Simulation(ReadOnly):
         state, point = self.state, checks.point("point", (x, y))
         if not state.present.any():
             raise InputError("nearest needs a disc; got a simulation without any. Add one.")
-        apart = to_nearest_image(state.position.astype(np.float64) - point, lengths_of(self.scene))
+        apart = to_nearest_image(state.position.astype(np.float64) - point, self.scene)
         return int(np.where(state.present, np.hypot(*apart.T), np.inf).argmin())
 
     def within(self, shape: ArrayLike | Obstacle) -> NDArray[np.int64]:

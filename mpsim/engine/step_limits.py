@@ -171,8 +171,10 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     steps = solver.substeps if isinstance(solver, Steps) else 1
     moved = np.hypot(*state.velocity[here].T.astype(np.float64)) * settings.dt / steps
     mean = float(np.sqrt((moved**2).mean()))
-    pairs, (i, j), depth = overlaps(position, radius, (scene.width, scene.height), scene.periodic)
-    found = [([i, j], depth, f"discs {here[i]} and {here[j]} overlap by {depth:.3g}")] if pairs else []
+    pairs, found = overlaps(position, radius, (scene.width, scene.height), scene.periodic), []
+    if pairs.worst:
+        i, j = pairs.worst
+        found.append(([i, j], pairs.largest, f"discs {here[i]} and {here[j]} overlap by {pairs.largest:.3g}"))
     if (deepest := scene._deepest(position, radius, solver.time)) is not None:
         disc = deepest.disc
         others = surfaces_near(scene, position[disc], float(radius[disc]), solver.time)

@@ -64,7 +64,7 @@ def span(place, reach, length, cells, periodic):
     low = math.floor((place - reach) * cells / length)
     high = math.floor((place + reach) * cells / length)
     if not periodic:
-        return max(low, 0), min(high, cells - 1)
+        return min(max(low, 0), cells - 1), min(max(high, 0), cells - 1)
     return (0, cells - 1) if high - low + 1 >= cells else (low, high)
 
 
@@ -117,11 +117,11 @@ def settle(crowd, i, px, py):
 
 @inlined
 def look(crowd, px, py, radius, mover, scale, slack):
-    """Overlaps of a disc at (px, py) with discs other than `mover`: (how many, the deepest, its depth [length]).
+    """Overlaps of a disc at (px, py) with discs other than `mover`: (how many, the deepest, its depth, sum of depths).
 
     Radii count times `scale`, and two discs closer than their sum by no more than `slack` [length] do not overlap.
     """
-    number, partner, worst = 0, EMPTY, 0.0
+    number, partner, worst, total = 0, EMPTY, 0.0, 0.0
     for level in range(crowd.columns.size):
         columns, rows = crowd.columns[level], crowd.rows[level]
         reach = scale * (radius + crowd.largest[level])
@@ -131,17 +131,19 @@ def look(crowd, px, py, radius, mover, scale, slack):
             for r in range(bottom, top + 1):
                 j = crowd.head[crowd.first[level] + (c % columns) * rows + r % rows]
                 while j != EMPTY:
-                    contact = scale * (radius + crowd.radius[j]) - slack
+                    touching = scale * (radius + crowd.radius[j])
+                    contact = touching - slack
                     dx = nearest_image(crowd.x[j] - px, crowd.width, crowd.periodic_x)
                     dy = nearest_image(crowd.y[j] - py, crowd.height, crowd.periodic_y)
                     square = dx * dx + dy * dy
                     if j != mover and contact > 0.0 and square < contact * contact:
                         number += 1
-                        depth = contact - math.sqrt(square)
+                        depth = touching - math.sqrt(square)
+                        total += depth
                         if depth > worst:
                             partner, worst = j, depth
                     j = crowd.following[j]
-    return number, partner, worst
+    return number, partner, worst, total
 
 
 @inlined
@@ -190,15 +192,16 @@ def link(crowd):
 
 @compiled
 def count_overlaps(crowd, slack, worst):
-    """Overlapping pairs among linked discs: (how many, depth of the deepest); worst[0:2] receives the deepest pair."""
-    twice, deepest = 0, 0.0
+    """Overlapping pairs among linked discs: (how many, largest depth, sum of depths); worst receives the deepest."""
+    twice, deepest, total = 0, 0.0, 0.0
     for i in range(crowd.x.size):
-        number, j, depth = look(crowd, crowd.x[i], crowd.y[i], crowd.radius[i], i, 1.0, slack)
+        number, j, depth, depths = look(crowd, crowd.x[i], crowd.y[i], crowd.radius[i], i, 1.0, slack)
         twice += number
+        total += depths
         if depth > deepest:
             deepest = depth
             worst[0], worst[1] = min(i, j), max(i, j)
-    return twice // 2, deepest
+    return twice // 2, deepest, 0.5 * total
 
 
 @compiled
@@ -266,7 +269,7 @@ def part(crowd, scale, beyond):
     beyond: how much farther than necessary, as a fraction of the overlap.
     """
     for i in range(crowd.x.size):
-        _, j, depth = look(crowd, crowd.x[i], crowd.y[i], crowd.radius[i], i, scale, 0.0)
+        _, j, depth, _ = look(crowd, crowd.x[i], crowd.y[i], crowd.radius[i], i, scale, 0.0)
         if j != EMPTY:
             dx = nearest_image(crowd.x[j] - crowd.x[i], crowd.width, crowd.periodic_x)
             dy = nearest_image(crowd.y[j] - crowd.y[i], crowd.height, crowd.periodic_y)

@@ -9,7 +9,7 @@ Functions that sum over discs take a state, or an object that reads it in chunks
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,36 +23,15 @@ from mpsim.measure.moments import (
     SAME_BOX,
     Chunk,
     checked_positions,
-    close_pairs,
-    lengths_of,
     masses_of,
     one_of_each,
     placed,
     radii_of,
+    sides_of,
     to_nearest_image,
 )
+from mpsim.scene.placement import TOUCHING, Overlap, overlaps
 from mpsim.scene.scene import Scene
-
-TOUCHING = 8
-"""Overlaps of up to this many units in the last place of the box's size count as touching: the rounding error of two
-coordinates. Less would report discs that were pushed exactly apart, more would hide real overlaps."""
-
-
-@dataclass(frozen=True)
-class Overlap:
-    """Overlapping pairs of discs.
-
-    Attributes:
-        pairs: number of pairs closer than a diameter.
-        largest: depth of the deepest pair, diameter minus distance [length]; 0 without pairs.
-        mean: mean depth of the overlapping pairs [length]; 0 without pairs.
-        worst: the deepest pair, (i, j) with i < j; None without pairs.
-    """
-
-    pairs: int
-    largest: float
-    mean: float
-    worst: tuple[int, int] | None
 
 
 @dataclass(frozen=True)
@@ -225,21 +204,13 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
         each = radii_of("overlap", scene, inside)
     else:
         each = one_of_each("overlap", "radius", checks.finite_array("radii", radii, (None,), "(N,)"), inside)
-    discs, numbers = Chunk(slice(None), inside), np.flatnonzero(inside.present)
-    radii = discs.of(each)
-    diameter = 2 * float(radii.max(initial=0.0))
-    pairs, total, largest, worst = 0, 0.0, 0.0, None
-    for i, j, distance in close_pairs(discs.position, diameter - rounding, lengths_of(scene, inside.box)):
-        depths = radii[i] + radii[j] - distance
-        deep = (depths > rounding) | (radii[i] + radii[j] == diameter)  # pairs of the largest discs: by close_pairs
-        depth, places = depths[deep], np.stack([i, j], axis=1)[deep]
-        pairs += len(depth)
-        total += float(depth.sum())
-        if len(depth) and (worst is None or depth.max() > largest):
-            largest = float(depth.max())
-            first, second = sorted(numbers[places[depth.argmax()]].tolist())
-            worst = first, second
-    return Overlap(pairs, largest, total / pairs if pairs else 0.0, worst)
+    discs, (x, y) = Chunk(slice(None), inside), sides_of(scene, inside.box)
+    size = x if scene.periodic[0] else scene.width, y if scene.periodic[1] else scene.height
+    found = overlaps(discs.position, discs.of(each), size, scene.periodic, rounding)
+    if found.worst is None:
+        return found
+    i, j = np.flatnonzero(inside.present)[list(found.worst)].tolist()
+    return replace(found, worst=(i, j))
 
 
 def speed_kurtosis(state: Discs) -> float:
@@ -430,7 +401,7 @@ def _difference(state: State, reference: State, discs: NDArray[np.int64], scene:
     if scene is not None:
         state, reference = placed(state, scene), placed(reference, scene)
     a, b = checked_positions(state.position)[discs], checked_positions(reference.position)[discs]
-    return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene, reference.box))
+    return a - b if scene is None else to_nearest_image(a - b, scene, reference.box)
 
 
 def _demand_one_box(before: State, after: State, discs: NDArray[np.int64]) -> None:

@@ -30,7 +30,7 @@ from mpsim.errors import (
     reason_of,
 )
 from mpsim.features.edges import BoundaryName
-from mpsim.measure.moments import lengths_of, to_nearest_image
+from mpsim.measure.moments import to_nearest_image
 from mpsim.output.frames import Frame, Given, Ownership, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
 from mpsim.output.lammps import DumpReader
@@ -109,7 +109,7 @@ def _begins_as(scene: Scene, first: Frame) -> bool:
     start = select(first, ids)
     if not checks.equal(start.ids, ids):
         return False
-    offset = np.abs(to_nearest_image(start.position - scene.position, lengths_of(scene)))
+    offset = np.abs(to_nearest_image(start.position - scene.position, scene))
     change, fastest = np.abs(start.velocity - scene.velocity), float(np.abs(scene.velocity).max(initial=0.0))
     rounding = ROUNDING * float(np.finfo(first.position.dtype).eps)
     return bool((offset <= _slack(scene, first)).all() and (change <= rounding * fastest).all())

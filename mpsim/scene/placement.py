@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -81,24 +82,48 @@ CANDIDATES = 16
 
 WALLS = (False, False)
 
+TOUCHING = 8
+"""Overlaps of up to this many units in the last place of the box's size count as touching: the rounding error of two
+coordinates. Less would report discs that were pushed exactly apart, more would hide real overlaps."""
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Overlapping pairs of discs.
+
+    Attributes:
+        pairs: number of pairs closer than the sum of their radii.
+        largest: depth of the deepest pair, sum of radii minus distance [length]; 0 without pairs.
+        mean: mean depth of the overlapping pairs [length]; 0 without pairs.
+        worst: the deepest pair, (i, j) with i < j; None without pairs.
+    """
+
+    pairs: int
+    largest: float
+    mean: float
+    worst: tuple[int, int] | None
+
 
 def overlaps(
     position: NDArray[np.float64],
     radius: float | NDArray[np.float64],
     size: tuple[float, float],
     periodic: tuple[bool, bool] = WALLS,
-) -> tuple[int, tuple[int, int], float]:
-    """Number of overlapping pairs, the deepest pair (i < j) and its depth [length]. O(N).
+    rounding: float | None = None,
+) -> Overlap:
+    """The overlapping pairs of discs at positions, shape (N, 2). O(N).
 
-    Overlaps within the rounding of coordinates (a few units in the last place of the box) do not count. radius: of all
-    discs, or of each, shape (N,) [length].
+    radius: of all discs, or of each, shape (N,) [length]. rounding: depth up to which discs touch [length]; None: that
+    of float64 coordinates in the box.
     """
+    slack = TOUCHING * float(np.finfo(np.float64).eps) * max(size) if rounding is None else rounding
     worst = np.zeros(2, np.int64)
     x, y = (np.ascontiguousarray(column, dtype=np.float64) for column in position.T)
     discs = _by_size(x, y, np.broadcast_to(np.asarray(radius, np.float64), len(position)), size, periodic)
     placement.link(discs)
-    pairs, depth = placement.count_overlaps(discs, 8 * np.finfo(np.float64).eps * max(size), worst)
-    return int(pairs), (int(worst[0]), int(worst[1])), float(depth)
+    pairs, largest, total = placement.count_overlaps(discs, slack, worst)
+    i, j = worst.tolist()
+    return Overlap(int(pairs), float(largest), float(total) / max(pairs, 1), (i, j) if pairs else None)
 
 
 def _by_size(

@@ -32,12 +32,13 @@ def overlaps_in_words(scene: Any) -> str:
         return ""
     words: list[str] = []
     size = scene.width, scene.height
-    pairs, (i, j), depth = placement.overlaps(scene.position, scene.radius, size, scene.periodic)
-    if pairs:
+    pairs = placement.overlaps(scene.position, scene.radius, size, scene.periodic)
+    if pairs.worst:
+        discs = "discs {} and {}".format(*pairs.worst)
         words.append(
-            f"1 pair of discs overlaps at the start: discs {i} and {j}, by {depth:.3g}"
-            if pairs == 1
-            else f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}"
+            f"1 pair of discs overlaps at the start: {discs}, by {pairs.largest:.3g}"
+            if pairs.pairs == 1
+            else f"{pairs.pairs} pairs of discs overlap at the start, {discs} deepest, by {pairs.largest:.3g}"
         )
     found = scene._deepest(scene.position, scene.radii)
     if found is not None:
