@@ -45,7 +45,7 @@ FAMILIES = {
     "windows": ["kernels/events/windows"],
     "checkpoint": ["engine/checkpoint", "core/archive"],
     "changes": ["engine/changes", "engine/journal", "engine/parameters"],
-    "statistics": ["measure/statistics", "measure/registry", "measure/moments", "measure/correlations"],
+    "statistics": ["measure/statistics", "measure/registry", "measure/observables", "measure/correlations"],
     "readers": ["output/xyz", "output/gsd", "scene/scenefile"],
 }
 """Modules in which faults are drawn, by subject."""

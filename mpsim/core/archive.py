@@ -9,19 +9,39 @@ import os
 import struct
 import tokenize
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, BinaryIO, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core import files
 from mpsim.core.columns import Array, chunks_of
 from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.errors import InputError
 
 Arrays = dict[str, NDArray[Any]]
 
 
 # --- Writes
+
+
+def npz_path(what: str, path: Any) -> Path:
+    """The path of a file of arrays, which must end in .npz."""
+    place = Path(os.fsdecode(path) if isinstance(path, str | os.PathLike) else "")  # pyright: ignore[reportUnknownArgumentType]
+    if place.suffix != ".npz":
+        instead = f"{place.stem or 'run'}.npz"
+        raise InputError(f"the path of {what} must end in .npz; got {path!r}. Use {instead!r}.")
+    return place
+
+
+def save_arrays(what: str, path: Path, arrays: Mapping[str, Any]) -> Path:
+    """Write arrays and numbers by name; `what` they are. An existing file is replaced completely or not at all."""
+    rule = "be in a folder that can be written to"
+    with files.writable(what, path, rule), files.atomic_write(path) as file:
+        np.savez(file, **arrays)
+    return path
 
 
 class ArrayWriter:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mpsim.core import checks, columns, files
+from mpsim.core import checks, columns
+from mpsim.core.archive import npz_path, save_arrays
 from mpsim.core.columns import ChunkedArray, chunks_of, ranges
 from mpsim.errors import InputError
 
@@ -180,11 +181,7 @@ class State:
             InputError: if the path does not end in .npz.
             OutputError: if it cannot be written.
         """
-        target = _npz(path)
-        rule = "be in a folder that can be written to"
-        with files.writable("a state", target, rule), files.atomic_write(target) as file:
-            np.savez(file, **self._held())
-        return target
+        return save_arrays("a state", npz_path("a state", path), self._held())
 
     def _held(self) -> dict[str, Any]:
         """What there is of its attributes, by name, in the order of digests and files."""
@@ -334,9 +331,3 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def _npz(path: str | os.PathLike[str]) -> Path:
-    if not isinstance(path, str | os.PathLike) or Path(os.fsdecode(path)).suffix != ".npz":
-        raise InputError(f"the path of a state must end in .npz; got {path!r}. Use 'state.npz'.")
-    return Path(os.fsdecode(path))

@@ -20,7 +20,7 @@ from mpsim.features import feature
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Obstacle, Polyline, Removed, capsules_of, listed
 from mpsim.features.properties import has_masses, has_radii
-from mpsim.measure.moments import to_nearest_image
+from mpsim.measure.observables import to_nearest_image
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

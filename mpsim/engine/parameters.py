@@ -18,9 +18,9 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.emitters import Emitter
-from mpsim.features.laws import friction_coefficient
 from mpsim.features.obstacles import Obstacle, exchanged, listed
 from mpsim.features.piston import Piston
+from mpsim.features.properties import friction_coefficient
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import gaps, of_discs, shifted, with_images
-from mpsim.measure.moments import to_nearest_image
+from mpsim.measure.observables import to_nearest_image
 from mpsim.scene.placement import GAP, pushed_aside
 
 if TYPE_CHECKING:

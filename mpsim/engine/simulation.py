@@ -83,7 +83,7 @@ from mpsim.features.capsules import of_discs
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Obstacle
 from mpsim.kernels.compiling import compile_seconds
-from mpsim.measure.moments import to_nearest_image
+from mpsim.measure.observables import to_nearest_image
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import check_region, is_in

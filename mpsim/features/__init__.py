@@ -1,13 +1,11 @@
 """Optional features of a scene: a module for each, and the list of them."""
 
-from mpsim.features.absorption import Absorption
 from mpsim.features.baths import ThermalWallsFeature, ThermostatFeature
-from mpsim.features.emitters import Emitters
+from mpsim.features.emitters import Absorption, Emitters
 from mpsim.features.feature import Feature, PerDisc
-from mpsim.features.laws import Friction, Restitution
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.piston import PISTON
-from mpsim.features.properties import Acceleration, Gravity, Masses, Radii
+from mpsim.features.properties import Acceleration, Friction, Gravity, Masses, Radii, Restitution
 
 FEATURES: tuple[Feature, ...] = (
     Radii(),
@@ -30,5 +28,11 @@ NUMBERS: dict[str, float] = {name: each for feature in FEATURES for name, each i
 VECTORS: tuple[str, ...] = tuple(name for feature in FEATURES for name in feature.vectors)
 """Arguments of Scene that are (x, y) of a feature, None where the scene has none."""
 
-PER_DISC: dict[str, PerDisc] = {name: each for feature in FEATURES for name, each in feature.all_per_disc.items()}
+PER_DISC: dict[str, PerDisc] = {
+    name: each
+    for feature in FEATURES
+    for name, each in (
+        {column.name: PerDisc(column.one_each) for column in feature.columns if column.given} | feature.per_disc
+    ).items()
+}
 """Arguments of Scene that are a value for each disc of a feature, None where the scene has none."""

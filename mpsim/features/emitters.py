@@ -1,4 +1,4 @@
-"""Emitters: places where discs enter. Checked when made; immutable."""
+"""Where discs enter and leave: emitters, which are checked when made and immutable, and absorbing edges."""
 
 # pyright: reportPrivateUsage=false, reportUnnecessaryIsInstance=false
 # Names of Scene with an underscore are for all of mpsim; arguments are checked for callers without a type checker, too.
@@ -13,12 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
+from mpsim.core.columns import EXITS, Column
 from mpsim.errors import InputError
 from mpsim.features.capsules import check_clear
+from mpsim.features.edges import EDGES, demand_wall
 from mpsim.features.feature import MOST_VALUES, NEED_ALL_DISCS, Feature, Invalidation
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
+
+# --- Emitters: places where discs enter
 
 
 @dataclass(frozen=True)
@@ -137,3 +141,37 @@ class Emitters(Feature):
             often = f"every {emitter.interval:g} of time" if emitter.every is None else f"every {emitter.every} frames"
             words.append(f"one disc {often}, {limit}")
         return "; ".join(words)
+
+
+# --- Edges that absorb: an absorbed disc keeps its number, stays where it left, and no longer collides
+
+
+class Absorption(Feature):
+    """The argument `absorbing`."""
+
+    argument = "absorbing"
+    removes_discs = True
+    columns: ClassVar[tuple[Column, ...]] = (EXITS,)
+    invalidates: ClassVar[tuple[Invalidation, ...]] = (
+        Invalidation(
+            NEED_ALL_DISCS,
+            "absorbing edges, as the number of discs changes",
+            "Run until none leaves any more, and measure in a scene without those edges that is made of sim.state.",
+        ),
+    )
+
+    def has_columns(self, scene: Scene) -> bool:
+        return scene._loses_discs
+
+    def description(self, scene: Scene) -> str:
+        return ", ".join(scene.absorbing)
+
+
+def check_edges(absorbing: object, boundary: tuple[str, str]) -> tuple[str, ...]:
+    """Names of edges that absorb discs; they must be walls."""
+    each_of: Any = absorbing
+    names = (each_of,) if isinstance(each_of, str) or not hasattr(each_of, "__iter__") else tuple(each_of)
+    for name in names:
+        checks.choice("absorbing", name, EDGES)
+        demand_wall("absorbing", name, boundary)
+    return tuple(dict.fromkeys(names))

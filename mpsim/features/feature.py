@@ -141,12 +141,6 @@ class Feature:
         return self.is_in(scene)
 
     @property
-    def all_per_disc(self) -> dict[str, PerDisc]:
-        """`per_disc`, and those of its columns that are given."""
-        given = {column.name: PerDisc(column.one_each) for column in self.columns if column.given}
-        return given | self.per_disc
-
-    @property
     def is_numeric(self) -> bool:
         """Whether its arguments are numbers, of the scene or of each disc."""
         return bool(self.numbers or self.vectors or self.per_disc)

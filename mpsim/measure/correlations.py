@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks, files
-from mpsim.core.archive import DAMAGE, ArrayFile
+from mpsim.core.archive import DAMAGE, ArrayFile, npz_path, save_arrays
 from mpsim.core.binding import Binding
 from mpsim.core.state import State
 from mpsim.errors import InputError, NotRecordedError, reason_of
@@ -128,23 +128,25 @@ class TimeCorrelation:
 class Motion:
     """Accumulated data on the motion of some discs, from samples of shape (2, D, 2), positions and velocities.
 
-    discs: their numbers. interval: between two samples [time]. constant: whether the mean square of the velocities
-    cannot change. memory: that of heat baths at least, 0 without any [time]. heated: number of discs in the box.
-    samples: number taken so far. span: samples of one part of the run.
+    discs: their numbers. every, dt: frames between two samples, and time of one. constant: whether the mean square of
+    the velocities cannot change. memory: that of heat baths at least, 0 without any [time]. count: number of discs in
+    the box. samples: number taken so far. span: samples of one part of the run.
     """
 
     wave_numbers: Floats
     points: int
     levels: int
     discs: NDArray[np.int64]
-    interval: float
+    every: int
+    dt: float
     constant: bool
     memory: float
-    heated: int
+    count: int
     samples: int = 0
     span: int = 1
 
     def __post_init__(self) -> None:
+        self.interval: float = self.every * self.dt
         self.lags: NDArray[np.int64] = lags_of(self.points, self.levels)  # rising, in samples
         # Of each part and lag: products whose later sample lies in the part, and their number, one a time origin
         self.sums: Floats = np.zeros((MOST_PARTS, len(self.lags), WAVES + len(self.wave_numbers)))
@@ -295,9 +297,32 @@ class Motion:
         slow = None
         if self.memory and len(series) >= FEWEST_BLOCKS:
             energy = self.sums[parts, 0, VELOCITIES] / self.counts[parts, 0]
-            slow = energy_in_bath(energy, self.memory / self.interval / (len(series) * self.span), self.heated)
+            slow = energy_in_bath(energy, self.memory / self.interval / (len(series) * self.span), self.count)
         found = average_beside(slow, series, constant=constant)
         return Measure(value, found.error, int(origins.min()), found.settled, found.upper)
+
+    # --- files
+
+    def to_arrays(self) -> dict[str, Any]:
+        """Numbers and arrays by name, from which `of_arrays` makes it again."""
+        used = -(-self.samples // self.span)
+        return {each.name: getattr(self, each.name) for each in fields(self)} | {
+            "latest": self.latest,
+            "sums": self.sums[:used],
+            "counts": self.counts[:used],
+            "received": np.array(self.received, np.int64),
+            "recent": np.array(self.recent),
+        }
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, Any]) -> Motion:
+        """The data of which `to_arrays` made these; further names are left out."""
+        motion = cls(*(arrays[each.name] for each in fields(cls)))
+        used = len(arrays["counts"])
+        motion.counts[:used], motion.sums[:used] = arrays["counts"], arrays["sums"]
+        motion.received, motion.latest = arrays["received"].tolist(), arrays["latest"].copy()
+        motion.recent = [each.copy() for each in arrays["recent"]]
+        return motion
 
 
 def lags_of(points: int, levels: int) -> NDArray[np.int64]:
@@ -471,7 +496,8 @@ class Correlations:
         square = float(np.square(sim.state.velocity, dtype=np.float64).mean())
         heated = is_heated(sim.scene) and square > 0
         memory = memory_of_baths(sim.scene, square * mean_mass(sim.scene)) if heated else 0.0
-        return Motion(self.wave_numbers, self._points, levels, discs, interval, constant, memory, sim.count)
+        dt = sim.settings.dt
+        return Motion(self.wave_numbers, self._points, levels, discs, self.every, dt, constant, memory, sim.count)
 
     def _levels(self, interval: float) -> int:
         """Levels of the correlator whose samples have this interval."""
@@ -566,34 +592,8 @@ class Correlations:
             NotRecordedError: before the first sample.
             OutputError: if it cannot be written.
         """
-        motion, target = self._gathered(), _place(path)
-        assert self._bound is not None  # since the first sample
-        used = -(-motion.samples // motion.span)
-        arrays: dict[str, Any] = {
-            "format": FORMAT,
-            "every": self.every,
-            "start": self.start,
-            "discs": motion.discs,
-            "wave_numbers": self.wave_numbers,
-            "points": self._points,
-            "levels": motion.levels,
-            "frame": self._frame,
-            "dt": self._bound[0],
-            "count": self._bound[1],
-            "constant": motion.constant,
-            "memory": motion.memory,
-            "samples": motion.samples,
-            "span": motion.span,
-            "latest": motion.latest,
-            "sums": motion.sums[:used],
-            "counts": motion.counts[:used],
-            "received": np.array(motion.received, np.int64),
-            "recent": np.array(motion.recent),
-        }
-        rule = "be in a folder that can be written to"
-        with files.writable("a file of Correlations", target, rule), files.atomic_write(target) as file:
-            np.savez(file, **arrays)
-        return target
+        arrays = self._gathered().to_arrays() | {"format": FORMAT, "start": self.start, "frame": self._frame}
+        return save_arrays("a file of Correlations", npz_path("Correlations", path), arrays)
 
     def keep(self) -> None:
         """Write the file at `path`, if there is one: a run does so before it writes a checkpoint."""
@@ -625,10 +625,11 @@ class Correlations:
         >>> again.msd[0].samples
         101
         """
-        source = _place(path)
+        source = npz_path("Correlations", path)
         try:
             with files.opened(source) as file, ArrayFile(file) as arrays:
-                again = cls._restored({name: arrays.read(name) for name in arrays.names})
+                found = {name: arrays.read(name) for name in arrays.names}
+            again = cls._restored({name: each if each.ndim else each.item() for name, each in found.items()})
         except (OSError, *DAMAGE) as error:
             raise InputError(
                 f"a file of Correlations must be one that mpsim has written; {str(source)!r}: {reason_of(error):.200}."
@@ -637,36 +638,14 @@ class Correlations:
         return again
 
     @classmethod
-    def _restored(cls, arrays: Mapping[str, NDArray[Any]]) -> Correlations:
+    def _restored(cls, saved: dict[str, Any]) -> Correlations:
         """What `save` has written; the checksums of the file have said that it is whole."""
-        numbers = {name: values.item() for name, values in arrays.items() if not values.ndim}
-        if numbers["format"] != FORMAT:
-            raise ValueError(f"it is of version {numbers['format']}, and {FORMAT} is read")
-        again = cls(
-            numbers["every"],
-            start=numbers["start"],
-            discs=arrays["discs"],
-            wave_numbers=arrays["wave_numbers"],
-            points=numbers["points"],
-        )
-        again._bound = numbers["dt"], numbers["count"]
-        again._frame, again._continuing = numbers["frame"], True
-        motion = again._motion = Motion(
-            again.wave_numbers,
-            again._points,
-            numbers["levels"],
-            arrays["discs"],
-            again.every * numbers["dt"],
-            numbers["constant"],
-            numbers["memory"],
-            numbers["count"],
-            numbers["samples"],
-            numbers["span"],
-        )
-        used = len(arrays["counts"])
-        motion.counts[:used], motion.sums[:used] = arrays["counts"], arrays["sums"]
-        motion.received, motion.latest = arrays["received"].tolist(), arrays["latest"].copy()
-        motion.recent = [each.copy() for each in arrays["recent"]]
+        if saved["format"] != FORMAT:
+            raise ValueError(f"it is of version {saved['format']}, and {FORMAT} is read")
+        again = cls(**{name: saved[name] for name in ("every", "start", "discs", "wave_numbers", "points")})
+        again._bound = saved["dt"], saved["count"]
+        again._frame, again._continuing = saved["frame"], True
+        again._motion = Motion.of_arrays(saved)
         return again
 
     def __repr__(self) -> str:
@@ -694,17 +673,9 @@ def _wave_numbers(values: ArrayLike) -> Floats:
     return found
 
 
-def _place(path: Any) -> Path:
-    """The path, which must end in .npz."""
-    text: Any = os.fsdecode(path) if isinstance(path, str | os.PathLike) else ""  # pyright: ignore[reportUnknownArgumentType]
-    if Path(text).suffix != ".npz":
-        raise InputError(f"the path of Correlations must end in .npz; got {path!r}. Use 'run.npz'.")
-    return Path(text)
-
-
 def _new_place(path: str | os.PathLike[str]) -> Path:
     """The path of a file that does not exist yet."""
-    target = _place(path)
+    target = npz_path("Correlations", path)
     if target.exists():
         raise InputError(
             f"path of Correlations must be that of a new file; {str(target)!r} is there already. Continue it by "

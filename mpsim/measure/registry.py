@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.columns import equal_sizes
 from mpsim.core.state import Discs, count_of
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
@@ -30,8 +31,8 @@ from mpsim.features.energy import (
     memory_of_baths,
 )
 from mpsim.kernels import records
-from mpsim.measure import moments, observables
-from mpsim.measure.moments import any_moves, any_present
+from mpsim.measure import observables
+from mpsim.measure.observables import parts
 from mpsim.measure.statistics import (
     FEWEST_BLOCKS,
     FEWEST_EVENTS,
@@ -62,7 +63,7 @@ class Run:
         count: number of discs now.
         dt: time of a frame [time].
         of_discs: gives the value of a function of the final state.
-        flow: `moments.flow_of_momentum` along the run, shape (samples, 3), if a measure needs it
+        flow: `observables.flow_of_momentum` along the run, shape (samples, 3), if a measure needs it
             [mass length^2/time^2].
         every: number of frames between two samples; the first is taken after that many frames.
         slow: the energy along the run, if a heat bath changes it.
@@ -111,7 +112,8 @@ def pressure(counts: Counts, run: Run) -> Measure:
     lengths = [scene.height] * 2 + [scene.width] * 2
     all_round = 2 * (scene.width + scene.height)  # rounded once
     scale = 1 / (run.dt * (all_round if len(walls) == len(EDGES) else sum(lengths[index] for index in walls)))
-    count, speed = run.of_discs(moments.number_and_speed)
+    count, squares = run.of_discs(lambda discs: observables.number_and_squares(discs, equal_sizes(1, count_of(discs))))
+    speed = math.sqrt(squares / (2 * count)) if count else 0.0  # root mean square of one component
     mass = float(scene.masses.mean()) if scene.count else 1.0
     hit = (1 + scene.wall_restitution) * mass * speed * scale
     hits = counts["wall"][:, walls].sum(axis=1) * scale
@@ -239,11 +241,11 @@ COMPONENTS: tuple[str, ...] = ("pressure_xx", "pressure_yy", "pressure_xy")
 
 
 def _temperature(discs: Discs, scene: Scene) -> float:
-    return observables.temperature(discs, scene) if any_present(discs) else math.nan
+    return observables.temperature(discs, scene) if any(part.number for part in parts(discs)) else math.nan
 
 
 def _speed_kurtosis(discs: Discs, scene: Scene) -> float:
-    return observables.speed_kurtosis(discs) if any_moves(discs) else math.nan
+    return observables.speed_kurtosis(discs) if any(part.velocity.any() for part in parts(discs)) else math.nan
 
 
 def _energies(discs: Discs, scene: Scene) -> tuple[float, float]:
@@ -260,8 +262,9 @@ def _energy_drift(counts: Counts, run: Run, before: tuple[float, float], after: 
 
 def _momenta(discs: Discs, scene: Scene) -> tuple[NDArray[np.float64], float]:
     """Sums of m v, shape (2,), and of m |v| [mass length/time]."""
-    masses = moments.masses_of("momentum_drift", scene, discs)
-    return observables.momentum(discs, scene), moments.momenta(discs, masses)
+    masses = observables.masses_of("momentum_drift", scene, discs)
+    sizes = observables.total(discs, lambda part: float((part.of(masses) * np.hypot(*part.velocity.T)).sum()))
+    return observables.momentum(discs, scene), sizes
 
 
 def _momentum_drift(
@@ -544,7 +547,7 @@ class RunAverages:
         self._counts: list[Counts] = []
         self._sampled: dict[str, Callable[[Discs, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
         if any(name in COMPONENTS for name in names):
-            self._sampled["flow"] = moments.flow_of_momentum
+            self._sampled["flow"] = observables.flow_of_momentum
         known = is_heated(scene) and refusal("kinetic_energy", scene) is None
         if known and any(name not in DRIFTS for name in names):
             self._sampled["bath"] = observables.kinetic_energy

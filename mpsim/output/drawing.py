@@ -32,7 +32,7 @@ from mpsim.errors import InputError
 from mpsim.features.capsules import polygons
 from mpsim.features.edges import boundary_of
 from mpsim.kernels.geometry import RADIUS
-from mpsim.measure.moments import placed
+from mpsim.measure.observables import placed
 from mpsim.output.frames import Frame
 from mpsim.scene.scene import Scene
 

@@ -20,8 +20,7 @@ from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, reason_of
 from mpsim.kernels.records import PHASES
-from mpsim.measure.moments import energy_of_rotation, energy_of_translation
-from mpsim.measure.observables import overlap
+from mpsim.measure.observables import energy_of_rotation, energy_of_translation, overlap
 from mpsim.output.drawing import COARSE, FINE, STYLE, draw, marker_of, new_figure, plain_ticks
 from mpsim.output.frames import Frame, Ownership
 from mpsim.output.tables import phases_of

@@ -30,7 +30,7 @@ from mpsim.errors import (
     reason_of,
 )
 from mpsim.features.edges import BoundaryName
-from mpsim.measure.moments import to_nearest_image
+from mpsim.measure.observables import to_nearest_image
 from mpsim.output.frames import Frame, Given, Ownership, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
 from mpsim.output.lammps import DumpReader

@@ -21,16 +21,14 @@ from mpsim.core.late import view
 from mpsim.core.state import Box, State, no_state
 from mpsim.errors import InputError
 from mpsim.features import FEATURES, PER_DISC
-from mpsim.features.absorption import check_edges
 from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, wraps_of
-from mpsim.features.emitters import Emitter, check_emitters
+from mpsim.features.emitters import Emitter, check_edges, check_emitters
 from mpsim.features.feature import Continuation, Deepest, Feature, given
-from mpsim.features.laws import Restitution, check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
-from mpsim.features.properties import check_acceleration, check_gravity, check_radius
+from mpsim.features.properties import Restitution, check_acceleration, check_friction, check_gravity, check_radius
 from mpsim.kernels.geometry import RADIUS
 from mpsim.scene import starts
 from mpsim.scene.placement import placed

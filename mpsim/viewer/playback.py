@@ -15,7 +15,7 @@ from mpsim.core.state import State, moved_into
 from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.errors import InputError, MpsimError, TrajectoryError, TrajectoryWarning
 from mpsim.features.edges import boundary_of
-from mpsim.measure.moments import SAME_BOX, placed
+from mpsim.measure.observables import SAME_BOX, placed
 from mpsim.output.frames import Frame
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
