@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, cast
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.kernels.features import piston
+from mpsim.kernels.features.bodies import place_of_wall
 
 BoundaryName = Literal["walls", "periodic"]
 Edge = Literal["left", "right", "bottom", "top"]
@@ -75,7 +75,7 @@ class MovingWall(NamedTuple):
 
     def place(self, time: float) -> float:
         """Its coordinate at a time [length]: in float64, as both solvers have it."""
-        return float(piston.place(self.record, self.knots, time))
+        return float(place_of_wall(self.record, self.knots, time))
 
 
 def check_boundary(boundary: object) -> tuple[BoundaryName, BoundaryName]:

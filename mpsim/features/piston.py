@@ -19,8 +19,7 @@ from mpsim.features.edges import EDGES, MovingWall, demand_wall
 from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation
 from mpsim.features.motions import MOTIONS, Movement, Rotation, Translation, check_kind
 from mpsim.features.properties import densest_packing, has_radii
-from mpsim.kernels.features.bodies import MOTION, pose_at
-from mpsim.kernels.features.piston import moving_wall_in
+from mpsim.kernels.features.bodies import MOTION, moving_wall_in, pose_at
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene

@@ -21,7 +21,6 @@ from mpsim.engine.workers.shared import ArraySpec, SharedBlock, resident_bytes
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES
 from mpsim.kernels.features import collisions as log
-from mpsim.kernels.features import work
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
 
@@ -134,9 +133,9 @@ def work_specs(scene: Scene, workers: int) -> dict[str, ArraySpec]:
     """The arrays of a block in which workers count work; {} for a scene in which no surface moves."""
     if not any(each.works(scene) for each in scene._features):
         return {}
-    owners = work.WALLS + len(scene.obstacles)
+    owners = log.WALLS + len(scene.obstacles)
     shape = workers, 2, 2, -(-owners // 8) * 8  # no two workers write to one pair of cache lines
-    return {work.SUM: ArraySpec(INTEGER, shape), work.UNIT: ArraySpec(REAL, (1,))}
+    return {log.SUM: ArraySpec(INTEGER, shape), log.UNIT: ArraySpec(REAL, (1,))}
 
 
 def work_together(*sums: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -144,16 +143,16 @@ def work_together(*sums: NDArray[np.int64]) -> NDArray[np.int64]:
     found = np.zeros((max(map(len, sums)), 2), np.int64)
     for each in sums:
         found[: len(each)] += each
-        found[:, 0] += found[:, 1] >> work.PART_BITS
-        found[:, 1] &= work.MASK
+        found[:, 0] += found[:, 1] >> log.PART_BITS
+        found[:, 1] &= log.MASK
     return found
 
 
 def work_shapes(snapshot: SolverState) -> Shapes:
     """dtype and shape of the work in a snapshot from a file; {} if it has none."""
-    if work.SUM not in snapshot:
+    if log.SUM not in snapshot:
         return {}
-    return {work.SUM: (INTEGER, (len(snapshot[work.SUM]), 2)), work.UNIT: (REAL, (1,))}
+    return {log.SUM: (INTEGER, (len(snapshot[log.SUM]), 2)), log.UNIT: (REAL, (1,))}
 
 
 # --- The logs of collisions of a solver, and the table made from them
@@ -690,9 +689,9 @@ class Solver(ABC):
     def work(self) -> dict[int | str, float]:
         """Work on discs since the start, by wall or number of obstacle: of those that move, and that have done any."""
         scene, sums = self._scene, self._work_sums()
-        energies = (sums[:, 0] + sums[:, 1] / 2.0**work.PART_BITS) * self._work_unit
+        energies = (sums[:, 0] + sums[:, 1] / 2.0**log.PART_BITS) * self._work_unit
         moving = {wall.edge for wall in scene._moving_walls}
-        moving |= {work.WALLS + k for k, each in enumerate(scene.obstacles) if each.moves or each.surface_velocity}
+        moving |= {log.WALLS + k for k, each in enumerate(scene.obstacles) if each.moves or each.surface_velocity}
         names = (*EDGES, *range(len(sums)))
         return {names[k]: float(each) for k, each in enumerate(energies) if each or k in moving}
 
@@ -702,27 +701,27 @@ class Solver(ABC):
 
     def _work_counted(self) -> list[NDArray[np.int64]]:
         """The same of each worker in the present block."""
-        counted = self.block.arrays.get(work.SUM)
-        return [] if counted is None else [sums[work.NEW].T + sums[work.AGREED].T for sums in counted]
+        counted = self.block.arrays.get(log.SUM)
+        return [] if counted is None else [sums[log.NEW].T + sums[log.AGREED].T for sums in counted]
 
     def _count_work_from(self, before: NDArray[np.int64], unit: float) -> None:
         """Count from 0 in the present block, after this was done; unit: of it, 0 if it is none."""
         arrays = self.block.arrays
-        if not unit and work.SUM in arrays:
+        if not unit and log.SUM in arrays:
             unit = unit_of_work(self._scene, self._settings.dt)
         self._work_before, self._work_unit = before, unit
-        if work.SUM in arrays:
-            arrays[work.SUM][:], arrays[work.UNIT][0] = 0, unit
+        if log.SUM in arrays:
+            arrays[log.SUM][:], arrays[log.UNIT][0] = 0, unit
 
     def _saved_work(self) -> SolverState:
         """What a snapshot holds of it."""
         if not self._work_unit:
             return {}
-        return {work.SUM: self._work_sums(), work.UNIT: np.array([self._work_unit])}
+        return {log.SUM: self._work_sums(), log.UNIT: np.array([self._work_unit])}
 
     def _restore_work(self, snapshot: SolverState) -> None:
         """Go on from the work in a snapshot."""
-        self._count_work_from(snapshot.get(work.SUM, NO_WORK), float(snapshot.get(work.UNIT, np.zeros(1))[0]))
+        self._count_work_from(snapshot.get(log.SUM, NO_WORK), float(snapshot.get(log.UNIT, np.zeros(1))[0]))
 
     # --- snapshots
 

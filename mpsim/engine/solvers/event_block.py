@@ -44,10 +44,8 @@ from mpsim.kernels.events.features.hooks import features_of
 from mpsim.kernels.events.features.laws import ImpactFriction
 from mpsim.kernels.events.solver import worst_overlap
 from mpsim.kernels.features import collisions
-from mpsim.kernels.features.bodies import Bodies
+from mpsim.kernels.features.bodies import Bodies, MovingWalls
 from mpsim.kernels.features.capsules import Capsules
-from mpsim.kernels.features.piston import MovingWalls
-from mpsim.kernels.features.work import work_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -523,7 +521,7 @@ class BlockPlan(NamedTuple):
         store = stores.store_of(arrays)
         count = len(store.order)
         box, features = self._box(count), features_of(arrays | self._given(count))
-        features = features._replace(log=collisions.log_of(arrays, 0), work=work_of(arrays, 0))
+        features = features._replace(log=collisions.log_of(arrays, 0), work=collisions.work_of(arrays, 0))
         if "tiles" in arrays:
             lay_out(arrays, self._tiling(count), box, self.dt, self.workers, packed(box, features))
         return System(store, box, features)

@@ -42,7 +42,6 @@ from mpsim.kernels import records as stepped
 from mpsim.kernels.compiling import entry_of
 from mpsim.kernels.events import cells, records, solver
 from mpsim.kernels.features import collisions
-from mpsim.kernels.features.work import AGREED, SUM
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -378,7 +377,7 @@ class EventSolver(Solver, CollisionLog):
     def _work_counted(self) -> list[NDArray[np.int64]]:
         if self._windows is None:
             return super()._work_counted()
-        return [sums[AGREED].T for sums in self._block.arrays.get(SUM, ())]
+        return [sums[collisions.AGREED].T for sums in self._block.arrays.get(collisions.SUM, ())]
 
     # --- snapshots
 

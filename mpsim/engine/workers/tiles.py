@@ -13,8 +13,7 @@ from mpsim.engine.workers.worker import LINGER, Program
 from mpsim.kernels.events import cells, records
 from mpsim.kernels.events.features.hooks import BARE, COLUMNS
 from mpsim.kernels.events.windows import Own, Shared, run_windows
-from mpsim.kernels.features.collisions import log_of
-from mpsim.kernels.features.work import work_of
+from mpsim.kernels.features.collisions import log_of, work_of
 
 WAITING = "waiting."
 """Before the names of the arrays in which discs wait until all tiles agree."""

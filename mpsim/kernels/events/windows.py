@@ -29,7 +29,6 @@ from mpsim.kernels.events.records import (
     place_along,
 )
 from mpsim.kernels.events.solver import STOP_ROUNDING, Watch, play_frames, process_event, stalled, write_totals
-from mpsim.kernels.features import work as sums
 from mpsim.kernels.features.collisions import agree, begin_span, overflows, take_back
 from mpsim.kernels.machine import atomic_add, now
 from mpsim.kernels.records import ABORT, RUNNING
@@ -387,8 +386,7 @@ def clear_counts(whole, shared, own, worker):
         clear_tally(shared.counted[worker, frame])
         shared.counted[worker, frame].collisions = 0
     shared.latest[worker] = whole.clock.now
-    take_back(own.features.log)
-    sums.take_back(own.features.work)
+    take_back(own.features.log, own.features.work)
 
 
 @linked
@@ -599,15 +597,13 @@ def play_again(whole, box, features, shared, own, command, progress, seen, times
     plan.as_one += 1
     left, done = min(plan.frames + 1, command.frames - plan.done), plan.done
     link(whole, box, features, own.places)
-    take_back(features.log)
-    sums.take_back(features.work)
+    take_back(features.log, features.work)
     most = FEWEST_EVENTS + EVENTS_OF_A_DISC * whole.disc.shape[0]
     finished, status, particle = play_frames(
         whole, box, features, shared.times.dt, left, most, command.stop, progress, seen, times[0, done:],
         totals[done:], shared.team[0].clock,
     )  # fmt: skip
-    agree(features.log)
-    sums.agree(features.work)
+    agree(features.log, features.work)
     order_by_tiles(whole, box, features, shared.tiles, plan)
     plan.done += finished
     shared.times.reached = command.stop if status == STOPPED else progress.frame * shared.times.dt
@@ -658,8 +654,7 @@ def work(whole, box, features, shared, own, worker, deadline):
     began = now(mine.clock)
     if agreed:
         take_discs(whole, features, shared, worker)
-        agree(own.features.log)
-        sums.agree(own.features.work)
+        agree(own.features.log, own.features.work)
     shared.busy[worker] += now(mine.clock) - began
     if barrier_of(control, mine) != RUNNING:
         return ABORTED

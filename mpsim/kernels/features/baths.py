@@ -19,6 +19,8 @@ def heat(thermostat, discs, low, high, features, control):
 
     The number of the frame follows from that of the step, so it is the same in any slice and after a resume.
     """
+    if thermostat is None:
+        return
     frame = thermostat.first_frame + control.steps // control.substeps
     if frame > 0 and control.steps % control.substeps == 0:
         for i in range(low, high):
@@ -28,13 +30,6 @@ def heat(thermostat, discs, low, high, features, control):
                 speed = math.sqrt(thermostat.temperature / np.float64(value_or(features.mass, disc, 1.0)))
                 x, y = normal_pair(thermostat.seed, disc, frame, 1)
                 discs.vx[i], discs.vy[i] = speed * x, speed * y
-
-
-@inlined
-def begin_step(thermostat, discs, low, high, features, control):
-    """`heat`, if there is a thermostat."""
-    if thermostat is not None:
-        heat(thermostat, discs, low, high, features, control)
 
 
 # --- Thermal walls: a disc leaves one with a velocity drawn from the distribution of those that cross it in
@@ -100,6 +95,3 @@ def on_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, con
     if (x.low_change == x.high_change) & (y.low_change == y.high_change):
         return x, y
     return leave_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, control)
-
-
-FIELDS = {"thermostat": "thermostat", "thermal_walls": "thermal_walls"}

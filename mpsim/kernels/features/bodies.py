@@ -1,4 +1,4 @@
-"""Obstacles that move: rigid bodies whose place and velocity are functions of time (kinematic bodies in games).
+"""What moves by itself: obstacles (rigid bodies, kinematic ones in games) and walls, whose place follows from the time.
 
 A body consists of capsules. A disc is looked up in the frame of the body, where the capsules are at rest, so that their
 near lists never change. A contact goes back to the instant of the touch: the disc along its parabola, the body by its
@@ -11,6 +11,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.capsules import (
@@ -22,12 +23,12 @@ from mpsim.kernels.features.capsules import (
     normal_of,
     surface_speed,
 )
+from mpsim.kernels.features.collisions import WALLS, add_work
 from mpsim.kernels.features.contact_hooks import on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
-from mpsim.kernels.features.work import WALLS, on_disc
 from mpsim.kernels.geometry import OWNER, RADIUS, concerns
-from mpsim.kernels.records import IMPACT, PINCHED, Field, record_of
+from mpsim.kernels.records import IMPACT, PINCHED, Field, real, record_of
 
 # --- Motions: displacement, angle and velocities at a time
 
@@ -210,9 +211,6 @@ class Bodies(NamedTuple):
     body_of: Any
 
 
-FIELDS = {"bodies": Bodies}
-
-
 class Touch(NamedTuple):
     """A disc at a capsule of a body.
 
@@ -329,13 +327,15 @@ def leave(discs, i, body, bodies, k, radius, shift_x, shift_y, features):
             discs.vx[i] -= inward * touch.nx
             discs.vy[i] -= inward * touch.ny
             power = -inward * (touch.wx * touch.nx + touch.wy * touch.ny)
-            on_disc(features.work, WALLS + int(bodies.capsule[k, OWNER]), discs.id[i], power, features.mass)
+            add_work(features.work, WALLS + int(bodies.capsule[k, OWNER]), discs.id[i], power, features.mass)
 
 
 @linked
-def resolve_bodies(discs, low, high, features, parameters, control, mine):
+def resolve_bodies(bodies, discs, low, high, features, parameters, control, mine):
     """Contacts of a slice with bodies, in the order in which the scene lists them."""
-    bodies, half = features.bodies, parameters.diameter / discs.x.dtype.type(2)
+    if bodies is None:
+        return
+    half = parameters.diameter / discs.x.dtype.type(2)
     impact = control.contact == IMPACT
     for number in range(bodies.body.size):
         body = bodies.body[number]
@@ -409,16 +409,11 @@ def period_to_nearest(wrap, nearest, difference):
     return nearest * length * np.floor(difference / length + 0.5)
 
 
-@inlined
-def after_move(bodies, discs, low, high, features, parameters, control, mine):
-    """`resolve_bodies`, if there are bodies."""
-    if bodies is not None:
-        resolve_bodies(discs, low, high, features, parameters, control, mine)
-
-
 @linked
 def move_bodies(bodies, control):
-    """Put all bodies where they are at the end of the next step, which follows from the time alone."""
+    """Put all bodies where they are at the end of the next step: by one worker, between motion and contacts."""
+    if bodies is None:
+        return
     for number in range(bodies.body.size):
         body = bodies.body[number]
         body.now = body.origin + (control.steps + 1) / control.substeps * body.dt
@@ -428,8 +423,93 @@ def move_bodies(bodies, control):
         body.place[0], body.place[1] = out_of_frame(body, pose, body.middle[0], body.middle[1])
 
 
+# --- Walls of the box that move: pistons
+
+
+def moving_wall_in(precision: DTypeLike) -> np.dtype[Any]:
+    """The record of a wall: in float64, but for what the motion of discs reads, of the precision of the run."""
+    return record_of(
+        [
+            *MOTION,
+            ("moves", np.int64),  # 0: it is at rest where the box ends
+            ("home", np.float64),  # coordinate without displacement [length]
+            ("end", np.float64),  # where it stops [length]
+            ("low", np.float64),  # least and largest coordinate that it ever has [length]
+            ("high", np.float64),
+            ("margin", np.float64),  # from the wall to the limit of centres, along its axis [length]
+            ("limit", precision),  # of centres while contacts are resolved; `parameters` has that of the next step
+            # In the next step; under contact `impact` at its end, where the acceleration is not 0.
+            ("velocity", precision),
+            ("acceleration", precision),
+        ]
+    )
+
+
+class MovingWalls(NamedTuple):
+    """The walls of the box: of `moving_wall_in`, by edge, shape (4,); `knots` as of `Bodies`."""
+
+    wall: Any
+    knots: Any
+
+
+@linked
+def place_of_wall(wall, knots, time):
+    """Coordinate of a wall at a time of the run [length]."""
+    if time - wall.start >= wall.stop:
+        return wall.end
+    pose = pose_at(wall, knots, time)
+    return min(max(wall.home + (pose.x + pose.y), wall.low), wall.high)  # one of them is 0
+
+
+@linked
+def velocity_of_wall(wall, knots, time):
+    """Velocity of a wall along its axis [length/time]."""
+    vx, vy = velocity_at(wall, knots, time, 0.0, 0.0)
+    return vx + vy
+
+
 @inlined
-def prepare_next_step(bodies, control):
-    """`move_bodies`, if there are any: by one worker, between the motion of the discs and their contacts."""
-    if bodies is not None:
-        move_bodies(bodies, control)
+def acceleration_of_wall(wall, knots, time):
+    """Acceleration of a wall along its axis, jumps apart [length/time^2]."""
+    if wall.kind != OSCILLATION or time < wall.start:
+        return 0.0
+    pose, rate = pose_at(wall, knots, time), 2.0 * math.pi * wall.rate
+    return -rate * rate * (pose.x + pose.y)
+
+
+@linked
+def move_walls(moving_wall, parameters, control):
+    """Put the walls where they will be at the end of the next step: the motion of that step meets them there.
+
+    `limit` then is where they are now. At the end of a frame, the time has the bits of `Solver.time`.
+    """
+    if moving_wall is None:
+        return
+    for edge in range(4):
+        wall = moving_wall.wall[edge]
+        if wall.moves == 0:
+            wall.limit = parameters.limit[edge]
+            continue
+        now = wall.origin + control.steps / control.substeps * wall.dt
+        later = wall.origin + (control.steps + 1) / control.substeps * wall.dt
+        wall.limit = place_of_wall(wall, moving_wall.knots, now) + wall.margin
+        parameters.limit[edge] = place_of_wall(wall, moving_wall.knots, later) + wall.margin
+        bent = acceleration_of_wall(wall, moving_wall.knots, later) if control.contact == IMPACT else 0.0
+        wall.acceleration = bent
+        wall.velocity = velocity_of_wall(wall, moving_wall.knots, later if bent != 0.0 else 0.5 * (now + later))
+
+
+@inlined
+def wall_motion(moving_wall, edge, parameters):
+    """Speed and acceleration of the wall at an edge (LEFT, ...)."""
+    if moving_wall is None:
+        return real(parameters, 0), real(parameters, 0)
+    return moving_wall.wall[edge].velocity, moving_wall.wall[edge].acceleration
+
+
+@inlined
+def wall_place(moving_wall, edge, parameters):
+    """Position of the limit of an edge while contacts are resolved: `limit` of parameters already has the next one."""
+    if moving_wall is None:
+        return parameters.limit[edge]
+    return moving_wall.wall[edge].limit

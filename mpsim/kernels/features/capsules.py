@@ -47,9 +47,6 @@ class Capsules(NamedTuple):
     shift: Any
 
 
-FIELDS = {"capsules": Capsules}
-
-
 @inlined
 def nearest_offset(x, y, capsule, k):
     """From the nearest point of segment k to (x, y): the vector, and which end that point is, or -1 between both."""
@@ -192,10 +189,12 @@ def from_centre(discs, i, k, capsules):
 
 
 @linked
-def resolve_containers(discs, low, high, features, parameters, control):
+def resolve_containers(around, discs, low, high, features, parameters, control):
     """Contacts of a slice with containers, in the order in which the scene lists them."""
+    if around is None:
+        return
     capsules, half, impact = features.capsules, parameters.diameter / discs.x.dtype.type(2), control.contact == IMPACT
-    for k in capsules.around:
+    for k in around:
         for begin in range(low, high, TOGETHER):
             end, outside = min(begin + TOGETHER, high), 0
             for i in range(begin, end):
@@ -291,18 +290,11 @@ def resolve_capsules(discs, low, high, features, parameters, control):
 
 @inlined
 def after_move(capsules, discs, low, high, features, parameters, control):
-    """`resolve_capsules` and `resolve_containers`, if there are some."""
+    """Contacts of a slice with capsules, then with containers."""
     if capsules is not None:
         if capsules.near[capsules.near.size - 1] > 0:
             resolve_capsules(discs, low, high, features, parameters, control)
-        after_capsules(capsules.around, discs, low, high, features, parameters, control)
-
-
-@inlined
-def after_capsules(around, discs, low, high, features, parameters, control):
-    """`resolve_containers`, if there are any."""
-    if around is not None:
-        resolve_containers(discs, low, high, features, parameters, control)
+        resolve_containers(capsules.around, discs, low, high, features, parameters, control)
 
 
 # --- Discs that are about to be pressed through what is at rest, by something that moves
@@ -321,17 +313,11 @@ def goes_past(depth, nx, ny, vx, vy, radius, dt):
     return (depth > 0.0) & (depth + abs(vx * nx + vy * ny) * dt > PAST * radius)
 
 
-@inlined
+@linked
 def goes_past_capsules(capsules, discs, i, radius, dt):
     """`goes_past`, of the disc in slot i and any capsule or container; capsules: None if nothing is at rest."""
     if capsules is None:
         return False
-    return goes_past_any(discs, i, capsules, radius, dt)
-
-
-@linked
-def goes_past_any(discs, i, capsules, radius, dt):
-    """The same where there are some."""
     vx, vy, cell = np.float64(discs.vx[i]), np.float64(discs.vy[i]), cell_at(capsules, discs.x[i], discs.y[i])
     past = False
     for entry in range(capsules.near[cell], capsules.near[cell + 1]):

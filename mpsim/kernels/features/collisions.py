@@ -1,4 +1,4 @@
-"""The log of collisions, if a run asks for it: its rows, and what each contact records."""
+"""What contacts record: the log of collisions, if a run asks for it, and the work of surfaces that move."""
 
 import math
 from collections import namedtuple
@@ -97,27 +97,78 @@ def overflows(log):
     return log.state[COUNT] > log.rows.size
 
 
+# --- Work of surfaces that move: the impulse on a disc times the velocity of the surface's material where they touch
+#
+# Sums in fixed point: a number is split into whole units and 2^-32 of one, so that sums are the same in any order.
+
+WALLS = 4
+"""Owners of sums: the walls of the box by edge (LEFT, ...), and then the obstacles in the order of the scene."""
+
+NEW = 0  # in a sum, what may still be taken back; AGREED: what stays
+
+PART_BITS = 32
+PARTS = np.int64(1) << PART_BITS
+MASK = PARTS - 1
+
+Work: Any = namedtuple("Work", "sum unit")
+"""sum: of one worker, int64, shape (2, 2, owners): NEW and AGREED, whole units and parts. unit: a power of two, shape
+(1,) [mass length^2/time^2]."""
+
+SUM, UNIT = "work", "work_unit"
+"""Names of the arrays, with the sums of all workers, shape (workers, 2, 2, owners)."""
+
+
+def work_of(arrays: Mapping[str, Any], worker: int) -> Any:
+    """The `Work` of one worker, from arrays by name; None if nothing moves."""
+    return Work(arrays[SUM][worker], arrays[UNIT]) if SUM in arrays else None
+
+
 @inlined
-def agree(log):
-    """Keep the rows written so far: `take_back` does not remove them."""
+def add_units(work, which, owner, whole, parts):
+    """Add so many units and parts to a sum."""
+    parts += work.sum[which, 1, owner]
+    work.sum[which, 0, owner] += whole + (parts >> PART_BITS)
+    work.sum[which, 1, owner] = parts & MASK
+
+
+@inlined
+def add_work(work, owner, disc, power, mass):
+    """Add the work of a contact with a disc of this id; power: change of its velocity times that of the surface."""
+    if work is not None:
+        energy = np.float64(power) * np.float64(value_or(mass, disc, 1.0))
+        if energy != 0.0:
+            scaled = energy / work.unit[0]
+            whole = math.floor(scaled)
+            add_units(work, NEW, owner, np.int64(whole), np.int64((scaled - whole) * PARTS))
+
+
+# --- What tiles of the exact solver record may be taken back, if they do not agree
+
+
+@inlined
+def agree(log, work):
+    """Keep the rows and the work so far: `take_back` does not remove them."""
     if log is not None:
         log.state[AGREED] = log.state[COUNT]
+    if work is not None:
+        for owner in range(work.sum.shape[2]):
+            add_units(work, AGREED, owner, work.sum[NEW, 0, owner], work.sum[NEW, 1, owner])
+            work.sum[NEW, 0, owner] = work.sum[NEW, 1, owner] = 0
 
 
 @inlined
-def take_back(log):
-    """Forget what was written since `agree`."""
+def take_back(log, work):
+    """Forget what was recorded since `agree`."""
     if log is not None:
         log.state[COUNT] = log.state[AGREED]
+    if work is not None:
+        work.sum[NEW] = 0
 
 
 # --- The log of collisions, if a run asks for it: what each contact records, in float64
 #
 # A contact is dated at the instant to which its law goes back, as `impact` does if it can, else at the end of the
 # step. Rows hold the time from then until the end of the step.
-
-FIELDS = {"log": None}
-"""log: of `collision_log`, that of the worker whose call it is."""
 
 
 @inlined

@@ -4,7 +4,7 @@ Separate from `hooks.py`, which imports the capsules: their contacts are such po
 """
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import baths, collisions, friction, work
+from mpsim.kernels.features import baths, collisions, friction
 
 
 @inlined
@@ -48,7 +48,7 @@ def on_capsule(discs, i, owner, nx, ny, normal_change, time, pushing, surface, f
         features.wall_friction, discs, i, nx, ny, normal_change, time, surface, features, parameters
     )
     power = normal_change * pushing - sliding * surface
-    work.on_disc(features.work, work.WALLS + owner, discs.id[i], power, features.mass)
+    collisions.add_work(features.work, collisions.WALLS + owner, discs.id[i], power, features.mass)
     collisions.on_capsule(features.log, discs, i, owner, nx, ny, normal_change, sliding, time, features, parameters)
 
 

@@ -29,8 +29,10 @@ def lets_out(exits, control, edge):
 
 
 @linked
-def absorb(discs, low, high, exits, features, parameters, control):
-    """Absorb the discs of a slice that this step would bring to an absorbing edge."""
+def absorb(exits, discs, low, high, features, parameters, control):
+    """Absorb the discs of a slice that this step would bring to an absorbing edge; they stand still in it."""
+    if exits is None:
+        return
     edges, dt = control.absorbing, parameters.dt
     zero, two = discs.x.dtype.type(0), discs.x.dtype.type(2)
     # Under impact a flight follows its parabola, whose mean velocity is v + a dt / 2; under push it is v + a dt.
@@ -50,8 +52,10 @@ def absorb(discs, low, high, exits, features, parameters, control):
 
 
 @linked
-def put_back_absorbed(discs, low, high, exits, spin):
+def put_back_absorbed(exits, discs, low, high, spin):
     """Undo what a step has done to the absorbed discs of a slice: they stay at rest where they left."""
+    if exits is None:
+        return
     zero = discs.x.dtype.type(0)
     for i in range(low, high):
         disc = discs.id[i]
@@ -60,20 +64,6 @@ def put_back_absorbed(discs, low, high, exits, spin):
             discs.vx[i], discs.vy[i] = zero, zero
             if spin is not None:
                 spin[disc] = zero
-
-
-@inlined
-def before_move(exits, discs, low, high, features, parameters, control):
-    """`absorb`, if there are such edges; absorbed discs stand still while the others move."""
-    if exits is not None:
-        absorb(discs, low, high, exits, features, parameters, control)
-
-
-@inlined
-def after_flight(exits, discs, low, high, spin):
-    """`put_back_absorbed`, if there are such edges."""
-    if exits is not None:
-        put_back_absorbed(discs, low, high, exits, spin)
 
 
 @inlined
@@ -267,20 +257,6 @@ def wrap_places(places, image, axis, wrap):
         count_periods(image, axis, i, before - places[i], wrap)
 
 
-@inlined
-def pack(image, disc, message, k):
-    """Send the image flags of a disc to another rank."""
-    if image is not None:
-        message[k].image_x, message[k].image_y = image[0, disc], image[1, disc]
-
-
-@inlined
-def unpack(message, k, image, disc):
-    """Receive the image flags of a disc."""
-    if image is not None:
-        image[0, disc], image[1, disc] = message[k].image_x, message[k].image_y
-
-
 # --- discs seen through a border ----------------------------------------------------------------------------------
 
 
@@ -310,6 +286,3 @@ def seen_from(coordinate, image):
 def is_near_border(coordinate, wrap, parameters):
     """Whether the image of a disc, outside the box along a periodic axis, is near enough to touch discs inside."""
     return (coordinate > -parameters.diameter) & (coordinate < wrap[0] + parameters.diameter)
-
-
-FIELDS = {"exits": "exits", "wrap_x": "wrap_x", "wrap_y": "wrap_y", "image": "image"}

@@ -14,10 +14,7 @@ from mpsim.kernels.features.edges import put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of, mass_fraction
 from mpsim.kernels.records import IMPACT, real
 
-FIELDS = {"friction": "friction", "wall_friction": "wall_friction", "spin": "spin"}
-"""friction, wall_friction: shape (2,), of two discs, and of a disc with walls and capsules; elements as follows.
-spin: shape (capacity,), by id, counter-clockwise [1/time]."""
-
+# The elements of `friction` and `wall_friction`.
 COEFFICIENT = 0  # mu [1]
 STICKING = 1  # change of the tangential velocity by a sticking contact, over the slip [1]
 
@@ -118,17 +115,3 @@ def on_walls(wall_friction, discs, i, x, y, in_flight, features, parameters, con
             return on_walls_met(wall_friction, discs, i, x, y, in_flight, features, parameters, control)
     zero = real(parameters, 0)
     return zero, zero
-
-
-@inlined
-def pack(spin, disc, message, k):
-    """Send the angular velocity of a disc to another rank."""
-    if spin is not None:
-        message[k].spin = spin[disc]
-
-
-@inlined
-def unpack(message, k, spin, disc):
-    """Receive the angular velocity of a disc."""
-    if spin is not None:
-        spin[disc] = message[k].spin

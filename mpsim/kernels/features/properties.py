@@ -74,6 +74,3 @@ def mass_fraction(mass, disc, other, one):
     if mass is None:
         return one
     return 2.0 * np.float64(mass[other]) / (np.float64(mass[disc]) + np.float64(mass[other]))
-
-
-FIELDS = {"giants": "giants", "gravity": "gravity", "acceleration": "acceleration", "mass": "mass"}

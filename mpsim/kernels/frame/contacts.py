@@ -7,8 +7,7 @@ border; otherwise None, which costs nothing.
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked, value_or
-from mpsim.kernels.features.edges import images, is_near_border, period_of, seen_from
-from mpsim.kernels.features.hooks import is_absent
+from mpsim.kernels.features.edges import images, is_absent, is_near_border, period_of, seen_from
 from mpsim.kernels.frame.laws import resolve_contact
 from mpsim.kernels.frame.sorting import add_time, set_phase
 from mpsim.kernels.machine import LANES, lowest_bit, nonnegative, overlap_lanes
@@ -35,7 +34,7 @@ def resolve_range(discs, i, first, last, shift_x, shift_y, features, parameters,
         mask = overlapping(discs, i, block, shift_x, shift_y, reach) & lanes
         while mask != 0:
             lane = lowest_bit(mask)
-            if not is_absent(discs.id[block + lane], features):
+            if not is_absent(features.exits, discs.id[block + lane]):
                 resolve_contact(discs, i, block + lane, shift_x, shift_y, features, parameters, control, tally, frame)
                 contacts += 1
             lanes &= ~((2 << lane) - 1)
@@ -107,43 +106,17 @@ def resolve_top_and_bottom(
     """
     contacts = 0
     if wrap_y is not None:
-        stride = control.rows + 2
+        stride, rest = control.rows + 2, (features, parameters, control, tally, frame)
         first, last = column * stride + 1, column * stride + control.rows
         next_first, next_last = next_column * stride + 1, next_column * stride + control.rows
         up, down = images(wrap_y)
         for slot in range(start[last], start[last + 1]):
             i = nonnegative(slot)
-            contacts += resolve_far(
-                discs, i, start[first], start[first + 1], None, up, features, parameters, control, tally, frame
-            )
-            contacts += resolve_far(
-                discs,
-                i,
-                start[next_first],
-                start[next_first + 1],
-                shift_x,
-                up,
-                features,
-                parameters,
-                control,
-                tally,
-                frame,
-            )
+            contacts += resolve_far(discs, i, start[first], start[first + 1], None, up, *rest)
+            contacts += resolve_far(discs, i, start[next_first], start[next_first + 1], shift_x, up, *rest)
         for slot in range(start[first], start[first + 1]):
             i = nonnegative(slot)
-            contacts += resolve_far(
-                discs,
-                i,
-                start[next_last],
-                start[next_last + 1],
-                shift_x,
-                down,
-                features,
-                parameters,
-                control,
-                tally,
-                frame,
-            )
+            contacts += resolve_far(discs, i, start[next_last], start[next_last + 1], shift_x, down, *rest)
     return contacts
 
 
@@ -154,26 +127,19 @@ def resolve_border(wrap_x, discs, start, column, features, parameters, control, 
     The next column after the last is the first, shifted by one width. The number of columns is even, so in the odd
     pass, which resolves the last column, no other worker touches the first one.
     """
+    rest = features, parameters, control, tally, frame
     if wrap_x is None:
-        return resolve_top_and_bottom(
-            features.wrap_y, discs, start, column, column + 1, None, features, parameters, control, tally, frame
-        )
+        return resolve_top_and_bottom(features.wrap_y, discs, start, column, column + 1, None, *rest)
     if column + 1 < control.columns:
-        return resolve_top_and_bottom(
-            features.wrap_y, discs, start, column, column + 1, None, features, parameters, control, tally, frame
-        )
+        return resolve_top_and_bottom(features.wrap_y, discs, start, column, column + 1, None, *rest)
     stride = control.rows + 2
     right, _ = images(wrap_x)
     contacts = 0
     for slot in range(start[column * stride], start[(column + 1) * stride]):
         i = nonnegative(slot)
         row = discs.cell[i] - column * stride
-        contacts += resolve_far(
-            discs, i, start[row - 1], start[row + 2], right, None, features, parameters, control, tally, frame
-        )
-    return contacts + resolve_top_and_bottom(
-        features.wrap_y, discs, start, column, 0, right, features, parameters, control, tally, frame
-    )
+        contacts += resolve_far(discs, i, start[row - 1], start[row + 2], right, None, *rest)
+    return contacts + resolve_top_and_bottom(features.wrap_y, discs, start, column, 0, right, *rest)
 
 
 @linked
@@ -204,30 +170,24 @@ def resolve_images_y(wrap_y, discs, i, count, shift_x, features, parameters, con
 @inlined
 def resolve_images_x(wrap_x, discs, i, count, features, parameters, control, tally, frame):
     """Contacts of disc i with later discs through the border of a periodic x. Returns how many."""
-    contacts = 0
+    contacts, rest = 0, (features, parameters, control, tally, frame)
     if wrap_x is not None:
         for shift_x in images(wrap_x):
             if is_near_border(seen_from(discs.x[i], shift_x), wrap_x, parameters):
-                contacts += resolve_far(
-                    discs, i, i + 1, count, shift_x, None, features, parameters, control, tally, frame
-                )
-                contacts += resolve_images_y(
-                    features.wrap_y, discs, i, count, shift_x, features, parameters, control, tally, frame
-                )
+                contacts += resolve_far(discs, i, i + 1, count, shift_x, None, *rest)
+                contacts += resolve_images_y(features.wrap_y, discs, i, count, shift_x, *rest)
     return contacts
 
 
 @linked
 def resolve_all_pairs(discs, features, parameters, control, tally, frame):
     """Resolve all pairs i < j in index order. Returns the number of contacts."""
-    contacts, count = 0, control.count
+    contacts, count, rest = 0, control.count, (features, parameters, control, tally, frame)
     for i in range(count):
-        if not is_absent(discs.id[i], features):
-            contacts += resolve_range(discs, i, i + 1, count, None, None, features, parameters, control, tally, frame)
-            contacts += resolve_images_y(
-                features.wrap_y, discs, i, count, None, features, parameters, control, tally, frame
-            )
-            contacts += resolve_images_x(features.wrap_x, discs, i, count, features, parameters, control, tally, frame)
+        if not is_absent(features.exits, discs.id[i]):
+            contacts += resolve_range(discs, i, i + 1, count, None, None, *rest)
+            contacts += resolve_images_y(features.wrap_y, discs, i, count, None, *rest)
+            contacts += resolve_images_x(features.wrap_x, discs, i, count, *rest)
     return contacts
 
 
@@ -248,7 +208,7 @@ def cells_under(centre, reach, per_length, cells):
 @linked
 def resolve_giants(discs, start, features, parameters, control, tally, frame):
     """Contacts of each giant with the discs of the grid under it, then with the giants after it. Returns how many."""
-    columns, rows = control.columns, control.rows
+    columns, rows, rest = control.columns, control.rows, (features, parameters, control, tally, frame)
     stride = rows + 2
     zero = discs.x.dtype.type(0)
     width, height = period_of(features.wrap_x, zero), period_of(features.wrap_y, zero)
@@ -266,20 +226,6 @@ def resolve_giants(discs, start, features, parameters, control, tally, frame):
                 for column in range(left, right):
                     if low < high:
                         cell = column * stride + 1
-                        contacts += resolve_far(
-                            discs,
-                            i,
-                            start[cell + low],
-                            start[cell + high],
-                            sx,
-                            sy,
-                            features,
-                            parameters,
-                            control,
-                            tally,
-                            frame,
-                        )
-                contacts += resolve_far(
-                    discs, i, i + 1, giants_end, sx, sy, features, parameters, control, tally, frame
-                )
+                        contacts += resolve_far(discs, i, start[cell + low], start[cell + high], sx, sy, *rest)
+                contacts += resolve_far(discs, i, i + 1, giants_end, sx, sy, *rest)
     return contacts

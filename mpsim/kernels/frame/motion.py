@@ -5,22 +5,22 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import any_present, inlined, linked, slice_of, value_or
+from mpsim.kernels.features.bodies import wall_motion, wall_place
+from mpsim.kernels.features.collisions import add_work
 from mpsim.kernels.features.collisions import on_walls as record_walls
 from mpsim.kernels.features.contact_hooks import leave_walls, on_walls
-from mpsim.kernels.features.edges import Walls, count_flight, is_between, no_contact, reach_boundary, wrapped
-from mpsim.kernels.features.hooks import (
-    after_flight,
-    after_move,
-    before_move,
-    begin_step,
+from mpsim.kernels.features.edges import (
+    Walls,
+    count_flight,
     is_absent,
+    is_between,
     lets_out,
-    special_borders,
-    wall_motion,
-    wall_place,
+    no_contact,
+    reach_boundary,
+    wrapped,
 )
+from mpsim.kernels.features.hooks import after_flight, after_move, before_move, begin_step, special_borders
 from mpsim.kernels.features.properties import accelerate, accelerations_of
-from mpsim.kernels.features.work import on_disc
 from mpsim.kernels.machine import atomic_store
 from mpsim.kernels.records import ALONG_X, ALONG_Y, BAD, BOTTOM, FASTEST_SCALE, IMPACT, LEFT, RIGHT, TOP, real
 
@@ -30,8 +30,8 @@ from mpsim.kernels.records import ALONG_X, ALONG_Y, BAD, BOTTOM, FASTEST_SCALE, 
 @inlined
 def with_motions(low, high, edges, features, parameters):
     """Walls at such places, with the motions of those at these edges."""
-    low_speed, low_acceleration = wall_motion(edges[0], features, parameters)
-    high_speed, high_acceleration = wall_motion(edges[1], features, parameters)
+    low_speed, low_acceleration = wall_motion(features.moving_wall, edges[0], parameters)
+    high_speed, high_acceleration = wall_motion(features.moving_wall, edges[1], parameters)
     return Walls(low, high, low_speed, high_speed, low_acceleration, high_acceleration)
 
 
@@ -46,14 +46,15 @@ def walls_of_step(edges, margin, features, parameters):
 @inlined
 def walls_at_contacts(edges, margin, features, parameters):
     """The same while contacts are resolved, when the limits are already those of the next step."""
-    low, high = wall_place(edges[0], features, parameters) + margin, wall_place(edges[1], features, parameters) - margin
+    low = wall_place(features.moving_wall, edges[0], parameters) + margin
+    high = wall_place(features.moving_wall, edges[1], parameters) - margin
     return with_motions(low, high, edges, features, parameters)
 
 
 @inlined
 def count_impulses(x, y, disc, features, parameters, control, tally, frame):
     """Add the impulses on the walls that a disc has hit along x and along y."""
-    if control.tallied and not is_absent(disc, features):
+    if control.tallied and not is_absent(features.exits, disc):
         scale = np.float64(parameters.tally_scale) * value_or(features.mass, disc, real(parameters, 1))
         changes = (LEFT, x.low_change), (RIGHT, x.high_change), (BOTTOM, y.low_change), (TOP, y.high_change)
         for edge, change in changes:
@@ -68,9 +69,9 @@ def count_work(moving_wall, x, y, disc, features, parameters):
         for edge, met, change in (
             (LEFT, x, x.low_change), (RIGHT, x, -x.high_change), (BOTTOM, y, y.low_change), (TOP, y, -y.high_change),
         ):  # fmt: skip
-            if change != 0 and not is_absent(disc, features):
-                speed, acceleration = wall_motion(edge, features, parameters)
-                on_disc(features.work, edge, disc, change * (speed - acceleration * met.time), features.mass)
+            if change != 0 and not is_absent(features.exits, disc):
+                speed, acceleration = wall_motion(features.moving_wall, edge, parameters)
+                add_work(features.work, edge, disc, change * (speed - acceleration * met.time), features.mass)
 
 
 @inlined
@@ -93,9 +94,9 @@ def bounce_along(p, v, acceleration, edges, margin, wrap, features, parameters, 
     At an absorbing edge, the disc is put on the edge and continues: the next step absorbs it.
     """
     zero, walls = real(parameters, 0), walls_at_contacts(edges, margin, features, parameters)
-    if (p < walls.low) & lets_out(edges[0], features, control):
+    if (p < walls.low) & lets_out(features.exits, control, edges[0]):
         return no_contact(walls.low, v, zero)
-    if (p > walls.high) & lets_out(edges[1], features, control):
+    if (p > walls.high) & lets_out(features.exits, control, edges[1]):
         return no_contact(walls.high, v, zero)
     accelerated = any_present(features.gravity, features.acceleration)
     return reach_boundary(p, v, acceleration, accelerated, walls, wrap, parameters)
@@ -363,22 +364,13 @@ def drift_between_walls(discs, low, high, parameters):
 
 
 @linked
-def tally_walls(discs, low, high, features, parameters, control, tally, frame):
-    """Count the impulses on the walls of a straight flight; done before it, as its vector code does not report them."""
+def note_walls(discs, low, high, features, parameters, control, tally, frame):
+    """Count and log a straight flight's contacts with walls: before it, as its vector code does not report them."""
     zero = real(parameters, 0)
     for i in range(low, high):
         x, y = flight_of(discs, i, zero, zero, None, features, parameters)
         count_impulses(x, y, discs.id[i], features, parameters, control, tally, frame)
-
-
-@inlined
-def log_walls(log, discs, low, high, features, parameters, control):
-    """Log the contacts with walls of a straight flight; done before it, for the same reason."""
-    if log is not None:
-        zero = real(parameters, 0)
-        for i in range(low, high):
-            x, y = flight_of(discs, i, zero, zero, None, features, parameters)
-            record_walls(log, discs, i, x, y, (zero, zero), features, parameters, control)
+        record_walls(features.log, discs, i, x, y, (zero, zero), features, parameters, control)
 
 
 @inlined
@@ -389,9 +381,8 @@ def fly_straight(discs, low, high, special, features, parameters, control, tally
     """
     if special is not None:
         return fly(discs, low, high, None, features, parameters, control, tally, frame)
-    if control.tallied:
-        tally_walls(discs, low, high, features, parameters, control, tally, frame)
-    log_walls(features.log, discs, low, high, features, parameters, control)
+    if control.tallied or features.log is not None:
+        note_walls(discs, low, high, features, parameters, control, tally, frame)
     return drift_between_walls(discs, low, high, parameters)
 
 

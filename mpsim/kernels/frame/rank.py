@@ -10,13 +10,14 @@ the same bits, so nothing has to be sent back. The rank of its left column count
 """
 
 from mpsim.kernels.compiling import compiled, inlined, linked
-from mpsim.kernels.features.hooks import is_absent, pack, prepare_next_step, unpack
+from mpsim.kernels.features.edges import is_absent
+from mpsim.kernels.features.hooks import prepare_next_step
 from mpsim.kernels.frame.contacts import resolve_columns
 from mpsim.kernels.frame.sorting import (
     add_time,
     begin_sort,
     cells_of,
-    copy_radius,
+    copy_disc,
     list_emigrants,
     move_and_bin,
     set_phase,
@@ -27,17 +28,25 @@ from mpsim.kernels.records import EVEN, MOVE, NO_FRAME, ODD, SORT
 
 
 @inlined
-def pack_radius(radius, i, message, k):
-    """Send the radius too, if each disc has its own."""
+def pack_columns(radius, spin, image, i, disc, message, k):
+    """Write to entry k of a message what only some scenes have of a disc, in slot i: radius, spin, image flags."""
     if radius is not None:
         message[k].radius = radius[i]
+    if spin is not None:
+        message[k].spin = spin[disc]
+    if image is not None:
+        message[k].image_x, message[k].image_y = image[0, disc], image[1, disc]
 
 
 @inlined
-def unpack_radius(message, k, radius, i):
-    """Receive the radius too, if each disc has its own."""
+def unpack_columns(message, k, radius, spin, image, i, disc):
+    """Read what `pack_columns` writes."""
     if radius is not None:
         radius[i] = message[k].radius
+    if spin is not None:
+        spin[disc] = message[k].spin
+    if image is not None:
+        image[0, disc], image[1, disc] = message[k].image_x, message[k].image_y
 
 
 @inlined
@@ -53,8 +62,7 @@ def pack_disc(discs, i, first_cell, features, message, k):
     message[k].vx, message[k].vy = discs.vx[i], discs.vy[i]
     message[k].id = discs.id[i]
     message[k].cell = discs.cell[i] - first_cell
-    pack_radius(discs.radius, i, message, k)
-    pack(features, discs.id[i], message, k)
+    pack_columns(discs.radius, features.spin, features.image, i, discs.id[i], message, k)
 
 
 @inlined
@@ -64,8 +72,7 @@ def unpack_disc(message, k, first_cell, features, discs, i):
     discs.vx[i], discs.vy[i] = message[k].vx, message[k].vy
     discs.id[i] = message[k].id
     discs.cell[i] = message[k].cell + first_cell
-    unpack_radius(message, k, discs.radius, i)
-    unpack(message, k, features, message[k].id)
+    unpack_columns(message, k, discs.radius, features.spin, features.image, i, message[k].id)
 
 
 @linked
@@ -151,7 +158,7 @@ def pack_emigrants(front, changes, features, control, team, message):
     count = 0
     for k in range(mine.low, mine.low + mine.outbox):
         i = changes.outbox[k]
-        if not first_cell <= front.cell[i] < last_cell and not is_absent(front.id[i], features):
+        if not first_cell <= front.cell[i] < last_cell and not is_absent(features.exits, front.id[i]):
             pack_disc(front, i, first_cell_of_grid(control), features, message, count)
             count += 1
     return count
@@ -219,11 +226,8 @@ def resolve_border(
     own_at, other_at = own_place * received, (1 - own_place) * own
     own_cell, other_cell = own_place * stride, (1 - own_place) * stride
     for i in range(own):
-        pair.x[own_at + i], pair.y[own_at + i] = discs.x[first + i], discs.y[first + i]
-        pair.vx[own_at + i], pair.vy[own_at + i] = discs.vx[first + i], discs.vy[first + i]
-        pair.id[own_at + i] = discs.id[first + i]
-        pair.cell[own_at + i] = discs.cell[first + i] - column * stride + own_cell
-        copy_radius(discs.radius, first + i, pair.radius, own_at + i)
+        copy_disc(discs, first + i, pair, own_at + i)
+        pair.cell[own_at + i] += own_cell - column * stride
     for k in range(received):
         unpack_disc(message, k, other_cell, features, pair, other_at + k)
     _starts_of(pair.cell, own + received, 0, 3 * stride, pair_start)

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.kernels.compiling import inlined, linked, slice_of
+from mpsim.kernels.compiling import copy_entry, inlined, linked, slice_of, swap_entries
 from mpsim.kernels.features.hooks import after_binning
 from mpsim.kernels.frame.motion import move_block, note_not_finite
 from mpsim.kernels.machine import LANES, RUN, add_to_lanes, changed_lanes, copy_lanes, lowest_bit, nonnegative, now
@@ -23,14 +23,7 @@ def copy_disc(source, i, target, slot):
     target.vy[slot] = source.vy[i]
     target.id[slot] = source.id[i]
     target.cell[slot] = source.cell[i]
-    copy_radius(source.radius, i, target.radius, slot)
-
-
-@inlined
-def copy_radius(source, i, target, slot):
-    """Copy the radius too, if each disc has its own."""
-    if source is not None:
-        target[slot] = source[i]
+    copy_entry(source.radius, i, target.radius, slot)
 
 
 @inlined
@@ -71,14 +64,7 @@ def swap_discs(discs, i, j):
     discs.vx[i], discs.vx[j] = discs.vx[j], discs.vx[i]
     discs.vy[i], discs.vy[j] = discs.vy[j], discs.vy[i]
     discs.id[i], discs.id[j] = discs.id[j], discs.id[i]
-    _swap_radii(discs.radius, i, j)
-
-
-@inlined
-def _swap_radii(radius, i, j):
-    """Exchange the radii of two discs, if each has its own."""
-    if radius is not None:
-        radius[i], radius[j] = radius[j], radius[i]
+    swap_entries(discs.radius, i, j)
 
 
 # --- The phases of a frame: which one a worker is in, how long each has taken, and the barrier between two

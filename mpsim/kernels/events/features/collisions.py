@@ -7,10 +7,10 @@ from mpsim.kernels.events.features.bodies import owner_of
 from mpsim.kernels.events.features.edges import is_moving_wall
 from mpsim.kernels.events.features.properties import mass_of, radius_of
 from mpsim.kernels.events.records import MOVING_WALL, counts
-from mpsim.kernels.features.collisions import DISC, OBSTACLE, WALL, write
-from mpsim.kernels.features.work import WALLS, on_disc
+from mpsim.kernels.features.collisions import DISC, OBSTACLE, WALL, WALLS, write
+from mpsim.kernels.features.collisions import add_work as add
 
-FIELDS = ("log",)
+FIELDS = ("log", "work")
 """log: of `collision_log`. Its numbers of discs are those of `event.number`."""
 
 
@@ -73,4 +73,4 @@ def add_work(work, i, power, moving_wall, capsules, bodies, store, features):
             side = store.event[i].side
             wall = is_moving_wall(moving_wall, side)
             owner = side - MOVING_WALL if wall else WALLS + owner_of(capsules, bodies, side)
-            on_disc(work, owner, i, power, features.mass)
+            add(work, owner, i, power, features.mass)

@@ -7,8 +7,7 @@ from mpsim.kernels.events.features.bodies import MOST_STEPS, TOUCH, next_jump, s
 from mpsim.kernels.events.features.properties import component, radius_of
 from mpsim.kernels.events.flight import INFINITY, time_to_limit
 from mpsim.kernels.events.records import LOOK, MOVING_WALL
-from mpsim.kernels.features import piston as motion
-from mpsim.kernels.features.bodies import OSCILLATION
+from mpsim.kernels.features.bodies import OSCILLATION, place_of_wall, velocity_of_wall
 
 # --- Edges that absorb discs: a disc that touches one stays there, at rest, in no cell, and has no further event
 
@@ -77,9 +76,9 @@ def time_to_wall(wall, knots, axis, inward, disc, radius, gravity, within, store
     time, t, bend = began, 0.0, max(wall.bend - pull, 0.0)
     for _ in range(MOST_STEPS):
         jump = next_jump(wall, knots, time)
-        opening = speed + pull * t - inward * motion.velocity(wall, knots, time)
+        opening = speed + pull * t - inward * velocity_of_wall(wall, knots, time)
         # A disc on which the wall stops or turns is on it, or beyond it by rounding.
-        gap = inward * (place - motion.place(wall, knots, time)) - radius + t * (speed + 0.5 * pull * t)
+        gap = inward * (place - place_of_wall(wall, knots, time)) - radius + t * (speed + 0.5 * pull * t)
         if wall.kind != OSCILLATION:
             met = time_to_limit(gap, opening, pull)
             if met < jump - time:
@@ -121,8 +120,8 @@ def surface(moving_wall, i, side, now, store, box, features):
     edge = side - MOVING_WALL
     wall, axis, inward = moving_wall.wall[edge], edge >> 1, 1.0 - 2.0 * (edge & 1)
     present = since_it_began(wall, now, store)
-    speed = inward * motion.velocity(wall, moving_wall.knots, present)
-    ahead = inward * (store.disc[i].position[axis] - motion.place(wall, moving_wall.knots, present))
+    speed = inward * velocity_of_wall(wall, moving_wall.knots, present)
+    ahead = inward * (store.disc[i].position[axis] - place_of_wall(wall, moving_wall.knots, present))
     depth = radius_of(i, box, features) - ahead
     return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, 0.0, edge
 

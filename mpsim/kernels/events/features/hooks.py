@@ -14,9 +14,8 @@ from typing import Any
 
 from mpsim.kernels.compiling import any_present, copy_entry, copy_row, inlined, swap_entries, swap_rows
 from mpsim.kernels.events.features import baths, bodies, capsules, collisions, edges, expansion, laws, properties
-from mpsim.kernels.features import work
 
-FEATURES = (properties, laws, edges, capsules, bodies, baths, collisions, expansion, work)
+FEATURES = (properties, laws, edges, capsules, bodies, baths, collisions, expansion)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
