@@ -19,8 +19,7 @@ from mpsim.features.edges import kinds_of
 from mpsim.features.properties import densest_packing
 from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
-from mpsim.kernels.events.boundary import Box
-from mpsim.kernels.events.cells import plan_cells
+from mpsim.kernels.events.cells import Box, plan_cells
 from mpsim.kernels.events.features.hooks import BARE
 from mpsim.scene import starts
 from mpsim.scene.scene import FASTEST, SLOWEST, Scene

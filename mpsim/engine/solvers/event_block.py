@@ -38,8 +38,7 @@ from mpsim.features.properties import has_radii
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
-from mpsim.kernels.events.boundary import COARSE, Box
-from mpsim.kernels.events.cells import plan_cells
+from mpsim.kernels.events.cells import COARSE, Box, plan_cells
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.kernels.events.features.laws import ImpactFriction
 from mpsim.kernels.events.solver import worst_overlap

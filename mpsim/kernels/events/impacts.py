@@ -4,29 +4,36 @@ import math
 
 import numpy as np
 
-from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.boundary import along, neighbour, range_in_cell
+from mpsim.kernels.compiling import any_present, inlined
 from mpsim.kernels.events.calendar import reschedule
-from mpsim.kernels.events.cells import block_to_search, cell_of, gather, is_inside, leave_list
-from mpsim.kernels.events.features import expansion
+from mpsim.kernels.events.cells import (
+    along,
+    block_to_search,
+    cell_of,
+    gather,
+    is_inside,
+    leave_list,
+    neighbour,
+    range_in_cell,
+)
+from mpsim.kernels.events.features.bodies import is_look
+from mpsim.kernels.events.features.edges import is_absent, leave, lets_out
 from mpsim.kernels.events.features.hooks import (
-    approach,
     before_border,
     between_discs,
-    is_absent,
-    is_look,
-    leave,
-    lets_out,
-    mass_of,
     on_surface,
     on_wall,
-    radius_at,
-    radius_of,
-    restitution_between,
-    speed_off_surface,
     speed_off_wall,
     surface,
-    thermal_speed_off_wall,
+)
+from mpsim.kernels.events.features.laws import effective_restitution, speed_off, speed_off_thermal_wall
+from mpsim.kernels.events.features.properties import (
+    approach_of_surfaces,
+    mass_of,
+    radius_at,
+    radius_of,
+    time_to_border,
+    time_to_touch,
 )
 from mpsim.kernels.events.flight import INFINITY, advance_to, approach_of, state_at, time_of, will_touch
 from mpsim.kernels.events.records import (
@@ -59,7 +66,7 @@ def border_along(axis, i, store, box, features):
     limit = radius_at(i, disc.last_update, store, box, features)
     low, high = range_in_cell(cell, cells, length, periodic, limit)
     low_is_wall, high_is_wall = not periodic and cell == 0, not periodic and cell == cells - 1
-    return expansion.time_to_leave(
+    return time_to_border(
         features.expansion, low, high, low_is_wall, high_is_wall, radius, disc, axis, features.gravity
     )
 
@@ -105,7 +112,7 @@ def earliest_one_by_one(i, now, first_column, last_column, first_row, last_row, 
                 xj, yj, vxj, vyj = state_at(disc[j], now, features.gravity)
                 contact = radius + radius_of(j, box, features)
                 rx, ry = (xj - x) + shift_x, (yj - y) + shift_y
-                t = expansion.time_to_impact(features.expansion, rx, ry, vxj - vx, vyj - vy, contact, now, store)
+                t = time_to_touch(features.expansion, rx, ry, vxj - vx, vyj - vy, contact, now, store)
                 if t < best or (t == best and partner >= 0 and event[j].number < event[partner].number):
                     best = t
                     partner = j
@@ -153,7 +160,7 @@ def earliest_of(kept, store):
 @inlined
 def earliest_partner(i, now, first_column, last_column, first_row, last_row, store, box, features):
     """The earliest impact of disc i with the discs of a block of cells: (time from now, partner or -1)."""
-    if is_inside(i, store, box) and not expansion.expands(features.expansion):
+    if is_inside(i, store, box) and features.expansion is None:
         cell = store.event[i].cell
         in_column = here_along(1, store.region, box)
         first = cell_of(i, store, box) + (first_column - cell[0]) * in_column + (first_row - cell[1])
@@ -170,7 +177,7 @@ def predict(i, now, side, deflected, store, box, features):
     side: the border it has just crossed or -1; deflected: whether its stored state is new as of `now`.
     """
     disc, event = store.disc[i], store.event
-    if is_absent(i, features):
+    if is_absent(features.exits, i):
         disc.collision_time, disc.crossing_time = INFINITY, INFINITY
         reschedule(i, store)
         return
@@ -224,9 +231,11 @@ def collide(i, j, now, store, box, features):
     rx = nearest_image(one.position[0] - other.position[0], box.width, box.periodic_x)
     ry = nearest_image(one.position[1] - other.position[1], box.height, box.periodic_y)
     b = rx * (one.velocity[0] - other.velocity[0]) + ry * (one.velocity[1] - other.velocity[1])
-    b = approach(i, j, b, rx, ry, box, features)
+    contact = radius_of(i, box, features) + radius_of(j, box, features)
+    b = approach_of_surfaces(features.expansion, b, rx, ry, contact)
     if b < 0.0:
-        e = restitution_between(max(one.last_contact, other.last_contact), now, features, store)
+        last_contact = max(one.last_contact, other.last_contact)
+        e = effective_restitution(features.restitution, last_contact, now, features.contact_time, store)
         mass_i = mass_of(i, features)
         mass_j = mass_of(j, features)
         push = -(1.0 + e) * b / ((rx * rx + ry * ry) * (mass_i + mass_j))
@@ -257,9 +266,9 @@ def hit_wall(i, now, side, store, box, features):
     high = side & 1
     length, _, _ = along(axis, box)
     inward = -1.0 if high else 1.0
-    if lets_out(side, features):
+    if lets_out(features.absorbing, side):
         disc.position[axis] = length - radius if high else radius
-        leave(i, store, features)
+        leave(features.exits, disc, i)
         leave_list(i, cell_of(i, store, box), store)
         store.cell_next[i] = -1
         store.event[i].collision_count += 1
@@ -267,7 +276,7 @@ def hit_wall(i, now, side, store, box, features):
         return
     speed = -inward * disc.velocity[axis]
     leaving = speed_off_wall(i, speed, axis, inward, disc.last_contact, now, store, box, features)
-    leaving, sliding = thermal_speed_off_wall(i, side, leaving, store, features)
+    leaving, sliding = speed_off_thermal_wall(features.thermal_walls, i, side, leaving, store, features)
     disc.position[axis] = length - radius if high else radius
     disc.velocity[axis] = inward * leaving
     on_wall(i, axis, inward, speed + leaving, sliding, store, box, features)
@@ -280,7 +289,7 @@ def hit_wall(i, now, side, store, box, features):
 @inlined
 def hit_surface(i, now, side, store, box, features):
     """Impact of disc i, whose stored state is current, on something other than a disc or a fixed wall; False: none."""
-    if is_look(side, features):
+    if is_look(any_present(features.bodies, features.moving_wall), side):
         return True
     met, nx, ny, depth, speed, running, edge = surface(i, side, now, store, box, features)
     if not met:
@@ -289,7 +298,7 @@ def hit_surface(i, now, side, store, box, features):
     disc.position[0] += depth * nx
     disc.position[1] += depth * ny
     inward = disc.velocity[0] * nx + disc.velocity[1] * ny - speed
-    leaving = speed_off_surface(max(-inward, 0.0), nx, ny, disc.last_contact, now, features, store)
+    leaving = speed_off(max(-inward, 0.0), nx, ny, disc.last_contact, now, features, store)
     leaving = max(leaving, PARTING * (abs(disc.velocity[0]) + abs(disc.velocity[1])))
     change = max(leaving - inward, 0.0)  # in a grazing impact, rounding may have reversed it already
     disc.velocity[0] += change * nx

@@ -22,19 +22,20 @@ from collections import namedtuple
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined, linked
-from mpsim.kernels.events.boundary import is_wall
 from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times
 from mpsim.kernels.events.cells import (
     cell_of,
     cross,
     deepest_overlap,
     is_disordered,
+    is_wall,
     leave_store,
     link_cells,
     order_in_space,
     particle_of,
 )
-from mpsim.kernels.events.features.hooks import end_frame, is_changed, is_crushed, with_columns
+from mpsim.kernels.events.features.hooks import is_crushed, with_columns
+from mpsim.kernels.events.features.laws import heat, is_heated
 from mpsim.kernels.events.features.properties import component
 from mpsim.kernels.events.flight import advance_to, is_finite
 from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall, predict
@@ -239,23 +240,18 @@ def write_totals(totals, store):
 
 
 @linked
-def change_velocities(time, frame, store, box, features):
-    """At the end of so many frames: change discs, then predict their events anew."""
+def after_frame(thermostat, time, frame, store, box, features):
+    """At the end of so many frames, if there is a thermostat: heat discs, then predict their events anew."""
+    if thermostat is None:
+        return
     clock = store.clock
     clock.now = max(time - clock.origin, clock.now)
     for i in range(store.disc.shape[0]):
-        end_frame(i, particle_of(i, store), clock.now, frame, store, features)
+        heat(thermostat, i, particle_of(i, store), clock.now, frame, store, features)
     for i in range(store.disc.shape[0]):
-        if is_changed(i, particle_of(i, store), frame, features):
+        if is_heated(thermostat, i, particle_of(i, store), frame, features):
             begin_event(store.event[i].cell, store.region, box)
             predict(np.int64(i), clock.now, np.int64(-1), True, store, box, features)
-
-
-@inlined
-def after_frame(thermostat, time, frame, store, box, features):
-    """`change_velocities`, if the scene has a feature that does so."""
-    if thermostat is not None:
-        change_velocities(time, frame, store, box, features)
 
 
 @linked

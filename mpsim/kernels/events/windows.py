@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined, linked
-from mpsim.kernels.events.boundary import along
 from mpsim.kernels.events.calendar import begin_turn, begin_turn_until, due, earliest, fit_lap, shift_times, steps_for
-from mpsim.kernels.events.cells import Store, enter_absent, link_cells, put_at_targets
+from mpsim.kernels.events.cells import Store, along, enter_absent, link_cells, put_at_targets
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.records import (

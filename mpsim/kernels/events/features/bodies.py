@@ -35,8 +35,6 @@ from mpsim.kernels.features.bodies import (
 from mpsim.kernels.features.capsules import nearest_offset, normal_of, surface_speed
 from mpsim.kernels.geometry import OWNER, RADIUS, concerns
 
-FIELDS = ("bodies",)
-
 MOST_STEPS = 64
 """Steps of one search: a contact takes some five, a near miss ten."""
 

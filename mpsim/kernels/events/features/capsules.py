@@ -14,9 +14,6 @@ from mpsim.kernels.events.records import FIRST_CAPSULE
 from mpsim.kernels.features.capsules import nearest_offset, surface_speed
 from mpsim.kernels.geometry import AX, AY, BX, BY, RADIUS, concerns
 
-FIELDS = ("capsules",)
-
-
 # --- when a disc meets one ----------------------------------------------------------------------------------------
 
 

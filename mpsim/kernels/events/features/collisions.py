@@ -10,9 +10,6 @@ from mpsim.kernels.events.records import MOVING_WALL, counts
 from mpsim.kernels.features.collisions import DISC, OBSTACLE, WALL, WALLS, write
 from mpsim.kernels.features.collisions import add_work as add
 
-FIELDS = ("log", "work")
-"""log: of `collision_log`. Its numbers of discs are those of `event.number`."""
-
 
 @inlined
 def between_discs(log, i, j, rx, ry, impulse, across, store, box, features):

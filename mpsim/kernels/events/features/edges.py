@@ -124,7 +124,3 @@ def surface(moving_wall, i, side, now, store, box, features):
     ahead = inward * (store.disc[i].position[axis] - place_of_wall(wall, moving_wall.knots, present))
     depth = radius_of(i, box, features) - ahead
     return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, 0.0, edge
-
-
-FIELDS = ("absorbing", "exits", "moving_wall", "crushing_speed")
-"""absorbing: for each edge (LEFT, ...), whether it absorbs."""

@@ -1,27 +1,33 @@
 """The features of the exact solver, which of them a scene has, and at which points of an event they act.
 
-Callers pass `features` and know no single feature. A new one is a file with its FIELDS, an entry in FEATURES, and a
-line at each point where it acts. A function that acts there takes its own field first, so that it compiles to nothing
-if the field is None.
-
-FIELDS of a feature are its names in `Features`: arrays of the block with a row for each disc, and what
-`engine/solvers/event_block.py` gives.
+A new one is a file, its fields in `Features`, and a line at each point where it acts. A function that acts there takes
+its own field first, so that it compiles to nothing if the field is None. What is asked of one feature alone is read
+from its file.
 """
 
 from collections import namedtuple
 from collections.abc import Mapping
 from typing import Any
 
-from mpsim.kernels.compiling import any_present, copy_entry, copy_row, inlined, swap_entries, swap_rows
-from mpsim.kernels.events.features import baths, bodies, capsules, collisions, edges, expansion, laws, properties
-
-FEATURES = (properties, laws, edges, capsules, bodies, baths, collisions, expansion)
-
-Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
-"""What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
+from mpsim.kernels.compiling import copy_entry, copy_row, inlined, swap_entries, swap_rows
+from mpsim.kernels.events.features import bodies, capsules, collisions, edges, laws, properties
+from mpsim.kernels.events.features.properties import radius_of
 
 COLUMNS = ("radius", "mass", "spin", "image", "exits")
-"""Those that are arrays with a row for each disc, in the order of the discs in memory."""
+"""Fields of `Features` that are arrays with a row for each disc, in the order of the discs in memory."""
+
+Features: Any = namedtuple(
+    "Features",
+    "image gravity radius mass friction wall_friction spin restitution wall_restitution contact_time absorbing exits "
+    "moving_wall crushing_speed capsules bodies thermostat thermal_walls log work expansion",
+)
+"""What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it.
+
+gravity: (gx, gy) [length/time^2]. friction, wall_friction: `ImpactFriction` > 0. restitution, wall_restitution: < 1.
+absorbing: for each edge (LEFT, ...), whether it absorbs. thermal_walls: kT of each edge, 0 where it is not thermal
+[mass length^2/time^2], and the seed. log: `Log`, whose numbers of discs are those of `event.number`. expansion: growth
+of each radius, as a fraction of that at the start [1/time].
+"""
 
 BARE = Features(*[None] * len(Features._fields))
 """Of a scene without features."""
@@ -32,33 +38,7 @@ def features_of(given: Mapping[str, Any]) -> Any:
     return Features(*map(given.get, Features._fields))
 
 
-# --- what a feature may answer ------------------------------------------------------------------------------------
-
-radius_of, mass_of = properties.radius_of, properties.mass_of
-
-
-@inlined
-def radius_at(i, now, store, box, features):
-    """Radius of disc i at a time of the store [length]."""
-    return expansion.expanded(features.expansion, radius_of(i, box, features), now, store)
-
-
-@inlined
-def is_absent(i, features):
-    """Whether disc i has left: it is in no list and has no event."""
-    return edges.is_absent(features.exits, i)
-
-
-@inlined
-def lets_out(side, features):
-    """Whether the wall at `side` (LEFT, ...) lets discs out."""
-    return edges.lets_out(features.absorbing, side)
-
-
-@inlined
-def restitution_between(last_contact, now, features, store):
-    """Restitution of two discs at an impact; last_contact: time of the later of their last contacts [time]."""
-    return laws.effective_restitution(features.restitution, last_contact, now, features.contact_time, store)
+# --- what features answer together --------------------------------------------------------------------------------
 
 
 @inlined
@@ -66,23 +46,7 @@ def speed_off_wall(i, speed, axis, inward, last_contact, now, store, box, featur
     """Speed inward of disc i, which has hit a wall at right angles to an axis at such a speed outward."""
     e = laws.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
     leaving = laws.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, store)
-    return expansion.speed_off_wall(features.expansion, speed, leaving, radius_of(i, box, features))
-
-
-@inlined
-def approach(i, j, b, rx, ry, box, features):
-    """r.u of discs i and j, which touch, relative to their surfaces."""
-    contact = radius_of(i, box, features) + radius_of(j, box, features)
-    return expansion.approach(features.expansion, b, rx, ry, contact)
-
-
-@inlined
-def thermal_speed_off_wall(i, side, leaving, store, features):
-    """Speed inward of disc i after its impact on `side`, `leaving`, and its change along the wall, 0.
-
-    At a thermal wall its velocity is drawn anew.
-    """
-    return baths.speed_off_wall(features.thermal_walls, i, side, leaving, store, features)
+    return properties.speed_off_approaching(features.expansion, speed, leaving, radius_of(i, box, features))
 
 
 @inlined
@@ -112,12 +76,6 @@ def copy_columns(source, i, target, j):
 
 
 @inlined
-def speed_off_surface(speed, nx, ny, last_contact, now, features, store):
-    """Speed at which a disc leaves a surface that it has hit at such a speed, along the unit vector n from there."""
-    return laws.speed_off(speed, nx, ny, last_contact, now, features, store)
-
-
-@inlined
 def surface(i, side, now, store, box, features):
     """The surface that disc i, whose stored state is current, has hit, if `side` of its event says so.
 
@@ -130,12 +88,6 @@ def surface(i, side, now, store, box, features):
     if bodies.is_one(features.bodies, side):
         return bodies.surface(features.bodies, i, side, now, store, box, features)
     return capsules.surface(features.capsules, i, side, store, box, features)
-
-
-@inlined
-def is_look(side, features):
-    """Whether an event is nothing but an instant from which the disc is looked at again."""
-    return bodies.is_look(any_present(features.bodies, features.moving_wall), side)
 
 
 @inlined
@@ -186,27 +138,3 @@ def on_surface(i, nx, ny, normal_change, speed, running, store, box, features):
     others = features.moving_wall, features.capsules, features.bodies
     collisions.add_work(features.work, i, normal_change * speed + sliding * running, *others, store, features)
     collisions.on_surface(features.log, i, nx, ny, normal_change, sliding, *others, store, box, features)
-
-
-@inlined
-def leave(i, store, features):
-    """After disc i, whose stored state is current, has touched a wall that lets it out."""
-    edges.leave(features.exits, store.disc[i], i)
-
-
-@inlined
-def end_frame(i, particle, now, frame, store, features):
-    """At the end of so many frames, at the time `now`: changes of disc i, a particle of the scene."""
-    baths.heat(features.thermostat, i, particle, now, frame, store, features)
-
-
-@inlined
-def is_changed(i, particle, frame, features):
-    """Whether `end_frame` has changed disc i, so that its events must be predicted anew."""
-    return baths.is_heated(features.thermostat, i, particle, frame, features)
-
-
-@inlined
-def through_border(i, axis, direction, features):
-    """After disc i has left through a periodic border, upward (direction = 1) or downward (-1) along the axis."""
-    properties.through_border(features.image, i, axis, direction)
