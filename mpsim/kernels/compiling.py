@@ -459,19 +459,13 @@ def slice_of(values, low, high):
 
 
 @inlined
-def present(value):
-    """True for an array, else None, so that code tested against it can be dropped."""
-    if value is None:
-        return None
-    return True
-
-
-@inlined
 def any_present(value, other):
-    """True if at least one of two is present, else None."""
-    if value is None:
-        return present(other)
-    return True
+    """True if at least one of two is present, else None, so that code tested against it can be dropped."""
+    if value is not None:
+        return True
+    if other is not None:
+        return True
+    return None
 
 
 @inlined

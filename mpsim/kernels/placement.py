@@ -214,6 +214,14 @@ def crowded(crowd, scale):
     return False
 
 
+@inlined
+def place_of(candidate, radius, crowd):
+    """A place (x, y) from fractions of where the centre of a disc may be."""
+    low_x = 0.0 if crowd.periodic_x else radius
+    low_y = 0.0 if crowd.periodic_y else radius
+    return low_x + candidate[0] * (crowd.width - 2.0 * low_x), low_y + candidate[1] * (crowd.height - 2.0 * low_y)
+
+
 @compiled
 def add_sequentially(crowd, order, placed, candidates, scale):
     """Try each candidate, (x, y) as fractions of where a centre may be, for the next disc of `order` that has no place.
@@ -225,10 +233,7 @@ def add_sequentially(crowd, order, placed, candidates, scale):
             break
         i = order[placed]
         radius = crowd.radius[i]
-        low_x = 0.0 if crowd.periodic_x else radius
-        low_y = 0.0 if crowd.periodic_y else radius
-        px = low_x + candidates[k, 0] * (crowd.width - 2.0 * low_x)
-        py = low_y + candidates[k, 1] * (crowd.height - 2.0 * low_y)
+        px, py = place_of(candidates[k], radius, crowd)
         free = off_capsules(crowd, px, py, scale * radius)[2] == 0.0
         if free and look(crowd, px, py, radius, EMPTY, scale, 0.0)[0] == 0:
             crowd.x[i], crowd.y[i] = px, py
@@ -246,12 +251,9 @@ def throw(crowd, order, candidates, scale):
     for k in range(order.size):
         i = order[k]
         radius = crowd.radius[i]
-        low_x = 0.0 if crowd.periodic_x else radius
-        low_y = 0.0 if crowd.periodic_y else radius
         least = math.inf
         for choice in range(candidates.shape[1]):
-            px = low_x + candidates[k, choice, 0] * (crowd.width - 2.0 * low_x)
-            py = low_y + candidates[k, choice, 1] * (crowd.height - 2.0 * low_y)
+            px, py = place_of(candidates[k, choice], radius, crowd)
             depth = look(crowd, px, py, radius, EMPTY, scale, 0.0)[2]
             depth = max(depth, off_capsules(crowd, px, py, scale * radius)[2])
             if depth < least:

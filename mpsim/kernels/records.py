@@ -103,26 +103,11 @@ PINCHED = 2**61
 """Reported in place of a speed, which is always less, of a disc that surfaces are about to press through each other."""
 
 
-class ContactLaw(NamedTuple):
-    """A law by which a contact changes the velocities of two discs: how contacts are resolved, not what a scene has.
-
-    It keeps kinetic energy; restitution and friction are features of a scene.
-
-    Attributes:
-        number: in `control.law`.
-        not_exact: what the exact solver cannot do, in words; "": its impacts follow the law.
-    """
-
-    number: int
-    not_exact: str
-
-
 REFLECT, ELASTIC = range(2)
-LAWS = {
-    "reflect": ContactLaw(REFLECT, not_exact="law='reflect', which acts on discs that separate"),
-    "elastic": ContactLaw(ELASTIC, not_exact=""),
-}
-"""By the word for it in `Settings`; what each does is written in `frame/laws.py`."""
+LAWS = {"reflect": REFLECT, "elastic": ELASTIC}
+"""Laws by which a contact changes the velocities of two discs, by the word for each in `Settings`: the number in
+`control.law`. What each does is written in `frame/laws.py`. They keep kinetic energy; restitution and friction are
+features of a scene."""
 
 PUSH, IMPACT = range(2)
 CONTACTS = {"push": PUSH, "impact": IMPACT}

@@ -35,7 +35,6 @@ from mpsim.features.energy import gravity_strength, is_inelastic, thermal_speed
 from mpsim.features.obstacles import OBSTACLES, surfaces_near
 from mpsim.features.piston import PISTON
 from mpsim.features.properties import has_radii
-from mpsim.kernels import records as stepped
 from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
 from mpsim.kernels.events.cells import COARSE, Box, plan_cells
@@ -76,7 +75,7 @@ ROUNDING = 1e-12
 def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
     """Raise InputError for what the exact solver cannot do exactly, by name."""
     refused = [
-        stepped.LAWS[settings.law].not_exact,
+        "law='reflect', which acts on discs that separate" if settings.law == "reflect" else "",
         "precision='float32'" if settings.precision != "float64" else "",
         *(feature.not_exact for feature in scene._features),
     ]

@@ -216,7 +216,7 @@ class SteppedSolver(Solver, Steps):
         control.rows = grid.rows
         control.cells = grid.table_size - 1
         control.substeps = self.substeps
-        control.law = records.LAWS[settings.law].number
+        control.law = records.LAWS[settings.law]
         control.contact = records.CONTACTS[settings.contact]
         control.passes = settings.passes
         control.race_free = int(not self.choice.processes.unguarded)

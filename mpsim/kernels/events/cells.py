@@ -106,14 +106,6 @@ def cell_beyond(i, axis, direction, store, box, features):
     return cell
 
 
-def are_inside(position, radius, axis, box):
-    """Which positions [length], shape (N,), along an axis are in the box, within rounding."""
-    length, _, periodic = along(axis, box)
-    low = 0.0 if periodic else radius
-    slack = 1e-12 * length
-    return (position >= low - slack) & (position <= length - low + slack)
-
-
 def brought_back(flown, radius, axis, box):
     """Positions [length] of shape (N,) along an axis inside the box, and by how many periods: (positions, periods)."""
     length, _, periodic = along(axis, box)
@@ -403,7 +395,7 @@ def order_in_space(store, box, features):
 # Plain numpy: nothing in this file is compiled. The caller owns every array (`disc` should start on a multiple of 64
 # bytes, so that one disc is one cache line). Together they hold the whole state of a run: a copy is a checkpoint.
 # Discs are numbered inside by where they start in the box; `order` maps that number, `event.number`, to the particle
-# of the scene. In memory they start in that order, and are reordered as they move (ordering.py).
+# of the scene. In memory they start in that order, and are reordered as they move.
 
 Store = namedtuple(
     "Store", "disc event entry cell_head cell_next step_head heap near approach order clock counter tally region turn"
@@ -448,7 +440,9 @@ def first_misplaced(position, velocity, radius, box):
     if not good.all():
         return NOT_FINITE, int(np.argmin(good))
     for axis in range(2):
-        inside = are_inside(position[:, axis], radius, axis, box)
+        length, _, periodic = along(axis, box)
+        low, slack = 0.0 if periodic else radius, 1e-12 * length  # within rounding
+        inside = (position[:, axis] >= low - slack) & (position[:, axis] <= length - low + slack)
         if not inside.all():
             return OUTSIDE, int(np.argmin(inside))
     return REACHED, -1

@@ -234,7 +234,7 @@ REGION = _record(
 """The part of the box that lies in a store: all of it, or a tile and what lies around."""
 
 BANDS = 5
-"""Parts of a tile, and of what lies around it, along an axis: see region.py."""
+"""Parts of a tile, and of what lies around it, along an axis: see `band_along`."""
 
 TILE = _record(
     np.int64,

@@ -37,7 +37,7 @@ from mpsim.kernels.waiting import barrier, next_command
 #
 # A tile is loaded from the store of the whole box into one of its own, with all discs of the `halo` cells around it,
 # and played up to the end of a window. The error from what is missing beyond the halo spreads inward by a few
-# diameters. So the events are compared along each border of two tiles (watch.py): if both found the same in the band
+# diameters. So the events are compared along each border of two tiles: if both found the same in the band
 # there, each is right in its own cells, and its own discs are the new state of the box. If not, the window is played
 # again (windows.py).
 #

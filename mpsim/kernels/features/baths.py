@@ -88,7 +88,7 @@ def leave_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, 
 
 
 @inlined
-def on_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, control):
+def redraw_at_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, control):
     """`leave_walls`, if there are such walls and disc i has hit one. Returns its contacts along x and y then."""
     if thermal_walls is None:
         return x, y

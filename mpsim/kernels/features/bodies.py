@@ -23,8 +23,7 @@ from mpsim.kernels.features.capsules import (
     normal_of,
     surface_speed,
 )
-from mpsim.kernels.features.collisions import WALLS, add_work
-from mpsim.kernels.features.contact_hooks import on_capsule
+from mpsim.kernels.features.collisions import WALLS, add_work, on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.geometry import OWNER, RADIUS, concerns

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked, value_or
-from mpsim.kernels.features.contact_hooks import on_capsule
+from mpsim.kernels.features.collisions import on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.geometry import AX, AY, BX, BY, OWNER, RADIUS, SURFACE, bounce_back, concerns

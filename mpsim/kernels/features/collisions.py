@@ -1,4 +1,4 @@
-"""What contacts record: the log of collisions, if a run asks for it, and the work of surfaces that move."""
+"""What contacts do besides: they record collisions, if a run asks for them, and the work of surfaces that move."""
 
 import math
 from collections import namedtuple
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked, value_or
+from mpsim.kernels.features import friction
 from mpsim.kernels.features.edges import is_absent, seen_from
 from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.records import BOTTOM, IMPACT, LEFT, RIGHT, TOP, Record
@@ -55,7 +56,7 @@ def log_of(arrays: Mapping[str, Any], worker: int) -> Any:
 @inlined
 def write(log, kind, i, j, time, impulse_x, impulse_y, across_x, across_y, place_x, place_y):
     """Write a collision; a contact without an impulse along the normal is not one."""
-    if log is not None:  # noqa: SIM102 - see optional.py
+    if log is not None:  # noqa: SIM102 - see compiling.py
         if (impulse_x != 0.0) | (impulse_y != 0.0):
             k = log.state[COUNT]
             if k < log.rows.size:
@@ -186,7 +187,7 @@ def touching_point(discs, i, j, shift_x, shift_y, since, parameters):
 
 
 @inlined
-def between_discs(log, discs, i, j, touched, impulse, nx, ny, across):
+def log_discs(log, discs, i, j, touched, impulse, nx, ny, across):
     """Contact of discs i and j, with such an impulse along the unit vector n from i to j.
 
     touched: how long before the end of the step [time], and where (x, y) [length]. across: impulse on i along
@@ -200,7 +201,7 @@ def between_discs(log, discs, i, j, touched, impulse, nx, ny, across):
 
 @linked
 def write_walls(log, discs, i, x, y, sliding, features, parameters, control):
-    """`on_walls` for a disc that has hit a wall."""
+    """`log_walls` for a disc that has hit a wall."""
     mass = np.float64(value_or(features.mass, discs.id[i], 1.0))
     ax, ay = accelerations_of(discs, i, features)
     along_x, along_y = np.float64(x.sliding + sliding[0]), np.float64(y.sliding + sliding[1])
@@ -218,7 +219,7 @@ def write_walls(log, discs, i, x, y, sliding, features, parameters, control):
 
 
 @inlined
-def on_walls(log, discs, i, x, y, sliding, features, parameters, control):
+def log_walls(log, discs, i, x, y, sliding, features, parameters, control):
     """Contact of disc i with walls, as its motion along x and y has led it to them, two of `WallContact`.
 
     The coordinate normal to a wall is not that of the wall. sliding: changes of its velocity by friction, along the
@@ -231,7 +232,7 @@ def on_walls(log, discs, i, x, y, sliding, features, parameters, control):
 
 
 @inlined
-def on_capsule(log, discs, i, owner, nx, ny, change, sliding, time, features, parameters):
+def log_capsule(log, discs, i, owner, nx, ny, change, sliding, time, features, parameters):
     """Contact of disc i with an obstacle, so long ago, which has changed its velocity by so much along n from there.
 
     sliding: change of its velocity along (ny, -nx).
@@ -246,3 +247,32 @@ def on_capsule(log, discs, i, owner, nx, ny, change, sliding, time, features, pa
             mass = np.float64(value_or(features.mass, discs.id[i], 1.0))
             impulse, across = mass * change, mass * sliding
             write(log, OBSTACLE, discs.id[i], owner, since, impulse * nx, impulse * ny, across * ny, -across * nx, x, y)
+
+
+# --- The points of a contact with a surface: friction acts, and what has happened is recorded
+
+
+@inlined
+def on_walls(discs, i, x, y, in_flight, features, parameters, control):
+    """Contact of a disc with the walls of the box that it has reached.
+
+    x, y: its contacts along each axis, of `WallContact`. in_flight: None while contacts are resolved, when coordinates
+    along periodic axes are left unchanged.
+    """
+    sliding = friction.on_walls(features.wall_friction, discs, i, x, y, in_flight, features, parameters, control)
+    log_walls(features.log, discs, i, x, y, sliding, features, parameters, control)
+
+
+@inlined
+def on_capsule(discs, i, owner, nx, ny, normal_change, time, pushing, surface, features, parameters):
+    """Contact of a disc with a capsule, along the unit vector n from there to the disc.
+
+    owner: number of the obstacle. normal_change: of its velocity along n. time: since the contact [time].
+    pushing, surface: speed of the capsule's surface along n, and along (-ny, nx) [length/time].
+    """
+    sliding = friction.on_surface(
+        features.wall_friction, discs, i, nx, ny, normal_change, time, surface, features, parameters
+    )
+    power = normal_change * pushing - sliding * surface
+    add_work(features.work, WALLS + owner, discs.id[i], power, features.mass)
+    log_capsule(features.log, discs, i, owner, nx, ny, normal_change, sliding, time, features, parameters)

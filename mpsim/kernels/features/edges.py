@@ -79,7 +79,7 @@ def after_binning(exits, discs, low, high, control):
 # --- What the boundary of an axis does to discs: walls reflect them, a periodic border lets them through
 #
 # An axis is periodic if it has a length in `wrap`; otherwise it ends at walls. The kernels pass `wrap` on to this
-# file, and ask at most whether there is one; `frame/giants.py` also asks for the distance of images. An image is the
+# file, and ask at most whether there is one; giants also ask for the distance of images. An image is the
 # disc shifted by one length along an axis, in position only. `engine/feature_arrays.py` writes the lengths. A disc's
 # count of periods changes where its coordinate is wrapped, and only the worker that moves it changes it, so that
 # displacements can be unwrapped.
@@ -224,7 +224,7 @@ def count_periods(image, axis, disc, taken, wrap):
     So coordinate + image * length has no jump, even if `wrapped` puts a disc just below 0 at 0. A flight that is not
     finite, or so long that the place in the box has no digit left, is not counted.
     """
-    if wrap is not None:  # noqa: SIM102 - see optional.py
+    if wrap is not None:  # noqa: SIM102 - see compiling.py
         if taken != 0:
             periods = np.rint(taken / wrap[0])
             if abs(periods) < MOST_PERIODS:

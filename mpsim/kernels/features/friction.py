@@ -28,8 +28,8 @@ def tangential_change(law, slip, normal_change):
 
 @inlined
 def between_discs(friction, discs, i, j, nx, ny, normal_change, features, parameters):
-    """Friction of two discs in contact: arguments as in `contact_hooks`. Returns the impulse on i along (-ny, nx)."""
-    if friction is not None:  # noqa: SIM102 - see optional.py
+    """Friction of two discs in contact: see `laws.elastic`. Returns the impulse on i along (-ny, nx)."""
+    if friction is not None:  # noqa: SIM102 - see compiling.py
         if normal_change < 0:
             one, two = real(parameters, 1), real(parameters, 2)
             vx, vy, spin, disc, other = discs.vx, discs.vy, features.spin, discs.id[i], discs.id[j]
@@ -65,7 +65,7 @@ def on_surface(friction, discs, i, nx, ny, normal_change, time, surface, feature
     velocity times this [time]. surface: speed of the surface along (-ny, nx) [length/time]; None if it is at rest.
     Returns the change of the tangential velocity, along (ny, -nx).
     """
-    if friction is not None:  # noqa: SIM102 - see optional.py
+    if friction is not None:  # noqa: SIM102 - see compiling.py
         if normal_change > 0:
             two, disc = real(parameters, 2), discs.id[i]
             time = min(time, parameters.dt + (nx - nx))  # in the type of n, in plain Python too
@@ -106,11 +106,11 @@ def on_walls_met(friction, discs, i, x, y, in_flight, features, parameters, cont
 
 @inlined
 def on_walls(wall_friction, discs, i, x, y, in_flight, features, parameters, control):
-    """Friction of a disc on the walls that have changed its velocity: arguments as in `contact_hooks`.
+    """Friction of a disc on the walls that have changed its velocity: arguments as in `collisions`.
 
     Under contact `push`, it acts at the position at the end of the frame. Returns what `on_walls_met` does.
     """
-    if wall_friction is not None:  # noqa: SIM102 - see optional.py
+    if wall_friction is not None:  # noqa: SIM102 - see compiling.py
         if (x.low_change != x.high_change) | (y.low_change != y.high_change):
             return on_walls_met(wall_friction, discs, i, x, y, in_flight, features, parameters, control)
     zero = real(parameters, 0)

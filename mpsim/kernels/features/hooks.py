@@ -1,9 +1,9 @@
 """The features of the stepped solvers, which of them a scene has, and at which points of a step they act.
 
-A new feature is a file, its fields in `Features`, and a line at each point where it acts, here or in
-`contact_hooks.py`. A function that acts there takes its own field first, so that it compiles to nothing if that is
-None. What all steps need (accelerations, masses, radii, boundaries, walls) is read from the files of those features
-where it is needed.
+A new feature is a file, its fields in `Features`, and a line at each point where it acts, here or (contacts) in
+`collisions.py`. A function that acts there takes its own field first, so that it compiles to nothing if that is None.
+What all steps need (accelerations, masses, radii, boundaries, walls) is read from the files of those features where it
+is needed.
 """
 
 from collections import namedtuple

@@ -8,9 +8,9 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import any_present, inlined, linked, value_or
-from mpsim.kernels.features.collisions import touching_point
-from mpsim.kernels.features.contact_hooks import between_discs, note_contact
+from mpsim.kernels.features.collisions import log_discs, touching_point
 from mpsim.kernels.features.edges import put_inside, seen_from
+from mpsim.kernels.features.friction import between_discs
 from mpsim.kernels.features.properties import accelerations_of, mass_fraction, touching_distance
 from mpsim.kernels.frame.motion import keep_inside
 from mpsim.kernels.records import DEPTH_SCALE, ELASTIC, IMPACT
@@ -57,19 +57,13 @@ def elastic(discs, i, j, nx, ny, along_i, along_j, features, parameters):
     normal_change = approach * parameters.half_one_plus_e if approach < 0 else discs.vx.dtype.type(0)
     change_i = normal_change * mass_fraction(features.mass, discs.id[i], discs.id[j], one)
     change_j = -(normal_change * mass_fraction(features.mass, discs.id[j], discs.id[i], one))
-    across = between_discs(discs, i, j, nx, ny, normal_change, features, parameters)
+    across = between_discs(features.friction, discs, i, j, nx, ny, normal_change, features, parameters)
     return change_i, change_j, across
 
 
 @inlined
-def reflect(along_i, along_j, two):
-    """The report's law: each velocity is mirrored about the contact line, whether the discs approach or not."""
-    return -two * along_i, -two * along_j
-
-
-@inlined
 def apply_law(discs, i, j, nx, ny, features, parameters, law):
-    """Change the velocities of two discs in contact along the unit vector n from i to j, by a law of `layout.LAWS`.
+    """Change the velocities of two discs in contact along the unit vector n from i to j, by a law of `records.LAWS`.
 
     Returns the impulse [mass length/time] (for `reflect`, which has two of them, their mean), the unit vector, and the
     tangential impulse on i along (-ny, nx).
@@ -80,9 +74,8 @@ def apply_law(discs, i, j, nx, ny, features, parameters, law):
     along_j = vx[j] * nx + vy[j] * ny
     if law == ELASTIC:
         change_i, change_j, across = elastic(discs, i, j, nx, ny, along_i, along_j, features, parameters)
-    else:
-        change_i, change_j = reflect(along_i, along_j, two)
-        across = one - one
+    else:  # the report's law: each velocity is mirrored about the contact line, whether the discs approach or not
+        change_i, change_j, across = -two * along_i, -two * along_j, one - one
     vx[i] += change_i * nx
     vy[i] += change_i * ny
     vx[j] += change_j * nx
@@ -203,7 +196,7 @@ def impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control,
 
 @inlined
 def touched(log, discs, i, j, shift_x, shift_y, parameters, control):
-    """How long ago, and where, two overlapping discs touched, for `note_contact`; None if there is no log."""
+    """How long ago, and where, two overlapping discs touched, for `log_discs`; None if there is no log."""
     if log is None:
         return None
     since = 0.0
@@ -216,7 +209,7 @@ def touched(log, discs, i, j, shift_x, shift_y, parameters, control):
 
 @inlined
 def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control, tally, frame):
-    """Resolve two overlapping discs by the contact, one of `layout.CONTACTS`, and the law of the run."""
+    """Resolve two overlapping discs by the contact, one of `records.CONTACTS`, and the law of the run."""
     if control.tallied:
         tally_depth(discs, i, j, shift_x, shift_y, parameters, tally, frame)
     before = touched(features.log, discs, i, j, shift_x, shift_y, parameters, control)
@@ -225,7 +218,7 @@ def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control
     else:
         impulses = push_contact(discs, i, j, shift_x, shift_y, features, parameters, control.law)
     impulse, nx, ny, across = impulses
-    note_contact(discs, i, j, before, impulse, nx, ny, across, features)
+    log_discs(features.log, discs, i, j, before, impulse, nx, ny, across)
     if control.tallied:
         relative = touching_distance(discs.radius, i, j, parameters) / parameters.diameter
         virial = impulse * relative * np.float64(parameters.tally_scale)

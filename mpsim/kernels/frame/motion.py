@@ -5,10 +5,9 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import any_present, inlined, linked, slice_of, value_or
+from mpsim.kernels.features.baths import redraw_at_walls
 from mpsim.kernels.features.bodies import wall_motion, wall_place
-from mpsim.kernels.features.collisions import add_work
-from mpsim.kernels.features.collisions import on_walls as record_walls
-from mpsim.kernels.features.contact_hooks import leave_walls, on_walls
+from mpsim.kernels.features.collisions import add_work, log_walls, on_walls
 from mpsim.kernels.features.edges import (
     Walls,
     count_flight,
@@ -81,7 +80,7 @@ def commit_wall_contact(discs, i, x, y, in_flight, features, parameters, control
     x, y: of `WallContact`. in_flight: None while contacts are resolved.
     """
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x.position, y.position, x.velocity, y.velocity
-    x, y = leave_walls(discs, i, x, y, in_flight, features, parameters, control)
+    x, y = redraw_at_walls(features.thermal_walls, discs, i, x, y, in_flight, features, parameters, control)
     count_impulses(x, y, discs.id[i], features, parameters, control, tally, frame)
     count_work(features.moving_wall, x, y, discs.id[i], features, parameters)
     on_walls(discs, i, x, y, in_flight, features, parameters, control)
@@ -188,7 +187,7 @@ def try_fly_freely(discs, low, high, accelerated, gravity, parameters):
 @inlined
 def try_fly_block(discs, low, high, accelerated, acceleration, gravity, parameters):
     """`try_fly_freely`, unless discs have individual accelerations. Returns whether it did."""
-    if accelerated is not None:  # noqa: SIM102 - see optional.py
+    if accelerated is not None:  # noqa: SIM102 - see compiling.py
         if acceleration is not None:
             return False
     return try_fly_freely(discs, low, high, accelerated, gravity, parameters)
@@ -370,7 +369,7 @@ def note_walls(discs, low, high, features, parameters, control, tally, frame):
     for i in range(low, high):
         x, y = flight_of(discs, i, zero, zero, None, features, parameters)
         count_impulses(x, y, discs.id[i], features, parameters, control, tally, frame)
-        record_walls(features.log, discs, i, x, y, (zero, zero), features, parameters, control)
+        log_walls(features.log, discs, i, x, y, (zero, zero), features, parameters, control)
 
 
 @inlined
@@ -404,7 +403,7 @@ def accelerate_and_fly(discs, low, high, accelerated, features, parameters, cont
 
     accelerated: None if no disc is.
     """
-    if accelerated is not None:  # noqa: SIM102 - see optional.py
+    if accelerated is not None:  # noqa: SIM102 - see compiling.py
         if control.contact == IMPACT:
             return fly(discs, low, high, True, features, parameters, control, tally, frame)
     accelerate(discs, low, high, features.gravity, features.acceleration, parameters)

@@ -332,7 +332,7 @@ def merge_up_to(column, cursor, source, target, start, changes, team, worker, co
 # the first disc of a cell and start[cell + 1] one past its last.
 #
 # The order is a function of the discs alone, so it does not matter how it is obtained: each worker repairs the
-# previous one if few of its discs have changed cells (`incremental_sort.py`), else sorts all (`counting_sort.py`).
+# previous one if few of its discs have changed cells, else sorts all.
 
 # --- The counting sort: sorts a worker's discs from any order
 

@@ -14,7 +14,7 @@ the arrays.
     ------------------------------------------------------------------------------------------------- barrier
     odd    own odd columns that had to wait for a neighbour's even one
     ------------------------------------------------------------------------------------------------- barrier
-    giants discs that are too large for the grid, if there are any: worker 0 alone (`giants.py`)
+    giants discs that are too large for the grid, if there are any: worker 0 alone
     ------------------------------------------------------------------------------------------------- barrier
 
 With `passes` above 1, the last three are repeated that many times. A frame has `substeps` steps.

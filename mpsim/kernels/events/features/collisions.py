@@ -17,7 +17,7 @@ def between_discs(log, i, j, rx, ry, impulse, across, store, box, features):
 
     impulse, across: on i, along r and along r rotated to the left.
     """
-    if log is not None:  # noqa: SIM102 - see optional.py
+    if log is not None:  # noqa: SIM102 - see compiling.py
         if counts(store.region) != 0:
             disc, distance = store.disc[i], math.sqrt(rx * rx + ry * ry)
             share = radius_of(i, box, features) / (radius_of(i, box, features) + radius_of(j, box, features))
@@ -65,7 +65,7 @@ def on_surface(log, i, nx, ny, change, sliding, moving_wall, capsules, bodies, s
 @inlined
 def add_work(work, i, power, moving_wall, capsules, bodies, store, features):
     """Impact of disc i as in `on_surface`; power: change of its velocity times the velocity of the surface."""
-    if work is not None:  # noqa: SIM102 - see optional.py
+    if work is not None:  # noqa: SIM102 - see compiling.py
         if counts(store.region) != 0:
             side = store.event[i].side
             wall = is_moving_wall(moving_wall, side)
