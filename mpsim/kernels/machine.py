@@ -1,12 +1,12 @@
 """The few machine operations that Numba lacks: vector overlap test, atomics, clock, yield and sleep.
 
-Each is a plain Python function, slow and obvious, that also runs under NUMBA_DISABLE_JIT=1, with an `overload` that
-gives compiled callers the machine instruction. Libc functions are linked by name (`ExternalFunction`), because
-the address that ctypes would give cannot be cached.
+Each is a plain Python function, slow and obvious, that also runs under NUMBA_DISABLE_JIT=1; the `instruction` or
+`overload` below it is what compiled callers get. Libc functions are linked by name (`ExternalFunction`), because the
+address that ctypes would give cannot be cached.
 """
 
 # pyright: reportCallIssue=false, reportAttributeAccessIssue=false
-# An intrinsic is called without its first parameter, which a type checker cannot know.
+# Types of Numba have attributes that it declares nowhere.
 
 import os
 import platform
@@ -27,6 +27,22 @@ RUN = 16
 _WORD = ir.IntType(64)
 _HINT = {"x86_64": ("llvm.x86.sse2.pause", []), "aarch64": ("llvm.aarch64.hint", [1])}.get(platform.machine())
 """LLVM's name of the spin-loop hint on this processor, with its operands; None where there is none."""
+
+
+def instruction(plain):
+    """Give compiled callers of a plain function the code of the decorated one, written as for `intrinsic`."""
+
+    def give(typed):
+        code = intrinsic(typed)
+
+        @overload(plain)
+        def compile_for(*arguments):
+            def call(*arguments):
+                return code(*arguments)
+
+            return call
+
+    return give
 
 
 # --- the overlap test -------------------------------------------------------------------------------------------
@@ -70,50 +86,22 @@ def _broadcast(builder, scalar, vector):
     return builder.shuffle_vector(lane, lane, zeros)
 
 
-def _closer(builder, dx, dy, limit):
-    """The mask of lanes in which dx^2 + dy^2 < limit."""
-    distance_squared = builder.fadd(builder.fmul(dx, dx), builder.fmul(dy, dy))
-    overlap = builder.fcmp_ordered("<", distance_squared, limit)
-    return builder.zext(builder.bitcast(overlap, ir.IntType(LANES)), _WORD)
-
-
-@intrinsic
-def _overlap_lanes(typing_context, x, y, start, xi, yi, diameter_squared):
-    def codegen(context, builder, signature, args):
-        vector = _vector(context, signature)
-        load = lambda k: _load(context, builder, signature.args[k], args[k], args[2], vector)  # noqa: E731
-        dx = builder.fsub(load(0), _broadcast(builder, args[3], vector))
-        dy = builder.fsub(load(1), _broadcast(builder, args[4], vector))
-        return _closer(builder, dx, dy, _broadcast(builder, args[5], vector))
-
-    return types.int64(x, y, types.int64, x.dtype, x.dtype, x.dtype), codegen
-
-
-@intrinsic
-def _overlap_lanes_of_radii(typing_context, x, y, radius, start, xi, yi, radius_i):
+@instruction(overlap_lanes)
+def _overlap_lanes(typing_context, x, y, radius, start, xi, yi, reach):
     def codegen(context, builder, signature, args):
         vector = _vector(context, signature)
         load = lambda k: _load(context, builder, signature.args[k], args[k], args[3], vector)  # noqa: E731
         dx = builder.fsub(load(0), _broadcast(builder, args[4], vector))
         dy = builder.fsub(load(1), _broadcast(builder, args[5], vector))
-        reach = builder.fadd(load(2), _broadcast(builder, args[6], vector))
-        return _closer(builder, dx, dy, builder.fmul(reach, reach))
+        limit = _broadcast(builder, args[6], vector)
+        if not isinstance(radius, types.NoneType):
+            contact = builder.fadd(load(2), limit)
+            limit = builder.fmul(contact, contact)
+        distance_squared = builder.fadd(builder.fmul(dx, dx), builder.fmul(dy, dy))
+        overlap = builder.fcmp_ordered("<", distance_squared, limit)
+        return builder.zext(builder.bitcast(overlap, ir.IntType(LANES)), _WORD)
 
     return types.int64(x, y, radius, types.int64, x.dtype, x.dtype, x.dtype), codegen
-
-
-@overload(overlap_lanes)
-def _compile_overlap_lanes(x, y, radius, start, xi, yi, reach):
-    if isinstance(radius, types.NoneType):
-
-        def implementation(x, y, radius, start, xi, yi, reach):
-            return _overlap_lanes(x, y, start, xi, yi, reach)
-    else:
-
-        def implementation(x, y, radius, start, xi, yi, reach):
-            return _overlap_lanes_of_radii(x, y, radius, start, xi, yi, reach)
-
-    return implementation
 
 
 def lowest_bit(mask):
@@ -122,7 +110,7 @@ def lowest_bit(mask):
     return (mask & -mask).bit_length() - 1
 
 
-@intrinsic
+@instruction(lowest_bit)
 def _lowest_bit(typing_context, mask):
     def codegen(context, builder, signature, args):
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
@@ -130,35 +118,19 @@ def _lowest_bit(typing_context, mask):
     return types.int64(types.int64), codegen
 
 
-@overload(lowest_bit)
-def _compile_lowest_bit(mask):
-    def implementation(mask):
-        return _lowest_bit(mask)
-
-    return implementation
-
-
 def nonnegative(index):
     """The index itself, known to be 0 or more, so that the compiler drops Python's wrap-around of negative ones."""
     return index
 
 
-@intrinsic
-def _natural(typing_context, index):
+@instruction(nonnegative)
+def _nonnegative(typing_context, index):
     def codegen(context, builder, signature, args):
         assume = builder.module.declare_intrinsic("llvm.assume", (), ir.FunctionType(ir.VoidType(), [ir.IntType(1)]))
         builder.call(assume, [builder.icmp_signed(">=", args[0], ir.Constant(_WORD, 0))])
         return args[0]
 
     return types.int64(types.int64), codegen
-
-
-@overload(nonnegative)
-def _compile_natural(index):
-    def implementation(index):
-        return _natural(index)
-
-    return implementation
 
 
 def changed_lanes(before, after, start):
@@ -170,7 +142,7 @@ def changed_lanes(before, after, start):
     return mask
 
 
-@intrinsic
+@instruction(changed_lanes)
 def _changed_lanes(typing_context, before, after, start):
     def codegen(context, builder, signature, args):
         vector = _vector(context, signature)
@@ -181,20 +153,12 @@ def _changed_lanes(typing_context, before, after, start):
     return types.int64(before, after, types.int64), codegen
 
 
-@overload(changed_lanes)
-def _compile_changed_lanes(before, after, start):
-    def implementation(before, after, start):
-        return _changed_lanes(before, after, start)
-
-    return implementation
-
-
 def copy_lanes(source, first, target, slot):
     """Copy RUN elements of `source` from `first` on to `target` from `slot` on."""
     target[slot : slot + RUN] = source[first : first + RUN]
 
 
-@intrinsic
+@instruction(copy_lanes)
 def _copy_lanes(typing_context, source, first, target, slot):
     def codegen(context, builder, signature, args):
         vector = _vector(context, signature, RUN)
@@ -205,20 +169,12 @@ def _copy_lanes(typing_context, source, first, target, slot):
     return types.void(source, types.int64, target, types.int64), codegen
 
 
-@overload(copy_lanes)
-def _compile_copy_lanes(source, first, target, slot):
-    def implementation(source, first, target, slot):
-        _copy_lanes(source, first, target, slot)
-
-    return implementation
-
-
 def add_to_lanes(array, start, number, value):
     """Add `value` to a number of elements from `start` on, at most RUN. Reads and writes back all RUN of them."""
     array[start : start + min(number, RUN)] += value
 
 
-@intrinsic
+@instruction(add_to_lanes)
 def _add_to_lanes(typing_context, array, start, number, value):
     def codegen(context, builder, signature, args):
         vector = _vector(context, signature, RUN)
@@ -234,14 +190,6 @@ def _add_to_lanes(typing_context, array, start, number, value):
     return types.void(array, types.int64, types.int64, types.int64), codegen
 
 
-@overload(add_to_lanes)
-def _compile_add_to_lanes(array, start, number, value):
-    def implementation(array, start, number, value):
-        _add_to_lanes(array, start, number, value)
-
-    return implementation
-
-
 # --- atomics on one int64 word ------------------------------------------------------------------------------------
 
 
@@ -254,7 +202,7 @@ def atomic_load(words, index):
     return words[index]
 
 
-@intrinsic
+@instruction(atomic_load)
 def _atomic_load(typing_context, words, index):
     def codegen(context, builder, signature, args):
         pointer = _word_pointer(context, builder, signature.args[0], args[0], args[1])
@@ -263,20 +211,12 @@ def _atomic_load(typing_context, words, index):
     return types.int64(words, types.int64), codegen
 
 
-@overload(atomic_load)
-def _compile_atomic_load(words, index):
-    def implementation(words, index):
-        return _atomic_load(words, index)
-
-    return implementation
-
-
 def atomic_store(words, index, value):
     """words[index] = value, visible to others after everything written before it (release, and a full fence)."""
     words[index] = value
 
 
-@intrinsic
+@instruction(atomic_store)
 def _atomic_store(typing_context, words, index, value):
     def codegen(context, builder, signature, args):
         pointer = _word_pointer(context, builder, signature.args[0], args[0], args[1])
@@ -286,14 +226,6 @@ def _atomic_store(typing_context, words, index, value):
     return types.void(words, types.int64, types.int64), codegen
 
 
-@overload(atomic_store)
-def _compile_atomic_store(words, index, value):
-    def implementation(words, index, value):
-        _atomic_store(words, index, value)
-
-    return implementation
-
-
 def atomic_add(words, index, value):
     """Add to words[index] as one indivisible step; returns the value before."""
     before = words[index]
@@ -301,21 +233,13 @@ def atomic_add(words, index, value):
     return before
 
 
-@intrinsic
+@instruction(atomic_add)
 def _atomic_add(typing_context, words, index, value):
     def codegen(context, builder, signature, args):
         pointer = _word_pointer(context, builder, signature.args[0], args[0], args[1])
         return builder.atomic_rmw("add", pointer, args[2], "seq_cst")
 
     return types.int64(words, types.int64, types.int64), codegen
-
-
-@overload(atomic_add)
-def _compile_atomic_add(words, index, value):
-    def implementation(words, index, value):
-        return _atomic_add(words, index, value)
-
-    return implementation
 
 
 # --- time: clock, pause, yield, sleep -----------------------------------------------------------------------------
@@ -372,7 +296,7 @@ def pause():
     """Tell the core that this is a spin loop (x86 `pause`, Arm `yield`)."""
 
 
-@intrinsic
+@instruction(pause)
 def _pause(typing_context):
     def codegen(context, builder, signature, args):
         if _HINT is not None:
@@ -383,11 +307,3 @@ def _pause(typing_context):
         return context.get_dummy_value()
 
     return types.void(), codegen
-
-
-@overload(pause)
-def _compile_pause():
-    def implementation():
-        _pause()
-
-    return implementation
