@@ -207,7 +207,18 @@ class StateInChunks:
 
     def __init__(self, between: Callable[[int, int], State], count: int):
         self.count: int = count
-        self.between: Callable[[int, int], State] = functools.lru_cache(maxsize=1)(between)  # one sum after the other
+        # Kept: who reads one attribute of a range, or sums over it, reads the others next.
+        self.between: Callable[[int, int], State] = functools.lru_cache(maxsize=1)(between)
+
+    def attributes(self) -> dict[str, Any]:
+        """The attributes of the state, by name, those of discs each to be read in chunks."""
+
+        def chunked(name: str, none: NDArray[Any]) -> ChunkedArray:
+            shape, between = (self.count, *none.shape[1:]), self.between
+            return ChunkedArray(none.dtype, shape, lambda first, last: getattr(between(first, last), name))
+
+        found = {name: value for name, value in vars(self.between(0, 0)).items() if value is not None}
+        return {name: value if name in NOT_DIGESTED else chunked(name, value) for name, value in found.items()}
 
 
 Discs = State | StateInChunks
@@ -267,11 +278,9 @@ def moved_into(state: State, box: Box, periodic: tuple[bool, bool], corner: tupl
 
 def part_of(state: State, first: int, last: int) -> State:
     """The discs numbered `first` to `last` - 1, whose arrays are views."""
-    count = count_of(state)
-    if (first, last) == (0, count):
+    if (first, last) == (0, count_of(state)):
         return state
-    end = None if last == count else last  # so that a velocity too many is in the last part, and is refused
-    parts = {name: value[first:end] for name, value in vars(state).items() if name != "box" and value is not None}
+    parts = {name: value[first:last] for name, value in vars(state).items() if name != "box" and value is not None}
     return State(**parts, box=state.box)
 
 
@@ -297,21 +306,6 @@ def digest_of(values: Mapping[str, Any]) -> str:
             content: Any = chunk.astype(little_endian, copy=False).reshape(-1).view(np.uint8)
             digest.update(content)
     return digest.hexdigest()
-
-
-def in_chunks(between: Callable[[int, int], State], count: int) -> dict[str, Any]:
-    """The attributes of a state of so many discs, by name, each to be read in chunks.
-
-    between: called with (first, last), gives the state of the discs of these numbers.
-    """
-    kept = functools.lru_cache(maxsize=1)(between)  # who reads one attribute of a range reads the others next
-
-    def chunked(name: str, none: NDArray[Any]) -> ChunkedArray:
-        return ChunkedArray(none.dtype, (count, *none.shape[1:]), lambda first, last: getattr(kept(first, last), name))
-
-    none = between(0, 0)
-    found = {name: value for name, value in vars(none).items() if value is not None}
-    return {name: value if name in NOT_DIGESTED else chunked(name, value) for name, value in found.items()}
 
 
 def in_frame(state: State) -> dict[str, NDArray[Any]]:

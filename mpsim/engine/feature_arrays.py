@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mpsim.core.columns import IMAGE, Column
 from mpsim.engine.workers.shared import ArraySpec
 from mpsim.features import FEATURES
-from mpsim.features.energy import acceleration_bound, thermal_speed
+from mpsim.features.feature import acceleration_bound, mean_mass, thermal_speed
 from mpsim.features.properties import has_radii
 from mpsim.kernels.records import PADDING, row_of
 from mpsim.scene.scene import Scene
@@ -105,8 +105,7 @@ def _rms_momentum(scene: Scene) -> float:
 
 def unit_of_work(scene: Scene, dt: float) -> float:
     """What the work of surfaces is counted in: a millionth of a typical energy, a power of two [energy]."""
-    mass = float(scene.mass.mean()) if scene.count and scene.mass is not None else 1.0
-    exponent = 2 * math.frexp(typical_momentum(scene, dt))[1] - math.frexp(mass)[1] - 20
+    exponent = 2 * math.frexp(typical_momentum(scene, dt))[1] - math.frexp(mean_mass(scene))[1] - 20
     return math.ldexp(1.0, min(max(exponent, -900), 900))
 
 
@@ -116,8 +115,7 @@ def typical_momentum(scene: Scene, dt: float) -> float:
     The largest of the mean at the start, that of a fall through the box, and those of discs that emitters, a wall or a
     thermostat set in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
     """
-    mass = float(scene.mass.mean()) if scene.count and scene.mass is not None else 1.0
-    fall = math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
+    mass, fall = mean_mass(scene), math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
     speeds = [fall, thermal_speed(scene)]
     speeds += [speed] if (speed := scene._surface_speed) else []
     momenta = [_rms_momentum(scene)]

@@ -14,7 +14,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds, sides_at, speeds_at_start
 from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.features import FEATURES, VECTORS
-from mpsim.features.energy import acceleration_bound, is_inelastic
+from mpsim.features.feature import acceleration_bound, is_inelastic
 from mpsim.features.obstacles import OBSTACLES, surfaces_near
 from mpsim.scene.placement import overlaps
 from mpsim.scene.scene import Scene

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, demand_wall
-from mpsim.features.feature import Feature, Invalidation
+from mpsim.features.feature import Feature, Invalidation, mean_mass
 from mpsim.kernels.records import THERMAL_WALLS, THERMOSTAT
 
 if TYPE_CHECKING:
@@ -67,11 +67,6 @@ class Thermostat:
 def check_seed(name: str, seed: Any) -> int:
     """A seed of random numbers; None, as in a file without one, is 0."""
     return checks.whole(name, 0 if seed is None else seed, 0, MOST_SEED, "Any whole number will do.")
-
-
-def mean_mass(scene: Scene) -> float:
-    """Of the discs at the start; 1 without any [mass]."""
-    return float(scene.mass.mean()) if scene.mass is not None and scene.count else 1.0
 
 
 def probability_of(thermostat: Thermostat, dt: float) -> float:

@@ -98,16 +98,10 @@ def boundary_of(periodic: Iterable[bool]) -> list[BoundaryName]:
     return ["periodic" if each else "walls" for each in periodic]
 
 
-def kinds_of(boundary: tuple[str, str]) -> tuple[Boundary, Boundary]:
-    """The kinds of boundary of x and of y."""
-    x, y = boundary
-    return BOUNDARIES[x], BOUNDARIES[y]
-
-
 def wraps_of(boundary: tuple[str, str]) -> tuple[bool, bool]:
     """Whether x, and whether y, wraps."""
-    x, y = kinds_of(boundary)
-    return x.wraps, y.wraps
+    x, y = boundary
+    return BOUNDARIES[x].wraps, BOUNDARIES[y].wraps
 
 
 def demand_wall(name: str, edge: str, boundary: tuple[str, str]) -> None:

@@ -35,14 +35,7 @@ from mpsim.core.archive import DAMAGE, ArrayFile, npz_path, save_arrays
 from mpsim.core.binding import Binding
 from mpsim.core.state import State
 from mpsim.errors import InputError, NotRecordedError, reason_of
-from mpsim.features.baths import mean_mass
-from mpsim.features.energy import (
-    adds_discs,
-    conserves_energy,
-    is_heated,
-    memory_of_baths,
-    removes_discs,
-)
+from mpsim.features.feature import adds_discs, conserves_energy, is_heated, mean_mass, memory_of_baths, removes_discs
 from mpsim.measure.statistics import (
     FEWEST_BLOCKS,
     Equilibration,

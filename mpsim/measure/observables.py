@@ -22,7 +22,7 @@ from mpsim.core import checks
 from mpsim.core.columns import equal_sizes
 from mpsim.core.state import Box, Discs, State, count_of, parts_of, present_in
 from mpsim.errors import InputError, NotMeasurableError
-from mpsim.features.energy import is_heated
+from mpsim.features.feature import is_heated
 from mpsim.scene import placement
 from mpsim.scene.placement import TOUCHING, Overlap, overlaps
 from mpsim.scene.scene import Scene

@@ -21,13 +21,14 @@ from mpsim.core.state import Discs, count_of
 from mpsim.errors import InputError
 from mpsim.features import FEATURES
 from mpsim.features.edges import EDGES
-from mpsim.features.energy import (
+from mpsim.features.feature import (
     adds_discs,
     conserves_energy,
     has_body_force,
     has_losses,
     is_heated,
     is_inelastic,
+    mean_mass,
     memory_of_baths,
 )
 from mpsim.kernels import records
@@ -114,7 +115,7 @@ def pressure(counts: Counts, run: Run) -> Measure:
     scale = 1 / (run.dt * (all_round if len(walls) == len(EDGES) else sum(lengths[index] for index in walls)))
     count, squares = run.of_discs(lambda discs: observables.number_and_squares(discs, equal_sizes(1, count_of(discs))))
     speed = math.sqrt(squares / (2 * count)) if count else 0.0  # root mean square of one component
-    mass = float(scene.masses.mean()) if scene.count else 1.0
+    mass = mean_mass(scene)
     hit = (1 + scene.wall_restitution) * mass * speed * scale
     hits = counts["wall"][:, walls].sum(axis=1) * scale
     mean, alternation = float(hits.mean()), 0.0
@@ -145,7 +146,7 @@ def pressure_virial(counts: Counts, run: Run) -> Measure:
     if run.count < 2:  # no collisions
         return block_average(np.full(len(counts), kinetic), constant=True)
     # Root mean square of |dp| over the collisions of a gas of this energy: 2 m sqrt(kT / m).
-    event = 2 * math.sqrt(float(run.scene.masses.mean()) * max(run.kinetic_energy, 0.0) / run.count) * scale
+    event = 2 * math.sqrt(mean_mass(run.scene) * max(run.kinetic_energy, 0.0) / run.count) * scale
     collisional = block_average(counts["virial"] * scale, event=event or None, constant=True)
     return replace(collisional, value=kinetic + collisional.value)
 

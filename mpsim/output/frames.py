@@ -11,7 +11,7 @@ from mpsim.core import checks
 from mpsim.core.binding import Binding
 from mpsim.core.checks import refusal
 from mpsim.core.columns import ChunkedArray, Column, in_state
-from mpsim.core.state import Box, State, in_chunks, in_frame, present_in
+from mpsim.core.state import Box, State, StateInChunks, in_frame, present_in
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError, OutputError, TrajectoryError
@@ -289,7 +289,7 @@ def frame_of(sim: Simulation) -> Frame:
     gaps.
     """
     if capabilities_of(sim.settings).on_ranks and not sim.scene._loses_discs:
-        state, found = sim.state_between(0, 0), in_chunks(sim.state_between, sim.count)
+        state, found = sim.state_between(0, 0), StateInChunks(sim.state_between, sim.count).attributes()
         known = {name: values for name, values in found.items() if name not in ("present", "box")}
         ids: Any = ChunkedArray(np.dtype(np.int64), (sim.count,), np.arange)
         known |= {"radius": sim.radii, "mass": sim.masses, "ids": ids}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features.edges import kinds_of
+from mpsim.features.edges import BOUNDARIES
 from mpsim.features.properties import densest_packing
 from mpsim.kernels.events import cells as stores
 from mpsim.kernels.events import records, solver
@@ -50,7 +50,7 @@ def compressed(scene: Scene, packing: float, rate: float) -> Scene:
     _demand_free_flight(scene)
     shrink = math.sqrt(packing / scene.packing)
     width, height = scene.width / shrink, scene.height / shrink
-    for length, kind in zip((width, height), kinds_of(scene.boundary), strict=True):
+    for length, kind in zip((width, height), (BOUNDARIES[word] for word in scene.boundary), strict=True):
         if length < 2 * kind.least_diameters * scene.largest_radius:
             raise InputError(
                 f"packing must leave a box with room for its largest disc, {kind.least_diameters} of them along "

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import distance, is_within, of_discs, shifted, with_images
-from mpsim.features.edges import kinds_of
+from mpsim.features.edges import BOUNDARIES
 from mpsim.features.obstacles import Circle, Obstacle, Polyline, capsules_of
 from mpsim.kernels.geometry import ENDS, POLYGON, RADIUS, ROW
 from mpsim.scene import placement
@@ -147,7 +147,7 @@ def side_for(packing: float, area: float, largest: float, boundary: tuple[str, s
     It is at least one diameter of the largest disc, or two in a periodic box, so that no disc touches its own image.
     area: of all discs together. largest: radius.
     """
-    side = max(math.sqrt(area / packing), 2 * max(kind.least_diameters for kind in kinds_of(boundary)) * largest)
+    side = max(math.sqrt(area / packing), 2 * max(BOUNDARIES[word].least_diameters for word in boundary) * largest)
     if not math.isfinite(side):
         raise InputError(f"packing must leave the box finite; got {packing:g}. Use a larger one.")
     return side
@@ -345,7 +345,7 @@ def demand_area(name: str, radius: float | NDArray[np.float64]) -> None:
 
 def demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
     """Refuse a box that does not hold its largest disc, along a periodic axis two of them."""
-    for length, kind in zip((width, height), kinds_of(boundary), strict=True):
+    for length, kind in zip((width, height), (BOUNDARIES[word] for word in boundary), strict=True):
         if 2 * largest * kind.least_diameters > length:
             raise InputError(
                 f"radius must be at most {kind.largest_radius}, {length / (2 * kind.least_diameters):g} here; "

@@ -32,7 +32,7 @@ from mpsim.errors import (
     WorkerDiedError,
     WorkerStalledError,
 )
-from mpsim.features import energy
+from mpsim.features.feature import adds_discs, removes_discs
 from mpsim.measure import registry
 from mpsim.measure.observables import trajectory_error
 from mpsim.measure.registry import ERRORS, LONG, NAMES, OBSERVABLES, SHORT
@@ -86,7 +86,7 @@ def demand_available(names: Iterable[str], scene: Scene) -> None:
 
 def _refusal(name: str, scene: Scene) -> str | None:
     """Why one of ERRORS would be wrong in a scene, or None."""
-    if name in SHORT and (energy.adds_discs(scene) or energy.removes_discs(scene)):
+    if name in SHORT and (adds_discs(scene) or removes_discs(scene)):
         return (
             f"{name!r} compares runs from states along a run, and needs all discs in each; emitters and absorbing "
             "edges change them. Ask for 'overlap', or for an average such as 'pressure'."
@@ -270,7 +270,7 @@ def measure(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
     """
     if not capabilities_of(settings).has_steps:
         settings = replace(settings, dt=until / 1000)
-    if energy.adds_discs(scene):
+    if adds_discs(scene):
         return _of_whole_runs(scene, settings, until)
     costs: list[float] = []
     most = max(int(until / settings.dt), 1)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.engine.observers import Collisions
 from mpsim.engine.simulation import Simulation
-from mpsim.features.energy import gravity_strength
+from mpsim.features.feature import gravity_strength
 from mpsim.measure.reference import compressibility, enskog_rate
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
 from mpsim.scene.settings import Settings

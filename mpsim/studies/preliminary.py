@@ -31,8 +31,18 @@ from mpsim.errors import (
     OverlapWarning,
     ResolutionWarning,
 )
-from mpsim.features import FEATURES, energy
+from mpsim.features import FEATURES
 from mpsim.features.emitters import Emitter
+from mpsim.features.feature import (
+    acceleration_bound,
+    adds_discs,
+    conserves_energy,
+    gravity_strength,
+    has_body_force,
+    has_losses,
+    strongest_field,
+    thermal_speed,
+)
 from mpsim.kernels.compiling import running_seconds
 from mpsim.measure.observables import trajectory_error
 from mpsim.measure.statistics import block_average
@@ -189,7 +199,7 @@ SAMPLES = 400
 def typical_speed(scene: Scene) -> float:
     """Root mean square speed, including that of a fall through the largest diameter [length/time]."""
     kinetic = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
-    return math.sqrt(kinetic + 2 * energy.acceleration_bound(scene) * 2 * scene.largest_radius)
+    return math.sqrt(kinetic + 2 * acceleration_bound(scene) * 2 * scene.largest_radius)
 
 
 def divergence(
@@ -399,7 +409,7 @@ def preliminary_run(
                 "stepped reference."
             ) from error
         reason = str(error)
-        if isinstance(error, RunTooLong) and energy.has_body_force(scene) and energy.has_losses(scene):
+        if isinstance(error, RunTooLong) and has_body_force(scene) and has_losses(scene):
             reason += (
                 ", as discs with losses come to rest, and collide without end. Give "
                 f"contact_time={contact_time_at_rest(scene):.1g} for a reference that is a model of the scene, but ends"
@@ -471,17 +481,17 @@ def _stepped_reference(
 def _speed_to_come(scene: Scene) -> float:
     """Typical speed, including discs of emitters, a moving wall and a heat bath [length/time]."""
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
-    if energy.adds_discs(scene):
-        speeds.append(math.sqrt(2 * energy.gravity_strength(scene) * 2 * scene.largest_radius))
+    if adds_discs(scene):
+        speeds.append(math.sqrt(2 * gravity_strength(scene) * 2 * scene.largest_radius))
     if scene.count:
-        speeds.append(math.sqrt(2) * energy.thermal_speed(scene))
+        speeds.append(math.sqrt(2) * thermal_speed(scene))
         speeds += [wall.speed for wall in scene._moving_walls]
     return max(speeds)
 
 
 def _speed_seen(scene: Scene, found: PreliminaryRun, crossing: float) -> float:
     """The thermal velocity of a run, or that of a fall through a radius if all discs have come to rest."""
-    fall = math.sqrt(2 * energy.strongest_field(scene) * scene.smallest_radius)
+    fall = math.sqrt(2 * strongest_field(scene) * scene.smallest_radius)
     return max(found.thermal_velocity, fall) or 2 * scene.smallest_radius / crossing
 
 
@@ -506,7 +516,7 @@ def _affordable(limit: float) -> float:
 def _step_seconds(scene: Scene, dt: float, until: float | None, limit: float) -> float:
     """Approximate time of one step with one pass on one core [s]; with emitters its mean over the run."""
     with quietly(), Simulation(scene, Settings(dt=dt, workers=1)) as sim:
-        if until is None or not energy.adds_discs(scene):
+        if until is None or not adds_discs(scene):
             return float(np.median(sim.run(frames=FRAMES).frame_seconds))
         begun = running_seconds()
         with suppress(RunTooLong):
@@ -543,7 +553,7 @@ def _observed(scene: Scene, settings: Settings, crossing: float, until: float | 
             if until is not None:
                 block = max(int(until * number / STARTS / settings.dt) - sim.frame, 1)
                 # Of a gas left to itself a short run is like a long one.
-                block = min(block, likely) if energy.conserves_energy(scene) else block
+                block = min(block, likely) if conserves_energy(scene) else block
             started = running_seconds()
             report = sim.run(frames=block, progress=progress)
             seconds += running_seconds() - started

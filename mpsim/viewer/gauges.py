@@ -12,7 +12,7 @@ from mpsim.engine.observers import Collisions
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
-from mpsim.features.energy import adds_discs, has_losses, is_heated, removes_discs
+from mpsim.features.feature import adds_discs, has_losses, is_heated, removes_discs
 from mpsim.measure.observables import has_periodic_field
 from mpsim.measure.registry import refusal
 from mpsim.measure.statistics import Measure, ratio_average

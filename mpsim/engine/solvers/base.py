@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import COLUMNS, EXITS, MASS, Column, kept_sizes
-from mpsim.core.state import Box, State, digest_of, in_chunks
+from mpsim.core.state import Box, State, StateInChunks, digest_of
 from mpsim.engine.feature_arrays import unit_of_work
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
 from mpsim.engine.workers.shared import ArraySpec, SharedBlock, resident_bytes
@@ -780,7 +780,7 @@ def digest_of_state(solver: Solver) -> str:
         return solver.state().digest()
 
     def read() -> str:
-        values = in_chunks(solver.state, solver.count)
+        values = StateInChunks(solver.state, solver.count).attributes()
         if not solver.terms.scene._loses_discs:
             del values["present"]  # which all of them are
         return digest_of(values)

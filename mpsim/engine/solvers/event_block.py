@@ -31,7 +31,7 @@ from mpsim.errors import InputError, StalledError
 from mpsim.features.baths import probability_of
 from mpsim.features.capsules import lists_of_cells
 from mpsim.features.edges import EDGES
-from mpsim.features.energy import gravity_strength, is_inelastic, thermal_speed
+from mpsim.features.feature import gravity_strength, is_inelastic, thermal_speed
 from mpsim.features.obstacles import OBSTACLES, surfaces_near
 from mpsim.features.piston import PISTON
 from mpsim.features.properties import has_radii
