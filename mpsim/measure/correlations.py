@@ -416,7 +416,12 @@ class Correlations:
         self._points = checks.whole("points", points, 4, 256, "16 is usual.")
         if points % 2:
             raise InputError(f"points must be even, as half of them are kept for each doubling; got {points}. Use 16.")
-        self.path: Path | None = None if path is None else _new_place(path)
+        self.path: Path | None = None if path is None else npz_path("Correlations", path)
+        if self.path is not None and self.path.exists():
+            raise InputError(
+                f"path of Correlations must be that of a new file; {str(self.path)!r} is there already. Continue it by "
+                "mpsim.Correlations.load(path), or give another name."
+            )
         self._motion: Motion | None = None
         self._bound: tuple[float, int] | None = None  # dt and number of discs at the first sample
         self._owner = Binding("Correlations", _ONE_EACH)
@@ -664,17 +669,6 @@ def _wave_numbers(values: ArrayLike) -> Floats:
             f"{checks.brief(found.tolist())}. Leave out the others."
         )
     return found
-
-
-def _new_place(path: str | os.PathLike[str]) -> Path:
-    """The path of a file that does not exist yet."""
-    target = npz_path("Correlations", path)
-    if target.exists():
-        raise InputError(
-            f"path of Correlations must be that of a new file; {str(target)!r} is there already. Continue it by "
-            "mpsim.Correlations.load(path), or give another name."
-        )
-    return target
 
 
 def _sample(sim: Simulation, motion: Motion) -> Floats:

@@ -84,21 +84,21 @@ SAME_BOX = 1e-4
 """Difference of two boxes, as a fraction of a side, that may come from a file."""
 
 
-def demand_scene(scene: object, *states: Discs) -> None:
-    """Refuse, naming it, what is no scene, such as a state, and a scene in whose box the states are not."""
+def demand_scene(scene: object, discs: Discs) -> None:
+    """Refuse, naming it, what is no scene, such as a state, and a scene in whose box the discs are not."""
     if not isinstance(scene, Scene):
         raise InputError(
             f"scene must be a Scene; got {type(scene).__name__}. Use sim.scene of a Simulation; the state comes first."
         )
-    moving = {wall.axis for wall in scene._moving_walls}
-    for box in filter(None, (getattr(state, "box", None) for state in states)):
-        sides = (box[1] - box[0]) / scene.width, (box[3] - box[2]) / scene.height
-        fixed = [side for axis, side in enumerate(sides) if axis not in moving]
-        if any(abs(side - 1) > SAME_BOX for side in fixed):
-            raise InputError(
-                f"scene must be that of the state, whose box is {_sides(box)}; got one of {_sides(scene.box)}. "
-                "Use the scene of the simulation that the state comes from."
-            )
+    if (box := getattr(discs, "box", None)) is None:
+        return
+    fixed = [axis for axis in (0, 1) if all(wall.axis != axis for wall in scene._moving_walls)]
+    sides = np.divide(sides_of(box), (scene.width, scene.height))
+    if (np.abs(sides[fixed] - 1) > SAME_BOX).any():
+        raise InputError(
+            f"scene must be that of the state, whose box is {_in_words(box)}; got one of {_in_words(scene.box)}. "
+            "Use the scene of the simulation that the state comes from."
+        )
 
 
 def placed(discs: Any, scene: Scene) -> Any:
@@ -112,15 +112,20 @@ def placed(discs: Any, scene: Scene) -> Any:
     if (beyond & found.present).any():
         disc = int(np.flatnonzero(beyond & found.present)[0])
         raise InputError(
-            f"the discs of a state must be in its box, {_sides(scene.box)}; got disc {disc} at "
+            f"the discs of a state must be in its box, {_in_words(scene.box)}; got disc {disc} at "
             f"{tuple(found.position[disc].tolist())} in it. Use a box that holds every disc: by the Lattice and "
             "Origin of a file, by State(..., box=...), or a periodic one."
         )
     return found
 
 
-def _sides(box: Box) -> str:
-    return f"{box[1] - box[0]:g} x {box[3] - box[2]:g}"
+def sides_of(box: Box) -> tuple[float, float]:
+    """Width and height of a box [length]."""
+    return box[1] - box[0], box[3] - box[2]
+
+
+def _in_words(box: Box) -> str:
+    return "{:g} x {:g}".format(*sides_of(box))
 
 
 def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
@@ -210,18 +215,10 @@ def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
     return xx, yy, xy
 
 
-# --- Periodic boxes
-
-
-def sides_of(scene: Scene, box: Box | None = None) -> tuple[float, float]:
-    """Width and height of a scene, or those of the box of a state of it [length]."""
-    return (scene.width, scene.height) if box is None else (box[1] - box[0], box[3] - box[2])
-
-
 def to_nearest_image(difference: Floats, scene: Scene, box: Box | None = None) -> Floats:
     """Differences of positions, shape (..., 2), to the nearest image along each periodic axis of a scene, or a box."""
-    sides = np.array(sides_of(scene, box))
-    return difference - np.where(scene.periodic, np.round(difference / sides), 0.0) * sides
+    period = np.where(scene.periodic, sides_of(box or scene.box), np.inf)
+    return difference - np.round(difference / period) * np.where(scene.periodic, period, 0.0)
 
 
 # --- Results
@@ -401,7 +398,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
         each = radii_of("overlap", scene, inside)
     else:
         each = one_of_each("overlap", "radius", checks.finite_array("radii", radii, (None,), "(N,)"), inside)
-    discs, (x, y) = Chunk(slice(None), inside), sides_of(scene, inside.box)
+    discs, (x, y) = Chunk(slice(None), inside), sides_of(inside.box or scene.box)
     size = x if scene.periodic[0] else scene.width, y if scene.periodic[1] else scene.height
     found = overlaps(discs.position, discs.of(each), size, scene.periodic, rounding)
     if found.worst is None:
@@ -606,12 +603,11 @@ def _demand_one_box(before: State, after: State, discs: NDArray[np.int64]) -> No
     if before.image is None or after.image is None or before.box is None or after.box is None:
         return
     crossed = ((before.image[discs] != 0) | (after.image[discs] != 0)).any(axis=0)
-    sides = [np.subtract(box[1::2], box[::2]) for box in (before.box, after.box)]
-    if (crossed & (np.abs(sides[1] / sides[0] - 1) > SAME_BOX)).any():
-        boxes = " and ".join("{:g} x {:g}".format(*each) for each in sides)
+    if (crossed & (np.abs(np.divide(sides_of(after.box), sides_of(before.box)) - 1) > SAME_BOX)).any():
         raise InputError(
-            f"mean_squared_displacement across borders needs states of one box; got boxes of {boxes}. In a box that "
-            "changes, displacements are not defined; take states before or after the change."
+            "mean_squared_displacement across borders needs states of one box; got boxes of "
+            f"{_in_words(before.box)} and {_in_words(after.box)}. In a box that changes, displacements are not "
+            "defined; take states before or after the change."
         )
 
 
