@@ -27,12 +27,11 @@ Arrays = dict[str, NDArray[Any]]
 # --- Writes
 
 
-def npz_path(what: str, path: Any) -> Path:
+def npz_path(what: str, path: Any, example: str = "run.npz") -> Path:
     """The path of a file of arrays, which must end in .npz."""
     place = Path(os.fsdecode(path) if isinstance(path, str | os.PathLike) else "")  # pyright: ignore[reportUnknownArgumentType]
     if place.suffix != ".npz":
-        instead = f"{place.stem or 'run'}.npz"
-        raise InputError(f"the path of {what} must end in .npz; got {path!r}. Use {instead!r}.")
+        raise InputError(f"the path of {what} must end in .npz; got {path!r}. Use {example!r}.")
     return place
 
 

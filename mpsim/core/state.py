@@ -181,7 +181,7 @@ class State:
             InputError: if the path does not end in .npz.
             OutputError: if it cannot be written.
         """
-        return save_arrays("a state", npz_path("a state", path), self._held())
+        return save_arrays("a state", npz_path("a state", path, "state.npz"), self._held())
 
     def _held(self) -> dict[str, Any]:
         """What there is of its attributes, by name, in the order of digests and files."""

@@ -42,7 +42,7 @@ from mpsim.errors import (
     is_of_the_system,
     level_of_caller,
 )
-from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
+from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS, feature
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings
@@ -110,6 +110,9 @@ OF_LATTICE = ("count", "temperature", "seed")
 ARRAYS = ("position", "velocity", *PER_DISC, *VECTORS)
 """Arrays that a scene may have."""
 
+OF_VALUES = [each for each in FEATURES if not (each.numbers or each.vectors or each.per_disc)]
+"""Features that are given as values of classes or words, not as numbers of the scene or of each disc."""
+
 
 def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     """A scene as plain values and arrays, exact to the bit; a lattice as the numbers that it is made of."""
@@ -119,8 +122,7 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     lattice = scene._on_lattice
     names = ARRAYS if lattice is None else (*PER_DISC, *VECTORS)
     arrays = {name: np.asarray(value) for name in names if (value := getattr(scene, name)) is not None}
-    given = [each for each in FEATURES if not each.is_numeric and each.argument in vars(scene)]
-    plain |= {feature.argument: feature.to_plain(scene) for feature in given}
+    plain |= {each.argument: feature.plain(each.of(scene)) for each in OF_VALUES if each.argument in vars(scene)}
     plain |= {name: value for name, default in NUMBERS.items() if (value := getattr(scene, name)) != default}
     if scene.duration is not None:
         plain["duration"] = scene.duration
@@ -135,8 +137,9 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
 def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
     """The scene from its plain values and arrays, as `scene_parts` returns them."""
     values: dict[str, Any] = plain | {name: each if each.ndim else each.item() for name, each in arrays.items()}
-    given = [each for each in FEATURES if not each.is_numeric and each.argument in plain]
-    values |= {each.argument: each.from_plain(plain[each.argument]) for each in given}
+    for each in OF_VALUES:
+        if each.argument in plain:
+            values[each.argument] = feature.restored(plain[each.argument], (*each.kinds, *each.within))
     if "settings" in values:
         values["settings"] = Settings(**values["settings"])
     lattice = values.pop("lattice", None)

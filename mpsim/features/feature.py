@@ -140,11 +140,6 @@ class Feature:
         """Whether the discs of the scene have its columns."""
         return self.is_in(scene)
 
-    @property
-    def is_numeric(self) -> bool:
-        """Whether its arguments are numbers, of the scene or of each disc."""
-        return bool(self.numbers or self.vectors or self.per_disc)
-
     # --- the scene
 
     def check(self, scene: Scene) -> None:
@@ -211,16 +206,6 @@ class Feature:
     def description(self, scene: Scene) -> str:
         """Description in words for a scene that has it; "" if the description of the discs includes it."""
         return str(self.of(scene))
-
-    # --- files
-
-    def to_plain(self, scene: Scene) -> Any:
-        """Its value as plain values, from which `from_plain` restores it bit for bit."""
-        return plain(self.of(scene))
-
-    def from_plain(self, values: Any) -> Any:
-        """The value from which `to_plain` made plain values."""
-        return restored(values, (*self.kinds, *self.within))
 
 
 # --- What changes the number of discs in a scene, or their energy: fields, losses, heat baths, moving surfaces
