@@ -4,6 +4,9 @@ Each feature has a module of its own with a subclass, of which `mpsim.features.F
 to every feature are put to all in that list. The methods here are those of a feature that changes nothing.
 """
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 from __future__ import annotations
 
 import dataclasses

@@ -6,6 +6,9 @@ unwrapped. If discs were added since the start, a state holds more discs than it
 Functions that sum over discs take a state, or an object that reads it in chunks.
 """
 
+# pyright: reportPrivateUsage=false
+# Names of Scene that begin with an underscore are for all of mpsim.
+
 from __future__ import annotations
 
 import functools
