@@ -114,7 +114,6 @@ function inside(place, radius) {
 
 // --- what the tools do when a pointer or the cross begins, moves and ends
 
-const sendHold = paced((disc, place) => send({ do: "hold", id: disc, x: place[0], y: place[1] }));
 /** Walk along the pointer's path in steps of a length; returns at most so many places; the rest of the path stays. */
 function walked(step, most) {
   const found = [], { path } = gesture;
@@ -205,7 +204,8 @@ function begin(place, reach, time) {
     const centre = placeOf(disc), off = nearest([centre[0] - place[0], centre[1] - place[1]]);
     gesture = { tool, disc, off, place, trail: [[time, ...place]] };
     hold();
-    gesture.again = setInterval(hold, 1000); // or the simulation releases it, as when the page is closed
+    // or the simulation releases it, as when the page is closed
+    gesture.again = setInterval(() => { if (gesture?.tool === "hand") hold(); }, 1000);
   } else if (tool === "wall") {
     gesture = { tool, reach, from: place, to: place };
   } else {
@@ -216,10 +216,11 @@ function begin(place, reach, time) {
   return true;
 }
 
-function hold() {
-  if (!gesture || gesture.tool !== "hand") return;
-  const [x, y] = gesture.place, [dx, dy] = gesture.off;
-  sendHold(gesture.disc, inside([x + dx, y + dy], radiusOf(gesture.disc)));
+const sendHold = (disc, [x, y]) => send({ do: "hold", id: disc, x, y }), holdSoon = paced(sendHold);
+/** Say where the held disc is; how: one of these. */
+function hold(how = holdSoon) {
+  const { place, off, disc } = gesture;
+  how(disc, inside(place.map((each, axis) => each + off[axis]), radiusOf(disc)));
 }
 
 function go(place, time) {
@@ -241,9 +242,8 @@ function end(velocity, time) {
   if (!gesture) return;
   if (gesture.tool === "hand") {
     clearInterval(gesture.again);
-    sendHold.forget();
-    const [x, y] = gesture.place, [dx, dy] = gesture.off, at = inside([x + dx, y + dy], radiusOf(gesture.disc));
-    send({ do: "hold", id: gesture.disc, x: at[0], y: at[1] });
+    holdSoon.forget();
+    hold(sendHold);
     const [vx, vy] = velocity ?? pointerVelocity(time);
     send({ do: "release", id: gesture.disc, vx, vy });
   } else if (gesture.from && !velocity) { if (gesture.tool === "wall") build(); else move(); }
@@ -262,42 +262,51 @@ function pointerVelocity(now) {
   return [(last[1] - first[1]) / rate, (last[2] - first[2]) / rate];
 }
 
-// --- pointers, before they move the view
+// --- pointers: the first one uses the tool, or moves the view where there is nothing to use it on; two of them zoom
 
-let pointer = null;
-const down = new Set();
+let user = null; // the pointer that uses the tool
+const movers = new Map(); // pointers that move the view, and their places on the canvas
 stage.addEventListener("pointerdown", (event) => {
-  down.add(event.pointerId);
-  if (event.target.closest("button") || event.button !== 0 || down.size > 1 || !ready()) return;
-  if (!begin(toBox(onCanvas(event)), nearby(), event.timeStamp)) return;
-  pointer = event.pointerId;
-  cross = null;
-  stage.setPointerCapture(pointer);
+  if (event.target.closest("button")) return;
+  const place = onCanvas(event), uses = event.button === 0 && user === null && !movers.size && ready();
+  stage.setPointerCapture(event.pointerId);
+  if (!uses || !begin(toBox(place), nearby(), event.timeStamp)) {
+    movers.set(event.pointerId, place);
+    stage.classList.add("dragged");
+    return;
+  }
+  [user, cross] = [event.pointerId, null];
   stage.focus({ preventScroll: true });
-  event.stopImmediatePropagation();
   event.preventDefault();
-}, true);
+});
 stage.addEventListener("pointermove", (event) => {
-  if (event.pointerId !== pointer) return;
-  event.stopImmediatePropagation();
-  const all = event.getCoalescedEvents?.() ?? []; // a busy page gets several moves as one
-  for (const each of all.length ? all : [event]) go(toBox(onCanvas(each)), each.timeStamp);
-}, true);
+  const before = movers.get(event.pointerId), now = onCanvas(event);
+  if (event.pointerId === user) {
+    const all = event.getCoalescedEvents?.() ?? []; // a busy page gets several moves as one
+    for (const each of all.length ? all : [event]) go(toBox(onCanvas(each)), each.timeStamp);
+  } else if (before) {
+    const other = [...movers].find(([id]) => id !== event.pointerId)?.[1];
+    movers.set(event.pointerId, now);
+    if (!other) { camera.moveBy(now[0] - before[0], now[1] - before[1]); return; }
+    const far = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]) || 1;
+    camera.zoomBy(far(now) / far(before), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
+    camera.moveBy((now[0] - before[0]) / 2, (now[1] - before[1]) / 2);
+  }
+});
 for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (event) => {
-  down.delete(event.pointerId);
-  if (event.pointerId !== pointer) return;
-  pointer = null;
-  event.stopImmediatePropagation();
+  movers.delete(event.pointerId);
+  if (!movers.size) stage.classList.remove("dragged");
+  if (event.pointerId !== user) return;
+  user = null;
   end(name === "pointercancel" ? [0, 0] : null, event.timeStamp);
-}, true);
+});
 
 // --- keys
 
-const pressed = (name) => { for (const each of Object.values(TOOLS)) $(`tool-${each}`).setAttribute("aria-pressed", each === name); };
-export function choose(name) {
+function choose(name) {
   end([0, 0]);
   stage.dataset.tool = tool = name;
-  pressed(name);
+  for (const each of Object.values(TOOLS)) $(`tool-${each}`).setAttribute("aria-pressed", each === name);
 }
 for (const name of Object.values(TOOLS)) $(`tool-${name}`).addEventListener("click", () => choose(name));
 const undo = () => { if (!$("undo").disabled) { end([0, 0]); send({ do: "undo" }); } };
@@ -324,8 +333,9 @@ function pointByKeys() {
 stage.addEventListener("keydown", (event) => {
   if (!cross || event.ctrlKey || event.metaKey || event.altKey || event.target !== stage) return;
   const arrow = ARROWS[event.key];
-  if (arrow && event.shiftKey && gesture?.tool === "hand") throwBy(arrow);
-  else if (arrow) {
+  if (arrow && event.shiftKey && gesture?.tool === "hand") {
+    end(arrow.map((each) => each * (state.picture.usual || 1))); // thrown faster than 98 % of the discs
+  } else if (arrow) {
     const step = 0.02 * Math.min(camera.width, camera.height) / camera.scale;
     cross = cross.map((each, axis) => bound(each + step * arrow[axis], 0, state.picture.extent[axis]));
     go(cross, event.timeStamp);
@@ -348,12 +358,6 @@ function press(time) {
     gesture.off = [0, 0];
     say(`Disc ${gesture.disc} is held.`);
   }
-}
-
-/** Throw a held disc: faster than 98 % of the discs. */
-function throwBy(arrow) {
-  const speed = state.picture.usual || 1;
-  end(arrow.map((each) => each * speed));
 }
 
 // --- messages and drawing

@@ -63,29 +63,6 @@ stage.addEventListener("wheel", (event) => {
   camera.zoomBy(Math.exp(-bound(event.deltaY * (event.deltaMode ? 30 : 1), -200, 200) / 400), ...onCanvas(event));
 }, { passive: false });
 
-const pointers = new Map();
-stage.addEventListener("pointerdown", (event) => {
-  if (event.target.closest("button")) return;
-  stage.setPointerCapture(event.pointerId);
-  pointers.set(event.pointerId, onCanvas(event));
-  stage.classList.add("dragged");
-});
-stage.addEventListener("pointermove", (event) => {
-  const before = pointers.get(event.pointerId);
-  if (!before) return;
-  const now = onCanvas(event), other = [...pointers].find(([id]) => id !== event.pointerId)?.[1];
-  pointers.set(event.pointerId, now);
-  if (other) { // two fingers
-    const far = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]) || 1;
-    camera.zoomBy(far(now) / far(before), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
-    camera.moveBy((now[0] - before[0]) / 2, (now[1] - before[1]) / 2);
-  } else camera.moveBy(now[0] - before[0], now[1] - before[1]);
-});
-for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (event) => {
-  pointers.delete(event.pointerId);
-  if (!pointers.size) stage.classList.remove("dragged");
-});
-
 new ResizeObserver(() => { forgetLegend(); requestDraw(); drawGauges(); }).observe(document.body);
 new ResizeObserver(requestDraw).observe(stage);
 stage.dataset.drawnBy = renderer.constructor.name;
