@@ -1,6 +1,7 @@
 """What the scripts share: command lines, turns, the machine, tables in Markdown, pages of the docs, exit codes."""
 
 import argparse
+import multiprocessing
 import platform
 import re
 import shlex
@@ -9,6 +10,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +24,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import mpsim
+from mpsim.core import files
 from mpsim.core.machine import usable_cores
 
 TOP = Path(__file__).parents[1]
@@ -59,18 +63,42 @@ def exit_code(main: Callable[[], int | None]) -> int:
 
 
 def make_folder(path: Path) -> None:
-    try:
+    with files.writable("--out", path, "be a folder that can be made and written to", "Choose another place."):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise mpsim.errors.OutputError(
-            f"--out must be a folder that can be made and written to; got {str(path)!r} ({error.strerror}). "
-            "Choose another place."
-        ) from None
 
 
 def progress_bar() -> Progress:
     columns = (TextColumn("{task.description:36.36}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     return Progress(*columns, console=console)
+
+
+class Apart:
+    """A process of its own that calls functions, and another one after it has crashed or was too slow.
+
+    begin, words: a function that each new process calls first, and its arguments.
+    """
+
+    def __init__(self, begin: Callable[..., object] | None = None, *words: Any):
+        self._begin, self._words = begin, words
+        self.pool: ProcessPoolExecutor | None = None
+
+    def call(self, timeout: float, function: Callable[..., Any], *arguments: Any) -> Any:
+        """The result of a function, or its error; TimeoutError or BrokenProcessPool if the process has been ended."""
+        context = multiprocessing.get_context("spawn")
+        self.pool = self.pool or ProcessPoolExecutor(1, context, self._begin, self._words)
+        try:
+            return self.pool.submit(function, *arguments).result(timeout)
+        except (BrokenProcessPool, TimeoutError):
+            self.close(now=True)
+            raise
+
+    def close(self, now: bool = False) -> None:
+        """End the process; now: without waiting for what it does."""
+        pool, self.pool = self.pool, None
+        if pool is not None:
+            for process in (pool._processes or {}).values() if now else ():
+                process.kill()
+            pool.shutdown()
 
 
 # --- measurements
@@ -85,15 +113,9 @@ def by_turns(runs: Mapping[str, Callable[[], Found]], turns: int) -> dict[str, l
     return found
 
 
-def quartiles(values: ArrayLike) -> tuple[float, float, float]:
-    """Lower quartile, median, upper quartile."""
-    low, middle, high = np.percentile(np.asarray(values, np.float64), [25, 50, 75])
-    return float(low), float(middle), float(high)
-
-
 def with_quartiles(values: ArrayLike) -> str:
     """A median, and the quartiles in brackets."""
-    low, middle, high = quartiles(values)
+    low, middle, high = np.percentile(np.asarray(values, np.float64), [25, 50, 75])
     return f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 

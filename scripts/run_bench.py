@@ -28,9 +28,6 @@ from harness import by_turns, console, exit_code, is_busy, machine, make_folder,
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 import mpsim
 from mpsim import FixedDisc, Piston, Polyline, Scene, Settings, Simulation, State, ThermalWalls, Thermostat
@@ -532,16 +529,6 @@ def run(options: argparse.Namespace, settings: Settings) -> dict[str, Any]:
     return results
 
 
-def table(title: str, caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on the terminal, numbers at the right."""
-    found = Table(title=title, caption=caption, title_justify="left", caption_justify="left", box=box.SIMPLE_HEAD)
-    for head in heads:
-        found.add_column(head, justify="left" if head == "method" else "right")
-    for row in rows:
-        found.add_row(*row)
-    Console().print(found)  # not `console`: its lines may be longer than the terminal
-
-
 def compare(part: str, title: str, timings: Mapping[str, Timing], busy: bool) -> None:
     """Print times beside the report's; ratios only if the machine was not busy."""
     rows = []
@@ -551,7 +538,7 @@ def compare(part: str, title: str, timings: Mapping[str, Timing], busy: bool) ->
         rows.append([method, str(timing.workers), *(f"{cell:.4g}" for cell in (median, mean, report)), *ratios])
     caption = "times of a frame in microseconds; the first frame is in the means, compilation and warm-up are not"
     heads = ("method", "workers", "median", "mean", "report's mean", "report / mpsim", "mean / grid's")
-    table(title, caption, heads, rows)
+    say(f"{title}: {caption}\n\n{harness.table(heads, rows)}\n")
 
 
 def compare_sizes(timings: Sequence[Timing], busy: bool) -> None:
@@ -565,7 +552,8 @@ def compare_sizes(timings: Sequence[Timing], busy: bool) -> None:
         texts = ("-" if busy else f"{ratio:.2f}" for ratio in ratios)
         rows.append([f"{discs:,}", *costs, *texts, f"{of['parallel'].bytes_per_disc:.0f}"])
     caption = "median nanoseconds per disc and frame, packing 0.4, warm; bytes: of the shared block, per disc"
-    table("Scaling", caption, ("discs", *methods, "grid/parallel", "auto/best", "bytes"), rows)
+    heads = ("discs", *methods, "grid/parallel", "auto/best", "bytes")
+    say(f"Scaling: {caption}\n\n{harness.table(heads, rows)}\n")
 
 
 def show(results: dict[str, Any], settings: Settings, out: Path, busy: bool) -> dict[str, Any]:

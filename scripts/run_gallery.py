@@ -26,7 +26,7 @@ from mpsim.output.animation import Picture
 from mpsim.output.drawing import LIGHT, STYLE, ColourScale, percentile_scale, sampled, speeds_of
 from mpsim.scene.scene import frames_between_pictures, settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
-from mpsim.studies.findings import Compression, Cooling, Galton, Hopper, Promise, promise_of
+from mpsim.studies.findings import PROMISES, Compression, Cooling, Galton, Hopper, Promise
 
 WHOLE = (
     "brazil-nut", "brownian", "cooling", "cradle", "flipper", "galton", "growth", "partition", "pi", "piston",
@@ -175,7 +175,8 @@ def show(found: SceneFile, folder: Path) -> None:
     if scene.duration:
         number = min(number, int(scene.duration / (every * settings.dt) + 1e-9) + 1)
     still = number - 1 if found.name in WHOLE else round(STILLS.get(found.name, 0.67) * number)
-    promise, mark = promise_of(found.name, scene, settings), MARKS.get(found.name)
+    promise = PROMISES[found.name](scene, settings) if found.name in PROMISES else None
+    mark = MARKS.get(found.name)
     scale = scale_of_run(found, number, every)
     images: list[Image.Image] = []
     with mpsim.Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE):

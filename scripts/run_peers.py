@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import DOCS, TOP, exit_code, fill_page, machine, make_folder, parser_of, quartiles, table
+from harness import DOCS, TOP, exit_code, fill_page, is_busy, machine, make_folder, parser_of, slowed, table
 from peers.engines import PEERS
 from peers.study import EXACT, EXACT_LONGER, LIMITS, QUICK, SETTLE, STEP, TIME, Accuracy, Effort, Study, Times, Timing
 from rich.console import Console
@@ -32,9 +32,6 @@ CLAIM = 0.4, 100_000
 
 SETTLED = 0.5
 """Units of time from the start up to which fewer discs touch than later."""
-
-LARGEST_SPREAD = 0.25
-"""Between the quartiles of the yardstick's times, over their median: beyond it nothing is claimed."""
 
 BUSY = (
     "**The machine was busy with other work: neither times nor their ratios are to be quoted, and nothing is claimed. "
@@ -188,13 +185,6 @@ def accuracy_table(study: Study, found: Accuracy) -> str:
 # --- the page
 
 
-def is_busy(machine_now: dict[str, Any], times: Times) -> bool:
-    """Whether other work has disturbed the times: before the study, or between turns of the yardstick."""
-    timing = times.get((YARDSTICK, 1))
-    low, middle, high = quartiles(timing.frame) if isinstance(timing, Timing) else (1.0, 1.0, 1.0)
-    return machine_now["load_before"] > machine_now["usable_cores"] / 2 or (high - low) / middle > LARGEST_SPREAD
-
-
 def claim(times: Times, found: Accuracy | None) -> str:
     """What the README says of speed, if it was measured: medians of this study."""
     one, two, ratio = times.get(("mpsim-push", 1)), times.get(("mpsim-push", 2)), faster(times, "mpsim-push", 1)
@@ -276,7 +266,8 @@ def main() -> None:
         cells = {packing: study.frames(packing) for packing in effort.packings}
         found = study.accuracy(effort.packings[0]) if effort.accurate else None
     times = cells.get(CLAIM[0], {}).get(CLAIM[1], {})
-    busy = is_busy(now, times)
+    now["slowed"].append(slowed())
+    busy = is_busy(now)
     made = (
         f"Made by `python {shlex.join(sys.argv)}` in {(time.monotonic() - begun) / 60:.1f} minutes: {effort.turns} "
         f"turns of {effort.seconds:g} s an engine; {now['usable_cores']} cores of {now['processor']}, load before "

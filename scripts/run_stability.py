@@ -12,13 +12,12 @@ import argparse
 import gzip
 import json
 import math
-import multiprocessing
 import sys
 import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
@@ -28,7 +27,19 @@ from queue import Queue
 from typing import Any
 
 import numpy as np
-from harness import console, exit_code, fill_page, machine, made_by, make_folder, parser_of, progress_bar, say, table
+from harness import (
+    Apart,
+    console,
+    exit_code,
+    fill_page,
+    machine,
+    made_by,
+    make_folder,
+    parser_of,
+    progress_bar,
+    say,
+    table,
+)
 
 from mpsim import MpsimError, Scene, Settings, Simulation, State
 from mpsim.engine.solvers.event_block import contact_time_at_rest
@@ -572,37 +583,28 @@ def _judge(outcome: Outcome) -> None:
 
 def run_trials(chosen: Sequence[Trial], workers: int, progress: Callable[[str], None]) -> list[Outcome]:
     """Outcomes of trials, in their order; `progress` is called with the words for each that has ended."""
-    pools: Queue[ProcessPoolExecutor] = Queue()
+    idle: Queue[Apart] = Queue()
     for _ in range(workers):
-        pools.put(_process())
+        idle.put(Apart())
+
+    def tried(trial: Trial) -> Outcome:
+        process = idle.get()
+        try:
+            return process.call(HANG_SECONDS, attempt, trial)
+        except (BrokenProcessPool, TimeoutError) as error:
+            kind, text = ("hang", "no end in sight") if isinstance(error, TimeoutError) else ("crash", str(error))
+            return Outcome(trial.axis, trial.value, trial.row.label, kind, text=text)
+        finally:
+            idle.put(process)
+            progress(f"{trial.axis} {trial.value}")
+
     with ThreadPoolExecutor(workers) as threads:
         try:
-            return list(threads.map(partial(_tried, pools=pools, progress=progress), chosen))
+            return list(threads.map(tried, chosen))
         finally:
             threads.shutdown(cancel_futures=True)
-            while not pools.empty():
-                pools.get().shutdown()
-
-
-def _process() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
-
-
-def _tried(trial: Trial, pools: Queue[ProcessPoolExecutor], progress: Callable[[str], None]) -> Outcome:
-    """The outcome of a trial in one of the processes, which is replaced if it has crashed or hangs."""
-    pool = pools.get()
-    try:
-        outcome = pool.submit(attempt, trial).result(timeout=HANG_SECONDS)
-    except (BrokenProcessPool, TimeoutError) as error:
-        kind, text = ("hang", "no end in sight") if isinstance(error, TimeoutError) else ("crash", str(error))
-        outcome = Outcome(trial.axis, trial.value, trial.row.label, kind, text=text)
-        for process in (pool._processes or {}).values():
-            process.kill()
-        pool.shutdown()
-        pool = _process()
-    pools.put(pool)
-    progress(f"{trial.axis} {trial.value}")
-    return outcome
+            while not idle.empty():
+                idle.get().close()
 
 
 def counts(outcomes: Iterable[Outcome]) -> dict[str, int]:

@@ -154,7 +154,7 @@ Examples:
     terminal.PATH,
     "Picture to write: .png, .pdf, .svg or another format.  [default: plot.png in the folder, replaced]",
 )
-@click.option("--force", is_flag=True, help="Replace an existing file.")
+@terminal.force_option
 def plot(folder: Path, out: Path | None, force: bool) -> None:
     """Draw the results of the run in FOLDER: energy, overlap, collision rate, and the last frame.
 
@@ -204,7 +204,7 @@ Examples:
 )
 @terminal.option("--theme", click.Choice(["light", "dark"]), "", "light")
 @terminal.settings_options
-@click.option("--force", is_flag=True, help="Replace an existing file.")
+@terminal.force_option
 @terminal.quiet_option
 def animate(
     scene: str,

@@ -31,7 +31,7 @@ from mpsim.output.trajectory import FORMATS, Trajectory
 from mpsim.scene import scenefile
 from mpsim.scene.scene import Scene, frames_between_pictures
 from mpsim.scene.settings import MethodName, Settings
-from mpsim.studies.findings import Promise, found_by, promise_of
+from mpsim.studies.findings import PROMISES, Promise, found_by
 
 # --- The folder of a run
 #
@@ -292,7 +292,8 @@ def run(
     file = scenefile.load(scene)
     settings = terminal.settings_of(file, options)
     as_recommended = file.comes_with_mpsim and frames is None and until is None
-    watched = promise_of(file.name, file.scene, settings) if as_recommended else None
+    promise = PROMISES.get(file.name) if as_recommended else None
+    watched = promise and promise(file.scene, settings)
     until, end = (file.scene.duration, "the scene's duration") if until is None else (until, "until")
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt, end))
     measures = measures or file.scene.measures

@@ -1,6 +1,7 @@
 """Arguments, shared by the commands."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -97,11 +98,13 @@ def option(names: str, kind: click.ParamType, text: str, default: Any = None, **
     return click.option(*names.split(), type=kind, help=text, default=default, show_default=shown_too, **more)
 
 
-def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The settings as options; `settings_of` puts them together."""
-    for name, (kind, text) in reversed(SETTINGS.items()):
-        command = option(name, kind, text)(command)
-    return command
+def together(*options: Callable[..., Any]) -> Callable[..., Any]:
+    """Several options, which the help shows in this order, as one decorator."""
+    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
+
+
+settings_options = together(*(option(name, kind, text) for name, (kind, text) in SETTINGS.items()))
+"""The settings as options; `settings_of` puts them together."""
 
 
 def settings_of(file: SceneFile, options: dict[str, Any]) -> Settings:
@@ -116,22 +119,16 @@ def settings_of(file: SceneFile, options: dict[str, Any]) -> Settings:
     return settings
 
 
-def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The option --json."""
-    return click.option("--json", "as_json", is_flag=True, help="Print JSON.")(command)
-
-
-def quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The option --quiet."""
-    return click.option("-q", "--quiet", is_flag=True, help="Show no progress.", callback=_note_quiet)(command)
-
-
 def _note_quiet(ctx: click.Context, param: click.Parameter | None, quiet: bool) -> bool:
     ctx.meta[_QUIET] = quiet  # for what is shown by those whom no command calls
     return quiet
 
 
 _QUIET = f"{__name__}.quiet"
+
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Show no progress.", callback=_note_quiet)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+force_option = click.option("--force", is_flag=True, help="Replace an existing file.")
 
 
 def say_compiling(meta: dict[str, Any], text: str | None) -> None:

@@ -1,7 +1,6 @@
 """`mpsim tune` and `mpsim tradeoff`: speed against accuracy of settings."""
 
 import dataclasses
-import functools
 import math
 import shlex
 from collections.abc import Callable
@@ -27,7 +26,7 @@ _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
 def _study_options(most: int, of: str = "") -> Callable[..., Any]:
     """Options that both commands hand on. most: replicas at most; of: what the time limit is of, in words."""
-    options = [
+    return terminal.together(
         terminal.option(
             "--until", terminal.POSITIVE, "Length of a run; default: the scene's duration, or chosen by mpsim."
         ),
@@ -44,18 +43,14 @@ def _study_options(most: int, of: str = "") -> Callable[..., Any]:
             "Contact time of the reference, if discs come to rest; it is then a model and not exact.",
         ),
         terminal.option("--seconds", terminal.POSITIVE, f"Approximate time limit{of} [s].", 150.0),
-    ]
-    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
+    )
 
 
-def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """One option for each measure that can have a budget."""
-    for name in reversed(ERRORS):
-        unit = _WORDS.get(UNITS.get(name, ""), "relative: 0.01 or 1%")
-        text = f"Largest error of {name.replace('_', ' ')}, {unit}."
-        kind = terminal.Share(below=1.0 if OBSERVABLES[name].error == "relative" else math.inf)
-        command = terminal.option(f"--{name.replace('_', '-')} {name}", kind, text)(command)
-    return command
+def _budget_option(name: str) -> Callable[..., Any]:
+    """The budget of a measure."""
+    text = f"Largest error of {name.replace('_', ' ')}, {_WORDS.get(UNITS.get(name, ''), 'relative: 0.01 or 1%')}."
+    kind = terminal.Share(below=1.0 if OBSERVABLES[name].error == "relative" else math.inf)
+    return terminal.option(f"--{name.replace('_', '-')} {name}", kind, text)
 
 
 TUNE_EXAMPLES = """\b
@@ -67,7 +62,7 @@ Examples:
 
 @click.command(epilog=TUNE_EXAMPLES, short_help="Find the cheapest settings inside error budgets.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@_budget_options
+@terminal.together(*map(_budget_option, ERRORS))
 @_study_options(tuning.MOST_REPLICAS)
 @terminal.json_option
 @terminal.quiet_option

@@ -228,8 +228,14 @@ class Deviation:
 
     def inside(self, budget: float) -> bool:
         """Whether the error stays inside a budget, noise included, and no window is significantly outside."""
-        windows_too = self.largest is None or abs(self.largest.value) - self.largest.noise <= budget
-        return self.measurable and self.bound <= budget and windows_too
+        return self.over(budget) <= 1
+
+    def over(self, budget: float) -> float:
+        """Size over a budget, noise included, or that of a window less its noise; infinite if not measurable."""
+        if not self.measurable:
+            return math.inf
+        largest = 0.0 if self.largest is None else abs(self.largest.value) - self.largest.noise
+        return max(self.bound, largest) / budget
 
     @property
     def magnitude(self) -> float:

@@ -6,16 +6,19 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mpsim.core import checks
+from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.machine import usable_cores
+from mpsim.core.progress import Show, checked_progress, shown
 from mpsim.core.state import State
 from mpsim.engine import access
 from mpsim.engine.report import Report
@@ -263,12 +266,9 @@ def measure(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
 
     Where discs are added, the cost changes along the run, so whole runs to `until` are timed.
 
-    Args:
-        scene: the scene, run from its start.
-        settings: of the run. Frames without steps are chosen here, as their dt does not matter for the cost.
-        until: simulated time after which the scene starts again [time].
+    until: simulated time after which the scene starts again [time].
     """
-    if not capabilities_of(settings).has_steps:
+    if not capabilities_of(settings).has_steps:  # so that dt does not matter for the cost
         settings = replace(settings, dt=until / 1000)
     if adds_discs(scene):
         return _of_whole_runs(scene, settings, until)
@@ -348,23 +348,11 @@ COARSER = 2
 
 
 class CandidateFailed(Exception):  # noqa: N818 - an outcome, not an error
-    """A candidate could not be run to the end; the text says why."""
+    """A candidate, or the reference, could not be run to the end; the text says why. Results of its runs raise it."""
 
 
 class Ensemble:
-    """All runs on one scene. Use it in a `with` block: leaving it ends its threads.
-
-    Args:
-        scene: the scene.
-        until: length of a long run [time]; None: the scene's duration; without one, see PAIRS.
-        measures: names of the errors to determine.
-        replicas: long runs per candidate.
-        starts: see `Starts`.
-        seconds: approximate time that everything may take [s]; a stepped reference is as fine as that allows.
-        contact_time: of the exact solver as the reference, which makes it a model [time]; None: its own.
-        executor: for accuracy runs; None: threads.
-        file: of finished runs.
-        progress: called as progress(done, of, what).
+    """All runs on one scene; the arguments are those of `tradeoff`. `ensemble` makes it.
 
     Attributes:
         until: length of a long run [time].
@@ -378,12 +366,12 @@ class Ensemble:
         measures: Sequence[str],
         *,
         replicas: int,
-        starts: StartsGiven = None,
-        seconds: float = 150.0,
-        contact_time: float | None = None,
-        executor: Executor | None = None,
+        starts: StartsGiven,
+        seconds: float,
+        contact_time: float | None,
+        runner: Runner[str],
         file: RunFile,
-        progress: Callable[[int, int, str], None] | None = None,
+        progress: Show,
     ):
         until = scene.duration if until is None else checks.positive("until", until, "[time]")
         self.replicas = replicas
@@ -391,16 +379,16 @@ class Ensemble:
         self._long = [name for name in measures if name in LONG]
         self._short = [name for name in measures if name in SHORT]
         self._scene = scene
-        self._runner = Runner[str](executor)
+        self._runner = runner
         self._further: dict[int, tuple[tuple[State, float], ...]] = {}
         self._slowness = 1.0  # time of parallel runs over their forecast from a single one
-        self._progress = progress or (lambda done, of, what: None)
+        self._progress = progress
         contact_time = None if contact_time is None else _checked_contact_time(scene, contact_time)
         _demand_times(scene)
         self.starts: Starts = Starts(scene, starts)
         title = {"scene": scene.digest(), "starts": self.starts.key, "contact_time": contact_time}
         file.demand(**title)
-        self.announce("preliminary run")
+        progress(0, 1, "preliminary run")
         earlier = file.head.get("reference")
         self.preliminary: PreliminaryRun = preliminary_run(scene, until, earlier, seconds, contact_time)
         self.chosen: bool = until is None
@@ -412,12 +400,6 @@ class Ensemble:
         self._speed = first.thermal_velocity * math.sqrt(2)
         title["plan"] = [self.until, self._speed, first.short, first.growth, self.memory]
         file.begin(title, self._take, reference=first.reference_name)
-
-    def __enter__(self) -> "Ensemble":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._runner.__exit__(*exception)
 
     def _take(self, line: dict[str, Any]) -> None:
         self._results[str(line["key"])] = dict(line["result"])
@@ -439,10 +421,6 @@ class Ensemble:
             until = float(np.clip(usual, least, 1e5 * crossing)) if first.collisions else usual
         known = self.starts.same and memory < until / 2
         return until, memory if known else 0.0
-
-    def announce(self, text: str) -> None:
-        """Announce through `progress` what comes next."""
-        self._progress(0, 1, text)
 
     def warning_of(self, settings: Settings) -> str:
         """The FastWarning of a run of the scene with these settings, or ""."""
@@ -539,11 +517,7 @@ class Ensemble:
         self._progress(len(candidates), len(candidates), "timing")
 
     def _found(self, keys: Iterable[str], whose: str = "") -> list[dict[str, Any]]:
-        """Results of runs.
-
-        Raises:
-            CandidateFailed: if one did not reach its end; the text begins with `whose`.
-        """
+        """Results of runs. If one has failed, the text of CandidateFailed begins with `whose`."""
         found = [self._results[key] for key in keys]
         for each in found:
             if "failure" in each:
@@ -551,20 +525,12 @@ class Ensemble:
         return found
 
     def cost(self, settings: Settings) -> Cost:
-        """The cost that `time` has measured.
-
-        Raises:
-            CandidateFailed: if the candidate could not be run.
-        """
+        """The cost that `time` has measured."""
         (found,) = self._found([f"cost {key_of(settings)}"])
         return Cost(**found)
 
     def errors(self, settings: Settings, replicas: int | None = None, first: int = 0) -> dict[str, Deviation]:
-        """The errors from the runs of `assess`.
-
-        Raises:
-            CandidateFailed: if a run did not reach its end.
-        """
+        """The errors from the runs of `assess`."""
         physics = self._physics(settings)
         errors: dict[str, Deviation] = {}
         if self._long:
@@ -575,9 +541,7 @@ class Ensemble:
         if self._short:
             keys = [f"short {key_of(physics)} {number}" for number, _ in self._starts(first)]
             errors |= short_deviations(self._found(keys), self._short)
-        if (
-            physics == self.preliminary.reference
-        ):  # its difference from itself is 0, not noise; what it keeps may not be
+        if physics == self.preliminary.reference:  # 0 from itself, not noise; but what it should keep may change
             errors = {name: each if _is_wrong(name, each) else Deviation(0.0, 0.0) for name, each in errors.items()}
         return {name: errors[name] for name in self.measures}
 
@@ -596,12 +560,7 @@ class Ensemble:
         return math.ceil(PIECES * self.memory / self.until)
 
     def demand_measurable(self, budgets: Mapping[str, float]) -> None:
-        """Refuse measures whose errors would be meaningless, judged by the reference alone.
-
-        Raises:
-            NotMeasurableError: naming the measure, why, and what to ask for.
-            CandidateFailed: if a run of the reference did not reach its end.
-        """
+        """Refuse measures whose errors would be meaningless, judged by the reference alone: NotMeasurableError."""
         runs = self._reference_runs(self.replicas) if self._long else []
         for name in self._long:
             reason = self._why_not(name, runs) or self._too_rough(name, budgets[name])
@@ -653,6 +612,32 @@ class Ensemble:
         """The settings of a candidate's accuracy runs."""
         physics = physics_of(settings, self._scene)
         return self.preliminary.reference if self.preliminary.is_reference(physics) else physics
+
+
+@contextmanager
+def ensemble(
+    scene: Scene,
+    until: float | None,
+    measures: Sequence[str],
+    *,
+    most: int,
+    replicas: int,
+    seconds: float,
+    executor: Executor | None,
+    path: str | Path | None,
+    progress: bool | Show | None,
+    **how: Any,
+) -> Iterator[Ensemble]:
+    """The runs of `tradeoff` or `tune`, whose arguments these are, with its file, progress and threads.
+
+    most: replicas at most; how: starts and contact_time.
+    """
+    replicas = checks.whole("replicas", replicas, 2, most, "16 will do for most scenes.")
+    seconds = checks.positive("seconds", seconds, "[s]")
+    show = shown(checked_progress(progress, "progress(done, of, what)"))
+    with terminated_by_exit(), RunFile(path, *FILE) as file, show as say, Runner[str](executor) as runner:
+        how |= {"replicas": replicas, "seconds": seconds, "runner": runner, "file": file, "progress": say}
+        yield Ensemble(scene, until, measures, **how)
 
 
 def _is_wrong(name: str, own: Deviation) -> bool:

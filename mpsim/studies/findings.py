@@ -252,9 +252,17 @@ class Cooling(Heat):
         """t0 of Haff's law [time]."""
         scene = self.scene
         rate = enskog_rate(scene.packing, scene.largest_radius, float((scene.velocity**2).mean()))
-        e = scene.restitution
-        kurtosis = 16 * (1 - e) * (1 - 2 * e**2) / (57 - 25 * e + 30 * (1 - e) * e**2)  # a_2 of the cooling gas
-        return 4 / ((1 - e**2) * rate * (1 + 3 / 16 * kurtosis))
+        return 1 / haff_rate(rate, scene.restitution)
+
+
+def haff_rate(collisions: float, restitution: float) -> float:
+    """1/t0 of Haff's law [1/time] at a rate of collisions of a disc [1/time].
+
+    With the kurtosis a_2 of the cooling gas in two dimensions: van Noije & Ernst, Granular Matter 1, 57 (1998).
+    """
+    e = restitution
+    kurtosis = 16 * (1 - e) * (1 - 2 * e**2) / (57 - 25 * e + 30 * (1 - e) * e**2)
+    return (1 - e**2) / 4 * collisions * (1 + 3 / 16 * kurtosis)
 
 
 class Compression(Heat):
@@ -286,7 +294,7 @@ PROMISES: dict[str, type[Promise]] = {
     "piston": Compression,
     "rough-hopper": Hopper,
 }
-"""By the name of the scene."""
+"""By the name of the scene; of others no number is expected."""
 
 
 @dataclass(frozen=True)
@@ -330,12 +338,6 @@ class Findings:
             f"{'' if each.consistent else f': they differ by more than {each.within:.2g}'}"
             for each in self.numbers
         ]
-
-
-def promise_of(name: str, scene: Scene, settings: Settings) -> Promise | None:
-    """What a scene that comes with mpsim should show; None if no number is expected."""
-    kind = PROMISES.get(name)
-    return None if kind is None else kind(scene, settings)
 
 
 def found_by(name: str, promise: Promise, sim: Simulation) -> Findings:

@@ -240,13 +240,7 @@ def run_point(
 ) -> Outcome:
     """The outcome of one run. An error that the function raises is part of it, so that it does not end the others.
 
-    Args:
-        function, arguments: give the results of the point by name.
-        taken: names that results must not have.
-        stop: which a `Runner` adds to the arguments; a function cannot be stopped.
-
-    Raises:
-        InputError: if what the function returned cannot be a row.
+    taken: names that results must not have; stop: which a `Runner` adds to the arguments, but a function does not heed.
     """
     started = time.perf_counter()
     try:

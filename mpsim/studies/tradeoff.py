@@ -17,9 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from mpsim.core import checks
-from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.late import imported, view
-from mpsim.core.progress import checked_progress, shown
 from mpsim.core.text import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
@@ -28,9 +26,8 @@ from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.ensemble import FILE, CandidateFailed, Cost, Ensemble, available, demand_available
+from mpsim.studies.ensemble import CandidateFailed, Cost, Ensemble, available, demand_available, ensemble
 from mpsim.studies.preliminary import StartsGiven, quietly
-from mpsim.studies.runner import RunFile
 
 # --- The settings that a trade-off study compares by default
 
@@ -52,10 +49,7 @@ def families(dt: float = 0.01) -> list[Settings]:
 def default_candidates(scene: Scene, speed: float, contact_time: float | None = None) -> list[Settings]:
     """The exact solver, each family over STEP_FRACTIONS, and rows for law, precision, substeps and method.
 
-    Args:
-        scene: to be run.
-        speed: root mean square of one velocity component [length/time].
-        contact_time: of the exact solver [time].
+    speed: root mean square of one velocity component [length/time].
     """
     steps = [step(scene, speed, h) for h in STEP_FRACTIONS]
     candidates = [Settings(method="event", contact_time=contact_time)]
@@ -300,16 +294,9 @@ def tradeoff(
     (True, True)
     """
     names = _measures(measures, scene)
-    replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
-    how: dict[str, Any] = {"executor": executor, "starts": starts, "contact_time": contact_time}
-    how |= {"replicas": replicas, "seconds": checks.positive("seconds", seconds, "[s]")}
-    show = shown(checked_progress(progress, "progress(done, of, what)"))
-    with (
-        terminated_by_exit(),
-        RunFile(path, *FILE) as file,
-        show as say,
-        Ensemble(scene, until, names, **how, file=file, progress=say) as run,
-    ):
+    how: dict[str, Any] = {"executor": executor, "starts": starts, "contact_time": contact_time, "seconds": seconds}
+    how |= {"most": MOST_REPLICAS, "replicas": replicas, "path": path, "progress": progress}
+    with ensemble(scene, until, names, **how) as run:
         if candidates is None:
             speed = run.preliminary.thermal_velocity
             settings = [run.framed(each) for each in default_candidates(scene, speed, contact_time)]

@@ -16,17 +16,14 @@ from typing import Any
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.deferred_signals import terminated_by_exit
-from mpsim.core.progress import checked_progress, shown
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.ensemble import FILE, PIECES, REFERENCE, CandidateFailed, Cost, Ensemble, demand_available
+from mpsim.studies.ensemble import PIECES, REFERENCE, CandidateFailed, Cost, Ensemble, demand_available, ensemble
 from mpsim.studies.preliminary import StartsGiven
-from mpsim.studies.runner import RunFile
 from mpsim.studies.tradeoff import Row, checked_candidates, families, label, row_of, step
 
 # --- The result of a search for settings: each candidate with its verdict, and the answer
@@ -175,17 +172,9 @@ def tune(
     budgets = _budgets(max_error)
     demand_available(budgets, scene)
     choices = _families(contact_time, scene) if candidates is None else checked_candidates(candidates)
-    replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
-    seconds = checks.positive("seconds", seconds, "[s]")
-    how: dict[str, Any] = {"executor": executor, "starts": starts, "contact_time": contact_time}
-    how |= {"replicas": replicas, "seconds": seconds}
-    show = shown(checked_progress(progress, "progress(done, of, what)"))
-    with (
-        terminated_by_exit(),
-        RunFile(path, *FILE) as file,
-        show as say,
-        Ensemble(scene, until, tuple(budgets), **how, file=file, progress=say) as run,
-    ):
+    how: dict[str, Any] = {"executor": executor, "starts": starts, "contact_time": contact_time, "seconds": seconds}
+    how |= {"most": MOST_REPLICAS, "replicas": replicas, "path": path, "progress": progress}
+    with ensemble(scene, until, tuple(budgets), **how) as run:
         search = Search(run, scene, budgets, seconds)
         search.run_reference()
         for family in choices:
@@ -207,13 +196,10 @@ class Search:
         self._trials: dict[Settings, Row] = {}
         self._orders: dict[Settings, float] = {}  # of families, of dt = 1
         self._numbers: dict[Settings, int] = {}
+        self._is_reference = run.preliminary.is_reference
 
     def run_reference(self) -> None:
-        """Run the reference, and refuse what cannot be measured.
-
-        Raises:
-            NotMeasurableError: for a measure whose error would be meaningless.
-        """
+        """Run the reference, and refuse what cannot be measured: NotMeasurableError."""
         run = self._run
         self._choose_replicas()
         run.assess([], run.replicas)
@@ -317,7 +303,7 @@ class Search:
         self._trials[settings] = replace(best, errors=errors, verdict=verdict, inside=False)
         if not self._is_time_for(settings, last=True):
             return
-        ratio = max(_ratio(errors[name], self._budgets[name]) for name in broken)
+        ratio = max(errors[name].over(self._budgets[name]) for name in broken)
         order = self._orders.get(replace(settings, dt=1.0), 1.0)
         dt = float(f"{settings.dt / max((ratio / AIM) ** (1 / order), CLOSE):.2g}")
         for other, trial in list(self._trials.items()):
@@ -347,7 +333,12 @@ class Search:
         self._numbers[settings] = number
         self._run.time([settings])
         broken = self._broken(errors)
-        verdict = _words(broken[0], errors, self._budgets) if broken else "inside all budgets"
+        verdict = "inside all budgets"
+        if broken:
+            name = broken[0]
+            verdict = f"{name} {errors[name]!r}"
+            if errors[name].measurable:
+                verdict += f" is outside {self._budgets[name]:g}, two standard errors included"
         warning = "" if broken or not capabilities_of(settings).has_steps else self._run.warning_of(settings)
         verdict += f", but mpsim warns: {warning}" if warning else ""
         row = row_of(self._run, settings)
@@ -358,10 +349,6 @@ class Search:
         """Whether there is time for the runs of another candidate, or, as the last one, for its verification."""
         needed = self._run.seconds_for(settings, replicas or self._run.replicas, verify=last or bool(replicas))
         return time.monotonic() + needed < self._end + (1 - SEARCH) * self._seconds * last
-
-    def _is_reference(self, settings: Settings) -> bool:
-        """Whether this is the reference itself."""
-        return self._run.preliminary.is_reference(settings)
 
     def _is_undecided(self, errors: dict[str, Deviation]) -> bool:
         """Whether more replicas could bring all errors inside the budgets."""
@@ -445,17 +432,9 @@ def _cost(trial: Row) -> float:
     return trial.cost.median if trial.cost else math.inf
 
 
-def _ratio(error: Deviation, budget: float) -> float:
-    """Size of an error over its budget; infinite if it is not measurable."""
-    if not error.measurable:
-        return math.inf
-    largest = 0.0 if error.largest is None else abs(error.largest.value) - error.largest.noise
-    return max(error.bound, largest) / budget
-
-
 def _worst(row: Row, budgets: dict[str, float]) -> float:
     """Largest error of a row over its budget."""
-    return max((_ratio(row.errors[name], budget) for name, budget in budgets.items() if row.errors), default=math.inf)
+    return max((row.errors[name].over(budget) for name, budget in budgets.items() if row.errors), default=math.inf)
 
 
 def _order(found: list[tuple[float, float]]) -> float:
@@ -476,9 +455,3 @@ def _next(
     if inside and math.isfinite(outside) and not inside * 1.02 < aim < outside / 1.02:
         aim = math.sqrt(inside * outside)
     return float(f"{min(max(aim, limits[0]), limits[1]):.2g}")
-
-
-def _words(name: str, errors: dict[str, Deviation], budgets: dict[str, float]) -> str:
-    if not errors[name].measurable:
-        return f"{name} {errors[name]!r}"
-    return f"{name} {errors[name]!r} is outside {budgets[name]:g}, two standard errors included"

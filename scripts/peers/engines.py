@@ -3,16 +3,15 @@
 import contextlib
 import importlib
 import importlib.util
-import multiprocessing
 import os
-import signal
 import time
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from importlib.metadata import version
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Literal
 
+from harness import Apart
 from peers import with_cpp
 from peers.engine import NotThereError, Plan, Run, Start
 
@@ -156,8 +155,8 @@ class Client:
     """
 
     def __init__(self, name: str, threads: int, log: Path):
-        self.name, self.peer, self.threads, self._log = name, PEERS[name], threads, log
-        self._process: Any = None
+        self.name, self.peer, self.threads = name, PEERS[name], threads
+        self._process = Apart(begin, name, log)
 
     def prepare(self, path: Path, dt: float, timeout: float, counting: bool = False, knob: int = -1) -> float:
         """Give the engine a start; returns the seconds that it took. knob: -1 for the least.
@@ -175,59 +174,22 @@ class Client:
             FailedError: if the engine has failed or has not answered after `timeout` seconds; its process is ended.
         """
         try:
-            self._begin()
-            self._pipe.send((what, *words))
-            if not self._pipe.poll(timeout):
-                self.close(now=True)
-                raise FailedError(f"no answer to `{what}` within {timeout:.0f} s")
-            answer = self._pipe.recv()
-        except (EOFError, ConnectionError):
-            self._process.join()
-            status = self._process.exitcode
-            self.close()
-            ended = signal.Signals(-status).name if status < 0 else f"status {status}"
-            raise FailedError(f"its process ended with {ended}") from None
-        if isinstance(answer, str):
-            self.close(now=True)
-            raise FailedError(" ".join(answer.split())[:160])
-        return answer
+            return self._process.call(timeout, answer, what, *words)
+        except TimeoutError:
+            reason = f"no answer to `{what}` within {timeout:.0f} s"
+        except BrokenProcessPool:
+            reason = "its process has ended"
+        except Exception as error:  # any engine may fail in any way; the row says how
+            reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]
+        self._process.close(now=True)
+        raise FailedError(reason)
 
-    def close(self, now: bool = False) -> None:
-        """End the process; now: without asking."""
-        if self._process is None:
-            return
-        self._pipe.close()
-        if not now:
-            self._process.join(20)
-        self._process.kill()
-        self._process.join()
-        self._process = None
-
-    def _begin(self) -> None:
-        if self._process is not None:
-            return
-        self._pipe, theirs = multiprocessing.Pipe()
-        target = multiprocessing.get_context("spawn").Process
-        self._process = target(target=serve, args=(self.name, theirs, self._log))
-        self._process.start()
-        theirs.close()
-
-
-def serve(name: str, pipe: Connection, log: Path) -> None:
-    """Answer commands until the pipe is closed: seconds or measures, or the words of an error."""
-    with log.open("ab") as file:  # what engines print
-        os.dup2(file.fileno(), 1)
-        os.dup2(file.fileno(), 2)
-    server = Server(PEERS[name])
-    with contextlib.suppress(EOFError, ConnectionError, KeyboardInterrupt):
-        while True:
-            what, *words = pipe.recv()
-            try:
-                answer = getattr(server, what)(*words)
-            except Exception as error:  # any engine may fail in any way; the row says how
-                answer = f"{type(error).__name__}: {error}"
-            pipe.send(answer)
-    server.drop()
+    def close(self) -> None:
+        """Give back what the engine holds, and end its process."""
+        if self._process.pool is not None:
+            with contextlib.suppress(FailedError):
+                self.ask("drop", 20)
+            self._process.close()
 
 
 class Server:
@@ -264,3 +226,19 @@ class Server:
             self._run.close()
             self._run = None
         return 0.0
+
+
+_servers: list[Server] = []
+
+
+def begin(name: str, log: Path) -> None:
+    """Make this process that of an engine."""
+    with log.open("ab") as file:  # what engines print
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    _servers.append(Server(PEERS[name]))
+
+
+def answer(what: str, *words: Any) -> Any:
+    """What the engine of this process says to a command: seconds or measures."""
+    return getattr(_servers[0], what)(*words)

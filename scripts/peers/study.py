@@ -8,6 +8,7 @@ engine has left: what it loses is in its error. The scatter between starts gives
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -228,10 +229,8 @@ class Study:
             results = reasons | by_turns(jobs, self.effort)
             found[count] = {(client.name, client.threads): results[client] for client in clients}
             for client in jobs:
-                try:
+                with suppress(FailedError):
                     client.ask("drop", self.effort.budget + 20)
-                except FailedError:
-                    client.close(now=True)
         for client in clients:
             client.close()
         return found
