@@ -14,7 +14,7 @@ import json
 import sys
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,7 +24,7 @@ from typing import Any
 import harness
 import matplotlib
 import numpy as np
-from harness import by_turns, console, exit_code, is_busy, machine, make_folder, parser_of, progress_bar, say, slowed
+from harness import by_turns, console, exit_code, is_busy, machine, make_folder, parser_of, say, slowed
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
@@ -53,9 +53,6 @@ NAIVE_UP_TO = 3_000
 DT = 0.01
 PACKING = 0.4
 RADIUS = 0.5
-
-Tick = Callable[[str], None]
-"""Called with the name of what was just done, for progress."""
 
 
 @dataclass
@@ -125,7 +122,7 @@ def gas(count: int, seed: int = 1) -> Scene:
     return Scene.random(count=count, packing=PACKING, radius=RADIUS, temperature=1.0, seed=seed)
 
 
-def fixed(settings: Settings, frames: int, tick: Tick, count: int = 100) -> Fixed:
+def fixed(settings: Settings, frames: int, count: int = 100) -> Fixed:
     """100 discs, 500 frames, each method from a copy of the same start."""
     scene = gas(count)
     timings, states, early = {}, {}, {}
@@ -139,7 +136,6 @@ def fixed(settings: Settings, frames: int, tick: Tick, count: int = 100) -> Fixe
             states[method] = sim.state
             _check_state(sim, scene, settings)
             timings[method] = Timing(method, report.workers, count, report.frame_seconds, sim.digest())
-        tick(f"fixed, {method}")
     _demand_equal("grid and parallel", [timings["grid"].digest, timings["parallel"].digest])
     late = {method: state.position for method, state in states.items()}
     apart = {
@@ -150,7 +146,7 @@ def fixed(settings: Settings, frames: int, tick: Tick, count: int = 100) -> Fixe
     return Fixed(scene, timings, states, apart)
 
 
-def growth(settings: Settings, frames: int, tick: Tick) -> dict[str, Timing]:
+def growth(settings: Settings, frames: int) -> dict[str, Timing]:
     """Timings by method while one disc is added after every frame, in a box of packing 0.4 at the end."""
     full = gas(frames + 1)
     timings = {}
@@ -166,12 +162,11 @@ def growth(settings: Settings, frames: int, tick: Tick) -> dict[str, Timing]:
                 raise AssertionError(f"growth by {method} ended with {sim.count} discs, not {frames + 1}.")
             seconds = np.concatenate([report.frame_seconds for report in reports])
             timings[method] = Timing(method, reports[-1].workers, frames, seconds, sim.digest())
-        tick(f"growth, {method}")
     _demand_equal("grid and parallel of growth", [timings["grid"].digest, timings["parallel"].digest])
     return timings
 
 
-def repeat(settings: Settings, frames: int, tick: Tick, count: int = 1000, runs: int = 4) -> Repeat:
+def repeat(settings: Settings, frames: int, count: int = 1000, runs: int = 4) -> Repeat:
     """Parallel runs of one start: equal for 1, 2 and 4 workers if columns are guarded, different if not."""
     scene = gas(count)
     chosen = replace(settings, method="parallel", workers=max(settings.workers or 2, 2))
@@ -182,16 +177,13 @@ def repeat(settings: Settings, frames: int, tick: Tick, count: int = 1000, runs:
             return sim.state
 
     guarded = [final(chosen) for _ in range(runs)]
-    tick("repeat, guarded")
     by_workers = {workers: final(replace(chosen, workers=workers)).digest() for workers in (1, 2, 4)}
-    tick("repeat, 1, 2 and 4 workers")
     unguarded = [final(chosen, unguarded=True) for _ in range(runs)]
-    tick("repeat, unguarded")
     _demand_equal("repeated runs", [state.digest() for state in guarded] + list(by_workers.values()))
     return Repeat(scene, guarded, unguarded, by_workers)
 
 
-def scaling(settings: Settings, sizes: Sequence[int], seconds: float, tick: Tick) -> list[Timing]:
+def scaling(settings: Settings, sizes: Sequence[int], seconds: float) -> list[Timing]:
     """Timings of each method that is feasible at a size, and of `auto`: packing 0.4, about `seconds` of frames each."""
     timings = []
     for count in sizes:
@@ -213,7 +205,6 @@ def scaling(settings: Settings, sizes: Sequence[int], seconds: float, tick: Tick
                 sim.run(frames=10)
                 digests[method] = sim.digest()
         _demand_equal(f"grid and parallel of {count} discs", [digests["grid"], digests["parallel"]])
-        tick(f"scaling, {count:,} discs")
     return timings
 
 
@@ -510,21 +501,16 @@ def run(options: argparse.Namespace, settings: Settings) -> dict[str, Any]:
     """The results of each part that was asked for."""
     sizes = QUICK_SIZES if options.quick else SIZES
     frames, growth_frames = (100, 200) if options.quick else (500, 1000)
-    steps = {"fixed": 3, "growth": 3, "repeat": 3, "scaling": len(sizes)}
     results: dict[str, Any] = {"frames": frames}
-    with progress_bar() as progress:
-        task = progress.add_task("compiling", total=sum(steps[part] for part in options.only))
-
-        def tick(word: str) -> None:
-            progress.update(task, advance=1, description=word)
-
+    with console.status("compiling") as status:
         jobs = {
-            "fixed": lambda: fixed(settings, frames, tick),
-            "growth": lambda: growth(settings, growth_frames, tick),
-            "repeat": lambda: repeat(settings, frames, tick),
-            "scaling": lambda: scaling(settings, sizes, 0.1 if options.quick else 0.4, tick),
+            "fixed": lambda: fixed(settings, frames),
+            "growth": lambda: growth(settings, growth_frames),
+            "repeat": lambda: repeat(settings, frames),
+            "scaling": lambda: scaling(settings, sizes, 0.1 if options.quick else 0.4),
         }
         for part in options.only:
+            status.update(part)
             results[part] = jobs[part]()
     return results
 

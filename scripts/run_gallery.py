@@ -17,12 +17,11 @@ import numpy as np
 from harness import exit_code, make_folder, parser_of, say
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from PIL import Image
 
 import mpsim
-from mpsim.output.animation import Picture
+from mpsim.output.animation import Picture, image_of
 from mpsim.output.drawing import LIGHT, STYLE, ColourScale, percentile_scale, sampled, speeds_of
 from mpsim.scene.scene import frames_between_pictures, settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
@@ -197,9 +196,7 @@ def drawn(picture: Picture, sim: mpsim.Simulation, promise: Promise | None, mark
     """The picture of this moment, with its mark."""
     picture.update()
     over = mark(picture.axes, sim, promise) if mark and promise and sim.frame else []
-    canvas = FigureCanvasAgg(picture.figure)
-    canvas.draw()
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+    image = image_of(picture.figure)
     for each in over:
         each.remove()
     return image
