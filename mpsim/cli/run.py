@@ -166,12 +166,6 @@ class RunFolder:
         self.record["digest"] = sim.digest()
         self.save()
 
-    def note_failure(self, sim: Simulation) -> None:
-        """Record, if possible, that the run cannot continue."""
-        self.record |= {"status": "ended early", "frame": sim.frame, "time": sim.time}
-        with contextlib.suppress(MpsimError):
-            self.save()
-
     def finish(self, sim: Simulation, report: Report, part: dict[str, Any]) -> None:
         """Record a part of the run, its times, and the last state."""
         parts = self.record["parts"]
@@ -425,7 +419,9 @@ def _left_resumable(folder: RunFolder, sim: Simulation) -> Iterator[None]:
             f"Interrupted at frame {sim.frame} of {folder.record['target']}. Continue with: mpsim resume {folder.path}"
         ) from None
     except BaseException as end:
-        folder.note_failure(sim)
+        folder.record |= {"status": "ended early", "frame": sim.frame, "time": sim.time}
+        with contextlib.suppress(MpsimError):
+            folder.save()
         if isinstance(end, SystemExit):  # by SIGTERM, after a checkpoint
             click.echo(f"Ended by SIGTERM at frame {sim.frame}. Continue with: mpsim resume {folder.path}", err=True)
         raise
@@ -461,10 +457,6 @@ def interval_of(scene: Scene, settings: Settings, target: int) -> int:
     return every
 
 
-SPENT = {"compiling": "compile", "simulating": "frame", "writing": "writing"}
-"""What the time of a run is spent on, and what a part of a record calls it."""
-
-
 def _brief(seconds: float) -> str:
     """A time with one decimal, or with two digits if it is short [s].
 
@@ -479,7 +471,11 @@ def _print_summary(part: dict[str, Any], report: Report, sim: Simulation, name: 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         click.echo(dataclasses.replace(report, compile_seconds=0.0).summary)  # all compiling is in the next line
-    spent = {name: part[f"{key}_seconds"] for name, key in SPENT.items()}
+    spent = {
+        "compiling": part["compile_seconds"],
+        "simulating": part["frame_seconds"],
+        "writing": part["writing_seconds"],
+    }
     spent["other"] = max(part["wall_seconds"] - sum(spent.values()), 0.0)
     words = ", ".join(f"{name} {_brief(each)}" for name, each in spent.items() if each >= 1e-4)
     discs = f"{sim.count} disc{'s' * (sim.count != 1)}"
@@ -490,5 +486,5 @@ def _print_summary(part: dict[str, Any], report: Report, sim: Simulation, name: 
     for measured, measure in report.measures.items():
         click.echo(f"{measured}: {measure_text(measured, measure)}{over}")
     click.echo(f"digest {sim.digest()}")
-    for line in [] if watched is None else found_by(name, watched, sim).lines():
-        click.echo(line)
+    if watched is not None:
+        click.echo(found_by(name, watched, sim))

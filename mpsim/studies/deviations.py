@@ -98,11 +98,6 @@ class Spans:
         """Mean over each span, shape (runs, spans)."""
         return np.stack([series[:, first:end].mean(axis=1) for first, end in self.pieces], axis=1)
 
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Start and end of all spans together, as fractions of the duration."""
-        return self.pieces[0][0] / self.number, self.pieces[-1][1] / self.number
-
 
 def spans_of(series: Runs, least: int = 0, there: Runs | None = None) -> Spans:
     """One span if a series is stationary from `least` on, or else windows along its duration.
@@ -419,7 +414,8 @@ def _with_largest(
 
     mine, reference: shape (runs, windows, levels). Fewer than four runs say nothing about a single window.
     """
-    found = replace(found, span=spans.ends, steady=None if spans.steady is None else spans.steady / spans.number)
+    ends = spans.pieces[0][0] / spans.number, spans.pieces[-1][1] / spans.number
+    found = replace(found, span=ends, steady=None if spans.steady is None else spans.steady / spans.number)
     if spans.stationary or len(mine) < 4:
         return found
     largest, chosen = _cross_validated(*(values.reshape(len(values), -1) for values in (mine, reference)))

@@ -147,10 +147,7 @@ class RunTooLong(Exception):  # noqa: N818 - an outcome, not an error
     """A run takes far more time than forecast."""
 
 
-Progress = Callable[[int, int], None]
-
-
-def time_limit(seconds: float, text: str, stop: threading.Event | None = None) -> Progress:
+def time_limit(seconds: float, text: str, stop: threading.Event | None = None) -> Callable[[int, int], None]:
     """A progress function that ends a run after seconds of this thread, compiling left out, or soon after `stop`.
 
     It raises RunTooLong, with a text that says why, or Stopped.
