@@ -53,7 +53,7 @@ class Film:
     """Keeps the pictures of the last seconds. It starts afresh when a second stage begins or ends."""
 
     def __init__(self) -> None:
-        self._kept: deque[SentPicture] = deque()
+        self._kept: deque[SentPicture] = deque(maxlen=SECONDS * PICTURES_A_SECOND)
         self._kind: tuple[Any, ...] = ()  # extent of the scene, and number of stages
         self._next = 0.0
 
@@ -68,7 +68,7 @@ class Film:
             self._kind = kind
         self._next = max(self._next + 1 / PICTURES_A_SECOND, now + 0.5 / PICTURES_A_SECOND)
         self._kept.append(picture)
-        while len(self._kept) > SECONDS * PICTURES_A_SECOND or (len(self._kept) > 1 and self._bytes() > MOST_BYTES):
+        while len(self._kept) > 1 and self._bytes() > MOST_BYTES:
             self._kept.popleft()
 
     def _bytes(self) -> int:

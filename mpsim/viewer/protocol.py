@@ -358,7 +358,8 @@ class Broadcast:
         self._time = discs.time
         capsules = self._told_capsules()
         stages = [self._stage(k, each, colours, plain) for k, each in enumerate((discs, second)) if each is not None]
-        self._audience.show(SentPicture(self._serial, capsules, tuple(stages)))
+        picture = SentPicture(self._serial, capsules, tuple(stages))
+        self._audience.from_outside(self._audience.show, picture)
 
     def _stage(self, stage: int, discs: InPlace, colours: NDArray[np.uint8] | None, plain: bool) -> Stage:
         count = len(discs.number)
@@ -390,7 +391,7 @@ class Broadcast:
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message of this kind; see `text_of`."""
         self._last[kind] = text_of(kind, values)
-        self._audience.tell(kind, self._last[kind])
+        self._audience.from_outside(self._audience.tell, kind, self._last[kind])
 
     def tell_if_new(self, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message of this kind, unless it equals the last one."""

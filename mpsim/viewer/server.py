@@ -327,18 +327,8 @@ class Pages(ABC):
             self._thread.join()
         self._drawing.shutdown(cancel_futures=True)
 
-    # --- called by other threads
-
-    def show(self, picture: SentPicture) -> None:
-        """Pass a picture to the pages."""
-        self.from_outside(self._show, picture)
-
-    def tell(self, kind: str, text: str) -> None:
-        """Pass a message to the pages."""
-        self.from_outside(self._tell, kind, text)
-
     def from_outside(self, act: Callable[..., None], *arguments: Any) -> None:
-        """Call a function in the thread of the pages; do nothing if that has ended."""
+        """Call a function in the thread of the pages, from another one; do nothing if that has ended."""
         if self._loop is None:
             return
         with contextlib.suppress(RuntimeError):
@@ -356,13 +346,15 @@ class Pages(ABC):
     async def _until_the_end(self) -> None:
         """Serve pages until `_end` is set."""
 
-    def _show(self, picture: SentPicture) -> None:
+    def show(self, picture: SentPicture) -> None:
+        """Pass a picture to the pages."""
         self._picture = picture
         self._film.add(picture, time.monotonic())
         for client in self._clients:
             client.show(picture)
 
-    def _tell(self, kind: str, text: str) -> None:
+    def tell(self, kind: str, text: str) -> None:
+        """Pass a message to the pages."""
         self._texts[kind] = text
         for client in self._clients:
             client.tell(kind, text)
