@@ -312,22 +312,6 @@ def _take_turn(folder: Path, name: str) -> int:
     return -1
 
 
-def _cached(dispatcher: Any) -> Any:
-    """Keep the machine code of a function in mpsim's own cache folder."""
-    if JIT_DISABLED:
-        return dispatcher
-    _type_without_literals(dispatcher)
-    if _FOLDER is not None:
-        # Numba reads this setting only while a function's cache is set up, so other users' functions keep theirs.
-        users_folder, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)
-        try:
-            dispatcher.enable_caching()
-        finally:
-            config.CACHE_DIR = users_folder
-    _watch(dispatcher)
-    return dispatcher
-
-
 def _type_without_literals(dispatcher: Any) -> None:
     """Compile a kernel once for all constants that its callers pass, not once for each, as Numba would."""
     call_template = dispatcher.get_call_template
@@ -392,7 +376,19 @@ def _watch(dispatcher: Any) -> None:
 
 def compiled(function: Callable[..., Any]) -> Any:
     """Numba-compile a `function` that Python calls, at its first call, keeping the machine code between runs."""
-    return _cached(njit(pipeline_class=KernelCompiler, **_OPTIONS)(function))
+    dispatcher: Any = njit(pipeline_class=KernelCompiler, **_OPTIONS)(function)
+    if JIT_DISABLED:
+        return dispatcher
+    _type_without_literals(dispatcher)
+    if _FOLDER is not None:
+        # Numba reads this setting only while a function's cache is set up, so other users' functions keep theirs.
+        users_folder, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)
+        try:
+            dispatcher.enable_caching()
+        finally:
+            config.CACHE_DIR = users_folder
+    _watch(dispatcher)
+    return dispatcher
 
 
 def linked(function: Callable[..., Any]) -> Any:

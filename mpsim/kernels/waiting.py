@@ -48,31 +48,24 @@ def barrier(control, mine):
 
 
 @linked
-def await_command(control, mine, nanoseconds):
-    """Wait for a command or a message that this worker has not seen yet. False: time is up."""
-    clock = mine.clock
-    started = now(clock)
-    polls = 0
+def next_command(control, mine, worker, linger):
+    """Give the command, as worker 0, or wait for it, as any other. Returns RUNNING, or IDLE or MAILED: no command.
+
+    linger: how long to wait [ns].
+    """
+    if worker == 0:
+        if control.workers > 1:
+            atomic_add(control.signals, COMMAND, 1)
+        return RUNNING
+    started, polls = now(mine.clock), 0
     while atomic_load(control.signals, COMMAND) == mine.commands and atomic_load(control.signals, MAIL) == mine.mails:
         polls += 1
         if polls < SPINS:
             pause()
         else:
-            if now(clock) - started > nanoseconds:
-                return False
+            if now(mine.clock) - started > linger:
+                return IDLE
             yield_core()
-    return True
-
-
-@linked
-def next_command(control, mine, worker, linger):
-    """Give the command, as worker 0, or wait for it, as any other. Returns RUNNING, or IDLE or MAILED: no command."""
-    if worker == 0:
-        if control.workers > 1:
-            atomic_add(control.signals, COMMAND, 1)
-        return RUNNING
-    if not await_command(control, mine, linger):
-        return IDLE
     if atomic_load(control.signals, COMMAND) == mine.commands:
         return MAILED
     mine.commands += 1

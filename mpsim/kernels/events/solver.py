@@ -83,7 +83,7 @@ def digest_of(i, bits, store, features):
     digest = mixed(digest, np.int64(event.side))
     digest = mixed(digest, np.int64(event.cell[0]))
     digest = mixed(digest, np.int64(event.cell[1]))
-    return with_columns(digest, features, i)
+    return with_columns(digest, features.spin, features.image, i)
 
 
 @inlined

@@ -50,19 +50,11 @@ def between_discs(friction, discs, i, j, nx, ny, normal_change, features, parame
 
 
 @inlined
-def relative_to(speed, other):
-    """A speed relative to another one; None stands for one at rest."""
-    if speed is None:
-        return other
-    return other - speed
-
-
-@inlined
 def on_surface(friction, discs, i, nx, ny, normal_change, time, surface, features, parameters):
     """Friction of a disc on a surface, along the unit vector n from there to the disc.
 
     normal_change: of its velocity along n. time: since the contact; the disc is moved by the change of its tangential
-    velocity times this [time]. surface: speed of the surface along (-ny, nx) [length/time]; None if it is at rest.
+    velocity times this [time]. surface: speed of the surface along (-ny, nx) [length/time].
     Returns the change of the tangential velocity, along (ny, -nx).
     """
     if friction is not None:  # noqa: SIM102 - see compiling.py
@@ -72,7 +64,7 @@ def on_surface(friction, discs, i, nx, ny, normal_change, time, surface, feature
             radius = value_or(discs.radius, i, parameters.diameter / two)
             ax, ay = accelerations_of(discs, i, features)
             vx, vy = discs.vx[i] - ax * time, discs.vy[i] - ay * time
-            slip = relative_to(surface, vy * nx - vx * ny - radius * features.spin[disc])
+            slip = vy * nx - vx * ny - radius * features.spin[disc] - surface
             change = tangential_change(friction, slip, normal_change)
             discs.vx[i] += change * ny
             discs.vy[i] -= change * nx
@@ -96,8 +88,8 @@ def on_walls_met(friction, discs, i, x, y, in_flight, features, parameters, cont
     if control.contact != IMPACT:
         time_x, time_y = zero, zero
     met_x, met_y = max(x.low_change, x.high_change), max(y.low_change, y.high_change)
-    sliding_x = -side_x * on_surface(friction, discs, i, side_x, zero, met_x, time_x, None, features, parameters)
-    sliding_y = side_y * on_surface(friction, discs, i, zero, side_y, met_y, time_y, None, features, parameters)
+    sliding_x = -side_x * on_surface(friction, discs, i, side_x, zero, met_x, time_x, zero, features, parameters)
+    sliding_y = side_y * on_surface(friction, discs, i, zero, side_y, met_y, time_y, zero, features, parameters)
     put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
     if in_flight is not None:
         wrap_disc(discs, i, features)

@@ -12,6 +12,7 @@ from typing import Any
 from mpsim.kernels.compiling import copy_entry, copy_row, inlined, swap_entries, swap_rows
 from mpsim.kernels.events.features import bodies, capsules, collisions, edges, laws, properties
 from mpsim.kernels.events.features.properties import radius_of
+from mpsim.kernels.events.records import mixed, mixed_real
 
 COLUMNS = ("radius", "mass", "spin", "image", "exits")
 """Fields of `Features` that are arrays with a row for each disc, in the order of the discs in memory."""
@@ -60,9 +61,13 @@ def swap_columns(features, i, j):
 
 
 @inlined
-def with_columns(digest, features, i):
+def with_columns(digest, spin, image, i):
     """A hash that includes all that events change in the columns of disc i."""
-    return properties.with_periods(laws.with_spin(digest, features.spin, i), features.image, i)
+    if spin is not None:
+        digest = mixed_real(digest, spin[i])
+    if image is not None:
+        digest = mixed(mixed(digest, image[i, 0]), image[i, 1])
+    return digest
 
 
 @inlined

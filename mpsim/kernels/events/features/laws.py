@@ -7,7 +7,7 @@ from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.features.edges import is_absent
 from mpsim.kernels.events.features.properties import component, mass_of, radius_of
 from mpsim.kernels.events.flight import advance_to
-from mpsim.kernels.events.records import counts, mixed_real
+from mpsim.kernels.events.records import counts
 from mpsim.kernels.random_numbers import normal_pair, pair, wall_velocity
 
 # --- Friction: the law of Walton and Braun (J. Rheol. 30, 949, 1986) at an impact
@@ -21,14 +21,6 @@ class ImpactFriction(NamedTuple):
 
     coefficient: float
     tangential_restitution: float
-
-
-@inlined
-def with_spin(digest, spin, i):
-    """A hash that includes the spin of disc i, if discs have one."""
-    if spin is not None:
-        return mixed_real(digest, spin[i])
-    return digest
 
 
 @inlined

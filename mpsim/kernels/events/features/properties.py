@@ -4,17 +4,8 @@ import math
 
 from mpsim.kernels.compiling import inlined, value_or
 from mpsim.kernels.events import flight
-from mpsim.kernels.events.records import mixed
 
 # --- Counts of periods: how often each disc has left through a periodic border, so that its path can be unwrapped
-
-
-@inlined
-def with_periods(digest, image, i):
-    """A hash that includes the counts of disc i, if there are any."""
-    if image is not None:
-        return mixed(mixed(digest, image[i, 0]), image[i, 1])
-    return digest
 
 
 @inlined
