@@ -308,13 +308,6 @@ def digest_of(values: Mapping[str, Any]) -> str:
     return digest.hexdigest()
 
 
-def in_frame(state: State) -> dict[str, NDArray[Any]]:
-    """What a frame of a trajectory has of the discs that are present beside their positions, by name."""
-    values = {name: getattr(state, name) for name in ("velocity", *(column.name for column in columns.in_state()))}
-    here = present_in(state)
-    return {name: value[here] for name, value in values.items() if value is not None}
-
-
 def present_in(state: State) -> Any:
     """An index of the discs that are present, for arrays of one row per disc; where all are, it copies nothing."""
     return slice(None) if state.present.all() else state.present

@@ -23,8 +23,8 @@ from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.features.feature import plain, restored
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.scene.scene import Scene
+from mpsim.scene.scenefile import pairs
 from mpsim.scene.settings import Settings
-from mpsim.scene.toml import pairs
 
 if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation

@@ -11,7 +11,7 @@ from mpsim.core import checks
 from mpsim.errors import InputError
 from mpsim.features.capsules import gaps, of_discs, shifted, with_images
 from mpsim.measure.observables import to_nearest_image
-from mpsim.scene.placement import GAP, pushed_aside
+from mpsim.scene.starts import GAP, pushed_aside
 
 if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation

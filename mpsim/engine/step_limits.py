@@ -16,9 +16,9 @@ from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarn
 from mpsim.features import FEATURES, VECTORS
 from mpsim.features.feature import acceleration_bound, is_inelastic
 from mpsim.features.obstacles import OBSTACLES, surfaces_near
-from mpsim.scene.placement import overlaps
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+from mpsim.scene.starts import overlaps
 
 # --- Checks whether the floating-point precision is sufficient for a scene; refuses it or warns
 

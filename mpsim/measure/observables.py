@@ -26,9 +26,8 @@ from mpsim.core.columns import equal_sizes
 from mpsim.core.state import Box, Discs, State, count_of, parts_of, present_in
 from mpsim.errors import InputError, NotMeasurableError
 from mpsim.features.feature import is_heated
-from mpsim.scene import placement
-from mpsim.scene.placement import TOUCHING, Overlap, overlaps
 from mpsim.scene.scene import Scene
+from mpsim.scene.starts import TOUCHING, Overlap, overlaps
 
 # --- Sums over discs in float64, in chunks, so that no process has to hold all discs
 #
@@ -105,12 +104,12 @@ def demand_scene(scene: object, discs: Discs) -> None:
 
 
 def placed(discs: Any, scene: Scene) -> Any:
-    """The discs in the coordinates of their scene, in its box: see `placement.placed`. Those of ranks are there."""
+    """The discs in the coordinates of their scene, in its box: see `Scene._placed`. Those of ranks are there."""
     count_of(discs)  # which refuses what is no state
     demand_scene(scene, discs)
     if not isinstance(discs, State):
         return discs
-    found = placement.placed(discs, scene)
+    found = scene._placed(discs)
     beyond = np.abs(found.position / (scene.width, scene.height) - 0.5).max(axis=1) > 0.5 + SAME_BOX
     if (beyond & found.present).any():
         disc = int(np.flatnonzero(beyond & found.present)[0])

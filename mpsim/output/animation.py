@@ -84,18 +84,6 @@ def moment_of(sim: Simulation, coloured: bool) -> Shot:
     return Shot(sim.time, state.box, position, sim.radii.astype(np.float32), values.astype(np.float32))
 
 
-@contextlib.contextmanager
-def kept(moments: Iterable[Shot]) -> Iterator[Iterator[Shot]]:
-    """All moments, in order; large ones are kept in a temporary file."""
-    with tempfile.SpooledTemporaryFile(IN_MEMORY) as file:
-        number = 0
-        for moment in moments:
-            pickle.dump(moment, file, pickle.HIGHEST_PROTOCOL)
-            number += 1
-        file.seek(0)
-        yield (pickle.load(file) for _ in range(number))
-
-
 class Picture:
     """The figure of a simulation, updated before each frame of an animation; absorbed discs are hidden.
 
@@ -154,39 +142,23 @@ def image_of(figure: Figure) -> Image.Image:
     return Image.frombuffer("RGBA", size, bytes(canvas.buffer_rgba()), "raw", "RGBA", 0, 1).convert("RGB")
 
 
-def write_film(path: str | os.PathLike[str], images: Iterable[Image.Image], rate: float, instead: str) -> None:
-    """Write images, at least one, as a film at a rate [1/s], in the format of the path's ending, .gif or .mp4.
-
-    Raises:
-        OutputError: if ffmpeg, which .mp4 needs, is missing or fails; `instead` says what to do without it.
-    """
-    if Path(path).suffix.lower() == ".mp4":
-        _write_mp4(path, iter(images), rate, instead)
-    else:
-        write_gif(path, images, rate)
-
-
 def write_gif(file: str | os.PathLike[str] | IO[bytes], images: Iterable[Image.Image], rate: float) -> None:
-    """Write images, at least one, as a GIF at a rate [1/s]."""
+    """Write images, at least one, as a GIF at a rate [1/s], with the 256 colours that suit a selection of them best."""
     every = list(images)
-    palette = shared_palette(every)
+    chosen = [every[index] for index in np.unique(np.linspace(0, len(every) - 1, SAMPLE).round().astype(int))]
+    palette = Image.fromarray(np.concatenate([np.asarray(image) for image in chosen])).quantize(256)
     first, *rest = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in every)
     first.save(file, format="GIF", save_all=True, append_images=rest, duration=int(1000 / rate), loop=0)
 
 
-def shared_palette(images: list[Image.Image]) -> Image.Image:
-    """An image with the 256 colours that suit all pictures best, found from an even selection of them."""
-    chosen = [images[index] for index in np.unique(np.linspace(0, len(images) - 1, SAMPLE).round().astype(int))]
-    return Image.fromarray(np.concatenate([np.asarray(image) for image in chosen])).quantize(256)
-
-
-def _write_mp4(path: str | os.PathLike[str], images: Iterator[Image.Image], rate: float, instead: str) -> None:
+def _write_mp4(path: str, images: Iterator[Image.Image], rate: float, instead: str) -> None:
+    """Write images, at least one, as an MP4; an OutputError without ffmpeg says what to do `instead`."""
     first = next(images)
     width, height = (side - side % 2 for side in first.size)  # H.264 needs even sides
     taken = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-framerate", f"{rate:g}", "-i", "-"]
     # One thread: on a shared machine it would otherwise take every core.
     made = ["-threads", "1", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-loglevel", "error"]
-    command = [executable(instead), *taken, *made, "-y", os.fspath(path)]
+    command = [executable(instead), *taken, *made, "-y", path]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdin is not None  # the pipe
         try:
@@ -300,7 +272,10 @@ def animate(
     frames, every = pictures_of(scene, settings, frames, every, until)
     pixels = checks.whole("pixels", pixels, 100, 4000, "480 suits a page.")
     look = THEMES[checks.choice("theme", theme, THEMES)]
-    _check_colours(colour, scale)
+    if colour is not None:
+        checks.choice("colour", colour, ["speed"])
+    if checks.choice("scale", scale, SCALES) == "log" and colour is None:
+        raise checks.refusal("scale='log'", "come with colour='speed'", f"colour={colour!r}", "Leave one out.")
     target = checked_target(path)
     checked_progress(progress, "progress(done, of)")
     seen = of_frames(progress, "pictures")
@@ -321,7 +296,10 @@ def animate(
                 if show is not None:
                     show(number, frames)
 
-        write_film(file.name, images(), rate, _instead_of(target))
+        if target.suffix.lower() == ".mp4":
+            _write_mp4(file.name, images(), rate, _instead_of(target))
+        else:
+            write_gif(file.name, images(), rate)
     return Animation(target)
 
 
@@ -329,18 +307,14 @@ def _instead_of(target: Path) -> str:
     return f"write {str(target.with_suffix('.gif'))!r}"
 
 
-def _check_colours(colour: object, scale: object) -> None:
-    if colour is not None:
-        checks.choice("colour", colour, ["speed"])
-    if checks.choice("scale", scale, SCALES) == "log" and colour is None:
-        raise checks.refusal("scale='log'", "come with colour='speed'", f"colour={colour!r}", "Leave one out.")
-
-
 @contextlib.contextmanager
 def _moments(
     sim: Simulation, frames: int, every: int, colour: str | None, scale: ScaleName
 ) -> Iterator[tuple[Iterator[Shot], ColourScale | None]]:
-    """The moments of an animation, and the scale of their colours; by speed, all of them have been simulated."""
+    """The moments of an animation, and the scale of their colours; by speed, all of them have been simulated.
+
+    Then they are kept until they are drawn, large ones in a temporary file.
+    """
     sample: list[NDArray[np.floating]] = []
 
     def taken() -> Iterator[Shot]:
@@ -355,8 +329,11 @@ def _moments(
     if colour is None:
         yield taken(), None
         return
-    with kept(taken()) as moments:
-        yield moments, percentile_scale(np.concatenate(sample), scale)
+    with tempfile.SpooledTemporaryFile(IN_MEMORY) as file:
+        for moment in taken():
+            pickle.dump(moment, file, pickle.HIGHEST_PROTOCOL)
+        file.seek(0)
+        yield (pickle.load(file) for _ in range(frames)), percentile_scale(np.concatenate(sample), scale)
 
 
 def pictures_of(
@@ -414,10 +391,7 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
         raise checks.refusal("an animation's path", "end in .gif or .mp4", repr(str(target)), instead)
     if ending == ".mp4":
         executable(_instead_of(target))
-    rule, instead = (
-        "be a file in a folder that exists and can be written to",
-        "Make the folder, or choose another path.",
-    )
-    with files.writable("an animation", target, rule, instead):
+    rule = "be a file in a folder that exists and can be written to"
+    with files.writable("an animation", target, rule, "Make the folder, or choose another path."):
         files.check_target(target)
     return target

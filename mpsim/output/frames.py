@@ -1,4 +1,4 @@
-"""One frame of a trajectory, the common parts of all formats, and whose a file is."""
+"""One frame of a trajectory, and the common parts of all formats."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,49 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.binding import Binding
-from mpsim.core.checks import refusal
 from mpsim.core.columns import ChunkedArray, Column, in_state
-from mpsim.core.state import Box, State, StateInChunks, in_frame, present_in
+from mpsim.core.state import Box, State, StateInChunks, present_in
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import InputError, OutputError, TrajectoryError
+from mpsim.errors import InputError, TrajectoryError
 from mpsim.features.edges import check_boundary, wraps_of
-
-# --- Observers that write files belong to one simulation, because mixed frames would be meaningless
-
-
-class Ownership:
-    """Binds an observer that writes to the first simulation that it observes.
-
-    advice: how another simulation can have its own. on_ranks: whether all ranks of a communicator observe together.
-    """
-
-    def __init__(self, what: str, path: Path, advice: str, on_ranks: bool = False):
-        self._on_ranks = on_ranks
-        self._name = f"{what} {str(path)!r}"
-        self._owner = Binding(f"the {self._name}", advice, OutputError)
-        self._closed: str | None = None
-
-    def close(self, advice: str) -> None:
-        """Refuse every simulation from now on. advice: how to continue the file."""
-        self._closed = advice
-
-    def bind_or_check(self, sim: Simulation) -> None:
-        """Bind to this simulation the first time; after that, refuse another one, and any after `close`."""
-        if self._closed is not None:
-            rule = "be open to be written to, and was closed, as by the end of its `with` block"
-            instead = f"Put all its runs into that block. {self._closed}"
-            raise refusal(f"the {self._name}", rule, f"{sim} to observe", instead, OutputError)
-        if capabilities_of(sim.settings).on_ranks != self._on_ranks:
-            raise InputError(
-                f"the {self._name} must be given comm, the communicator of the simulation, with method='mpi' and only "
-                f"there; the method is {sim.settings.method!r}. Open it on all ranks, or without comm."
-            )
-        self._owner.bind_or_check(sim)
-
-
-# --- One frame of a trajectory
 
 
 @dataclass(frozen=True)
@@ -295,10 +258,10 @@ def frame_of(sim: Simulation) -> Frame:
         known |= {"radius": sim.radii, "mass": sim.masses, "ids": ids}
     else:
         state = sim.state
+        values: dict[str, Any] = {name: value for name, value in vars(state).items() if name not in ("present", "box")}
+        values |= {"radius": sim.radii, "mass": sim.masses, "ids": np.arange(len(state.position))}
         here = present_in(state)
-        known = {"position": state.position[here], **in_frame(state)}
-        ids = np.arange(len(state.position))[here]
-        known |= {"radius": sim.radii[here], "mass": sim.masses[here], "ids": ids}
+        known = {name: value[here] for name, value in values.items() if value is not None}
     assert state.box is not None  # the walls of a simulation are known
     x_low, x_high, y_low, y_high = state.box
     since, began = sim.origin

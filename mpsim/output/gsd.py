@@ -28,7 +28,7 @@ def _library(module: str) -> Any:
 
 
 class GsdWriter:
-    """Appends frames to a file that is open for it."""
+    """Appends frames to a file, which is new (mode "x") or continued ("a")."""
 
     def __init__(self, path: Path, mode: str):
         self._path = path
@@ -79,9 +79,8 @@ class GsdWriter:
 class GsdReader:
     """Reads frames of a file that stays open."""
 
-    def __init__(self, path: Path, given: Given | None = None):
-        self._path = path
-        self._given = given or Given()
+    def __init__(self, path: Path, given: Given):
+        self._path, self._given = path, given
         self._file: Any = self._opened()
         self._later: dict[str, bool] = {}
 
@@ -91,10 +90,7 @@ class GsdReader:
             files.opened(self._path).close()  # the library would wait for the other end of a pipe
             return hoomd.open(str(self._path), "r")
         except (RuntimeError, OSError) as error:
-            raise TrajectoryError(
-                f"a trajectory that ends in .gsd must be a whole GSD file; {str(self._path)!r} cannot be read: "
-                f"{reason_of(error)}. If it was copied while it was written, copy it again."
-            ) from None
+            raise _not_whole(f"{str(self._path)!r} cannot be read: {reason_of(error)}") from None
 
     def refresh(self) -> None:
         """Look for frames written since the library opened the file; it knows only the earlier ones."""
@@ -112,11 +108,8 @@ class GsdReader:
         except (MpsimError, TimeoutError):
             raise
         except Exception as error:  # what the library makes of a damaged file has no end
-            raise TrajectoryError(
-                f"a trajectory that ends in .gsd must be a whole GSD file; frame {index} of {str(self._path)!r} cannot "
-                f"be read ({type(error).__name__}: {error!s:.200}). If it was copied while it was written, copy it "
-                "again."
-            ) from None
+            why = f"({type(error).__name__}: {error!s:.200})"
+            raise _not_whole(f"frame {index} of {str(self._path)!r} cannot be read {why}") from None
 
     def _read(self, index: int) -> Frame:
         box = self._chunk(index, "log/mpsim/box")
@@ -190,6 +183,13 @@ class GsdReader:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _not_whole(what: str) -> TrajectoryError:
+    return TrajectoryError(
+        f"a trajectory that ends in .gsd must be a whole GSD file; {what}. If it was copied while it was written, copy "
+        "it again."
+    )
 
 
 def _radius_of_shapes(discs: Any, where: str) -> NDArray[np.float64] | None:

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mpsim.core import checks, files
+from mpsim.core import files
 from mpsim.core.checks import refusal
 from mpsim.core.state import State
 from mpsim.engine.report import Report
@@ -22,7 +22,7 @@ from mpsim.errors import InputError, reason_of
 from mpsim.kernels.records import PHASES
 from mpsim.measure.observables import energy_of_rotation, energy_of_translation, overlap
 from mpsim.output.drawing import COARSE, FINE, STYLE, draw, marker_of, new_figure, plain_ticks
-from mpsim.output.frames import Frame, Ownership
+from mpsim.output.frames import Frame
 from mpsim.output.tables import phases_of
 from mpsim.scene.scene import Scene
 
@@ -46,34 +46,26 @@ Absorbed discs are not counted."""
 
 
 class Recorder:
-    """An observer that writes a table row by row, flushing each; it belongs to its simulation.
+    """An observer of one simulation that writes a table row by row, flushing each.
 
     A table of the same run is continued; rows later than the simulation's frame are written again.
     """
 
-    def __init__(self, path: str | os.PathLike[str], every: int, sim: Simulation):
-        self.every: int = checks.whole("every", every, 1, 10**12, "1 writes a row for every frame.")
-        self._path = Path(path)
-        self._ownership = Ownership("table", self._path, "Make a Recorder for each, with a file of its own.")
-        self._ownership.bind_or_check(sim)
+    def __init__(self, path: Path, every: int, sim: Simulation):
+        self.every: int = every
         self._since = sim.frame
         self._collisions = 0
-        self._last = self._open(sim.frame)
-
-    def _open(self, frame: int) -> int:
-        """Cut the table back to a frame, and open it. Returns the frame of its last row; -1: there is none."""
-        kept = [row for row in _rows(self._path) if int(row[0]) <= frame]
+        kept = [row for row in _rows(path) if int(row[0]) <= sim.frame]
+        self._last = int(kept[-1][0]) if kept else -1
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([COLUMNS, *kept])
-        with files.writable("the table of a run", self._path):
-            files.write_text(self._path, text.getvalue())
+        with files.writable("the table of a run", path):
+            files.write_text(path, text.getvalue())
             # Row by row: a kill costs the last one.
-            self._file: TextIO = self._path.open("a", newline="", encoding="utf-8")
-        return int(kept[-1][0]) if kept else -1
+            self._file: TextIO = path.open("a", newline="", encoding="utf-8")
 
     def observe(self, sim: Simulation, collisions: int) -> None:
         """Write a row for the present frame, unless the table has it."""
-        self._ownership.bind_or_check(sim)
         frames, met = sim.frame - self._since, collisions - self._collisions
         self._since, self._collisions = sim.frame, collisions
         if sim.frame <= self._last:
@@ -84,7 +76,6 @@ class Recorder:
 
     def close(self) -> None:
         """Close the file."""
-        self._ownership.close("To write more rows, make another Recorder for it.")
         self._file.close()
 
     def __enter__(self) -> "Recorder":

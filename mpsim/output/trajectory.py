@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import gzip
 import logging
 import math
@@ -18,8 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks, files
+from mpsim.core.binding import Binding
 from mpsim.core.files import FileLock
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.solvers.ranks.messages import ranks_sharing
 from mpsim.errors import (
     InputError,
@@ -31,11 +34,48 @@ from mpsim.errors import (
 )
 from mpsim.features.edges import BoundaryName
 from mpsim.measure.observables import to_nearest_image
-from mpsim.output.frames import Frame, Given, Ownership, differs, frame_of, select
+from mpsim.output.frames import Frame, Given, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
-from mpsim.output.lammps import DumpReader
-from mpsim.output.xyz import XyzReader, XyzWriter
+from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter
 from mpsim.scene.scene import Scene
+
+logger: logging.Logger = logging.getLogger("mpsim")
+
+# --- Formats
+
+Reader = XyzReader | DumpReader | GsdReader
+Writer = XyzWriter | GsdWriter
+
+WRITERS: dict[str, type[Writer]] = {".xyz": XyzWriter, ".extxyz": XyzWriter, ".gsd": GsdWriter}
+"""What writes a file, by its ending."""
+
+READERS: dict[str, type[Reader]] = {
+    ".xyz": XyzReader,
+    ".extxyz": XyzReader,
+    ".lammpstrj": DumpReader,
+    ".dump": DumpReader,
+}
+READERS |= {f"{ending}.gz": reader for ending, reader in READERS.items()} | {".gsd": GsdReader}
+"""What reads a file, by its ending; texts may be compressed."""
+
+FORMATS = ("xyz", "gsd")  # usual endings of the formats that are written
+
+
+def ending_of(path: str | os.PathLike[str]) -> str:
+    """The ending of a file, such as .xyz.gz, in lower case."""
+    suffixes = [suffix.lower() for suffix in Path(os.fsdecode(path)).suffixes]
+    return "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
+
+
+def _path_of(path: str | os.PathLike[str], endings: Iterable[str]) -> Path:
+    if isinstance(path, str | os.PathLike) and ending_of(path) in endings:
+        return Path(os.fsdecode(path))
+    instead = "Use 'run.xyz'."
+    if isinstance(path, str | os.PathLike) and os.path.isdir(path):  # False too for what no path can be
+        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if ending_of(each) in endings)
+        instead = f"It is a folder; use {str(inside[0])!r}." if inside else instead
+    raise InputError(f"a trajectory's path must end in {', '.join(endings)}; got {path!r}. {instead}")
+
 
 # --- Checks that a trajectory file belongs to a simulation before it is continued
 
@@ -126,40 +166,7 @@ def _walls(corners: NDArray[np.float64]) -> str:
     return f"[{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}]"
 
 
-# --- The file of a trajectory while it is written, frame by frame, by one process
-
-logger: logging.Logger = logging.getLogger("mpsim")
-
-
-Reader = XyzReader | DumpReader | GsdReader
-Writer = XyzWriter | GsdWriter
-
-WRITERS: dict[str, type[Writer]] = {".xyz": XyzWriter, ".extxyz": XyzWriter, ".gsd": GsdWriter}
-"""What writes a file, by its ending."""
-
-READERS: dict[str, type[Reader]] = {
-    ".xyz": XyzReader,
-    ".extxyz": XyzReader,
-    ".lammpstrj": DumpReader,
-    ".dump": DumpReader,
-}
-READERS |= {f"{ending}.gz": reader for ending, reader in READERS.items()} | {".gsd": GsdReader}
-"""What reads a file, by its ending; texts may be compressed."""
-
-FORMATS = ("xyz", "gsd")  # usual endings of the formats that are written
-
-
-def ending_of(path: str | os.PathLike[str]) -> str:
-    """The ending of a file, such as .xyz.gz, in lower case."""
-    suffixes = [suffix.lower() for suffix in Path(os.fsdecode(path)).suffixes]
-    return "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
-
-
-# --- Trajectories: frames of a run in one file, written while it runs and read back one by one
-#
-# `.xyz` and `.extxyz` are extended XYZ, which needs no other package; `.gsd` is GSD, which needs the package gsd.
-# OVITO opens both. If the process is killed, at most the frame that was being written is lost. Text dumps
-# of LAMMPS are read.
+# --- Files that are read, and written while a run goes on
 
 
 class Trajectory:
@@ -227,8 +234,7 @@ class Trajectory:
 
     def __getitem__(self, index: int | slice) -> Frame | Trajectory:
         if isinstance(index, slice):
-            part = object.__new__(Trajectory)
-            part.path, part.given, part._reader = self.path, self.given, self._reader
+            part = copy.copy(self)
             part._range, part._whole = self._range[index], False
             return part
         try:
@@ -335,9 +341,10 @@ class TrajectoryWriter:
         checks.choice("mode", mode, ("x", "w", "a"))
         self.frames: int = 0
         self.seconds: float = 0.0
-        advice = "Open one for each by mpsim.Trajectory.write(...); for the same run, resumed, with mode='a'."
-        self._ownership = Ownership("trajectory", self.path, advice, comm is not None)
         self._name = f"the trajectory {str(self.path)!r}"
+        advice = "Open one for each by mpsim.Trajectory.write(...); for the same run, resumed, with mode='a'."
+        self._owner = Binding(self._name, advice, OutputError)
+        self._on_ranks, self._closed = comm is not None, False
         self._last = -1  # number of the frame that was written last
         self._writer: Writer | None = None
         self._ranks = ranks_sharing(comm)
@@ -375,13 +382,23 @@ class TrajectoryWriter:
     def observe(self, sim: Simulation, collisions: int) -> None:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
-        self._ownership.bind_or_check(sim)
+        if self._closed:
+            rule = "be open to be written to, and was closed, as by the end of its `with` block"
+            more = f"use mpsim.Trajectory.write({str(self.path)!r}, mode='a')"
+            instead = f"Put all its runs into that block. To write more frames, {more}."
+            raise checks.refusal(self._name, rule, f"{sim} to observe", instead, OutputError)
+        if capabilities_of(sim.settings).on_ranks != self._on_ranks:
+            raise InputError(
+                f"{self._name} must be given comm, the communicator of the simulation, with method='mpi' and only "
+                f"there; the method is {sim.settings.method!r}. Open it on all ranks, or without comm."
+            )
+        self._owner.bind_or_check(sim)
         self.frames += sim.once(lambda: self._append(sim, frame_of(sim)))
         self.seconds += time.perf_counter() - started
 
     def _append(self, sim: Simulation, now: Frame) -> bool:
         """Write the present frame of a simulation, unless the file has it. Returns whether it was written."""
-        assert self._writer is not None  # of the first rank, as `_ownership` has looked
+        assert self._writer is not None  # of the first rank, and not closed
         if self._unchecked:
             self._continue(sim, now.whole(), self._writer)
             self._unchecked = False
@@ -451,7 +468,7 @@ class TrajectoryWriter:
 
     def close(self) -> None:
         """Close the file. May be called again."""
-        self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
+        self._closed = True
         if self._writer is not None:
             with self._writing():
                 try:
@@ -459,13 +476,3 @@ class TrajectoryWriter:
                 finally:
                     self._lock.release()  # which fails, too, where a network disk is gone
         self._ranks.close()
-
-
-def _path_of(path: str | os.PathLike[str], endings: Iterable[str]) -> Path:
-    if isinstance(path, str | os.PathLike) and ending_of(path) in endings:
-        return Path(os.fsdecode(path))
-    instead = "Use 'run.xyz'."
-    if isinstance(path, str | os.PathLike) and os.path.isdir(path):  # False too for what no path can be
-        inside = sorted(each for each in Path(os.fsdecode(path)).iterdir() if ending_of(each) in endings)
-        instead = f"It is a folder; use {str(inside[0])!r}." if inside else instead
-    raise InputError(f"a trajectory's path must end in {', '.join(endings)}; got {path!r}. {instead}")

@@ -7,8 +7,7 @@ and all places are scaled down, so that each disc has the radius that it had.
 
 import copy
 import math
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +45,14 @@ def compressed(scene: Scene, packing: float, rate: float) -> Scene:
     """The body of `Scene.compressed`."""
     packing = starts.fraction_of_the_area(packing)
     rate = checks.between("rate", rate, SLOWEST, FASTEST)
-    _demand_packing(scene, packing)
+    if not scene.count:
+        raise InputError("compressed needs discs; got 0 discs. Make a scene with some.")
+    densest = densest_packing(scene.smallest_radius, scene.largest_radius)
+    if not scene.packing < packing < densest:
+        raise InputError(
+            f"packing must be above that of the scene, {scene.packing:.6g}, and below {densest:.6g}, the densest that "
+            f"discs of such radii can have; got {packing:g}. Choose one between, or compress a scene of lower packing."
+        )
     _demand_free_flight(scene)
     shrink = math.sqrt(packing / scene.packing)
     width, height = scene.width / shrink, scene.height / shrink
@@ -63,24 +69,8 @@ def compressed(scene: Scene, packing: float, rate: float) -> Scene:
     low, high = made.limits(made.radius)
     made._start_anew(np.clip(grown / shrink, low, high), velocity)
     if scene._redraw is not None:
-        made._redraw_with(partial(_redrawn, scene, packing, rate))
+        made._redraw = lambda seed: scene.redrawn(seed).compressed(packing, rate=rate)
     return made
-
-
-def _redrawn(scene: Any, packing: float, rate: float, seed: int) -> Any:
-    return scene.redrawn(seed).compressed(packing, rate=rate)
-
-
-def _demand_packing(scene: Any, packing: float) -> None:
-    """Refuse a packing fraction below that of the scene, or above all that discs can have."""
-    if not scene.count:
-        raise InputError("compressed needs discs; got 0 discs. Make a scene with some.")
-    densest = densest_packing(scene.smallest_radius, scene.largest_radius)
-    if not scene.packing < packing < densest:
-        raise InputError(
-            f"packing must be above that of the scene, {scene.packing:.6g}, and below {densest:.6g}, the densest that "
-            f"discs of such radii can have; got {packing:g}. Choose one between, or compress a scene of lower packing."
-        )
 
 
 def _demand_free_flight(scene: Any) -> None:
@@ -96,22 +86,9 @@ def _demand_free_flight(scene: Any) -> None:
             f"compressed cannot do a scene with {' and '.join(found)}, as its box shrinks. Compress the discs without, "
             "and make a Scene of their positions and velocities."
         )
-    starts.demand_area("radius", scene.radius)
+    starts.area_of_discs(scene.radius, scene.count)  # which refuses extreme radii
     if overlaps := scene.overlaps_at_start():
         raise InputError(f"compressed needs discs that do not overlap; {overlaps}. Move them apart.")
-
-
-class _Flying(NamedTuple):
-    """Discs that fly, in units of their mean radius and thermal speed, to the next power of two: no digit is lost.
-
-    size: width and height. periodic: along x and y. radius, mass: shape (N,), at the start. energy: kinetic, likewise.
-    """
-
-    size: tuple[float, float]
-    periodic: tuple[bool, bool]
-    radius: Floats
-    mass: Floats
-    energy: float
 
 
 def _power_of_two(value: float) -> float:
@@ -119,7 +96,10 @@ def _power_of_two(value: float) -> float:
 
 
 def _grown(scene: Any, growth: float, rate: float) -> tuple[Floats, Floats]:
-    """Places [length] in the box of a scene where its discs fit when they have grown so many times, and velocities."""
+    """Places [length] in the box of a scene where its discs fit when they have grown so many times, and velocities.
+
+    The discs fly in units of their mean radius and thermal speed, to the next power of two: no digit is lost.
+    """
     mass = scene.masses / _power_of_two(float(scene.masses.max()))
     length = _power_of_two(float(scene.radii.mean()))
     fastest = float(np.abs(scene.velocity).max())
@@ -131,14 +111,15 @@ def _grown(scene: Any, growth: float, rate: float) -> tuple[Floats, Floats]:
         )
     velocity = scene.velocity / _power_of_two(fastest)
     energy = _energy(mass, velocity)
-    discs = _Flying((scene.width / length, scene.height / length), scene.periodic, scene.radii / length, mass, energy)
+    size, radius = (scene.width / length, scene.height / length), scene.radii / length
     position = scene.position / length
     thermal = math.sqrt(energy / scene.count / float(mass.mean()))
-    speed = rate * thermal / float(discs.radius.mean()) / 2
-    scale, end = 1.0, growth * (1 + GAP * max(discs.size) / float(discs.radius.min()))
+    speed = rate * thermal / float(radius.mean()) / 2
+    scale, end = 1.0, growth * (1 + GAP * max(size) / float(radius.min()))
     while scale < end:
         before = scale
-        position, velocity, scale = _fly(discs, position, velocity, (scale, min(scale * OUTGROWN, end)), speed)
+        scales = scale, min(scale * OUTGROWN, end)
+        position, velocity, scale = _fly(size, scene.periodic, radius, mass, position, velocity, scales, speed)
         heated = _energy(mass, velocity) / energy
         velocity /= math.sqrt(heated)
         pressure = 1 + math.log(heated) / (2 * math.log(scale / before)) if scale > before else math.inf
@@ -157,17 +138,24 @@ def _energy(mass: Floats, velocity: Floats) -> float:
 
 
 def _fly(
-    discs: _Flying, position: Floats, velocity: Floats, scale: tuple[float, float], speed: float
+    size: tuple[float, float],
+    periodic: tuple[bool, bool],
+    radius: Floats,
+    mass: Floats,
+    position: Floats,
+    velocity: Floats,
+    scale: tuple[float, float],
+    speed: float,
 ) -> tuple[Floats, Floats, float]:
     """Let discs fly and grow from one scale to another, or for some EVENTS each: places, velocities, scale reached.
 
-    speed: growth of the scale [1/time].
+    radius: at scale 1. speed: growth of the scale [1/time].
     """
-    count, largest = len(position), 2 * float(discs.radius.max()) * scale[1]
-    cells = plan_cells(*discs.size, largest, count)
+    count, largest = len(position), 2 * float(radius.max()) * scale[1]
+    cells = plan_cells(*size, largest, count)
     arrays = {name: np.zeros(shape, dtype)[()] for name, (dtype, shape) in stores.layout(count, cells).items()}
-    store, box = stores.store_of(arrays), Box(*discs.size, *discs.periodic, *cells, 0.0)
-    columns = {"radius": discs.radius * scale[0], "mass": discs.mass}
+    store, box = stores.store_of(arrays), Box(*size, *periodic, *cells, 0.0)
+    columns = {"radius": radius * scale[0], "mass": mass}
     features = BARE._replace(
         contact_time=0.0, expansion=speed / scale[0], **{name: np.empty(count) for name in columns}
     )

@@ -18,7 +18,7 @@ from mpsim.core import checks
 from mpsim.core.checks import ReadOnly
 from mpsim.core.columns import equal_sizes
 from mpsim.core.late import view
-from mpsim.core.state import Box, State, no_state
+from mpsim.core.state import Box, State, moved_into, no_state
 from mpsim.errors import InputError
 from mpsim.features import FEATURES, PER_DISC
 from mpsim.features.baths import ThermalWalls, Thermostat
@@ -31,7 +31,6 @@ from mpsim.features.piston import Piston, check_piston
 from mpsim.features.properties import Restitution, check_acceleration, check_friction, check_gravity, check_radius
 from mpsim.kernels.geometry import RADIUS
 from mpsim.scene import starts
-from mpsim.scene.placement import placed
 from mpsim.scene.settings import NAMES, Settings, check_recommended, check_settings
 from mpsim.scene.starts import (
     GivenStart,
@@ -122,7 +121,7 @@ class Scene(ReadOnly):
     _start: Start
     _has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
     _piston_began: float = 0.0  # when the piston left its start in that simulation [time]
-    _redraw: Callable[[int], Scene] | None = None
+    _redraw: Callable[[int], Scene] | None = None  # makes another start of it, from a seed
     _capsules: tuple[float, NDArray[np.float64]] | None = None
     _capsule_index: CapsuleIndex | None = None
     _overlaps: str | None = None
@@ -398,7 +397,7 @@ class Scene(ReadOnly):
                 "Make a new Scene for another number of discs."
             )
         time, present = checks.time_to_come("time", time), state.present
-        written, state = state.position[present], placed(state, self)
+        written, state = state.position[present], self._placed(state)
         meaning = f"({self.count}, 2)"
         position = checks.finite_array("position", state.position, (self.count, 2), meaning)[present]
         velocity = checks.finite_array("velocity", state.velocity, (self.count, 2), meaning)[present]
@@ -519,15 +518,15 @@ class Scene(ReadOnly):
         width, height = starts.box_for(count, radius, packing, width, height, edges)
         solid = check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
-        taken, region = starts.Taken(capsules_of(solid, 0.0)), None
-        if inside is not None:
-            region = starts.check_region("inside", inside)
-        position = starts.random_places(radius, count, (width, height), region, taken, rng, wraps_of(edges))
+        region = None if inside is None else starts.check_region("inside", inside)
+        capsules, size = capsules_of(solid, 0.0), (width, height)
+        position = starts.random_places(radius, count, size, region, capsules, rng, wraps_of(edges))
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": solid, **others}
         made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)
-        kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature, **box}
-        return made._redraw_with(functools.partial(_drawn_again, cls.random, kind | {"inside": inside}, seed))
+        kind = box | {"count": count, "radius": radius, "mass": mass, "temperature": temperature, "inside": inside}
+        made._redraw = lambda other: cls.random(**kind, seed=_seed_of(seed, other))
+        return made
 
     @classmethod
     def groups(
@@ -556,7 +555,7 @@ class Scene(ReadOnly):
         >>> Scene.groups([large, small], width=6, height=6, gravity=(0, -1))
         <Scene: 31 discs of radii 0.2 to 1.5 in 6 x 6, packing 0.301, mass, gravity>
         """
-        checks.known_arguments("Scene.groups", others, {*checks.names_of(Scene.__init__)} - {"position", "velocity"})
+        _check_others(cls.groups, others)
         return view("scene_of_groups", groups, {"packing": packing, "width": width, "height": height}, others)
 
     @classmethod
@@ -612,7 +611,8 @@ class Scene(ReadOnly):
         made = cls(position=start, velocity=start, **kind)
         demand_whole_box(made)
         kind |= {"count": count, "temperature": temperature}
-        return made._redraw_with(functools.partial(_drawn_again, cls.lattice, kind, seed))
+        made._redraw = lambda other: cls.lattice(**kind, seed=_seed_of(seed, other))
+        return made
 
     # --- for people
 
@@ -651,6 +651,19 @@ class Scene(ReadOnly):
         """The first disc of each piece, and the velocities of the discs in it, shape (K, 2) [length/time]."""
         return ((first, self._start.velocities(first, last)) for first, last in self._start.pieces())
 
+    def _placed(self, state: State) -> State:
+        """A state in the coordinates of the scene, each disc at its image in the box.
+
+        A state of a file has a box of its own, which may begin anywhere, and discs that other programs have not
+        wrapped. Walls at rest coincide. A state without a box has that of the scene.
+        """
+        box = self.box if state.box is None else state.box
+        corner, moving = [box[0], box[2]], [wall.edge for wall in self._moving_walls]
+        for low in (0, 2):
+            if low in moving:  # of two walls that move, none tells where the box begins: as in states of this scene
+                corner[low // 2] = 0.0 if low + 1 in moving else box[low + 1] - (self.width, self.height)[low // 2]
+        return moved_into(state, box, self.periodic, (corner[0], corner[1]))
+
     def _start_anew(self, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
         """Let the scene, a copy that nothing else refers to, start from arrays of shape (N, 2)."""
         for array in (position, velocity):
@@ -679,11 +692,6 @@ class Scene(ReadOnly):
             check = CHANGEABLE[name]
             vars(other)[name] = value if check is None else check(other, value)
         return other
-
-    def _redraw_with(self, make: Callable[[int], Scene]) -> Scene:
-        """This scene; from now on `redrawn` calls `make` with a seed."""
-        self._redraw = make
-        return self
 
     def _vary(self, variation: Callable[[], str]) -> None:
         """Give the scene, a copy that nothing else refers to, other random numbers for its run, derived from a text."""
@@ -796,15 +804,15 @@ def _plain(name: str) -> str:
 
 
 def _check_others(draw: Callable[..., Scene], others: Iterable[str]) -> None:
-    """Refuse names that are arguments neither of `draw`, Scene.random or Scene.lattice, nor of Scene."""
-    names = {*checks.names_of(draw), *checks.names_of(Scene.__init__)} - {"position", "velocity"}
-    checks.known_arguments(f"Scene.{draw.__name__}", others, names)
+    """Refuse names that are arguments neither of `draw`, a constructor of scenes, nor of Scene."""
+    names = (*checks.names_of(draw), *checks.names_of(Scene.__init__))
+    known = [name for name in names if name not in ("position", "velocity")]
+    checks.known_arguments(f"Scene.{draw.__name__}", others, known)
 
 
-def _drawn_again(draw: Callable[..., Scene], arguments: dict[str, Any], first: int, seed: int) -> Scene:
-    """The scene that `draw`, Scene.random or Scene.lattice, has made with the seed `first`, made with another seed."""
-    other = hashlib.blake2b(f"{first} {seed}".encode(), digest_size=7).digest()
-    return draw(**arguments, seed=int.from_bytes(other, "big"))
+def _seed_of(first: int, other: int) -> int:
+    """The seed of another start, by its number, of a scene that was drawn with the seed `first`."""
+    return int.from_bytes(hashlib.blake2b(f"{first} {other}".encode(), digest_size=7).digest(), "big")
 
 
 # --- Scenes as arguments

@@ -10,8 +10,9 @@ base of several: the keys decide which. A new feature, kind of obstacle or class
 
 import dataclasses
 import errno
+import io
+import json
 import logging
-import math
 import os
 import re
 import tomllib
@@ -24,27 +25,20 @@ from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, get_args, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.core import checks, files
-from mpsim.errors import InputError, OutputError, SceneFileError, reason_of
+from mpsim.core.archive import REAL, read_array
+from mpsim.errors import InputError, OutputError, SceneFileError, is_of_the_system, reason_of
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
+from mpsim.features.capsules import of_discs
 from mpsim.features.edges import WALLED, check_boundary, wraps_of
 from mpsim.features.feature import MOST_VALUES, Feature, chosen
 from mpsim.features.obstacles import Obstacle, capsules_of, listed
 from mpsim.scene import starts
 from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene
 from mpsim.scene.settings import Settings
-from mpsim.scene.starts import LATTICES, Taken
-from mpsim.scene.toml import (
-    INLINE,
-    ArrayFiles,
-    Files,
-    Numbers,
-    array_lines,
-    demand_numbers,
-    names_array_file,
-    pairs,
-)
+from mpsim.scene.starts import LATTICES
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
@@ -65,6 +59,20 @@ square."""
 
 MOST_PROBLEMS = 100
 """Problems of one file that are reported."""
+
+MOST_ARRAY_BYTES = 2**33
+"""Bytes of all array files of a scene together: enough for the largest scene."""
+
+MOST_CSV = 2**23
+"""Bytes of a .csv file, which is read as text."""
+
+INLINE = 64
+"""Number of rows up to which an array is saved in the scene file itself, where a person can read it."""
+
+Numbers = NDArray[np.float64]
+
+Files = list[tuple[Path, Callable[[BinaryIO], object]]]
+"""Files to write, each with the function that writes it."""
 
 
 # --- The keys of all tables
@@ -278,6 +286,145 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
     return tables
 
 
+# --- Reading: numbers, or the name of a file of them
+
+
+class _ArrayFiles:
+    """The array files of one scene file, in its folder or below; read: their paths, in the order of reading."""
+
+    def __init__(self, folder: Path):
+        self.read: list[Path] = []
+        self._folder = folder
+        self._bytes = 0
+
+    def array(self, name: str, value: Any, shapes: tuple[tuple[int | None, ...], ...], meaning: str) -> Numbers:
+        """Numbers, or those of a file, as a float64 array of one of the shapes (None: any length)."""
+        if isinstance(value, np.ndarray):
+            numbers = value
+        else:
+            numbers = self.content(name, value) if isinstance(value, str) else _numbers(name, value, meaning)
+        fitting = [shape for shape in shapes if len(shape) == numbers.ndim]
+        # An empty list has lost its axes: the shape of most axes is taken.
+        return checks.finite_array(name, numbers, fitting[0] if fitting and numbers.size else shapes[-1], meaning)
+
+    def content(self, name: str, path: str) -> NDArray[Any]:
+        """The array in a .npy or .csv file.
+
+        Raises:
+            InputError: if there is none, or if it cannot be read without executing code.
+        """
+        full, shown = self._folder / path, checks.brief(path)
+        if not _names_array_file(path):
+            raise InputError(f"{name} must be numbers or the name of a .npy or .csv file; got {shown}.")
+        try:
+            inside = full.resolve().is_relative_to(self._folder.resolve())
+        except (OSError, ValueError, RuntimeError):  # too long a name, a null byte, a loop of links
+            inside = False
+        if not inside or Path(path).is_absolute():
+            raise InputError(
+                f"{name} must be a file in the folder of the scene file, or below; got {shown}, which is not. "
+                "Move the file there, or make the scene in Python."
+            )
+        logger.info("mpsim: reading %s", full)
+        try:
+            with files.opened(full) as file:
+                length = os.fstat(file.fileno()).st_size
+                self.read.append(full)
+                self._bytes += length
+                if self._bytes > MOST_ARRAY_BYTES:
+                    raise InputError(
+                        f"{name} must leave the array files of a scene at most {MOST_ARRAY_BYTES:,} bytes together; "
+                        f"got {self._bytes:,} with {full.name}. Use fewer or smaller arrays."
+                    )
+                return _from_csv(name, full) if full.suffix.lower() == ".csv" else _from_npy(name, full, file, length)
+        except (FileNotFoundError, IsADirectoryError) as error:
+            what = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
+            raise InputError(f"{name} must be a file that exists; got {shown}: {what} in {self._folder}.") from None
+        except OSError as error:
+            if not is_of_the_system(error):
+                raise
+            raise InputError(f"{name} must be a file that can be read; got {shown} ({error.strerror}).") from None
+
+
+def _names_array_file(text: str) -> bool:
+    """Whether a text ends as the name of an array file does."""
+    return Path(text).suffix.lower() in (".npy", ".csv")
+
+
+def _from_npy(name: str, path: Path, file: BinaryIO, length: int) -> NDArray[Any]:
+    try:
+        return read_array(file, length, path.name, REAL)  # which refuses pickles, as they could execute code
+    except ValueError as error:
+        raise InputError(
+            f"{name} must be an array of real numbers as numpy.save writes it; {path.name} is not ({error!s:.200}). "
+            "Save it anew."
+        ) from None
+
+
+def _from_csv(name: str, path: Path) -> Numbers:
+    """One row per line, after an optional line of headings."""
+    lines: dict[int, str] = {}
+    try:
+        every = files.content(path, MOST_CSV).decode("utf-8-sig").splitlines()
+        lines = {number: line for number, line in enumerate(every, 1) if line.strip(" ,\t")}
+        if (first := next(iter(lines), 0)) and not any(map(_is_number, lines[first].split(","))):
+            del lines[first]
+        rows = [*lines.values()]
+        numbers = np.loadtxt(rows, delimiter=",", quotechar='"', comments=None, ndmin=2) if rows else np.zeros((0, 1))
+    except ValueError as error:  # of bytes that are no text, too
+        why = _wrong_line(lines) or str(error)
+        raise InputError(
+            f"{name} must be lines of numbers with commas between them, as many in each; {path.name} is not: {why}."
+        ) from None
+    return numbers[:, 0] if numbers.shape[1] == 1 else numbers
+
+
+def _wrong_line(lines: dict[int, str]) -> str:
+    """What is wrong in the first line, of those by number, that differs from the others; "" if none does."""
+    widths = {number: line.count(",") + 1 for number, line in lines.items()}
+    for number, line in lines.items():
+        wrong = next((cell for cell in line.split(",") if not _is_number(cell.strip(' "'))), None)
+        if wrong is not None:
+            return f"line {number} has {checks.brief(wrong)}"
+        if widths[number] != (usual := next(iter(widths.values()))):
+            return f"line {number} has {widths[number]}, and line {next(iter(widths))} has {usual}"
+    return ""
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(name: str, value: Any, meaning: str) -> Numbers:
+    _demand_numbers(name, value)
+    try:
+        return np.array(value, dtype=np.float64)
+    except ValueError:
+        lengths = sorted({len(row) if isinstance(row, list) else 0 for row in value})
+        raise InputError(
+            f"{name} must be numbers of shape {meaning}; got rows of different lengths, {lengths[0]} to {lengths[-1]}."
+        ) from None
+
+
+def _demand_numbers(name: str, value: Any) -> None:
+    """Refuse texts, truth values and dates in place of numbers: numpy would convert some of them."""
+    if isinstance(value, list):
+        for index, part in enumerate(value):
+            if type(part) is not float:
+                _demand_numbers(f"{name}[{index}]", part)
+        return
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name} must be a number; got {checks.brief(value)}.")
+    try:
+        float(value)
+    except OverflowError:
+        raise InputError(f"{name} must be finite in float64; got {checks.brief(value)}.") from None
+
+
 # --- Reading: all that is wrong becomes one error
 
 _OF_WHAT = re.compile(r"^(\w+(?:\[\d+\])?) of (?:an? |the )?\w+(?= must)")
@@ -313,7 +460,7 @@ class _Reader:
     """
 
     def __init__(self, label: str, folder: Path):
-        self.arrays = ArrayFiles(folder)
+        self.arrays = _ArrayFiles(folder)
         self.about: dict[str, str] = {}
         self.compressed: dict[str, float] | None = None
         self.groups: list[dict[str, Any]] = []
@@ -430,14 +577,11 @@ class _Reader:
 
     def _per_disc(self, name: str, value: Any) -> float | Numbers:
         """A number for all discs or one each, > 0 if it has a unit."""
-        unit = PER_DISC[name].unit
         numbers = self.arrays.array(name, value, ((), (None,)), "() or (N,)")
-        if not numbers.ndim:
-            return checks.positive(name, float(numbers), unit) if unit else float(numbers)
-        if unit and (numbers <= 0).any():
-            bad = int((numbers <= 0).argmax())
-            raise InputError(f"{name} must be > 0 {unit}; {name}[{bad}] is {float(numbers[bad])!r}.")
-        return numbers
+        found = numbers if numbers.ndim else float(numbers)
+        if unit := PER_DISC[name].unit:
+            checks.one_or_each(name, found, numbers.size, unit)  # equal ones stay an array
+        return found
 
     def _region(self, name: str, value: Any) -> starts.Region | Obstacle:
         region = value if isinstance(value, Obstacle) else self.arrays.array(name, value, ((4,),), "(4,)")
@@ -502,10 +646,10 @@ class _Reader:
             return next(iter(make()), None)
         if name == "region":
             return self._region(name, value)
-        if isinstance(value, str) and hint is not str and names_array_file(value):
+        if isinstance(value, str) and hint is not str and _names_array_file(value):
             return self.arrays.content(name, value)
         if isinstance(value, list) and not any(isinstance(each, str) for each in value):
-            demand_numbers(name, value)
+            _demand_numbers(name, value)
         return value
 
     def _make(
@@ -562,15 +706,16 @@ class _Reader:
         boundary = self._tried("boundary", check_boundary, self.arguments.get("boundary", WALLED))
         periodic = wraps_of(boundary or WALLED)
         sides = None if boundary is None else self._sides(boundary)
-        taken = Taken(capsules=capsules_of(tuple(self.arguments.get("obstacles", ())), 0.0))
+        taken, total = [capsules_of(tuple(self.arguments.get("obstacles", ())), 0.0)], 0
         groups: list[dict[str, Any]] = []
         for index, group in enumerate(self.groups):
-            path, count = f"discs[{index}]", taken.count + group.get("count", 0)
+            path, count = f"discs[{index}]", total + group.get("count", 0)
             if count > LARGEST_COUNT:
                 self._add(path, f"all discs must be at most {LARGEST_COUNT:,}; got {count:,} or more. Use fewer.")
                 break
             if sides is not None or "position" in group:
                 groups.append(self._tried(path, _placed, group, sides or (1.0, 1.0), periodic, taken, variation))
+                total += len(taken[-1])
         self._demand_no_problem()
         assert sides is not None
         box = {"width": sides[0], "height": sides[1]}
@@ -583,7 +728,7 @@ class _Reader:
             self._demand_no_problem()
             raise
         if any(group.get("places") == "random" or group.get("temperature") for group in self.groups):
-            scene._redraw_with(self._drawn)
+            scene._redraw = self._drawn
         return scene
 
     def _sides(self, boundary: tuple[str, str]) -> tuple[float, float] | None:
@@ -593,16 +738,11 @@ class _Reader:
         area, largest, before = 0.0, 0.0, self._problems
         for index, group in enumerate(self.groups):
             count = len(group["position"]) if "position" in group else group.get("count")
-            radius = group["radius"]
             if count is None:
-                text = "count must be given where packing makes the box; got none."
-                self._add(f"discs[{index}]", text)
+                self._add(f"discs[{index}]", "count must be given where packing makes the box; got none.")
                 continue
-            self._tried(f"discs[{index}]", starts.demand_area, "radius", radius)
-            if self._problems == before:
-                one = isinstance(radius, float)
-                area += count * math.pi * radius**2 if one else math.pi * float(np.square(radius).sum())
-                largest = max(largest, float(np.max(radius, initial=0.0)))
+            area += self._tried(f"discs[{index}]", starts.area_of_discs, group["radius"], count) or 0.0
+            largest = max(largest, float(np.max(group["radius"], initial=0.0)))
         if not area and self._problems == before:
             self._add("packing", "packing needs discs to make a box for; got none. Give width and height.")
         if self._problems > before:
@@ -707,9 +847,13 @@ def _sites(values: dict[str, Any]) -> Numbers:
 
 
 def _placed(
-    group: dict[str, Any], box: tuple[float, float], periodic: tuple[bool, bool], taken: Taken, variation: int | None
+    group: dict[str, Any],
+    box: tuple[float, float],
+    periodic: tuple[bool, bool],
+    taken: list[Numbers],
+    variation: int | None,
 ) -> dict[str, Any]:
-    """One group of discs as arguments of Scene, which is also added to `taken`."""
+    """One group of discs as arguments of Scene; to `taken`, capsules in the box, it is added as capsules."""
     seed, kind, region = group.get("seed", 0), group.get("places"), group.get("region")
     radius, count, position = group["radius"], group.get("count"), group.get("position")
     rng = np.random.default_rng(seed if variation is None else [seed, variation])
@@ -720,10 +864,10 @@ def _placed(
     count = len(position) if position is not None else group["count"]
     own = {name: _each(name, group[name], count) for name in ("velocity", *PER_DISC) if name in group}
     if position is None:
-        position = starts.random_places(radius, count, box, region, taken, rng, periodic)
+        position = starts.random_places(radius, count, box, region, np.concatenate(taken), rng, periodic)
     if "temperature" in group:
         own["velocity"] = starts.thermal_velocities(count, group["temperature"], group.get("mass"), rng)
-    taken.add(position, np.broadcast_to(radius, count))
+    taken.append(of_discs(position, radius))
     return {"position": position, "velocity": np.zeros((count, 2)), **own}
 
 
@@ -793,10 +937,12 @@ def save(
     arrays: Files = []
     discs = {name: getattr(scene, name) for name in ("position", "velocity", *PER_DISC)}
     discs = {name: value for name, value in discs.items() if value is not None}
-    lines += ["[[discs]]", *array_lines(discs, target, "", arrays), ""]
+    lines += ["[[discs]]", *_array_lines(discs, target, "", arrays), ""]
     tables = 0
     for feature in sorted((each for each in FEATURES if each.kinds), key=lambda each: not each.several):
-        own = _table_lines(feature, _there(feature, scene), target, arrays) if feature.several else []
+        # without what is left of those that were removed while the scene ran
+        there = [each for each in feature.of(scene) if isinstance(each, feature.kinds)] if feature.several else []
+        own = _table_lines(feature, there, target, arrays)
         tables = max(tables, own.count(f"[[{feature.argument}]]"))
         lines += own
         if not feature.several and feature.is_in(scene):
@@ -832,11 +978,6 @@ def _scene_lines(scene: Scene) -> list[str]:
     return pairs(values)
 
 
-def _there(feature: Feature, scene: Scene) -> list[Any]:
-    """Values of a feature, without what is left of those that were removed while the scene ran."""
-    return [each for each in feature.of(scene) if isinstance(each, feature.kinds)]
-
-
 def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: Files) -> list[str]:
     """Values of a feature as tables, many alike as one table of arrays; the files of these are appended."""
     lines: list[str] = []
@@ -860,7 +1001,7 @@ def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: 
             if _kind_of(columns | common, feature.kinds, True) is not kind:
                 common["kind"] = kind.__name__
             prefix = f"{feature.argument}-{len(arrays)}."
-            lines += [f"[[{feature.argument}]]", *array_lines(columns, target, prefix, arrays), *pairs(common), ""]
+            lines += [f"[[{feature.argument}]]", *_array_lines(columns, target, prefix, arrays), *pairs(common), ""]
     return lines
 
 
@@ -876,7 +1017,47 @@ def _is_one(value: Any) -> bool:
     return isinstance(value, bool) or dataclasses.is_dataclass(value)
 
 
-def _write(parts: list[tuple[Path, Callable[[BinaryIO], object]]]) -> None:
+def _in_toml(value: Any) -> str:
+    """A value as TOML, from which the same bits are read; a dataclass, or values by name, as a table in the line."""
+    if isinstance(value, str):
+        # JSON's escapes are valid in TOML, which requires one more.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, tuple | list | np.ndarray):
+        return f"[{', '.join(map(_in_toml, value))}]"
+    if dataclasses.is_dataclass(value):
+        value = chosen(value)
+    if isinstance(value, dict):
+        return f"{{ {', '.join(pairs(value))} }}"
+    return repr(int(value)) if isinstance(value, int | np.integer) else repr(float(value))
+
+
+def pairs(values: dict[str, Any]) -> list[str]:
+    """A line for each value that is not None."""
+    return [f"{name} = {_in_toml(value)}" for name, value in values.items() if value is not None]
+
+
+def _array_lines(arrays: dict[str, Any], target: Path, prefix: str, files: Files) -> list[str]:
+    """Arrays by name as lines of a table. Large ones become files beside the target, named by prefix and name."""
+    lines: list[str] = []
+    for name, value in arrays.items():
+        numbers = np.asarray(value, dtype=np.float64)
+        if numbers.ndim == 0 or len(numbers) <= INLINE:
+            rows = numbers.tolist()
+            one_line = numbers.ndim < 2 or len(rows) < 2
+            lines.append(f"{name} = {_in_toml(rows)}" if one_line else f"{name} = [")
+            lines += [] if one_line else [*(f"    {_in_toml(row)}," for row in rows), "]"]
+            continue
+        file = target.with_name(f"{target.stem}.{prefix}{name}.npy")
+        content = io.BytesIO()  # numpy itself does not say why a file on a disk cannot be written
+        np.save(content, numbers.astype("<f8"), allow_pickle=False)
+        files.append((file, lambda out, content=content: out.write(content.getbuffer())))
+        lines.append(f"{name} = {_in_toml(file.name)}")
+    return lines
+
+
+def _write(parts: Files) -> None:
     """Every file is complete on the disk before the first is renamed; they are renamed last to first."""
     if parts:
         (path, write), *others = parts

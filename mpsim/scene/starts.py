@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.errors import InputError
-from mpsim.features.capsules import distance, is_within, of_discs, shifted, with_images
+from mpsim.features.capsules import distance, gaps, is_within, shifted, with_images
 from mpsim.features.edges import BOUNDARIES
 from mpsim.features.obstacles import Circle, Obstacle, Polyline, capsules_of
+from mpsim.kernels import placement
 from mpsim.kernels.geometry import ENDS, POLYGON, RADIUS, ROW
-from mpsim.scene import placement
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def overlaps_in_words(scene: Any) -> str:
         return ""
     words: list[str] = []
     size = scene.width, scene.height
-    pairs = placement.overlaps(scene.position, scene.radius, size, scene.periodic)
+    pairs = overlaps(scene.position, scene.radius, size, scene.periodic)
     if pairs.worst:
         discs = "discs {} and {}".format(*pairs.worst)
         words.append(
@@ -51,7 +51,7 @@ def overlaps_in_words(scene: Any) -> str:
     return "; ".join(words)
 
 
-# --- Starts: lattices, random positions among discs and obstacles, thermal velocities
+# --- The box, and parts of it
 
 LATTICES = ("square", "hexagonal")
 
@@ -68,59 +68,6 @@ Region = tuple[float, float, float, float]
 """x_low, y_low, x_high, y_high of the region in which centres lie [length]."""
 
 
-@dataclass
-class Taken:
-    """Discs and capsules that are already in the box.
-
-    Attributes:
-        capsules: those in the box, and discs as capsules of length 0, shape (K, ROW).
-        count: number of discs among them.
-    """
-
-    capsules: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, ROW)))
-    count: int = 0
-    _new: list[NDArray[np.float64]] = field(default_factory=lambda: [])
-
-    def add(self, position: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
-        """Add more discs."""
-        self._new.append(of_discs(position, radius))
-        self.count += len(position)
-
-    def near(
-        self, room: Region, size: tuple[float, float], periodic: tuple[bool, bool], reach: float
-    ) -> NDArray[np.float64]:
-        """Those of `capsules`, and of their images, that reach into a region, shape (K, ROW); polygons as a whole."""
-        self.capsules = np.concatenate([self.capsules, *self._new])
-        self._new = []
-        every, _, shift = with_images(self.capsules, size, periodic, reach)
-        every[shift.any(axis=1), POLYGON] = 0  # what is in the box is in no image
-        (ax, ay, bx, by), radius, (x_low, y_low, x_high, y_high) = every[:, ENDS].T, every[:, RADIUS], room
-        apart_x = (np.maximum(ax, bx) + radius < x_low) | (np.minimum(ax, bx) - radius > x_high)
-        apart_y = (np.maximum(ay, by) + radius < y_low) | (np.minimum(ay, by) - radius > y_high)
-        return every[~(apart_x | apart_y) | (radius < 0) | (every[:, POLYGON] != 0)]
-
-    def inside(self, shape: Obstacle) -> Taken:
-        """The same within a circle or a polygon."""
-        around = capsules_of((shape,))
-        around[:, POLYGON] = -1
-        if isinstance(shape, Circle):
-            around[:, [RADIUS, POLYGON]] = -shape.radius, 0
-        return Taken(np.concatenate([self.capsules, *self._new, around]))
-
-    def region(self, box: tuple[float, float], radius: float) -> Region | None:
-        """The rectangle in which containers leave room for discs of a radius; None without any."""
-        circles, polygon = (self.capsules[self.capsules[:, column] < 0] for column in (RADIUS, POLYGON))
-        if not len(circles) + len(polygon):
-            return None
-        low = [*(circles[:, :2] + circles[:, RADIUS, None]), np.zeros(2)]
-        high = [*(circles[:, :2] - circles[:, RADIUS, None]), np.array(box)]
-        if len(polygon):
-            low.append(polygon[:, :2].min(axis=0))
-            high.append(polygon[:, :2].max(axis=0))
-        (x_low, y_low), (x_high, y_high) = np.max(low, axis=0) + radius, np.min(high, axis=0) - radius
-        return x_low, y_low, x_high, y_high
-
-
 def check_region(name: str, value: Any) -> Region | Obstacle:
     """Part of a box for discs: x_low, y_low, x_high, y_high of their centres, or a shape around them."""
     if isinstance(value, Circle) or (isinstance(value, Polyline) and value.is_closed):
@@ -131,7 +78,7 @@ def check_region(name: str, value: Any) -> Region | Obstacle:
     return x_low, y_low, x_high, y_high
 
 
-def is_in(region: Region | Obstacle, position: NDArray[np.float64]) -> NDArray[np.bool_]:
+def is_in(region: Region | Obstacle, position: Floats) -> NDArray[np.bool_]:
     """Which points, shape (N, 2), are in a part of a box, shape (N,)."""
     if isinstance(region, Polyline):
         return is_within(position, capsules_of((region,)))
@@ -151,6 +98,64 @@ def side_for(packing: float, area: float, largest: float, boundary: tuple[str, s
     if not math.isfinite(side):
         raise InputError(f"packing must leave the box finite; got {packing:g}. Use a larger one.")
     return side
+
+
+def area_of_discs(radius: float | Floats, count: int) -> float:
+    """Area of discs together [length^2]; radii whose areas overflow or vanish in float64 are refused."""
+    radii = np.atleast_1d(radius)
+    bad = radii[(radii > LARGEST_RADIUS) | (radii < 1 / LARGEST_RADIUS)]
+    if len(bad):
+        raise InputError(
+            f"radius must be from {1 / LARGEST_RADIUS:g} to {LARGEST_RADIUS:g}, so that areas fit float64; "
+            f"got {bad[0]:g}. Use other units."
+        )
+    return math.pi * float((radius**2).sum()) if isinstance(radius, np.ndarray) else count * math.pi * radius**2
+
+
+def demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
+    """Refuse a box that does not hold its largest disc, along a periodic axis two of them."""
+    for length, kind in zip((width, height), (BOUNDARIES[word] for word in boundary), strict=True):
+        if 2 * largest * kind.least_diameters > length:
+            raise InputError(
+                f"radius must be at most {kind.largest_radius}, {length / (2 * kind.least_diameters):g} here; "
+                f"got {largest!r}. Use smaller discs or a larger box."
+            )
+
+
+def box_for(
+    count: int,
+    radius: float | Floats,
+    packing: float | None,
+    width: float | None,
+    height: float | None,
+    boundary: tuple[str, str],
+) -> tuple[float, float]:
+    """Width and height, from either a packing fraction (square box) or the two lengths themselves."""
+    if (packing is None) == (width is None and height is None) or (width is None) != (height is None):
+        raise InputError(
+            "the box must be given either by packing or by width and height; "
+            f"got packing={packing!r}, width={width!r}, height={height!r}."
+        )
+    area, largest = area_of_discs(radius, count), float(np.max(radius, initial=0.0)) or 1.0
+    if width is not None and height is not None:
+        width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
+        demand_room(largest, width, height, boundary)
+        return width, height
+    side = side_for(fraction_of_the_area(packing), area, largest, boundary)
+    return side, side
+
+
+def fraction_of_the_area(given: float | None) -> float:
+    """A packing, checked; 40, meant as per cent, is answered as such."""
+    packing = checks.positive("packing", given, "(a fraction of the area)")
+    if 1 < packing < 100:
+        raise InputError(
+            f"packing must be a fraction of the area; got {packing:g}. {packing:g} % is {packing / 100:g}."
+        )
+    return packing
+
+
+# --- Sites of a lattice
 
 
 class Sites(NamedTuple):
@@ -183,7 +188,7 @@ class Sites(NamedTuple):
         """How many there are."""
         return (self.rows + 1) // 2 * self.odd + self.rows // 2 * self.even
 
-    def between(self, first: int, last: int) -> NDArray[np.float64]:
+    def between(self, first: int, last: int) -> Floats:
         """Sites first to last - 1, shape (last - first, 2): along the rows, and across them [length]."""
         rise, shift = _shape(self.kind)
         pair, column = np.divmod(np.arange(first, last), max(self.odd + self.even, 1))
@@ -221,7 +226,7 @@ def widest_spacing(kind: str, lengths: Callable[[float], tuple[float, float]], c
 
 def lattice_sites(
     kind: str, region: Region | Obstacle, spacing: float | None = None, count: int | None = None
-) -> NDArray[np.float64]:
+) -> Floats:
     """Sites of a lattice, row by row from the lower left corner of a region, shape (K, 2) [length].
 
     Args:
@@ -255,15 +260,61 @@ def lattice_sites(
     return np.minimum(found, region[2:])  # the slack of Sites.fitting may put them outside by a rounding
 
 
+def _words(region: Region) -> str:
+    return f"[{region[0]:g}, {region[2]:g}] x [{region[1]:g}, {region[3]:g}]"
+
+
+# --- Random positions among discs and obstacles, and thermal velocities
+
+LARGEST_PACKING = 0.8
+SPARSE_PACKING = 0.4
+"""Packing up to which random sequential addition needs few attempts per disc; it jams at 0.547 (Feder 1980)."""
+
+SWEEPS = 100
+"""Monte Carlo moves per disc of a dense start: enough to shuffle a fluid, quick at a million discs."""
+
+REACH = 4
+"""Distance from an obstacle at which discs may feel it while they are enlarged, in radii of the largest."""
+
+GAP = 1e-12
+"""Least gap between random discs, as a fraction of the sum of their radii, so that no rounding makes them overlap."""
+
+JAMMING = 0.84
+"""Packing fraction at which random arrangements of discs jam (O'Hern et al., Phys. Rev. E 68, 011306, 2003)."""
+
+ENLARGEMENT = 0.3
+"""Fraction of the growth from the packing wanted to JAMMING by which radii are enlarged while overlaps are removed."""
+
+OVERSHOOT = (0.8, 0.5, 0.0)
+"""How much farther than needed overlapping discs are moved apart, one attempt each: more is quicker, less is safer."""
+
+REMOVAL_ROUNDS = 1000
+"""Rounds of overlap removal in one attempt; 250 were enough for 100,000 discs of two sizes at packing 0.8."""
+
+ROOM = 1e-3
+"""Relative enlargement of the radii while discs are pushed aside, so that finitely many rounds are enough."""
+
+PUSHES, PUSH_ROUNDS = 6, 60
+"""Attempts to push discs aside, and rounds of each."""
+
+MOST_CELLS = 100_000_000
+"""Largest number of cells of the grid for equal discs, one disc each; a larger box needs coarser cells."""
+
+CANDIDATES = 16
+"""Positions tried for a small disc, of which the one with least overlap is taken."""
+
+WALLS = (False, False)
+
+
 def random_places(
-    radius: float | NDArray[np.float64],
+    radius: float | Floats,
     count: int,
     box: tuple[float, float],
     region: Region | Obstacle | None,
-    taken: Taken,
+    capsules: Floats,
     rng: np.random.Generator,
     periodic: tuple[bool, bool] = (False, False),
-) -> NDArray[np.float64]:
+) -> Floats:
     """Random centres of discs that overlap neither each other nor what is in the box, shape (count, 2) [length].
 
     In an empty box these are the positions of Scene.random. A region ends a diameter before the images of its discs.
@@ -272,14 +323,19 @@ def random_places(
         radius: of all, or of each, shape (count,) [length], > 0.
         box: width and height [length].
         region: that contains the centres, or a shape around the discs; None: the box, or what containers leave of it.
+        capsules: obstacles in the box, and discs as capsules of length 0, shape (K, ROW).
     """
-    demand_area("radius", radius)
+    area_of_discs(radius, count)  # which refuses extreme radii
     corner, (width, height), largest = np.zeros(2), box, float(np.max(radius, initial=0.0))
     wraps, margin = periodic, float(np.min(radius, initial=math.inf)) if count else 0.0
     shape = None
     if isinstance(region, Obstacle):
-        taken, shape, region = taken.inside(region), region, None
-    region = region or taken.region(box, margin)
+        around = capsules_of((region,))
+        around[:, POLYGON] = -1
+        if isinstance(region, Circle):
+            around[:, [RADIUS, POLYGON]] = -region.radius, 0
+        capsules, shape, region = np.concatenate([capsules, around]), region, None
+    region = region or _inside_containers(capsules, box, margin)
     if region is not None:
         corner, beyond = np.array(region[:2]) - margin, np.add(region[:2], box) - 2 * largest
         width, height = np.where(periodic, np.minimum(region[2:], beyond), region[2:]) - corner + margin
@@ -293,23 +349,172 @@ def random_places(
             "Use smaller discs."
         )
     room = corner[0], corner[1], corner[0] + width, corner[1] + height
-    near = taken.near(room, box, (False, False) if region is None else periodic, 2 * largest)
+    near = _near(capsules, room, box, (False, False) if region is None else periodic, 2 * largest)
     radii = np.broadcast_to(radius, count)
-    packing = math.pi * float((radii**2).sum()) / placement.area_of(width, height, near)
-    if packing > placement.LARGEST_PACKING:
+    packing = math.pi * float((radii**2).sum()) / _area(width, height, near)
+    if packing > LARGEST_PACKING:
         raise InputError(
-            f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
+            f"packing must be at most {LARGEST_PACKING} for random places; got {packing:.3g}. "
             "Use fewer or smaller discs, or a larger box, which Scene.compressed makes smaller."
         )
     if isinstance(radius, float) and not len(near) and not any(wraps):
-        return placement.random_places(count, width, height, radius, rng) + corner
+        return _random_equal(count, width, height, radius, rng) + corner
     near = shifted(near, -corner)
-    return placement.random_polydisperse(radii.astype(np.float64), width, height, rng, wraps, near) + corner
+    return _random_polydisperse(radii.astype(np.float64), width, height, rng, wraps, near) + corner
 
 
-def thermal_velocities(
-    count: int, temperature: float, mass: float | NDArray[np.float64] | None, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _near(
+    capsules: Floats, room: Region, size: tuple[float, float], periodic: tuple[bool, bool], reach: float
+) -> Floats:
+    """Capsules, and images of them, that reach into a region, shape (K, ROW); polygons as a whole."""
+    every, _, shift = with_images(capsules, size, periodic, reach)
+    every[shift.any(axis=1), POLYGON] = 0  # what is in the box is in no image
+    (ax, ay, bx, by), radius, (x_low, y_low, x_high, y_high) = every[:, ENDS].T, every[:, RADIUS], room
+    apart_x = (np.maximum(ax, bx) + radius < x_low) | (np.minimum(ax, bx) - radius > x_high)
+    apart_y = (np.maximum(ay, by) + radius < y_low) | (np.minimum(ay, by) - radius > y_high)
+    return every[~(apart_x | apart_y) | (radius < 0) | (every[:, POLYGON] != 0)]
+
+
+def _inside_containers(capsules: Floats, box: tuple[float, float], radius: float) -> Region | None:
+    """The rectangle in which containers leave room for discs of a radius; None without any."""
+    circles, polygon = (capsules[capsules[:, column] < 0] for column in (RADIUS, POLYGON))
+    if not len(circles) + len(polygon):
+        return None
+    low = [*(circles[:, :2] + circles[:, RADIUS, None]), np.zeros(2)]
+    high = [*(circles[:, :2] - circles[:, RADIUS, None]), np.array(box)]
+    if len(polygon):
+        low.append(polygon[:, :2].min(axis=0))
+        high.append(polygon[:, :2].max(axis=0))
+    (x_low, y_low), (x_high, y_high) = np.max(low, axis=0) + radius, np.min(high, axis=0) - radius
+    return x_low, y_low, x_high, y_high
+
+
+def _area(width: float, height: float, capsules: Floats) -> float:
+    """Area of a rectangle, or of the smallest container if that is less [length^2]."""
+    return min([width * height, *(math.pi * radius**2 for radius in capsules[:, RADIUS] if radius < 0)])
+
+
+def _random_equal(count: int, width: float, height: float, radius: float, rng: np.random.Generator) -> Floats:
+    """Random centres of equal discs without overlap, shape (count, 2), between four walls.
+
+    Raises:
+        InputError: if none of the lattices tried holds that many discs.
+    """
+    if count == 0:
+        return np.empty((0, 2))
+    diameter, radii = 2 * radius, np.full(count, radius)
+    cells_per_length = math.sqrt(2) / diameter * (1 - 1e-12)
+    if (width * cells_per_length + 1) * (height * cells_per_length + 1) > MOST_CELLS + 100 * count:
+        return _random_polydisperse(radii, width, height, rng)
+    if count * math.pi * radius**2 <= SPARSE_PACKING * width * height:
+        discs = _by_size(np.zeros(count), np.zeros(count), radii, (width, height), WALLS)
+        if _add_all(discs, rng):
+            return np.column_stack([discs.x, discs.y])
+    sites = _lattice(count, width, height, diameter)
+    chosen = sites[np.sort(rng.permutation(len(sites))[:count])]
+    x, y = np.ascontiguousarray(chosen[:, 0]), np.ascontiguousarray(chosen[:, 1])
+    grid = np.full((int(width * cells_per_length) + 1, int(height * cells_per_length) + 1), placement.EMPTY, np.int32)
+    grid[(x * cells_per_length).astype(int), (y * cells_per_length).astype(int)] = np.arange(count)
+    packing = count * math.pi * radius**2 / (width * height)
+    longest = diameter * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
+    for _ in range(SWEEPS):
+        moves = rng.uniform(-longest, longest, (count, 2))
+        placement.sweep(x, y, grid, moves, radius, width - radius, height - radius, diameter, cells_per_length)
+    return np.column_stack([x, y])[rng.permutation(count)]
+
+
+def _lattice(count: int, width: float, height: float, diameter: float) -> Floats:
+    """Sites of the widest lattice, of staggered or straight rows, that holds `count` discs: shape (>= count, 2)."""
+    free_x, free_y = width - diameter, height - diameter
+    best_gap, best = -1.0, (1, 1, 0.0)
+    most_rows = min(count, int(free_y / (diameter * math.sqrt(3) / 2)) + 1)
+    for rows in range(1, most_rows + 1):
+        columns = math.ceil(count / rows)
+        for stagger in (0.0, 0.5):
+            dx = free_x / max(columns - 1 + stagger, 1e-300) if columns - 1 + stagger > 0 else math.inf
+            dy = free_y / (rows - 1) if rows > 1 else math.inf
+            diagonal = math.hypot(stagger * dx, dy) if rows > 1 else math.inf
+            gap = min(dx, diagonal, 2 * dy)
+            if gap > best_gap:
+                best_gap, best = gap, (rows, columns, stagger)
+    if best_gap < diameter * (1 + 1e-9):
+        raise InputError(
+            f"{count} discs of radius {diameter / 2:g} do not fit a box of {width:g} x {height:g} in regular rows "
+            f"(the best rows leave {best_gap:.6g} between centres, {diameter:g} is needed). "
+            "Use fewer or smaller discs, or a larger box, which Scene.compressed can shrink; walls take up space in "
+            "small boxes."
+        )
+    rows, columns, stagger = best
+    row = np.repeat(np.arange(rows), columns)
+    column = np.tile(np.arange(columns), rows) + stagger * (row % 2)
+    step_x = free_x / (columns - 1 + stagger) if columns - 1 + stagger > 0 else 0.0
+    step_y = free_y / (rows - 1) if rows > 1 else 0.0
+    return np.column_stack([column * step_x, row * step_y]).astype(np.float64) + diameter / 2
+
+
+def _random_polydisperse(
+    radius: Floats,
+    width: float,
+    height: float,
+    rng: np.random.Generator,
+    periodic: tuple[bool, bool] = WALLS,
+    capsules: Floats | None = None,
+) -> Floats:
+    """Random centres of discs of any radii without overlap, shape (N, 2), in a box that may be periodic.
+
+    Up to SPARSE_PACKING, discs are placed by random sequential addition, the largest first. Denser arrangements start
+    from a jittered lattice; overlaps are removed pair by pair, and Monte Carlo steps follow. The same seed gives the
+    same positions. radius: of each disc, shape (N,) [length]. capsules: obstacles, shape (K, ROW).
+    """
+    count = len(radius)
+    if count == 0:
+        return np.empty((0, 2))
+    discs = _by_size(np.zeros(count), np.zeros(count), radius, (width, height), periodic, capsules)
+    packing = math.pi * float((radius**2).sum()) / _area(width, height, discs.capsule)
+    if not (packing <= SPARSE_PACKING and _add_all(discs, rng)):
+        if not any(_remove_overlaps(discs, packing, overshoot, rng) for overshoot in OVERSHOOT):
+            raise InputError(
+                f"{count} discs of packing {packing:.3g} could not be placed in a box of {width:g} x {height:g} "
+                f"without overlap in {len(OVERSHOOT)} attempts. Use fewer or smaller discs, or a larger box, which "
+                "Scene.compressed can shrink; walls and obstacles take up space in small boxes."
+            )
+        longest = 2 * radius * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
+        for _ in range(SWEEPS):
+            placement.shuffle(discs, rng.uniform(-1, 1, (count, 2)) * longest[:, None], 1 + GAP)
+    return np.column_stack([discs.x, discs.y])
+
+
+def _add_all(discs: placement.Crowd, rng: np.random.Generator) -> bool:
+    """Random sequential addition, the largest first; False if not all discs could be placed."""
+    order = np.argsort(-discs.radius, kind="stable")
+    placed, attempts = 0, 0
+    while placed < len(order) and attempts < 200 * len(order) + 1000:
+        candidates = rng.random((2 * (len(order) - placed) + 16, 2))
+        placed = int(placement.add_sequentially(discs, order, placed, candidates, 1 + GAP))
+        attempts += len(candidates)
+    return placed == len(order)
+
+
+def _remove_overlaps(discs: placement.Crowd, packing: float, overshoot: float, rng: np.random.Generator) -> bool:
+    """Spread the discs evenly, then remove overlaps; False if some are left after REMOVAL_ROUNDS."""
+    count = len(discs.x)
+    columns = max(round(math.sqrt(count * discs.width / discs.height)), 1)
+    rows = math.ceil(count / columns)
+    sites = np.sort(rng.permutation(columns * rows)[:count])[rng.permutation(count)]
+    candidates = rng.random((count, CANDIDATES, 2))
+    candidates[:, 0] = (np.column_stack(np.divmod(sites, rows)) + 0.2 + 0.6 * candidates[:, 0]) / [columns, rows]
+    # With slightly enlarged radii finitely many rounds are enough, and no discs touch in the end.
+    scale = 1 + max(ENLARGEMENT * (math.sqrt(JAMMING / packing) - 1), 1e-4)
+    discs.head[:] = placement.EMPTY
+    placement.throw(discs, np.argsort(-discs.radius, kind="stable"), candidates, scale)
+    for done in range(REMOVAL_ROUNDS):
+        placement.part(discs, scale, overshoot)
+        if done % 10 == 9 and not placement.crowded(discs, 1 + GAP):
+            return True
+    return False
+
+
+def thermal_velocities(count: int, temperature: float, mass: float | Floats | None, rng: np.random.Generator) -> Floats:
     """Normally distributed velocities, shape (count, 2) [length/time].
 
     For 2 discs or more the total momentum is zero, and velocities are scaled so that the mean of m v_x^2 and m v_y^2 is
@@ -328,65 +533,144 @@ def thermal_velocities(
     return velocity * (math.sqrt(temperature) / math.sqrt(mean))
 
 
-def _words(region: Region) -> str:
-    return f"[{region[0]:g}, {region[2]:g}] x [{region[1]:g}, {region[3]:g}]"
+# --- Overlaps of given positions, and moves that avoid them
+
+TOUCHING = 8
+"""Overlaps of up to this many units in the last place of the box's size count as touching: the rounding error of two
+coordinates. Less would report discs that were pushed exactly apart, more would hide real overlaps."""
 
 
-def demand_area(name: str, radius: float | NDArray[np.float64]) -> None:
-    """Refuse radii whose areas, or sums of them, overflow or vanish in float64."""
-    radii = np.atleast_1d(radius)
-    bad = radii[(radii > LARGEST_RADIUS) | (radii < 1 / LARGEST_RADIUS)]
-    if len(bad):
-        raise InputError(
-            f"{name} must be from {1 / LARGEST_RADIUS:g} to {LARGEST_RADIUS:g}, so that areas fit float64; "
-            f"got {bad[0]:g}. Use other units."
-        )
+@dataclass(frozen=True)
+class Overlap:
+    """Overlapping pairs of discs.
+
+    Attributes:
+        pairs: number of pairs closer than the sum of their radii.
+        largest: depth of the deepest pair, sum of radii minus distance [length]; 0 without pairs.
+        mean: mean depth of the overlapping pairs [length]; 0 without pairs.
+        worst: the deepest pair, (i, j) with i < j; None without pairs.
+    """
+
+    pairs: int
+    largest: float
+    mean: float
+    worst: tuple[int, int] | None
 
 
-def demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
-    """Refuse a box that does not hold its largest disc, along a periodic axis two of them."""
-    for length, kind in zip((width, height), (BOUNDARIES[word] for word in boundary), strict=True):
-        if 2 * largest * kind.least_diameters > length:
-            raise InputError(
-                f"radius must be at most {kind.largest_radius}, {length / (2 * kind.least_diameters):g} here; "
-                f"got {largest!r}. Use smaller discs or a larger box."
-            )
+def overlaps(
+    position: Floats,
+    radius: float | Floats,
+    size: tuple[float, float],
+    periodic: tuple[bool, bool] = WALLS,
+    rounding: float | None = None,
+) -> Overlap:
+    """The overlapping pairs of discs at positions, shape (N, 2). O(N).
+
+    radius: of all discs, or of each, shape (N,) [length]. rounding: depth up to which discs touch [length]; None: that
+    of float64 coordinates in the box.
+    """
+    slack = TOUCHING * float(np.finfo(np.float64).eps) * max(size) if rounding is None else rounding
+    worst = np.zeros(2, np.int64)
+    x, y = (np.ascontiguousarray(column, dtype=np.float64) for column in position.T)
+    discs = _by_size(x, y, np.broadcast_to(np.asarray(radius, np.float64), len(position)), size, periodic)
+    placement.link(discs)
+    pairs, largest, total = placement.count_overlaps(discs, slack, worst)
+    i, j = worst.tolist()
+    return Overlap(int(pairs), float(largest), float(total) / max(pairs, 1), (i, j) if pairs else None)
 
 
-def box_for(
-    count: int,
-    radius: float | NDArray[np.float64],
-    packing: float | None,
-    width: float | None,
-    height: float | None,
-    boundary: tuple[str, str],
-) -> tuple[float, float]:
-    """Width and height, from either a packing fraction (square box) or the two lengths themselves."""
-    if (packing is None) == (width is None and height is None) or (width is None) != (height is None):
-        raise InputError(
-            "the box must be given either by packing or by width and height; "
-            f"got packing={packing!r}, width={width!r}, height={height!r}."
-        )
-    demand_area("radius", radius)
-    largest = float(np.max(radius, initial=0.0)) or 1.0
-    if width is not None and height is not None:
-        width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
-        demand_room(largest, width, height, boundary)
-        return width, height
-    one_each = isinstance(radius, np.ndarray)
-    area = math.pi * float((radius**2).sum()) if one_each else count * math.pi * radius**2
-    side = side_for(fraction_of_the_area(packing), area, largest, boundary)
-    return side, side
+def displaced(
+    position: Floats,
+    radius: Floats,
+    size: tuple[float, float],
+    periodic: tuple[bool, bool],
+    capsules: Floats,
+    moves: Floats,
+) -> Floats:
+    """Centres after moving each disc along x, then along y, shape (N, 2).
+
+    A move that leads to an overlap or out of the box is rejected. moves: displacements, shape (N, 2) [length].
+    capsules: obstacles, shape (K, ROW).
+    """
+    if not len(position):
+        return position
+    x, y = (np.array(column, dtype=np.float64) for column in position.T)
+    discs = _by_size(x, y, radius, size, periodic, capsules)
+    placement.link(discs)
+    for axis in (0, 1):
+        placement.shuffle(discs, moves * (np.arange(2) == axis), 1 + GAP)
+    return np.column_stack([discs.x, discs.y])
 
 
-def fraction_of_the_area(given: float | None) -> float:
-    """A packing, checked; 40, meant as per cent, is answered as such."""
-    packing = checks.positive("packing", given, "(a fraction of the area)")
-    if 1 < packing < 100:
-        raise InputError(
-            f"packing must be a fraction of the area; got {packing:g}. {packing:g} % is {packing / 100:g}."
-        )
-    return packing
+def pushed_aside(
+    position: Floats,
+    radius: Floats,
+    size: tuple[float, float],
+    periodic: tuple[bool, bool],
+    capsules: Floats,
+    scale: float,
+) -> Floats | None:
+    """Centres of discs after moving those apart that overlap each other or capsules, shape (N, 2); None: no room.
+
+    A disc that is trapped between capsules and walls begins again from a random place beside its own.
+
+    The arguments are those of `displaced`; scale: factor of the radii, a little above 1, for which there must be room.
+    """
+    rng, places = np.random.default_rng(0), position
+    edge = np.where(periodic, 0.0, radius[:, None])
+    for attempt in range(PUSHES):
+        x, y = np.array(places.T, np.float64, order="C")
+        discs = _by_size(x, y, radius, size, periodic, capsules)
+        placement.link(discs)
+        for _ in range(PUSH_ROUNDS):
+            if not placement.crowded(discs, scale):
+                return np.column_stack([discs.x, discs.y])
+            placement.part(discs, scale * (1 + ROOM), 0.0)
+        places = np.column_stack([discs.x, discs.y])
+        trapped = gaps(places[:, None], radius[:, None], capsules).min(axis=1, initial=np.inf)[:, None] < 0
+        jumps = (1 + attempt / 2) * radius[:, None] * rng.uniform(-1, 1, places.shape)
+        places = np.clip(places + trapped * jumps, edge, np.array(size) - edge)
+    return None
+
+
+def _by_size(
+    x: Floats,
+    y: Floats,
+    radius: Floats,
+    size: tuple[float, float],
+    periodic: tuple[bool, bool],
+    capsules: Floats | None = None,
+) -> placement.Crowd:
+    """Discs as `overlap_removal` takes them: radii within a factor of two share a level and its grid."""
+    binary = np.frexp(radius)[1]
+    present, level = np.unique(binary, return_inverse=True)
+    largest = np.array([radius[binary == power].max() for power in present], np.float64)
+    counts = np.bincount(level, minlength=len(present))
+    side = np.maximum(2 * largest, np.sqrt(size[0] * size[1] / np.maximum(counts, 1)))
+    # In a thin box, too, no level has more cells than about one per disc.
+    columns, rows = (np.clip(length / side, 1, np.maximum(counts, 1)).astype(np.int64) for length in size)
+    cells, solid = columns * rows, np.zeros((0, ROW)) if capsules is None else capsules
+    images = with_images(solid, size, periodic, REACH * float(largest.max(initial=0.0)))
+    seen = solid[images.source]
+    seen[images.shift.any(axis=1), POLYGON] = 0  # what is in the box is in no image
+    return placement.Crowd(
+        x,
+        y,
+        np.ascontiguousarray(radius, dtype=np.float64),
+        level.astype(np.int64),
+        np.full(int(cells.sum()), placement.EMPTY, np.int64),
+        np.full(len(x), placement.EMPTY, np.int64),
+        columns,
+        rows,
+        np.cumsum(cells) - cells,
+        largest,
+        float(size[0]),
+        float(size[1]),
+        bool(periodic[0]),
+        bool(periodic[1]),
+        seen,
+        images.shift,
+    )
 
 
 # --- Equal discs on a lattice that fills the box; each is computed from its number alone
@@ -519,12 +803,9 @@ class Lattice:
     @property
     def most(self) -> int:
         """Number of discs that the box would hold in this way."""
-        return Sites.fitting("hexagonal", *self._lengths(self._least_spacing), self._least_spacing).number
-
-    @property
-    def _least_spacing(self) -> float:
         of_diameter, of_box = LEAST_GAP
-        return 2 * self.radius * (1 + of_diameter) + of_box * max(self.width, self.height)
+        spacing = 2 * self.radius * (1 + of_diameter) + of_box * max(self.width, self.height)
+        return Sites.fitting("hexagonal", *self._lengths(spacing), spacing).number
 
     def _lengths(self, spacing: float) -> tuple[float, float]:
         """Lengths of the region of the sites along y and along x, between walls or periodic borders [length]."""

@@ -46,7 +46,7 @@ from mpsim.features.feature import (
 from mpsim.kernels.compiling import running_seconds
 from mpsim.measure.observables import trajectory_error
 from mpsim.measure.statistics import block_average
-from mpsim.scene import placement
+from mpsim.scene import starts
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.runner import Stopped
@@ -118,7 +118,7 @@ def varied(scene: Scene, seed: int) -> Scene:
     moves = rng.uniform(-1, 1, (scene.count, 2)) * (VARIATION * 2 * scene.smallest_radius)
     low, high = scene.limits(scene.radii)  # a moving wall may start inside of the box
     moves *= (scene.position + moves >= low) & (scene.position + moves <= high) | scene.periodic
-    position = placement.displaced(
+    position = starts.displaced(
         scene.position, scene.radii, (scene.width, scene.height), scene.periodic, scene._capsules_at(0.0), moves
     )
     velocity = scene.velocity * (1 + VARIATION * rng.normal(size=scene.velocity.shape))
