@@ -154,7 +154,7 @@ def one_stage(browser: "Browser", folder: Path) -> None:
     with mpsim.view(file.scene, file.scene.settings, browser=False, wait=False, name=file.name) as view:
         page = browser.new_page(viewport=WINDOW)
         page.goto(view.address)
-        wait_for(page, "pictures", lambda: frame_of(page) >= 300)
+        wait_for(page, "readings in the charts", lambda: frame_of(page) >= 5000)
         page.screenshot(path=folder / "view-1280.png")
 
 
