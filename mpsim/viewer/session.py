@@ -133,6 +133,7 @@ class Session(Source):
         self._gauges, self._broadcast.scale = Gauges(self.scene, state, self._settings.law), scale_of(state)
         self._broadcast.scene = self.scene
         self._meter.begin(sim, from_start=self._owned)
+        self._meter.start(time.perf_counter())
         self._pictures.done = self._readings.done = None
         self._broadcast.forget_radii()
         self._edits = Interactions(sim, self._owned, self._moment, self._back)
@@ -146,7 +147,8 @@ class Session(Source):
         self._tell_link()
 
     def _resume(self) -> None:
-        self._meter.start(time.perf_counter())
+        if self._playing or self._steps:  # in a pause the page keeps the last frame rate
+            self._meter.start(time.perf_counter())
         super()._resume()
 
     def _drop(self) -> None:
