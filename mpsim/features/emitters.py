@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -17,7 +16,7 @@ from mpsim.core.columns import EXITS, Column
 from mpsim.errors import InputError
 from mpsim.features.capsules import check_clear
 from mpsim.features.edges import EDGES, demand_wall
-from mpsim.features.feature import MOST_VALUES, NEED_ALL_DISCS, Feature, Invalidation
+from mpsim.features.feature import NEED_ALL_DISCS, Feature, Invalidation
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
@@ -90,18 +89,6 @@ class Emitter:
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         del values["every" if self.every is None else "interval"]  # a scene's digest depends only on what it uses
         return f"Emitter({', '.join(f'{name}={value!r}' for name, value in values.items())})"
-
-
-def check_emitters(emitters: object) -> tuple[Emitter, ...]:
-    """The emitters as a tuple, checked; a single one may come without a list."""
-    each_of: Any = emitters
-    chosen = tuple(each_of) if isinstance(emitters, Iterable) else (each_of,)
-    if len(chosen) > MOST_VALUES:
-        raise InputError(f"emitters must be at most {MOST_VALUES:,}; got {len(chosen):,}. Use fewer.")
-    for index, emitter in enumerate(chosen):
-        if not isinstance(emitter, Emitter):
-            raise InputError(f"emitters[{index}] must be an mpsim.Emitter; got {type(emitter).__name__}.")
-    return chosen
 
 
 class Emitters(Feature):

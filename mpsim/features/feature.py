@@ -306,6 +306,18 @@ def given(name: str, value: Any, kind: type[Any]) -> dict[str, Any]:
     return {} if value is None else {name: value}
 
 
+def tuple_of(name: str, values: object, kinds: tuple[type[Any], ...], *others: type[Any]) -> tuple[Any, ...]:
+    """What an argument holds, of these classes or others that texts do not name; one may come without a list."""
+    found: tuple[Any, ...] = tuple(cast(Any, values)) if isinstance(values, Iterable) else (values,)
+    if len(found) > MOST_VALUES:
+        raise InputError(f"{name} must be at most {MOST_VALUES:,}; got {len(found):,}. Use fewer.")
+    for index, each in enumerate(found):
+        if not isinstance(each, (*kinds, *others)):
+            names = " or ".join(f"mpsim.{kind.__name__}" for kind in kinds)
+            raise InputError(f"{name}[{index}] must be an {names}; got {type(each).__name__}.")
+    return found
+
+
 def chosen(value: Any) -> dict[str, Any]:
     """The fields of a dataclass that differ from their defaults."""
     values = {each.name: (getattr(value, each.name), each.default) for each in dataclasses.fields(value)}

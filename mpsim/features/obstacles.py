@@ -25,7 +25,7 @@ from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
 from mpsim.features.edges import EDGES
-from mpsim.features.feature import MOST_VALUES, AddedDiscs, Continuation, Feature, Floats, Invalidation
+from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation, tuple_of
 from mpsim.features.motions import MOTIONS, Movement, Rotation, check_kind
 from mpsim.kernels.features.bodies import BODY
 from mpsim.kernels.geometry import ENDS, OWNER, POLYGON, RADIUS, ROW, SURFACE
@@ -277,18 +277,7 @@ def exchanged(present: tuple[Obstacle, ...], wanted: Iterable[Obstacle], time: f
 
 def listed(obstacles: object) -> tuple[Obstacle, ...]:
     """The obstacles as a tuple; a single one may come without a list."""
-    each_of: Any = obstacles
-    kinds = OBSTACLES.kinds
-    chosen = tuple(each_of) if isinstance(obstacles, Iterable) else (each_of,)
-    if len(chosen) > MOST_VALUES:
-        raise InputError(
-            f"obstacles must be at most {MOST_VALUES:,}; got {len(chosen):,}. Use fewer: a Polyline is one."
-        )
-    for index, obstacle in enumerate(chosen):
-        if not isinstance(obstacle, (*kinds, Removed)):
-            names = " or ".join(f"mpsim.{kind.__name__}" for kind in kinds)
-            raise InputError(f"obstacles[{index}] must be an {names}; got {type(obstacle).__name__}.")
-    return chosen
+    return tuple_of("obstacles", obstacles, OBSTACLES.kinds, Removed)
 
 
 def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obstacle, ...]:

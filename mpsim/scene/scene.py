@@ -24,8 +24,8 @@ from mpsim.features import FEATURES, PER_DISC
 from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import BoundaryName, Edge, MovingWall, check_boundary, wraps_of
-from mpsim.features.emitters import Emitter, check_edges, check_emitters
-from mpsim.features.feature import Continuation, Deepest, Feature, given
+from mpsim.features.emitters import Emitter, check_edges
+from mpsim.features.feature import Continuation, Deepest, Feature, given, tuple_of
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
 from mpsim.features.properties import Restitution, check_acceleration, check_friction, check_gravity, check_radius
@@ -55,7 +55,7 @@ CHANGEABLE: dict[str, Callable[[Any, Any], Any] | None] = {
     "restitution": lambda scene, value: checks.fraction("restitution", value),
     "wall_restitution": lambda scene, value: checks.fraction("wall_restitution", value),
     "obstacles": lambda scene, value: check_obstacles(value, scene.width, scene.height),
-    "emitters": lambda scene, value: check_emitters(value),
+    "emitters": lambda scene, value: tuple_of("emitters", value, (Emitter,)),
     "piston": lambda scene, value: check_piston(value, scene),
     **dict.fromkeys(("friction", "wall_friction", "thermostat", "thermal_walls", "_has_gaps", "_piston_began")),
 }
@@ -168,7 +168,7 @@ class Scene(ReadOnly):
         vars(self).update(check_friction(friction, wall_friction, tangential_restitution, spin, count))
         self.boundary: tuple[str, str] = check_boundary(boundary)
         self.obstacles: tuple[Obstacle, ...] = check_obstacles(obstacles, self.width, self.height)
-        self.emitters: tuple[Emitter, ...] = check_emitters(emitters)
+        self.emitters: tuple[Emitter, ...] = tuple_of("emitters", emitters, (Emitter,))
         self.absorbing: tuple[str, ...] = check_edges(absorbing, self.boundary)
         self.piston: Piston | tuple[Piston, ...] | None = check_piston(piston, self)
         vars(self).update(
