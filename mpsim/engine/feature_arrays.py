@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.columns import IMAGE, Column
-from mpsim.engine.workers.shared import ArraySpec
+from mpsim.engine.workers.shared import Specs
 from mpsim.features import FEATURES
 from mpsim.features.feature import acceleration_bound, mean_mass, thermal_speed
 from mpsim.features.properties import has_radii
@@ -61,14 +61,14 @@ def giant_radius(radii: NDArray[np.float64]) -> float | None:
     return float(ordered[ordered <= GIANT * largest_of_the_grid][-1])
 
 
-def feature_specs(scene: Scene, capacity: int, precision: str) -> dict[str, ArraySpec]:
+def feature_specs(scene: Scene, capacity: int, precision: str) -> Specs:
     """dtype and shape of every array that only this scene's features need."""
     real = np.dtype(precision)
-    specs = {name: ArraySpec(each.dtype, each.shape) for name, each in _constant_in(scene, real).items()}
-    specs |= {each.name: ArraySpec(each.dtype(real), each.shape(capacity)) for each in columns_of(scene)}
+    specs: Specs = {name: (each.dtype, each.shape) for name, each in _constant_in(scene, real).items()}
+    specs |= {each.name: (each.dtype(real), each.shape(capacity)) for each in columns_of(scene)}
     if has_radii(scene):
-        specs |= {f"{buffer}.radius": ArraySpec(real, (capacity + PADDING,)) for buffer in "ab"}
-        specs["giants"] = ArraySpec(real, (1,))
+        specs |= {f"{buffer}.radius": (real, (capacity + PADDING,)) for buffer in "ab"}
+        specs["giants"] = (real, (1,))
     return specs
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 import mpsim
 from mpsim.engine.solvers import event_block, event_tiles
-from mpsim.engine.solvers.event_tiles import Tiling
-from mpsim.engine.workers.tiles import arguments_of
+from mpsim.engine.solvers.event_tiles import Tiling, arguments_of
 from mpsim.kernels.compiling import compiled
 from mpsim.kernels.events import records, windows
 from support.internals import solver_of

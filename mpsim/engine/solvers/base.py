@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.columns import COLUMNS, EXITS, MASS, Column, kept_sizes
+from mpsim.core.columns import COLUMNS, EXITS, MASS, Column, in_state, kept_sizes
 from mpsim.core.state import Box, State, StateInChunks, digest_of
 from mpsim.engine.feature_arrays import unit_of_work
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
-from mpsim.engine.workers.shared import ArraySpec, SharedBlock, resident_bytes
+from mpsim.engine.workers.shared import SharedBlock, Specs, resident_bytes
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES
 from mpsim.kernels.features import collisions as log
@@ -83,22 +83,12 @@ are read when they are written. In each there are `radii` and `masses`, float64 
 scene's discs, and `progress`, int64 of shape (2,): frames done since the start, and steps (of a solver without steps, a
 count of its own)."""
 
-Shapes = dict[str, tuple[np.dtype[Any], tuple[int, ...]]]
-"""dtype and shape of arrays, by name."""
-
 MOST_STEPS = 2**60
-
-INTEGER, REAL = np.dtype(np.int64), np.dtype(np.float64)
 
 
 def count_in(snapshot: SolverState) -> int:
     """Number of discs in a snapshot."""
     return len(snapshot["radii"])
-
-
-def shapes_in_each(count: int) -> Shapes:
-    """dtype and shape of what every snapshot has."""
-    return {"radii": (REAL, (count,)), "masses": (REAL, (count,)), "progress": (INTEGER, (2,))}
 
 
 def demand(condition: Any, text: str) -> None:
@@ -107,11 +97,15 @@ def demand(condition: Any, text: str) -> None:
         raise ValueError(text)
 
 
-def check_shapes(snapshot: SolverState, shapes: Shapes) -> None:
-    """Raise ValueError unless a snapshot has these arrays, and no others."""
+def check_shapes(snapshot: SolverState, own: Specs) -> None:
+    """Raise ValueError unless a snapshot has a method's own arrays, those of every method, and no others."""
+    each = np.float64, (count_in(snapshot),)
+    shapes = own | {"radii": each, "masses": each, "progress": (np.int64, (2,))}
+    if log.SUM in snapshot:
+        shapes |= {log.SUM: (np.int64, (len(snapshot[log.SUM]), 2)), log.UNIT: (np.float64, (1,))}
     demand(snapshot.keys() == shapes.keys(), f"it holds arrays {sorted(snapshot)}; needed are {sorted(shapes)}")
     for name, array in snapshot.items():
-        dtype, shape = shapes[name]
+        dtype, shape = np.dtype(shapes[name][0]), shapes[name][1]
         demand(
             array.dtype == dtype and array.shape == shape,
             f"{name} must be {dtype} of shape {shape}; got {array.dtype} of shape {array.shape}",
@@ -129,13 +123,13 @@ NO_WORK: NDArray[np.int64] = np.zeros((0, 2), np.int64)
 """Sums of no owner."""
 
 
-def work_specs(scene: Scene, workers: int) -> dict[str, ArraySpec]:
+def work_specs(scene: Scene, workers: int) -> Specs:
     """The arrays of a block in which workers count work; {} for a scene in which no surface moves."""
     if not any(each.works(scene) for each in scene._features):
         return {}
     owners = log.WALLS + len(scene.obstacles)
     shape = workers, 2, 2, -(-owners // 8) * 8  # no two workers write to one pair of cache lines
-    return {log.SUM: ArraySpec(INTEGER, shape), log.UNIT: ArraySpec(REAL, (1,))}
+    return {log.SUM: (np.int64, shape), log.UNIT: (np.float64, (1,))}
 
 
 def work_together(*sums: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -146,13 +140,6 @@ def work_together(*sums: NDArray[np.int64]) -> NDArray[np.int64]:
         found[:, 0] += found[:, 1] >> log.PART_BITS
         found[:, 1] &= log.MASK
     return found
-
-
-def work_shapes(snapshot: SolverState) -> Shapes:
-    """dtype and shape of the work in a snapshot from a file; {} if it has none."""
-    if log.SUM not in snapshot:
-        return {}
-    return {log.SUM: (INTEGER, (len(snapshot[log.SUM]), 2)), log.UNIT: (REAL, (1,))}
 
 
 # --- The logs of collisions of a solver, and the table made from them
@@ -175,12 +162,12 @@ ROOM, ROOM_OF_A_DISC = 4096, 2
 """Rows of all logs together: so many, and so many more for each disc."""
 
 
-def specs_of(count: int, workers: int, least: int = 0) -> dict[str, ArraySpec]:
+def specs_of(count: int, workers: int, least: int = 0) -> Specs:
     """The arrays of the logs in a block, with room for at least so many rows in each."""
     room = max((ROOM + ROOM_OF_A_DISC * count) // workers, least, 1)
     return {
-        log.ROWS: ArraySpec(log.COLLISION, (workers, room)),
-        log.STATE: ArraySpec(np.dtype(np.int64), (workers, log.STATE_SIZE)),
+        log.ROWS: (log.COLLISION, (workers, room)),
+        log.STATE: (np.int64, (workers, log.STATE_SIZE)),
     }
 
 
@@ -285,6 +272,25 @@ def in_place(state: State, box: Box, frame: int, time: float, radii: NDArray[np.
     (x, y), (vx, vy), absent = state.position.T, state.velocity.T, None if state.present.all() else ~state.present
     number = np.arange(len(x), dtype=np.int32)
     return InPlace(x, y, vx, vy, number, absent, box if state.box is None else state.box, frame, time, radii)
+
+
+def absorbed_in(found: Mapping[str, NDArray[Any]], count: int) -> NDArray[np.bool_]:
+    """Which of n discs have been absorbed, shape (n,), by their columns."""
+    return found[EXITS.name][:, 0] != 0 if EXITS.name in found else np.zeros(count, bool)
+
+
+def state_of(found: dict[str, NDArray[Any]], absorbed: NDArray[np.bool_], box: Box) -> State:
+    """The state of N discs; it takes over their arrays, and absent ones have nothing that does not rest.
+
+    Args:
+        found: positions, velocities and columns by name, of shape (N, *components).
+        absorbed: which discs have left, shape (N,).
+        box: where the walls are [length].
+    """
+    for column in in_state():
+        if column.name in found and not column.rests:
+            found[column.name][absorbed] = 0
+    return State._taken_over(found["position"], found["velocity"], ~absorbed, box, found)
 
 
 # --- The protocol of all solvers, which the rest of the engine uses
@@ -636,9 +642,9 @@ class Solver(ABC):
         return np.arange(self.count), self.state()
 
     @property
-    @abstractmethod
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left, through an absorbing edge or removed, shape (N,)."""
+        return ~self.state().present if self._scene._loses_discs else np.zeros(self.count, bool)
 
     @abstractmethod
     def add(self, new: NewDiscs, choice: Choice) -> None:

@@ -8,25 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.columns import EXITS, Column, in_state
+from mpsim.core.columns import Column
 from mpsim.core.state import State
 from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.solvers import base
 from mpsim.engine.solvers.base import (
-    REAL,
     Origin,
-    Shapes,
     SolverState,
     Terms,
     check_periods,
     check_shapes,
     count_in,
     demand,
-    shapes_in_each,
-    work_shapes,
 )
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
-from mpsim.engine.workers.shared import ArraySpec, SharedBlock
+from mpsim.engine.workers.shared import SharedBlock, Specs
 from mpsim.errors import InputError, StalledError
 from mpsim.features.baths import probability_of
 from mpsim.features.capsules import lists_of_cells
@@ -224,11 +220,9 @@ def refuse_overlap(system: tuple[Any, Any, Any], diameter: float) -> None:
 # --- Data of features for the kernels of the exact solver, apart from columns
 
 
-def given(scene: Scene, cells: tuple[int, int], dt: float, origin: Origin) -> dict[str, Any]:
-    """Numbers, arrays and records by their names in `hooks.Features`, for so many columns and rows of cells.
-
-    dt: length of a frame [time]. origin: from which frames and the clock count.
-    """
+def given(terms: Terms, cells: tuple[int, int]) -> dict[str, Any]:
+    """Numbers, arrays and records by their names in `hooks.Features`, for so many columns and rows of cells."""
+    scene, settings, origin = terms
     found: dict[str, Any] = {"capsules": _capsules(scene, cells)} if OBSTACLES.at_rest(scene) else {}
     if bodies := OBSTACLES.bodies(scene, margin=2 * scene.largest_radius):
         bodies["body"]["origin"] = origin.time
@@ -246,7 +240,7 @@ def given(scene: Scene, cells: tuple[int, int], dt: float, origin: Origin) -> di
     if (walls := scene.thermal_walls) is not None:
         found["thermal_walls"] = walls.by_edge, walls.seed
     if (bath := scene.thermostat) is not None:
-        found["thermostat"] = (probability_of(bath, dt), bath.temperature, bath.seed, origin.frame)
+        found["thermostat"] = (probability_of(bath, settings.dt), bath.temperature, bath.seed, origin.frame)
     if scene._moving_walls:
         found["moving_wall"] = moving = MovingWalls(**PISTON.walls(scene, np.float64))
         # Their clock begins with their motion: as long as that is 0, the bits are those of any time.
@@ -254,29 +248,18 @@ def given(scene: Scene, cells: tuple[int, int], dt: float, origin: Origin) -> di
     return found
 
 
-def absorbed_in(found: dict[str, NDArray[Any]], count: int) -> NDArray[np.bool_]:
-    """Which discs have been absorbed, shape (count,), by their columns."""
-    return found[EXITS.name][:, 0] != 0 if EXITS.name in found else np.zeros(count, bool)
-
-
 def state_of(scene: Scene, time: float, found: dict[str, NDArray[Any]], radii: NDArray[np.float64]) -> State:
     """The state at a time [time] of discs whose columns are given by name; it takes over these arrays.
 
     A wall that moves is where it is then, and present discs on it, of these radii [length], are not a rounding beyond.
-    Absent discs stay where they left, and have nothing that does not rest.
+    Absent discs stay where they left.
     """
-    absorbed = absorbed_in(found, len(radii))
-    found = {
-        name: found[name] for name in ("position", "velocity", *(each.name for each in in_state())) if name in found
-    }
-    for column in in_state():
-        if column.name in found and not column.rests:
-            found[column.name][absorbed] = 0
+    absorbed = base.absorbed_in(found, len(radii))
     for wall in scene._moving_walls:
         least, most = (limit[..., wall.axis] for limit in scene.limits(radii, time))
         along = found["position"][:, wall.axis]
         np.clip(along, least, most, out=along, where=~absorbed)
-    return State(**found, present=~absorbed, box=scene._box_at(time))
+    return base.state_of(found, absorbed, scene._box_at(time))
 
 
 def _capsules(scene: Scene, cells: tuple[int, int]) -> Capsules:
@@ -308,9 +291,9 @@ def columns_in(scene: Scene) -> list[Column]:
     return [Column("radius", "radius", kept=False, in_state=False)] * has_radii(scene) + columns_of(scene)
 
 
-def column_shapes(scene: Scene, count: int) -> Shapes:
+def column_shapes(scene: Scene, count: int) -> Specs:
     """dtype and shape of the array of each in the block."""
-    return {each.name: (each.dtype(REAL), (count, *each.components)) for each in columns_in(scene)}
+    return {each.name: (each.dtype(np.dtype(np.float64)), (count, *each.components)) for each in columns_in(scene)}
 
 
 def columns_of_discs(scene: Scene, count: int, values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
@@ -358,21 +341,16 @@ def put_back(scene: Scene, arrays: dict[str, Any], snapshot: SolverState) -> Non
             arrays[name][...] = values[arrays["order"]]
 
 
-def crushing_speed_in(snapshot: SolverState) -> float | None:
-    """The crushing speed of a snapshot [length/time]; None without a wall that moves."""
-    return float(snapshot[CRUSHING_SPEED][0]) if CRUSHING_SPEED in snapshot else None
-
-
-def shapes(scene: Scene, count: int) -> Shapes:
-    """dtype and shape of every array of a snapshot."""
+def shapes(scene: Scene, count: int) -> Specs:
+    """dtype and shape of the arrays that only snapshots of this method have."""
     layout, columns = stores.layout(count, cells_for(scene, count)), column_shapes(scene, count)
     blank = {name: records.numbers(np.empty(layout[name][1], layout[name][0])) for name in stores.KEPT}
-    found: Shapes = {name: (array.dtype, array.shape) for name, array in blank.items()}
+    found: Specs = {name: (array.dtype, array.shape) for name, array in blank.items()}
     found |= {saved: columns[name] for saved, name in _saved_columns(scene).items()}
     totals = records.numbers(np.empty((), records.TOTALS))
     if scene._surface_speed:
-        found[CRUSHING_SPEED] = (REAL, (1,))
-    return found | shapes_in_each(count) | {"seen": (totals.dtype, totals.shape), "units": (REAL, (2,))}
+        found[CRUSHING_SPEED] = (np.dtype(np.float64), (1,))
+    return found | {"seen": (totals.dtype, totals.shape), "units": (np.dtype(np.float64), (2,))}
 
 
 # --- one from a file
@@ -383,7 +361,7 @@ def check(scene: Scene, arrays: SolverState, dt: float) -> None:
 
     What is only no state of such a scene, as a disc that flies after it has left, is computed as it is.
     """
-    check_shapes(arrays, shapes(scene, count_in(arrays)) | work_shapes(arrays))
+    check_shapes(arrays, shapes(scene, count_in(arrays)))
     disc, count = records.of_numbers(records.DISC, arrays["disc"]), len(arrays["order"])
     demand(checks.equal(np.sort(arrays["order"]), np.arange(count)), "order must be a permutation")
     flight = ("position", "velocity", "last_update")
@@ -451,41 +429,31 @@ class BlockPlan(NamedTuple):
     """What says which arrays a block has, and what stands in those that do not change.
 
     Attributes:
-        scene: in force.
-        dt: length of a frame [time].
+        terms: in force.
         units: of sums of impulses and of virials [mass length/time], [mass length^2/time].
         contact_time: of the guard [time].
         crushing_speed: of a disc that a wall crushes [length/time]; None without a wall that moves.
-        origin: from which frames and the clock count.
         workers: at most, the coordinator included.
         logging: whether collisions are logged.
     """
 
-    scene: Scene
-    dt: float
+    terms: Terms
     units: tuple[float, float]
     contact_time: float
     crushing_speed: float | None
-    origin: Origin
     workers: int
     logging: bool
 
-    def under(self, terms: Terms, workers: int, **changes: Any) -> "BlockPlan":
-        """The plan under other terms, for so many workers, with further changes by name."""
-        scene, settings, origin = terms
-        return self._replace(scene=scene, dt=settings.dt, origin=origin, workers=workers, **changes)
-
     def room(self, count: int) -> SharedBlock:
         """A block for so many discs, which is still to be made."""
-        cells, tiling = cells_for(self.scene, count), self._tiling(count)
-        shapes = stores.layout(count, cells) | column_shapes(self.scene, count)
-        specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
-        specs |= base.work_specs(self.scene, self.workers)
+        scene, tiling = self.terms.scene, self._tiling(count)
+        of_whole: Specs = stores.layout(count, cells_for(scene, count)) | column_shapes(scene, count)
+        specs = of_whole | base.work_specs(scene, self.workers)
         if self.logging:
             specs |= base.specs_of(count, self.workers if tiling != WHOLE else 1)
         if tiling != WHOLE:
             laws = packed(self._box(count), features_of(self._given(count)))
-            specs |= specs_of(count, tiling, self.workers, shapes, laws)
+            specs |= specs_of(count, tiling, self.workers, of_whole, laws)
         return SharedBlock(specs, alone=tiling == WHOLE or self.workers == 1)
 
     def placed(
@@ -509,7 +477,7 @@ class BlockPlan(NamedTuple):
                 f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
                 "Choose units in which the numbers are smaller."
             )
-        refuse_overlap(system, 2 * self.scene.largest_radius)
+        refuse_overlap(system, 2 * self.terms.scene.largest_radius)
         solver.schedule(*system)
         return system
 
@@ -521,26 +489,25 @@ class BlockPlan(NamedTuple):
         box, features = self._box(count), features_of(arrays | self._given(count))
         features = features._replace(log=collisions.log_of(arrays, 0), work=collisions.work_of(arrays, 0))
         if "tiles" in arrays:
-            lay_out(arrays, self._tiling(count), box, self.dt, self.workers, packed(box, features))
+            lay_out(arrays, self._tiling(count), box, self.terms.settings.dt, self.workers, packed(box, features))
         return System(store, box, features)
 
     def _tiling(self, count: int) -> Tiling:
         """The tiles for so many discs."""
-        if not all(feature.on_tiles for feature in self.scene._features):
+        scene = self.terms.scene
+        if not all(feature.on_tiles for feature in scene._features):
             return WHOLE
-        cells = cells_for(self.scene, count)
-        return tiling_of(count, cells, self.scene.periodic, self.workers)
+        return tiling_of(count, cells_for(scene, count), scene.periodic, self.workers)
 
     def _box(self, count: int) -> Box:
         """The box with the cells for so many discs."""
-        scene, (impulse, virial) = self.scene, self.units
+        scene, (impulse, virial) = self.terms.scene, self.units
         common = 0.0 if has_radii(scene) else scene.largest_radius
         return Box(scene.width, scene.height, *scene.periodic, *cells_for(scene, count), common, impulse, virial)
 
     def _given(self, count: int) -> dict[str, Any]:
         """What features are given besides arrays of the block."""
-        cells = cells_for(self.scene, count)
-        of_scene = given(self.scene, cells, self.dt, self.origin)
+        of_scene = given(self.terms, cells_for(self.terms.scene, count))
         return {"contact_time": self.contact_time, "crushing_speed": self.crushing_speed, **of_scene}
 
 
@@ -550,4 +517,4 @@ def plan_of(scene: Scene, settings: Settings, workers: int) -> BlockPlan:
     contact_time = settings.contact_time
     if contact_time is None:
         contact_time = contact_time_of(scene, settings.dt)
-    return BlockPlan(scene, settings.dt, units, contact_time, crushing, Origin(), workers, logging=False)
+    return BlockPlan(Terms(scene, settings, Origin()), units, contact_time, crushing, workers, logging=False)

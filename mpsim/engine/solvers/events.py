@@ -232,12 +232,6 @@ class EventSolver(Solver, CollisionLog):
         store, box, features = self._system
         return cells.read_out(store, box, features, self._present, kept)
 
-    @property
-    def absorbed(self) -> NDArray[np.bool_]:
-        if not self._scene._loses_discs:
-            return np.zeros(self.count, bool)
-        return event_block.absorbed_in(self._found(), self.count)
-
     def add(self, new: NewDiscs, choice: Choice) -> None:
         now = self.discs()
         places, speeds = np.concatenate([now.position, new.position]), np.concatenate([now.velocity, new.velocity])
@@ -282,7 +276,7 @@ class EventSolver(Solver, CollisionLog):
         count, known = len(discs.position), {"radius": discs.radius, "mass": discs.mass}
         columns = event_block.columns_of_discs(scene, count, {**discs.columns, **known})
         crushing = crushing_speed_of(scene, velocity, self._plan.crushing_speed)
-        plan = self._plan.under(terms, max(choice.workers), crushing_speed=crushing)
+        plan = self._plan._replace(terms=terms, workers=max(choice.workers), crushing_speed=crushing)
         begins = origin != self._origin
         block, work = plan.room(count), self._work_sums()
         with block.closed_on_error():
@@ -294,7 +288,7 @@ class EventSolver(Solver, CollisionLog):
             solver.write_totals(counted, self._system.store)
             seen = records.of_numbers(records.TOTALS, records.numbers(self._seen) - records.numbers(counted))
             windows = self._windows_on(block, system, choice)
-        self._take(plan, terms, choice, block, system, windows)
+        self._take(plan, choice, block, system, windows)
         self._count_work_from(work, self._work_unit)
         self.radii, self.masses, self._seen = discs.radius, discs.mass, seen
         if begins:
@@ -328,7 +322,6 @@ class EventSolver(Solver, CollisionLog):
     def _take(
         self,
         plan: BlockPlan,
-        terms: Terms,
         choice: Choice,
         block: SharedBlock,
         system: System,
@@ -339,7 +332,7 @@ class EventSolver(Solver, CollisionLog):
         self._system, self._block, self._windows, self._plan = system, block, windows, plan
         self.count: int = len(system.store.order)
         self.choice: Choice = choice
-        self._set_terms(terms)
+        self._set_terms(plan.terms)
         if before is not None:
             before.close()
         old.close()
@@ -402,18 +395,18 @@ class EventSolver(Solver, CollisionLog):
         """`restore`, to a block with or without a log of collisions."""
         refuse_what_is_not_exact(terms.scene, terms.settings)
         impulse, virial = snapshot["units"].tolist()
-        crushing = event_block.crushing_speed_in(snapshot)
-        changes = {"units": (impulse, virial), "crushing_speed": crushing, "logging": logging}
-        plan = self._plan.under(terms, max(choice.workers), **changes)
+        kept, workers = snapshot.get(event_block.CRUSHING_SPEED), max(choice.workers)
+        crushing = None if kept is None else float(kept[0])
+        plan = BlockPlan(terms, (impulse, virial), self._plan.contact_time, crushing, workers, logging)
         block = plan.room(count_in(snapshot))
         with block.closed_on_error():
             block.create()
-            event_block.put_back(plan.scene, block.arrays, snapshot)
+            event_block.put_back(terms.scene, block.arrays, snapshot)
             system = plan.system_in(block)
             solver.relink(*system)
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
             windows = None if new_workers else self._windows_on(block, system, choice)
-        self._take(plan, terms, choice, block, system, windows)
+        self._take(plan, choice, block, system, windows)
         self._restore_work(snapshot)
         self.radii: NDArray[np.float64] = radii
         self.masses: NDArray[np.float64] = masses

@@ -1,7 +1,7 @@
 """The methods naive, grid and parallel: discs in the shared block, its growth, commands."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -26,9 +26,9 @@ from mpsim.engine.solvers.base import (
     count_in,
 )
 from mpsim.engine.solvers.speeds import Speeds, fastest_in, speeds_of
-from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc_at, state_of
+from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc_at
 from mpsim.engine.workers.pool import WorkerPool
-from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec, SharedBlock
+from mpsim.engine.workers.shared import MOST_FRAMES, SharedBlock
 from mpsim.engine.workers.worker import LINGER, buffers_of, call_of, kernel_arguments, load_kernels, numbers_of
 from mpsim.errors import DivergedError
 from mpsim.features.properties import has_radii
@@ -82,6 +82,11 @@ class AsTheyLay(ChunkedArray):
         return _pairs_by_id(self.x, self.y, self.numbers)
 
 
+def _as_laid(pairs: Any) -> Any:
+    """Both components of pairs that a snapshot holds: as they lay, or else in the order of their discs."""
+    return (pairs.x, pairs.y) if isinstance(pairs, AsTheyLay) else np.asarray(pairs).T
+
+
 def naive_call(block: SharedBlock) -> Callable[[], int]:
     """`run_naive` with its arguments: views of the block. There is one buffer, which is never sorted."""
     if (known := block.calls.get("naive")) is None:
@@ -90,58 +95,6 @@ def naive_call(block: SharedBlock) -> Callable[[], int]:
         call = its.a, its.features, parameters, control, its.team, its.tally, its.times
         known = block.calls["naive"] = bound(run_naive, *call)
     return known
-
-
-# --- The log of collisions of stepped solvers
-
-
-class StepLog:
-    """What is in the logs of a block, as tables, and how much room there is in them.
-
-    Attributes:
-        frames_that_fit: frames that a command may have, so that a log is about half full after it; at least one.
-    """
-
-    def __init__(self) -> None:
-        self._least = 1
-        self._tables: list[NDArray[Any]] = []
-        self.frames_that_fit: int = MOST_FRAMES
-
-    def specs(self, count: int, workers: int) -> dict[str, ArraySpec]:
-        """The arrays of the logs in a block for so many discs."""
-        return base.specs_of(count, workers, self._least)
-
-    def take(self, arrays: Mapping[str, Any], frames: int, terms: Terms, frame: int, substeps: int) -> bool:
-        """Take over what a command of so many frames has left in the logs. False: not all of it has fitted.
-
-        Then a block that is made from now on has room for it.
-
-        Args:
-            arrays: of the block.
-            frames: of the command.
-            terms, frame, substeps: in force, done, and of each frame when it began.
-        """
-        state, room = arrays[collisions.STATE], arrays[collisions.ROWS].shape[1]
-        longest = int(state[:, collisions.COUNT].max())
-        if longest > room:
-            self._least = 2 * longest
-            return False
-        self.frames_that_fit = max(min(frames * room // (2 * longest or 1), 2 * self.frames_that_fit, MOST_FRAMES), 1)
-        state[:, collisions.AGREED] = state[:, collisions.COUNT]
-        rows = base.emptied(arrays)
-        step, origin = rows["span"] - 1, terms.origin
-        number, ended = frame + step // substeps, (step % substeps + 1) / substeps
-        time = origin.time + ((number - origin.frame + ended) * terms.settings.dt - rows["time"])
-        for edge in range(4):
-            hit = (rows["kind"] == collisions.WALL) & (rows["j"] == edge)
-            rows["place"][hit, edge // 2] = _wall_at(terms.scene, edge, time[hit])
-        self._tables.append(base.table_of(rows, number + 1, time, terms.scene))
-        return True
-
-    def taken(self) -> NDArray[Any]:
-        """The collisions since the last call."""
-        tables, self._tables = self._tables, []
-        return base.in_order(base.joined(tables))
 
 
 def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDArray[np.float64]:
@@ -169,7 +122,9 @@ class GridSolver(SteppedSolver, CollisionLog):
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
         self._moving = False
-        self._log: StepLog = StepLog()
+        self._tables: list[NDArray[Any]] = []  # of collisions that were logged and not taken yet
+        self._least_log = 1  # rows of each log, at least
+        self._frames_that_fit = MOST_FRAMES  # so that a log is about half full after them
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._pool: WorkerPool | None = None
@@ -177,13 +132,10 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._block = self._next_block(max(scene.count, 1), self.radii)
 
     def start(self) -> None:
-        self._fill(self._block)
-        self._write(self._scene.position, self._scene.velocity, given_in(self._scene))
-        self._count_work_from(base.NO_WORK, 0.0)
-        self._configure()
-        self._load_kernels(self._block)
-        self._start_workers(self._block)
-        self._take_workers()
+        scene = self._scene
+        start: SolverState = {"position": scene.position, "velocity": scene.velocity, **given_in(scene)}
+        start |= {"radii": self.radii, "masses": self.masses, "progress": np.zeros(2, np.int64)}
+        self.restore(start, self.choice, self.terms)
 
     def close(self) -> None:
         for pool in (self._next_pool, self._pool):
@@ -203,13 +155,37 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _logged_command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> BatchResult:
         """The same, with all collisions in the log: if they do not fit, the frames are run again with more room."""
         before, frame = self.snapshot(), self.frame
-        frames = min(frames, self._log.frames_that_fit)
+        frames = min(frames, self._frames_that_fit)
         while True:
             self._arrays[collisions.STATE][:] = 0
             result = self._command(frames, workers, stop, count_enabled)
-            if self._log.take(self._arrays, result.times.shape[1], self.terms, frame, self.substeps):
+            if self._take_logs(result.times.shape[1], frame):
                 return result
             self.restore(before, self.choice, self.terms)
+
+    def _take_logs(self, frames: int, frame: int) -> bool:
+        """Make a table of what a command has logged. False: not all has fitted; a block that is made now has room.
+
+        frames, frame: of the command, and done when it began.
+        """
+        arrays, terms, substeps = self._arrays, self.terms, self.substeps
+        state, room = arrays[collisions.STATE], arrays[collisions.ROWS].shape[1]
+        longest = int(state[:, collisions.COUNT].max())
+        if longest > room:
+            self._least_log = 2 * longest
+            return False
+        fitting = min(frames * room // (2 * longest or 1), 2 * self._frames_that_fit, MOST_FRAMES)
+        self._frames_that_fit = max(fitting, 1)
+        state[:, collisions.AGREED] = state[:, collisions.COUNT]
+        rows = base.emptied(arrays)
+        step, origin = rows["span"] - 1, terms.origin
+        number, ended = frame + step // substeps, (step % substeps + 1) / substeps
+        time = origin.time + ((number - origin.frame + ended) * terms.settings.dt - rows["time"])
+        for edge in range(4):
+            hit = (rows["kind"] == collisions.WALL) & (rows["j"] == edge)
+            rows["place"][hit, edge // 2] = _wall_at(terms.scene, edge, time[hit])
+        self._tables.append(base.table_of(rows, number + 1, time, terms.scene))
+        return True
 
     def _command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> BatchResult:
         self._write_command(frames, workers, stop, count_enabled)
@@ -274,7 +250,8 @@ class GridSolver(SteppedSolver, CollisionLog):
                 raise
 
     def take_collisions(self) -> NDArray[Any]:
-        return self._log.taken()
+        tables, self._tables = self._tables, []
+        return base.in_order(base.joined(tables))
 
     @property
     def half_done(self) -> bool:
@@ -364,9 +341,9 @@ class GridSolver(SteppedSolver, CollisionLog):
         few = (last - first) * FEW <= self.count
         numbers, arrays = np.arange(first, last) if few else None, self._arrays
         rows = slice(self.count) if numbers is None else numbers
-        position, velocity = self._places_and_speeds(numbers)
         found = {each.name: arrays[each.name][..., rows].T.copy() for each in columns.in_state() if each.name in arrays}
-        state = state_of(self._box, arrays, position, velocity, found, self.absorbed[rows])
+        found["position"], found["velocity"] = self._places_and_speeds(numbers)
+        state = self._state_of(found, self.absorbed[rows])
         return state if few else part_of(state, first, last)
 
     def in_place(self) -> InPlace:
@@ -420,11 +397,6 @@ class GridSolver(SteppedSolver, CollisionLog):
         for column in columns.COLUMNS:
             if column.name in arrays:
                 arrays[column.name][..., rows if numbers is None else numbers] = new.of(column).T
-
-    def _write(self, position: NDArray[Any], velocity: NDArray[Any], brought: dict[str, NDArray[Any]]) -> None:
-        """Write all discs into a new block. brought: of columns by id, by name, besides masses."""
-        given = {**brought, columns.MASS.name: self.masses}
-        self._write_discs(NewDiscs(position, velocity, self.radii, given), 0)
 
     # --- snapshots, and other terms
 
@@ -548,7 +520,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         grid = self._grid_of(capacity, self._giant_radius(radii))
         self._capacity = capacity
         arrays = block_arrays(capacity, grid, self._most_workers, precision, features)
-        arrays |= self._log.specs(capacity, self._most_workers) if self.logging else {}
+        arrays |= base.specs_of(capacity, self._most_workers, self._least_log) if self.logging else {}
         return SharedBlock(arrays, alone=self._most_workers == 1)
 
     def _fill(self, block: SharedBlock) -> None:
@@ -575,29 +547,24 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun, self._sorted_grid = -1, None
         arrays["team"]["fastest"], self.too_fast = 0, False
         frames, steps = self._begin_from(snapshot)
+        count, discs, numbers = self.count, live_discs(self._block), np.arange(self.count, dtype=np.int32)
         position, velocity = snapshot["position"], snapshot["velocity"]
-        if isinstance(position, AsTheyLay) and isinstance(velocity, AsTheyLay):
-            self._put_as_they_lay(position, velocity)
-        else:
-            self._write(np.asarray(position), np.asarray(velocity), {})
+        if isinstance(position, AsTheyLay):
+            numbers = position.numbers
+        discs.x[:count], discs.y[:count] = _as_laid(position)
+        discs.vx[:count], discs.vy[:count] = _as_laid(velocity)
+        discs.id[:count] = numbers
+        if discs.radius is not None:
+            discs.radius[:count] = self.radii[numbers]
+        arrays["control"].in_order = 0
         arrays["control"].done, arrays["control"].steps = frames, steps
+        if columns.MASS.name in arrays:
+            columns.MASS.put(arrays[columns.MASS.name], self.masses)
         for column in columns.COLUMNS:
-            if column.name in snapshot:
+            if column.kept and column.name in snapshot:
                 column.put(arrays[column.name], snapshot[column.name])
         self._restore_work(snapshot)
         self._configure()
-
-    def _put_as_they_lay(self, position: AsTheyLay, velocity: AsTheyLay) -> None:
-        """Write places and speeds back in the order in which they lay."""
-        count, arrays, discs = len(position), self._arrays, live_discs(self._block)
-        discs.x[:count], discs.y[:count] = position.x, position.y
-        discs.vx[:count], discs.vy[:count] = velocity.x, velocity.y
-        discs.id[:count] = position.numbers
-        if discs.radius is not None:
-            discs.radius[:count] = self.radii[position.numbers]
-        if columns.MASS.name in arrays:
-            columns.MASS.put(arrays[columns.MASS.name], self.masses)
-        arrays["control"].in_order = 0
 
     def _configure(self) -> None:
         giant = self._giant_radius(self.radii)

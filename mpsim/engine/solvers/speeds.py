@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from mpsim.core.columns import ranges
 from mpsim.features.properties import densest_packing
-from mpsim.kernels import records
 from mpsim.scene.scene import Scene
 
 # --- Speeds of the discs of a state, relative to what the step allows
@@ -52,11 +51,9 @@ class Speeds:
         """Displacement of the fastest disc in a step of length dt, as a fraction of its limit."""
         return self.speed * dt / self.limit
 
-    def or_faster(self, other: "Speeds | None") -> "Speeds":
-        """These, with the fastest disc of a moment before if it was faster (but for rounding), or the pinched one."""
-        if other is not None and other.pinched >= 0:
-            return replace(self, pinched=other.pinched)
-        if other is None or other.fraction(1 + 1e-5) < self.fraction(1.0):
+    def or_faster(self, other: "Speeds") -> "Speeds":
+        """These, with the fastest disc of a moment before if it was faster (but for rounding)."""
+        if other.fraction(1 + 1e-5) < self.fraction(1.0):
             return self
         return replace(other, collision_rate=self.collision_rate, mean_speed=self.mean_speed, smallest=self.smallest)
 
@@ -82,7 +79,7 @@ def speeds_of(
         numbers = np.flatnonzero(present)
         velocity, radius = velocity[numbers], radius[numbers]
     sides = sides_at(scene, time)
-    part = DiscSpeeds.of(numbers, velocity, radius, BoxSides(sides, scene.periodic, float(radius.max(initial=0.0))))
+    part = DiscSpeeds.of(numbers, velocity, radius, sides, scene.periodic, float(radius.max(initial=0.0)))
     return speeds_together(part, lambda value: [value], radius, sides)
 
 
@@ -91,10 +88,10 @@ def speeds_at_start(scene: Scene) -> Speeds:
     if not scene.count:
         return Speeds()
     radii, sides = scene.radii, sides_at(scene, 0.0)
-    walls, fastest, squares = BoxSides(sides, scene.periodic, float(radii.max())), (), 0.0
+    fastest, squares, largest = (), 0.0, float(radii.max())
     for first, velocity in scene._velocities_in_pieces():
         last = first + len(velocity)
-        part = DiscSpeeds.of(np.arange(first, last), velocity, radii[first:last], walls)
+        part = DiscSpeeds.of(np.arange(first, last), velocity, radii[first:last], sides, scene.periodic, largest)
         fastest, squares = faster_of(fastest, part.fastest), squares + float(part.squares.sum())
     return _with_means(fastest, squares / len(radii), radii, sides)
 
@@ -118,14 +115,6 @@ def speeds_together(
     return _with_means(fastest, mean_square, radius, sides)
 
 
-class BoxSides(NamedTuple):
-    """What discs may be too close to: sides of the box [length], which of them are periodic, and the largest radius."""
-
-    sides: tuple[float, float]
-    periodic: tuple[bool, bool]
-    largest_radius: float
-
-
 class DiscSpeeds(NamedTuple):
     """What is known of the speeds of some discs.
 
@@ -142,9 +131,18 @@ class DiscSpeeds(NamedTuple):
 
     @classmethod
     def of(
-        cls, numbers: NDArray[np.int64], velocity: NDArray[Any], radius: NDArray[np.float64], walls: BoxSides
+        cls,
+        numbers: NDArray[np.int64],
+        velocity: NDArray[Any],
+        radius: NDArray[np.float64],
+        sides: tuple[float, float],
+        periodic: tuple[bool, bool],
+        largest_radius: float,
     ) -> "DiscSpeeds":
-        """Of the discs of these numbers, rising, velocities of shape (K, 2) and radii of shape (K,)."""
+        """Of the discs of these numbers, rising, velocities of shape (K, 2) and radii of shape (K,).
+
+        sides, periodic, largest_radius: of the box [length], and of all discs [length].
+        """
         if not len(numbers):
             return cls((), np.zeros(0), 0.0)
         vx, vy = (np.ascontiguousarray(column, np.float64) for column in velocity.T)
@@ -153,8 +151,8 @@ class DiscSpeeds(NamedTuple):
         speed = np.sqrt(squares)
         worst = int((speed / radius).argmax())
         found = [Speeds(int(numbers[worst]), float(speed[worst]), float(radius[worst]))]
-        for axis, (v, length) in enumerate(zip((vx, vy), walls.sides, strict=True)):
-            if walls.periodic[axis] or length - 2 * walls.largest_radius >= walls.largest_radius:
+        for axis, (v, length) in enumerate(zip((vx, vy), sides, strict=True)):
+            if periodic[axis] or length - 2 * largest_radius >= largest_radius:
                 continue
             free = length - 2 * radius
             # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
@@ -272,39 +270,12 @@ class SpeedLimit(NamedTuple):
         return max(rate * rate, float(number.tiny))
 
 
-class Fastest(NamedTuple):
-    """The fastest disc that was too fast in a command. Of equally fast ones it is that of the least number.
-
-    Attributes:
-        fraction: its speed over that from which on discs are too fast, times FASTEST_SCALE; PINCHED: it is pinched;
-            0: there was none.
-        negative_disc: its number, times -1.
-    """
-
-    fraction: int = 0
-    negative_disc: int = 0
+Fastest = tuple[int, int]
+"""Of a disc that was too fast in a command: its speed over that from which on discs are too fast, times FASTEST_SCALE
+(PINCHED: it is pinched; 0: there was none), and its number, times -1, so that of equally fast discs the one of the
+least number is the maximum."""
 
 
 def fastest_in(team: NDArray[Any]) -> Fastest:
     """The fastest that some members of a team have found."""
-    return max(Fastest(int(each.fastest), -int(each.fastest_disc)) for each in team)
-
-
-def disc_too_fast(found: Fastest, fast: float, radii: NDArray[np.float64], own: bool, frame: int) -> Speeds | None:
-    """The speed of a disc that was too fast; None where there was none.
-
-    Args:
-        found: of the last frame.
-        fast: the parameter with which kernels compare.
-        radii: of all discs, shape (N,) [length].
-        own: whether discs have radii of their own, so that `fast` is of speeds per radius.
-        frame: the last one.
-    """
-    if not found.fraction:
-        return None
-    disc = -found.negative_disc
-    if found.fraction == records.PINCHED:
-        return Speeds(pinched=disc)
-    radius = float(radii[disc])
-    speed = found.fraction / records.FASTEST_SCALE * math.sqrt(fast) * (radius if own else 1.0)
-    return Speeds(disc, speed, radius, when=f"in frame {frame}")
+    return max((int(each.fastest), -int(each.fastest_disc)) for each in team)

@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from mpsim.engine.feature_arrays import columns_of, typical_momentum, wall_limit
 from mpsim.engine.solvers.base import (
     MOST_COUNTED,
     Choice,
-    Shapes,
     Solver,
     SolverState,
     Steps,
@@ -24,11 +23,10 @@ from mpsim.engine.solvers.base import (
     check_shapes,
     demand,
     frames_until,
-    shapes_in_each,
-    work_shapes,
+    state_of,
 )
-from mpsim.engine.solvers.speeds import Fastest, SpeedLimit, Speeds, disc_too_fast
-from mpsim.engine.workers.shared import MOST_FRAMES, ArraySpec
+from mpsim.engine.solvers.speeds import Fastest, SpeedLimit, Speeds
+from mpsim.engine.workers.shared import MOST_FRAMES, Specs
 from mpsim.features.edges import EDGES, WALLED, wraps_of
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
@@ -91,29 +89,25 @@ def grid_for(
     return Grid(columns - columns % 2 if wraps_x else columns, rows, outside)
 
 
-def block_arrays(
-    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, ArraySpec]
-) -> dict[str, ArraySpec]:
+def block_arrays(capacity: int, grid: Grid, workers: int, precision: str, features: Specs) -> Specs:
     """Every array and record of the shared block, by name. `features` holds what only some scenes need."""
     real, length = np.dtype(precision), capacity + records.PADDING
-    arrays: dict[str, ArraySpec] = {}
+    arrays: Specs = {}
     for buffer in ("a", "b"):
         for column in records.Discs._fields:
             if column not in records.OPTIONAL:  # those are features
-                dtype = np.dtype(np.int32) if column in records.WHOLE else real
-                arrays[f"{buffer}.{column}"] = ArraySpec(dtype, (length,))
-    arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
+                arrays[f"{buffer}.{column}"] = (np.int32 if column in records.WHOLE else real), (length,)
+    arrays["start"] = np.int32, (grid.table_size,)
     for name in records.Changes._fields:
-        arrays[name] = ArraySpec(np.dtype(np.int32), (capacity // FEW + 1,))
-    arrays["first_arrival"] = ArraySpec(np.dtype(np.int32), (grid.table_size // BUCKET + workers + 1,))
-    arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
-    arrays["parameters"] = ArraySpec(records.parameters_in(precision), ())
-    arrays["control"] = ArraySpec(records.CONTROL, ())
-    arrays["team"] = ArraySpec(records.MEMBER, (workers,))
-    word = np.dtype(np.int64)
-    arrays["sent"] = ArraySpec(word, (workers, -(-workers // WORDS) * WORDS))
-    arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(records.PHASES)))
-    arrays["tally"] = ArraySpec(records.TALLY, (workers, MOST_FRAMES))
+        arrays[name] = np.int32, (capacity // FEW + 1,)
+    arrays["first_arrival"] = np.int32, (grid.table_size // BUCKET + workers + 1,)
+    arrays["outbox"] = np.int32, (length,)
+    arrays["parameters"] = records.parameters_in(precision), ()
+    arrays["control"] = records.CONTROL, ()
+    arrays["team"] = records.MEMBER, (workers,)
+    arrays["sent"] = np.int64, (workers, -(-workers // WORDS) * WORDS)
+    arrays["times"] = np.int64, (workers, MOST_FRAMES, len(records.PHASES))
+    arrays["tally"] = records.TALLY, (workers, MOST_FRAMES)
     return arrays | features
 
 
@@ -121,33 +115,6 @@ def block_arrays(
 
 SLACK = 1e-6
 """Fraction of the box by which rounding may have put a centre beyond its limit."""
-
-
-def state_of(
-    box: Box,
-    arrays: dict[str, Any],
-    position: NDArray[np.floating],
-    velocity: NDArray[np.floating],
-    found: dict[str, Any],
-    absorbed: NDArray[np.bool_],
-) -> State:
-    """The state of discs whose values are in the order of the scene's; it takes over these arrays.
-
-    Args:
-        box: as it is now.
-        arrays: of the block: what does not change with the number of discs.
-        position, velocity: shape (N, 2).
-        found: further columns of a state, a row for each disc.
-        absorbed: which discs have left, shape (N,).
-    """
-    for axis, wrap in enumerate((arrays.get("wrap_x"), arrays.get("wrap_y"))):
-        if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
-            images = found.get(columns.IMAGE.name)
-            wrap_places(position[:, axis], None if images is None else images.T, axis, wrap)
-    for column in columns.in_state():
-        if column.name in found and not column.rests:
-            found[column.name][absorbed] = 0
-    return State._taken_over(position, velocity, ~absorbed, box, found)
 
 
 def disc_at(discs: records.Discs, slot: int) -> tuple[int, tuple[float, float, float, float]]:
@@ -273,6 +240,14 @@ class SteppedSolver(Solver, Steps):
         steps = float(self._arrays["control"].steps)
         return self._scene._box_at(self._origin.time + steps / self.substeps * self._settings.dt)
 
+    def _state_of(self, found: dict[str, NDArray[Any]], absorbed: NDArray[np.bool_]) -> State:
+        """As `state_of`, in the present box."""
+        for axis, wrap in enumerate((self._arrays.get("wrap_x"), self._arrays.get("wrap_y"))):
+            if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
+                images = found.get(columns.IMAGE.name)
+                wrap_places(found["position"][:, axis], None if images is None else images.T, axis, wrap)
+        return state_of(found, absorbed, self._box)
+
     # --- steps
 
     def set_speed_limit(self, limit: SpeedLimit) -> None:
@@ -288,10 +263,17 @@ class SteppedSolver(Solver, Steps):
             self._configure()
 
     def _or_too_fast(self, found: Speeds, fastest: Fastest) -> Speeds:
-        """These speeds, or that of the disc that was too fast in the last command, which is told once."""
-        fast = float(self._arrays["parameters"].fast)
+        """These speeds, or that of the disc that was too fast in the last command, or pinched, which is told once."""
         self.too_fast: bool = False
-        return found.or_faster(disc_too_fast(fastest, fast, self.radii, has_radii(self._scene), self.frame - 1))
+        fraction, disc = fastest[0], -fastest[1]
+        if not fraction:
+            return found
+        if fraction == records.PINCHED:
+            return replace(found, pinched=disc)
+        radius, fast = float(self.radii[disc]), float(self._arrays["parameters"].fast)
+        speed = fraction / records.FASTEST_SCALE * math.sqrt(fast)
+        speed *= radius if has_radii(self._scene) else 1.0  # with own radii `fast` is of speeds per radius
+        return found.or_faster(Speeds(disc, speed, radius, when=f"in frame {self.frame - 1}"))
 
     # --- the grid
 
@@ -318,10 +300,10 @@ class SteppedSolver(Solver, Steps):
     @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:
         real, count = np.dtype(settings.precision), len(snapshot["radii"])
-        shapes: Shapes = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
+        shapes: Specs = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
         kept = [column for column in columns_of(scene) if column.kept]
         shapes |= {column.name: (column.dtype(real), column.rows(count)) for column in kept}
-        check_shapes(snapshot, shapes | shapes_in_each(count) | work_shapes(snapshot))
+        check_shapes(snapshot, shapes)
         for name in ("velocity", *(column.name for column in kept if column.in_state or column.given)):
             demand(np.isfinite(snapshot[name]).all(), f"{name} must be finite")
         _check_places(scene, snapshot["position"])

@@ -21,7 +21,7 @@ from typing import Any, cast
 
 import numpy as np
 import psutil
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.errors import ResourceError, SharedMemoryError, is_of_the_system
@@ -30,17 +30,8 @@ MOST_FRAMES = 4096
 """Frames of one command at most: the length of the array of times in the shared block."""
 
 
-@dataclass(frozen=True)
-class ArraySpec:
-    """dtype and shape of one array of the shared block; of shape () it is a record."""
-
-    dtype: np.dtype
-    shape: tuple[int, ...]
-
-    @property
-    def nbytes(self) -> int:
-        """Size in bytes."""
-        return self.dtype.itemsize * math.prod(self.shape)
+Specs = dict[str, tuple[DTypeLike, tuple[int, ...]]]
+"""dtype and shape of arrays, by name; of shape () it is a record."""
 
 
 # --- What the system allows this process, for errors that say in numbers what it has refused
@@ -178,7 +169,7 @@ class SharedBlock:
         calls: arguments of kernels, made of these, by whom they are for; they are dropped, too.
     """
 
-    def __init__(self, specs: dict[str, ArraySpec], name: str | None = None, alone: bool = False):
+    def __init__(self, specs: Specs, name: str | None = None, alone: bool = False):
         """Holds nothing yet, so that its owner knows of the block before there is anything to give back.
 
         alone: whether no other process attaches, so that memory of this process will do where shared memory is refused.
@@ -244,7 +235,7 @@ class SharedBlock:
         self._map(memory)
 
     @classmethod
-    def attach(cls, name: str, specs: dict[str, ArraySpec]) -> "SharedBlock":
+    def attach(cls, name: str, specs: Specs) -> "SharedBlock":
         """Map an existing block in a worker, leaving its clean-up to the coordinator."""
         block = cls(specs, name)
         try:
@@ -261,12 +252,10 @@ class SharedBlock:
         return block
 
     def _map(self, memory: SharedMemory) -> None:
-        for (name, spec), offset in zip(self.specs.items(), _offsets(self.specs), strict=False):
+        for (name, (dtype, shape)), offset in zip(self.specs.items(), _offsets(self.specs), strict=False):
             # frombuffer holds the block: closing while a view lives raises instead of crashing at the next read.
-            flat: NDArray[Any] = np.frombuffer(
-                cast(memoryview, memory.buf), spec.dtype, spec.nbytes // spec.dtype.itemsize, offset
-            )
-            self.arrays[name] = flat.reshape(spec.shape)[()]  # of shape (): the record itself, no copy of it
+            flat: NDArray[Any] = np.frombuffer(cast(memoryview, memory.buf), dtype, math.prod(shape), offset)
+            self.arrays[name] = flat.reshape(shape)[()]  # of shape (): the record itself, no copy of it
 
     def close(self) -> None:
         """Drop the views and the mapping; the owner also removes the block. May be called again, and at any moment."""
@@ -410,10 +399,10 @@ def _registering_nothing():
         resource_tracker.register = register
 
 
-def _offsets(specs: dict[str, ArraySpec]) -> list[int]:
+def _offsets(specs: Specs) -> list[int]:
     """Where each array begins in the block, and where the last one ends."""
     offsets = [0]
-    for index, spec in enumerate(specs.values(), start=1):
-        end, place = offsets[-1] + spec.nbytes, index * STAGGER % PAGE
+    for index, (dtype, shape) in enumerate(specs.values(), start=1):
+        end, place = offsets[-1] + np.dtype(dtype).itemsize * math.prod(shape), index * STAGGER % PAGE
         offsets.append(end + (place - end) % PAGE)
     return offsets

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.engine.workers.shared import ArraySpec, SharedBlock, refusal_of_process
+from mpsim.engine.workers.shared import SharedBlock, Specs, refusal_of_process
 from mpsim.errors import ResourceError
 from mpsim.kernels import compiling, records
 from mpsim.kernels.features.hooks import features_of
@@ -138,7 +138,7 @@ def load_kernels(block: SharedBlock, program: Program = GRID) -> None:
 
 
 def worker_main(
-    worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec], program: Program, coordinator: int
+    worker: int, connection: Connection, name: str, specs: Specs, program: Program, coordinator: int
 ) -> None:
     """Entry point of worker `worker` (1 or above); ends with its coordinator (a process number), whatever happens."""
     for number in (signal.SIGINT, signal.SIGTERM):  # they may reach the whole group; the coordinator alone decides

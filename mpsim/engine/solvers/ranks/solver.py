@@ -21,7 +21,16 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
 from mpsim.core.version import __version__
 from mpsim.engine.feature_arrays import columns_of, given_in
-from mpsim.engine.solvers.base import NO_WORK, BatchResult, Choice, NewDiscs, SolverState, Terms, work_together
+from mpsim.engine.solvers.base import (
+    NO_WORK,
+    BatchResult,
+    Choice,
+    NewDiscs,
+    SolverState,
+    Terms,
+    absorbed_in,
+    work_together,
+)
 from mpsim.engine.solvers.ranks.messages import LOST, NOT_FINITE, MpiRanks
 from mpsim.engine.solvers.ranks.subdomain import (
     Border,
@@ -34,16 +43,8 @@ from mpsim.engine.solvers.ranks.subdomain import (
     in_turns,
     refuse_giants,
 )
-from mpsim.engine.solvers.speeds import (
-    BoxSides,
-    DiscSpeeds,
-    Fastest,
-    Speeds,
-    fastest_in,
-    sides_at,
-    speeds_together,
-)
-from mpsim.engine.solvers.stepped import Grid, SteppedSolver, disc_at, state_of
+from mpsim.engine.solvers.speeds import DiscSpeeds, Fastest, Speeds, fastest_in, sides_at, speeds_together
+from mpsim.engine.solvers.stepped import Grid, SteppedSolver, disc_at
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.errors import DivergedError, InputError
 from mpsim.kernels import records
@@ -71,7 +72,7 @@ class MpiSolver(SteppedSolver):
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
         refuse_giants(scene, scene.radii)
-        self._fastest = Fastest()
+        self._fastest: Fastest = 0, 0
         self._ranks: MpiRanks | None = None
         self._part: Subdomain | None = None
         self._last_frame = 0
@@ -270,7 +271,7 @@ class MpiSolver(SteppedSolver):
         ranks.raise_any(failures)
         self._fastest = max(fastest)
         self._count_work_from(work_together(self._work_before, *chain.from_iterable(works)), self._work_unit)
-        self.too_fast: bool = self._fastest.fraction > 0
+        self.too_fast: bool = self._fastest[0] > 0
         counters = self._counters(np.concatenate(tallies)) if count_enabled else None
         return BatchResult(np.concatenate(times), sum(contacts), counters, too_fast=self.too_fast)
 
@@ -344,27 +345,21 @@ class MpiSolver(SteppedSolver):
             present = None if present is None else np.append(present, np.ones(len(new.position), bool))
             if self.ranks.is_root:
                 own, velocity = np.append(own, range(count, len(radii))), np.append(velocity, new.velocity, 0)
-        part = DiscSpeeds.of(own, velocity, radii[own], BoxSides(sides, scene.periodic, scene.largest_radius))
+        part = DiscSpeeds.of(own, velocity, radii[own], sides, scene.periodic, scene.largest_radius)
         found = speeds_together(part, self.ranks.all_of, radii if present is None else radii[present], sides)
-        fastest, self._fastest = self._fastest, Fastest()
+        fastest, self._fastest = self._fastest, (0, 0)
         return self._or_too_fast(found, fastest)
 
     # --- discs, of which no rank has to hold all
 
     def state(self, first: int = 0, last: int | None = None) -> State:
         last = self.count if last is None else last
-        return self._state_of(self._rows(first, last), last - first)
+        rows = self._rows(first, last)
+        return self._state_of(rows, absorbed_in(rows, last - first))
 
     def local_state(self) -> tuple[NDArray[np.int64], State]:
-        numbers, found = self._subdomain.own()
-        return numbers, self._state_of(found, len(numbers))
-
-    def _state_of(self, found: Rows, count: int) -> State:
-        """The state of so many discs of which this is found."""
-        absorbed = absorbed_in(found, count)
-        found.pop(columns.EXITS.name, None)
-        position, velocity = found.pop("position"), found.pop("velocity")
-        return state_of(self._box, self._arrays, position, velocity, found, absorbed)
+        numbers, rows = self._subdomain.own()
+        return numbers, self._state_of(rows, absorbed_in(rows, len(numbers)))
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
@@ -480,9 +475,3 @@ class MpiSolver(SteppedSolver):
         position, velocity = snapshot["position"], snapshot["velocity"]
         self._enter_all(lambda first, last: (position[first:last], velocity[first:last]), given, progress)
         self._restore_work(snapshot)
-
-
-def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:
-    """Which of the discs of a range have left through an absorbing edge, shape (count,)."""
-    exits = rows.get(columns.EXITS.name)
-    return np.zeros(count, bool) if exits is None else exits[:, 0] != 0
