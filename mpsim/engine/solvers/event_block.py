@@ -1,7 +1,6 @@
 """The shared block of the exact solver: scenes it takes, their features, its arrays and snapshots."""
 
 import math
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from mpsim.core.state import State
 from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.solvers import base
 from mpsim.engine.solvers.base import (
+    NewDiscs,
     Origin,
     SolverState,
     Terms,
@@ -296,15 +296,6 @@ def column_shapes(scene: Scene, count: int) -> Specs:
     return {each.name: (each.dtype(np.dtype(np.float64)), (count, *each.components)) for each in columns_in(scene)}
 
 
-def columns_of_discs(scene: Scene, count: int, values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Columns of so many discs, from what is known of them by name; the others are zero."""
-    found: dict[str, NDArray[Any]] = {}
-    for name, (dtype, shape) in column_shapes(scene, count).items():
-        given = values.get(name)
-        found[name] = np.zeros(shape, dtype) if given is None else given
-    return found
-
-
 def _saved_columns(scene: Scene) -> dict[str, str]:
     """Those that a snapshot holds: name there -> name of the array."""
     return {_SAVED_AS.get(each.name, each.name): each.name for each in columns_in(scene) if each.kept}
@@ -456,14 +447,7 @@ class BlockPlan(NamedTuple):
             specs |= specs_of(count, tiling, self.workers, of_whole, laws)
         return SharedBlock(specs, alone=tiling == WHOLE or self.workers == 1)
 
-    def placed(
-        self,
-        block: SharedBlock,
-        position: NDArray[np.floating],
-        velocity: NDArray[np.floating],
-        columns: dict[str, NDArray[Any]],
-        time: float,
-    ) -> System:
+    def placed(self, block: SharedBlock, discs: NewDiscs, time: float) -> System:
         """Make a block, with discs in it that are ready to go at a time [time].
 
         Raises:
@@ -471,13 +455,16 @@ class BlockPlan(NamedTuple):
         """
         block.create()
         system = self.system_in(block)
-        status, particle = stores.place(position, velocity, columns, time, *system)
+        scene = self.terms.scene
+        columns = {each.name: discs.radius if each.name == "radius" else discs.of(each) for each in columns_in(scene)}
+        status, particle = stores.place(discs.position, discs.velocity, columns, time, *system)
         if status != records.REACHED:
             raise InputError(
-                f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
+                f"velocity[{particle}] must be below 1e100 for method='event'; got "
+                f"{discs.velocity[particle].tolist()}. "
                 "Choose units in which the numbers are smaller."
             )
-        refuse_overlap(system, 2 * self.terms.scene.largest_radius)
+        refuse_overlap(system, 2 * scene.largest_radius)
         solver.schedule(*system)
         return system
 

@@ -77,9 +77,9 @@ class EventSolver(Solver, CollisionLog):
         self._block = self._plan.room(scene.count)
 
     def start(self) -> None:
-        scene, known = self._scene, {"radius": self.radii, "mass": self.masses}
-        columns = event_block.columns_of_discs(scene, self.count, given_in(scene) | known)
-        self._system = self._plan.placed(self._block, scene.position, scene.velocity, columns, 0.0)
+        columns = {**given_in(self._scene), MASS.name: self.masses}
+        discs = NewDiscs(self._scene.position, self._scene.velocity, self.radii, columns)
+        self._system = self._plan.placed(self._block, discs, 0.0)
         self._count_work_from(base.NO_WORK, 0.0)
         self._begin()
 
@@ -273,15 +273,13 @@ class EventSolver(Solver, CollisionLog):
         """
         scene, settings, origin = terms
         refuse_extremes(scene, discs.velocity, settings.dt)
-        count, known = len(discs.position), {"radius": discs.radius, "mass": discs.mass}
-        columns = event_block.columns_of_discs(scene, count, {**discs.columns, **known})
         crushing = crushing_speed_of(scene, velocity, self._plan.crushing_speed)
         plan = self._plan._replace(terms=terms, workers=max(choice.workers), crushing_speed=crushing)
         begins = origin != self._origin
-        block, work = plan.room(count), self._work_sums()
+        block, work = plan.room(len(discs.position)), self._work_sums()
         with block.closed_on_error():
             present = 0.0 if begins else self._present
-            system = plan.placed(block, discs.position, discs.velocity, columns, present)
+            system = plan.placed(block, discs, present)
             system.store.counter.guarded = self._system.store.counter.guarded  # which counts for the whole run
             # Of a frame in hand, the new store has counted nothing yet.
             counted: Any = np.zeros((), records.TOTALS)[()]

@@ -29,7 +29,7 @@ from mpsim.engine.solvers.speeds import Speeds, fastest_in, speeds_of
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc_at
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import MOST_FRAMES, SharedBlock
-from mpsim.engine.workers.worker import LINGER, buffers_of, call_of, kernel_arguments, load_kernels, numbers_of
+from mpsim.engine.workers.worker import LINGER, call_of, kernel_arguments, load_kernels, numbers_of
 from mpsim.errors import DivergedError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
@@ -44,8 +44,8 @@ from mpsim.scene.settings import Settings
 
 def live_discs(block: SharedBlock) -> records.Discs:
     """The buffer that holds the state."""
-    live: int = numbers_of(block)[0].live
-    return buffers_of(block)[live]
+    its = kernel_arguments(block)
+    return its.b if numbers_of(block)[0].live else its.a
 
 
 _PAIR = {np.dtype(np.float32): np.dtype(np.complex64), np.dtype(np.float64): np.dtype(np.complex128)}
@@ -223,7 +223,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         team = self._arrays["team"]
         # After an odd number of steps the state lies in the other buffer, so both are looked at.
         slots = [int(slot) for slot in team["bad_slot"] if slot >= 0]
-        candidates = [disc_at(discs, slot) for discs in buffers_of(self._block) for slot in slots]
+        candidates = [disc_at(discs, slot) for discs in kernel_arguments(self._block)[:2] for slot in slots]
         disc, values = min(each for each in candidates if not np.isfinite(each[1]).all())
         return DivergedError(disc, self.frame + int(team[0].frame), values[:2], values[2:])
 
@@ -283,7 +283,8 @@ class GridSolver(SteppedSolver, CollisionLog):
         share = np.arange(workers + 1) * self.count // workers
         if self._sorted_grid == self._grid:
             first_of_column = self._block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
-            columns = shares_of(first_of_column[: self._grid.columns], share)
+            columns = np.searchsorted(first_of_column[: self._grid.columns], share)
+            columns[0], columns[-1] = 0, self._grid.columns
             slots = first_of_column[columns].astype(np.int64)
             slots[-1] = self.count  # discs that were added since lie behind the sorted ones
         else:
@@ -570,15 +571,3 @@ class GridSolver(SteppedSolver, CollisionLog):
         giant = self._giant_radius(self.radii)
         self._grid = self._grid_of(self.count, giant)
         self._write_parameters(self._grid, giant)
-
-
-def shares_of(first_of_column: NDArray[np.integer], share: NDArray[np.int64]) -> NDArray[np.int64]:
-    """First column of each worker, and the end, shape (workers + 1,): whole columns, in nearly equal numbers of discs.
-
-    Args:
-        first_of_column: number of discs in the columns before each, shape (columns,).
-        share: number of discs before each worker's equal share, and that of all, shape (workers + 1,).
-    """
-    columns = np.searchsorted(first_of_column, share)
-    columns[0], columns[-1] = 0, len(first_of_column)
-    return columns

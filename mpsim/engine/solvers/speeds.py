@@ -79,8 +79,8 @@ def speeds_of(
         numbers = np.flatnonzero(present)
         velocity, radius = velocity[numbers], radius[numbers]
     sides = sides_at(scene, time)
-    part = DiscSpeeds.of(numbers, velocity, radius, sides, scene.periodic, float(radius.max(initial=0.0)))
-    return speeds_together(part, lambda value: [value], radius, sides)
+    found = fastest_of(numbers, velocity, radius, sides, scene.periodic, float(radius.max(initial=0.0)))
+    return speeds_together(*found, lambda value: [value], radius, sides)
 
 
 def speeds_at_start(scene: Scene) -> Speeds:
@@ -91,96 +91,76 @@ def speeds_at_start(scene: Scene) -> Speeds:
     fastest, squares, largest = (), 0.0, float(radii.max())
     for first, velocity in scene._velocities_in_pieces():
         last = first + len(velocity)
-        part = DiscSpeeds.of(np.arange(first, last), velocity, radii[first:last], sides, scene.periodic, largest)
-        fastest, squares = faster_of(fastest, part.fastest), squares + float(part.squares.sum())
+        numbers = np.arange(first, last)
+        found = fastest_of(numbers, velocity, radii[first:last], sides, scene.periodic, largest)
+        fastest, squares = faster_of(fastest, found[0]), squares + float(found[1].sum())
     return _with_means(fastest, squares / len(radii), radii, sides)
 
 
 def speeds_together(
-    part: "DiscSpeeds", all_of: Callable[[Any], list[Any]], radius: NDArray[np.float64], sides: tuple[float, float]
+    fastest: tuple[Speeds, ...],
+    squares: NDArray[np.float64],
+    all_of: Callable[[Any], list[Any]],
+    radius: NDArray[np.float64],
+    sides: tuple[float, float],
 ) -> Speeds:
     """Speeds of discs of which each of several processes has a part: what `speeds_of` finds of all of them.
 
     Args:
-        part: of this process; each disc is in one.
+        fastest, squares: `fastest_of` the discs of this process; each disc is of one.
         all_of: what all processes hand over, in an order of theirs.
         radius: of all discs, shape (N,) [length].
         sides: width and height of the box [length].
     """
-    count, told = len(radius), all_of((part.fastest, part.largest_square))
+    count, told = len(radius), all_of((fastest, float(squares.max(initial=0.0))))
     fastest, largest = functools.reduce(faster_of, [each[0] for each in told]), max(each[1] for each in told)
     if not count:
         return Speeds()
-    mean_square = mean_from(sum(all_of(part.counted(largest, count))), largest, count)
+    mean_square = largest
+    if 0 < largest < math.inf:  # a sum of whole multiples of a unit, so small that n fit 63 bits, depends on no order
+        exponent = math.frexp(largest)[1] + count.bit_length() - 62
+        own = int(np.rint(np.ldexp(squares, -exponent)).astype(np.int64).sum())
+        mean_square = math.ldexp(sum(all_of(own)), exponent) / count
     return _with_means(fastest, mean_square, radius, sides)
 
 
-class DiscSpeeds(NamedTuple):
-    """What is known of the speeds of some discs.
+def fastest_of(
+    numbers: NDArray[np.int64],
+    velocity: NDArray[Any],
+    radius: NDArray[np.float64],
+    sides: tuple[float, float],
+    periodic: tuple[bool, bool],
+    largest_radius: float,
+) -> tuple[tuple[Speeds, ...], NDArray[np.float64]]:
+    """The fastest of some discs, and the squares of the speeds of each, shape (K,) [length^2/time^2].
 
-    Attributes:
-        fastest: those whose displacement in a step is the largest fraction of their limit: in any direction, and
-            between two walls where these are narrow. Of equal ones the one of the lowest number.
-        squares: of the speeds, shape (K,) [length^2/time^2].
-        largest_square: the largest of them; 0 without discs.
+    The fastest are those whose displacement in a step is the largest fraction of their limit: in any direction, and
+    between two walls where these are narrow. Of equal ones the one of the lowest number.
+
+    Args:
+        numbers: of the discs, rising, shape (K,).
+        velocity: shape (K, 2) [length/time].
+        radius: shape (K,) [length].
+        sides, periodic: of the box [length].
+        largest_radius: of all discs [length].
     """
-
-    fastest: tuple[Speeds, ...]
-    squares: NDArray[np.float64]
-    largest_square: float
-
-    @classmethod
-    def of(
-        cls,
-        numbers: NDArray[np.int64],
-        velocity: NDArray[Any],
-        radius: NDArray[np.float64],
-        sides: tuple[float, float],
-        periodic: tuple[bool, bool],
-        largest_radius: float,
-    ) -> "DiscSpeeds":
-        """Of the discs of these numbers, rising, velocities of shape (K, 2) and radii of shape (K,).
-
-        sides, periodic, largest_radius: of the box [length], and of all discs [length].
-        """
-        if not len(numbers):
-            return cls((), np.zeros(0), 0.0)
-        vx, vy = (np.ascontiguousarray(column, np.float64) for column in velocity.T)
-        squares = vx * vx
-        squares += vy * vy
-        speed = np.sqrt(squares)
-        worst = int((speed / radius).argmax())
-        found = [Speeds(int(numbers[worst]), float(speed[worst]), float(radius[worst]))]
-        for axis, (v, length) in enumerate(zip((vx, vy), sides, strict=True)):
-            if periodic[axis] or length - 2 * largest_radius >= largest_radius:
-                continue
-            free = length - 2 * radius
-            # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
-            free = np.where(free > 1e-6 * length, free, np.inf)
-            worst = int((np.abs(v) / free).argmax())
-            found.append(Speeds(int(numbers[worst]), float(abs(v[worst])), float(free[worst]), "xy"[axis]))
-        return cls(tuple(found), squares, float(squares.max()))
-
-    def counted(self, largest: float, count: int) -> int:
-        """The sum of the squares in whole multiples of a unit, which depends on no order; see `mean_from`.
-
-        largest: square of all discs [length^2/time^2]. count: of all discs.
-        """
-        if not 0 < largest < math.inf:
-            return 0
-        return int(np.rint(np.ldexp(self.squares, -_exponent_of_unit(largest, count))).astype(np.int64).sum())
-
-
-def _exponent_of_unit(largest: float, count: int) -> int:
-    """Exponent of the unit of sums: as small as a sum of so many fits 63 bits."""
-    return math.frexp(largest)[1] + count.bit_length() - 62
-
-
-def mean_from(total: int, largest: float, count: int) -> float:
-    """The mean square of all discs, from the sum of what their parts have `counted` [length^2/time^2]."""
-    if not 0 < largest < math.inf:
-        return largest
-    return math.ldexp(total, _exponent_of_unit(largest, count)) / count
+    if not len(numbers):
+        return (), np.zeros(0)
+    vx, vy = (np.ascontiguousarray(column, np.float64) for column in velocity.T)
+    squares = vx * vx
+    squares += vy * vy
+    speed = np.sqrt(squares)
+    worst = int((speed / radius).argmax())
+    found = [Speeds(int(numbers[worst]), float(speed[worst]), float(radius[worst]))]
+    for axis, (v, length) in enumerate(zip((vx, vy), sides, strict=True)):
+        if periodic[axis] or length - 2 * largest_radius >= largest_radius:
+            continue
+        free = length - 2 * radius
+        # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
+        free = np.where(free > 1e-6 * length, free, np.inf)
+        worst = int((np.abs(v) / free).argmax())
+        found.append(Speeds(int(numbers[worst]), float(abs(v[worst])), float(free[worst]), "xy"[axis]))
+    return tuple(found), squares
 
 
 def faster_of(some: tuple[Speeds, ...], others: tuple[Speeds, ...]) -> tuple[Speeds, ...]:

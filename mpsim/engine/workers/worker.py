@@ -53,7 +53,10 @@ class Program(NamedTuple):
 
 
 class GridArguments(NamedTuple):
-    """Views of the block: arguments of `run_part`, and of `run_grid` but its last two, in its order; see there."""
+    """Views of the block: arguments of `run_part`, and of `run_grid` but its last two, in its order; see there.
+
+    `control.live` tells which of the buffers of discs, a and b, holds the state.
+    """
 
     a: records.Discs
     b: records.Discs
@@ -73,7 +76,7 @@ def kernel_arguments(block: SharedBlock, worker: int = 0) -> GridArguments:
     if (known := block.calls.get(worker)) is not None:
         return known
     arrays = block.arrays
-    a, b = buffers_of(block)
+    a, b = (records.Discs(*(arrays.get(f"{name}.{field}") for field in records.Discs._fields)) for name in "ab")
     found = block.calls[worker] = GridArguments(
         a=a,
         b=b,
@@ -88,15 +91,6 @@ def kernel_arguments(block: SharedBlock, worker: int = 0) -> GridArguments:
         times=arrays["times"][worker],
     )
     return found
-
-
-def buffers_of(block: SharedBlock) -> tuple[records.Discs, records.Discs]:
-    """Both buffers of discs; `control.live` tells which of them holds the state."""
-    if (known := block.calls.get("buffers")) is not None:
-        return known
-    a, b = (records.Discs(*(block.arrays.get(f"{name}.{field}") for field in records.Discs._fields)) for name in "ab")
-    block.calls["buffers"] = a, b
-    return a, b
 
 
 _Control, _Member = (np.ctypeslib.as_ctypes_type(kind) for kind in (records.CONTROL, records.MEMBER))

@@ -43,7 +43,7 @@ from mpsim.engine.solvers.ranks.subdomain import (
     in_turns,
     refuse_giants,
 )
-from mpsim.engine.solvers.speeds import DiscSpeeds, Fastest, Speeds, fastest_in, sides_at, speeds_together
+from mpsim.engine.solvers.speeds import Fastest, Speeds, fastest_in, fastest_of, sides_at, speeds_together
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, disc_at
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.errors import DivergedError, InputError
@@ -345,8 +345,8 @@ class MpiSolver(SteppedSolver):
             present = None if present is None else np.append(present, np.ones(len(new.position), bool))
             if self.ranks.is_root:
                 own, velocity = np.append(own, range(count, len(radii))), np.append(velocity, new.velocity, 0)
-        part = DiscSpeeds.of(own, velocity, radii[own], sides, scene.periodic, scene.largest_radius)
-        found = speeds_together(part, self.ranks.all_of, radii if present is None else radii[present], sides)
+        part = fastest_of(own, velocity, radii[own], sides, scene.periodic, scene.largest_radius)
+        found = speeds_together(*part, self.ranks.all_of, radii if present is None else radii[present], sides)
         fastest, self._fastest = self._fastest, (0, 0)
         return self._or_too_fast(found, fastest)
 

@@ -211,11 +211,10 @@ class Subdomain:
         found["x"], found["y"] = discs.position.T
         found["vx"], found["vy"] = discs.velocity.T
         found["id"] = np.arange(first, first + len(found))
-        further = {"spin": lambda: discs.of(columns.SPIN), "radius": lambda: discs.radius}
-        further |= {"image_x": lambda: discs.of(columns.IMAGE)[:, 0], "image_y": lambda: discs.of(columns.IMAGE)[:, 1]}
-        for name, values in further.items():
-            if name in (self._record.names or ()):
-                found[name] = values()
+        (image_x, image_y), spin = discs.of(columns.IMAGE).T, discs.of(columns.SPIN)
+        further = {"spin": spin, "radius": discs.radius, "image_x": image_x, "image_y": image_y}
+        for name in further.keys() & (self._record.names or ()):
+            found[name] = further[name]
         return self.in_grid(found[discs.of(columns.EXITS)[:, 0] == 0], grid)
 
     def in_grid(self, records: NDArray[Any], grid: Grid) -> NDArray[Any]:
@@ -246,9 +245,7 @@ class Subdomain:
                 array, values = self.arrays[column.name][..., first:], brought.of(column).T
                 which = absorbed if column.name in self._travelling else slice(values.shape[-1])
                 array[..., which] = values[..., which]
-        now = self.arguments()
-        kernels.unpack_own(records, len(records), now.a, now.features)
-        self._begin(len(records))
+        self._begin(records)
 
     def start(self) -> None:
         """Compile or load the kernels."""
@@ -267,18 +264,17 @@ class Subdomain:
         """Take other columns, and all discs in them."""
         self._own = own
         self._renew(len(discs), with_discs=False)
-        now = self.arguments()
-        kernels.unpack_own(discs, len(discs), now.a, now.features)
-        self._begin(len(discs))
+        self._begin(discs)
 
-    def _begin(self, count: int) -> None:
-        """Begin with so many own discs, which lie in `a` in any order."""
-        control, own, team = self.arrays["control"], self._own, self.arrays["team"]
+    def _begin(self, discs: NDArray[Any]) -> None:
+        """Begin with these own discs."""
+        control, own, team, now = self.arrays["control"], self._own, self.arrays["team"], self.arguments()
+        kernels.unpack_own(discs, len(discs), now.a, now.features)
         self._sorted = None
         control.in_order = 0
         control.workers, control.members = 1, 2
         team["bad_slot"] = -1
-        team["low"], team["high"] = (0, count), count
+        team["low"], team["high"] = (0, len(discs)), len(discs)
         last = own.last - own.before
         team["first_column"], team["last_column"] = (own.first - own.before, last), last
 
