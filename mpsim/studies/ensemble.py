@@ -97,15 +97,6 @@ def _refusal(name: str, scene: Scene) -> str | None:
     return registry.refusal(name, scene)
 
 
-def physics_of(settings: Settings, scene: Scene) -> Settings:
-    """The settings, with standard values for those that change only speed: candidates with equal ones share errors."""
-    method = methods.choose(scene.count, settings).method
-    if not capabilities_of(settings).has_steps:
-        dt = Settings.dt if scene.thermostat is None else settings.dt  # it acts once a frame
-        return Settings(dt=dt, method=method, contact_time=settings.contact_time)
-    return replace(settings, method="grid" if method == "parallel" else method, workers=None)
-
-
 def key_of(settings: Settings) -> str:
     """Settings as a text that serves as a key."""
     return json.dumps(dataclasses.asdict(settings), sort_keys=True)
@@ -537,7 +528,9 @@ class Ensemble:
             errors = self._long_errors(physics, replicas or self.replicas, first)
             if not self.preliminary.exact:
                 own = self._long_errors(self._coarser_reference, self.replicas, 0)
-                errors = {name: _with_systematic(each, own[name]) for name, each in errors.items()}
+                for name, error in errors.items():
+                    if error.measurable and own[name].measurable:  # what changes when step or time is doubled
+                        errors[name] = replace(error, systematic=abs(own[name].value))
         if self._short:
             keys = [f"short {key_of(physics)} {number}" for number, _ in self._starts(first)]
             errors |= short_deviations(self._found(keys), self._short)
@@ -609,8 +602,13 @@ class Ensemble:
         return list(enumerate(self._further[first] if first else self.preliminary.starts, start=first))
 
     def _physics(self, settings: Settings) -> Settings:
-        """The settings of a candidate's accuracy runs."""
-        physics = physics_of(settings, self._scene)
+        """Of a candidate's accuracy runs: standard values of what changes only speed, so that equal ones share runs."""
+        method = methods.choose(self._scene.count, settings).method
+        if capabilities_of(settings).has_steps:
+            physics = replace(settings, method="grid" if method == "parallel" else method, workers=None)
+        else:
+            dt = Settings.dt if self._scene.thermostat is None else settings.dt  # it acts once a frame
+            physics = Settings(dt=dt, method=method, contact_time=settings.contact_time)
         return self.preliminary.reference if self.preliminary.is_reference(physics) else physics
 
 
@@ -643,11 +641,6 @@ def ensemble(
 def _is_wrong(name: str, own: Deviation) -> bool:
     """Whether a measure that is 0 in an exact run by definition exceeds rounding in the runs of the reference."""
     return OBSERVABLES[name].error in ("mean", "largest", "depth") and abs(own.value) > ROUNDING
-
-
-def _with_systematic(found: Deviation, own: Deviation) -> Deviation:
-    """The error with the uncertainty of a reference that is not exact: its change when step or time is doubled."""
-    return replace(found, systematic=abs(own.value)) if own.measurable and found.measurable else found
 
 
 def _checked_contact_time(scene: Scene, contact_time: float) -> float:
