@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from mpsim import errors
 from mpsim.core import late
-from mpsim.core.version import __version__ as __version__
 from mpsim.errors import (
     CheckpointError,
     DivergedError,
@@ -24,6 +23,8 @@ from mpsim.errors import (
     TooFastError,
     WorkerDiedError,
 )
+
+__version__ = "0.1.0"  # as in pyproject.toml
 
 if TYPE_CHECKING:
     from mpsim import measure

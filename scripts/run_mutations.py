@@ -44,7 +44,7 @@ FAMILIES = {
     "events": ["kernels/events/calendar", "kernels/events/cells", "kernels/events/impacts"],
     "windows": ["kernels/events/windows"],
     "checkpoint": ["engine/checkpoint", "core/archive"],
-    "changes": ["engine/changes", "engine/journal", "engine/parameters"],
+    "changes": ["engine/changes", "engine/journal"],
     "statistics": ["measure/statistics", "measure/registry", "measure/observables", "measure/correlations"],
     "readers": ["output/xyz", "output/gsd", "scene/scenefile"],
 }

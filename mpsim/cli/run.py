@@ -12,17 +12,18 @@ from typing import Any
 
 import click
 
+from mpsim import __version__
 from mpsim.cli import terminal
 from mpsim.core import files
 from mpsim.core.checks import refusal
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.files import FileLock
 from mpsim.core.text import json_text
-from mpsim.core.version import __version__
 from mpsim.engine import checkpoint
-from mpsim.engine.report import Report, frames_skipped
+from mpsim.engine.report import Report
+from mpsim.engine.run import frames_skipped
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.base import frames_until
+from mpsim.engine.solvers.base import Terms, frames_until
 from mpsim.errors import InputError, MpsimError, OutputError, reason_of
 from mpsim.measure.registry import NAMES
 from mpsim.output.frames import frame_of
@@ -291,7 +292,7 @@ def run(
     until, end = (file.scene.duration, "the scene's duration") if until is None else (until, "until")
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt, end))
     measures = measures or file.scene.measures
-    frames_skipped(start, measures, target, settings.dt, 0)  # refused before anything is made
+    frames_skipped(start, measures, target, Terms(file.scene, settings), 0)  # refused before anything is made
     record = {
         "scene": file.name,
         "scene_digest": file.scene.digest(),

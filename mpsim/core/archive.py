@@ -9,7 +9,7 @@ import os
 import struct
 import tokenize
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, NamedTuple
 
@@ -19,20 +19,11 @@ from numpy.typing import NDArray
 from mpsim.core import files
 from mpsim.core.columns import Array, chunks_of
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.errors import InputError
 
 Arrays = dict[str, NDArray[Any]]
 
 
 # --- Writes
-
-
-def npz_path(what: str, path: Any, example: str = "run.npz") -> Path:
-    """The path of a file of arrays, which must end in .npz."""
-    place = Path(os.fsdecode(path) if isinstance(path, str | os.PathLike) else "")  # pyright: ignore[reportUnknownArgumentType]
-    if place.suffix != ".npz":
-        raise InputError(f"the path of {what} must end in .npz; got {path!r}. Use {example!r}.")
-    return place
 
 
 def save_arrays(what: str, path: Path, arrays: Mapping[str, Any]) -> Path:
@@ -43,32 +34,24 @@ def save_arrays(what: str, path: Path, arrays: Mapping[str, Any]) -> Path:
     return path
 
 
-class ArrayWriter:
-    """Writes arrays one after the other to an open file, chunk by chunk. Use it in a `with` block.
+def write_arrays(file: BinaryIO, arrays: Iterable[tuple[str, Array]], see: Callable[[Any], object]) -> None:
+    """Write named arrays one after the other to an open file, chunk by chunk.
 
     The bytes depend on nothing but names and arrays: the date of each is the first that zip files know.
+
+    see: called with the bytes of each chunk, in order.
     """
-
-    def __init__(self, file: BinaryIO):
-        self._file = file
-
-    def __enter__(self) -> "ArrayWriter":
-        with interrupts_held_back():
-            self._zip = zipfile.ZipFile(self._file, "w")
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._zip.close()
-
-    def add(self, name: str, array: Array, see: Callable[[Any], object] = lambda content: None) -> None:
-        """Write an array. see: called with the bytes of each chunk, in order."""
-        declared = {"descr": array.dtype.str, "fortran_order": False, "shape": array.shape}
-        with self._zip.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
-            np.lib.format.write_array_header_1_0(member, declared)
-            for chunk in chunks_of(array):
-                content: Any = chunk.reshape(-1).view(np.uint8)
-                see(content)
-                member.write(content)
+    with interrupts_held_back():
+        archive = zipfile.ZipFile(file, "w")
+    with archive:
+        for name, array in arrays:
+            declared = {"descr": array.dtype.str, "fortran_order": False, "shape": array.shape}
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                np.lib.format.write_array_header_1_0(member, declared)
+                for chunk in chunks_of(array):
+                    content: Any = chunk.reshape(-1).view(np.uint8)
+                    see(content)
+                    member.write(content)
 
 
 # --- Reads

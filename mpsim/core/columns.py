@@ -1,6 +1,6 @@
 """Columns, the quantities that discs have one each: declared, kept in sizes, read in chunks."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
@@ -39,19 +39,6 @@ def _least_and_most(sizes: NDArray[np.float64]) -> tuple[float, float]:
     if sizes.strides == (0,):
         return float(sizes[0]), float(sizes[0])
     return float(sizes.min()), float(sizes.max())
-
-
-def of_each_disc(arrays: Mapping[str, NDArray[Any]], names: Iterable[str], discs: Any) -> dict[str, NDArray[Any]]:
-    """Arrays of a file, those of these names repeated for each disc where they are one number, which takes no memory.
-
-    Raises:
-        ValueError: if no array in the file is for so many discs: what follows makes room for them.
-    """
-    once = [name for name in names if name in arrays and not arrays[name].ndim]
-    # A list: an interrupt while a generator that is not at its end is thrown away would be lost.
-    if once and not any([array.ndim and len(array) == discs for array in arrays.values()]):
-        raise ValueError(f"it has no array for {discs!r:.30} discs")
-    return {name: np.broadcast_to(array, discs) if name in once else array for name, array in arrays.items()}
 
 
 # --- Arrays with a row per disc that are read in chunks, because no process holds them completely
@@ -236,25 +223,14 @@ COLUMNS: tuple[Column, ...] = (MASS, ACCELERATION, IMAGE, EXITS, SPIN)
 """All of them, in the order in which states and files have them."""
 
 
-_IN_STATE = [column for column in COLUMNS if column.in_state]
+IN_STATE = tuple(column for column in COLUMNS if column.in_state)
+"""Those of a state."""
+
+GIVEN = tuple(column for column in COLUMNS if column.given)
+"""Those that are arguments of Scene and of `Simulation.add`."""
 
 
 class GivenColumns(TypedDict, total=False):
     """Types of the columns that `Simulation.add` is given by name, for type checkers."""
 
     spin: ArrayLike | None
-
-
-def in_state() -> list[Column]:
-    """Those of a state."""
-    return _IN_STATE
-
-
-def given() -> list[Column]:
-    """Those that are arguments of Scene and of `Simulation.add`."""
-    return [column for column in COLUMNS if column.given]
-
-
-def check_names(function: str, names: Iterable[str], own: Iterable[str], known: Iterable[Column]) -> None:
-    """Refuse arguments by name that are neither a function's `own` nor such columns."""
-    checks.known_arguments(function, names, [*own, *(column.name for column in known)])

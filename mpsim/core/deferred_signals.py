@@ -107,46 +107,6 @@ def _let_go_in_fork() -> None:
 os.register_at_fork(after_in_child=_let_go_in_fork)
 
 
-class Noted:
-    """A signal that is noted, from `begin` to `end`, for somebody who looks at `came` now and then.
-
-    Only the main thread can have it noted, and not if code in C handles it. In a fork, where nobody looks, it does what
-    it did before.
-
-    Attributes:
-        came: whether it has come.
-    """
-
-    def __init__(self, number: int):
-        self.came: bool = False
-        self._number = number
-        self._creator = os.getpid()
-        self._before: Any = None
-
-    def begin(self) -> None:
-        """From now on note it."""
-        before = signal.getsignal(self._number)
-        if before is not None and threading.current_thread() is threading.main_thread():
-            self._before = before
-            signal.signal(self._number, self._note)
-
-    def end(self) -> None:
-        """Restore the earlier handler. May be called again."""
-        if self._before is not None:
-            signal.signal(self._number, self._before)
-            self._before = None
-
-    def send_again(self) -> None:
-        """After `end`: let it do what it does without us."""
-        signal.raise_signal(self._number)
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        if os.getpid() != self._creator:
-            self.end()
-            signal.raise_signal(number)
-        self.came = True
-
-
 @contextmanager
 def terminated_by_exit() -> Iterator[None]:
     """Turn SIGTERM into SystemExit(143) in this block, so that open resources of the block are closed.

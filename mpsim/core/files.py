@@ -63,6 +63,14 @@ def text(path: Path, most: int) -> str:
     return content(path, most).decode("utf-8-sig")
 
 
+def ending_as(example: str, path: str | os.PathLike[str], what: str) -> Path:
+    """The path of a file, which must end as an example does; what: it holds, in words."""
+    ending, name = Path(example).suffix, os.fsdecode(path) if isinstance(path, str | os.PathLike) else ""
+    if Path(name).suffix != ending:
+        raise checks.refusal(f"the path of {what}", f"end in {ending}", checks.brief(path), f"Use {example!r}.")
+    return Path(name)
+
+
 # --- Locks a file, so that it has only one writer in all processes
 
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mpsim.core import checks, columns
-from mpsim.core.archive import npz_path, save_arrays
+from mpsim.core import checks, columns, files
+from mpsim.core.archive import save_arrays
 from mpsim.core.columns import ChunkedArray, chunks_of, ranges
 from mpsim.errors import InputError
 
@@ -181,7 +181,7 @@ class State:
             InputError: if the path does not end in .npz.
             OutputError: if it cannot be written.
         """
-        return save_arrays("a state", npz_path("a state", path, "state.npz"), self._held())
+        return save_arrays("a state", files.ending_as("state.npz", path, "a state"), self._held())
 
     def _held(self) -> dict[str, Any]:
         """What there is of its attributes, by name, in the order of digests and files."""

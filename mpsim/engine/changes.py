@@ -1,28 +1,40 @@
-"""Changes of discs between two frames, and added discs: checked, then applied to a copy."""
+"""Changes of discs and walls between two frames, and added discs: checked, given room, then applied to a copy."""
 
+from __future__ import annotations
+
+import dataclasses
+import inspect
 import math
 import numbers
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
 from itertools import zip_longest
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.columns import EXITS, MASS, SPIN, Column, check_names, given
+from mpsim.core.columns import EXITS, GIVEN, MASS, SPIN
 from mpsim.engine.feature_arrays import columns_of
-from mpsim.engine.parameters import in_force, plain
 from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Terms
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.features import feature
+from mpsim.features.baths import ThermalWalls, Thermostat
+from mpsim.features.capsules import gaps, of_discs, shifted, with_images
+from mpsim.features.emitters import Emitter
 from mpsim.features.motions import Movement
-from mpsim.features.obstacles import Obstacle, Polyline, Removed, capsules_of, listed
-from mpsim.features.properties import has_masses, has_radii
+from mpsim.features.obstacles import Obstacle, Polyline, Removed, capsules_of, exchanged, listed
+from mpsim.features.piston import Piston
+from mpsim.features.properties import friction_coefficient, has_masses, has_radii
 from mpsim.measure.observables import to_nearest_image
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+from mpsim.scene.starts import GAP, pushed_aside
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 # --- Discs that are added to a simulation: checked against the scene before anything is changed
 
@@ -38,7 +50,8 @@ def checked(
     others: Mapping[str, Any],
 ) -> NewDiscs:
     """What `Simulation.add` was given, as arrays."""
-    check_names("Simulation.add", others, ("position", "velocity", "acceleration", "radius", "mass"), given())
+    names = [column.name for column in GIVEN]
+    checks.known_arguments("Simulation.add", others, ["position", "velocity", "acceleration", "radius", "mass", *names])
     scene, settings, _ = terms = solver.terms
     places = checks.finite_array("position", checks.rows(position), (None, 2), "(2,) or (K, 2)")
     count = len(places)
@@ -48,12 +61,9 @@ def checked(
     present = solver.radii[~solver.absorbed] if scene._loses_discs else solver.radii
     _check_new(scene, solver.time, present, "position", places, radii)
     checks.fitting("velocity", speeds, settings.precision)
-    brought = {
-        column.name: _brought(terms, column, others[column.name], count, "given for added discs")
-        for column in given()
-        if others.get(column.name) is not None
-    }
-    return NewDiscs(places, speeds, radii, {MASS.name: masses, **brought})
+    return NewDiscs(
+        places, speeds, radii, {MASS.name: masses, **_brought(terms, others, count, "given for added discs")}
+    )
 
 
 def arguments_of(scene: Scene, new: NewDiscs) -> dict[str, Any]:
@@ -63,16 +73,21 @@ def arguments_of(scene: Scene, new: NewDiscs) -> dict[str, Any]:
     return found | {name: values for name, values in new.columns.items() if name != MASS.name or has_masses(scene)}
 
 
-def _brought(terms: Terms, column: Column, value: ArrayLike, count: int, how: str) -> Floats:
-    """What was given of a column, one row each; how: what the caller does, in words."""
-    if column not in columns_of(terms.scene):
-        raise InputError(
-            f"{column.name} can be {how} only in a scene {column.scenes}, and got {checks.brief(value)}. "
-            f"{column.remedy}"
-        )
-    values = column.one_each(value, count)
-    checks.fitting(column.name, values, terms.settings.precision)
-    return values
+def _brought(terms: Terms, values: Mapping[str, Any], count: int, how: str) -> dict[str, Floats]:
+    """What was given of columns but masses, by name, one row each; how: what the caller does, in words."""
+    found: dict[str, Floats] = {}
+    for column in GIVEN:
+        value = values.get(column.name)
+        if column is MASS or value is None:
+            continue
+        if column not in columns_of(terms.scene):
+            raise InputError(
+                f"{column.name} can be {how} only in a scene {column.scenes}, and got {checks.brief(value)}. "
+                f"{column.remedy}"
+            )
+        found[column.name] = column.one_each(value, count)
+        checks.fitting(column.name, found[column.name], terms.settings.precision)
+    return found
 
 
 def _check_new(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:
@@ -111,6 +126,222 @@ def _one_each(name: str, value: ArrayLike | None, common: float, count: int, own
         limit = f" and at most that of the scene's largest disc, {largest:g}" if name == "radius" else ""
         raise InputError(f"{name} of added discs must be > 0{limit}; got {array.tolist()}.")
     return array
+
+
+# --- Room for a disc or a wall that a user puts among discs: those in the way are pushed aside, as few as possible
+
+NEAR, FAR = 4.0, 64.0
+"""Distance up to which discs are pushed at first, and in the end, in radii of the largest disc; it is doubled."""
+
+BARRIER = 3.0  # thickness of the layer of discs that stay and keep in those that are pushed, in the same unit
+
+
+def make_room(sim: Simulation, capsules: Floats) -> None:
+    """Push discs aside that overlap capsules, shape (K, ROW).
+
+    Raises:
+        InputError: if there is no room for them; then nothing has changed.
+    """
+    for ids, position in room_for(sim, capsules):
+        sim.set(ids, position=position)
+
+
+def room_for(sim: Simulation, capsules: Floats) -> list[tuple[NDArray[np.int64], Floats]]:
+    """Ids of discs that must make room for capsules, and their new places; [] if none must."""
+    if not len(capsules):
+        return []
+    scene, state = sim.scene, sim.state
+    numbers, radius = np.flatnonzero(state.present), sim.radii[state.present]
+    low, high = scene.walls_at(sim.time)
+    position, (width, height) = state.position[numbers].astype(np.float64) - low, (high - low).tolist()
+    largest = float(radius.max(initial=0.0))
+    images = with_images(shifted(capsules, -low), (width, height), scene.periodic, width + height).capsule
+    gap = np.min([gaps(position, radius, each) for each in images], axis=0)
+    if not (gap < 0).any():
+        return []
+    solid = shifted(np.concatenate([scene._capsules_at(sim.time), capsules]), -low)
+    rounding = 8 * checks.resolution(state.position) * max(scene.width, scene.height)
+    scale = 1 + GAP + rounding / float(radius.min())
+    reach = NEAR * largest
+    while True:
+        near = gap < reach
+        fixed, around = (~near & (gap < reach + layer * largest) for layer in (BARRIER, 3 * BARRIER))
+        others = np.concatenate([solid, of_discs(position[fixed], radius[fixed])])
+        found = pushed_aside(position[near], radius[near], (width, height), scene.periodic, others, scale)
+        if found is not None:
+            moved = (found != position[near]).any(axis=1)
+            apart = to_nearest_image(found[moved, None] - position[around], scene)
+            if (np.hypot(*np.moveaxis(apart, -1, 0)) >= radius[near][moved, None] + radius[around]).all():
+                return [(numbers[near][moved], found[moved] + low)]
+        if near.all() or reach >= FAR * largest:
+            raise InputError("there must be room for it; got too little between the discs. Remove some of them.")
+        reach *= 2
+
+
+# --- Parameters of scene and settings that may change, and their values after a change
+
+
+class Parameters(TypedDict, total=False):
+    """Arguments of `Simulation.change`."""
+
+    gravity: ArrayLike
+    restitution: float
+    wall_restitution: float
+    friction: float
+    wall_friction: float
+    piston_speed: float
+    interval: float | Sequence[float]
+    every: int | Sequence[int]
+    temperature: float
+    wall_temperature: float | Sequence[float]
+    obstacles: Sequence[Obstacle] | Obstacle
+    dt: float
+    contact: str
+    passes: int
+    substeps: int
+    workers: int | None
+
+
+OF_STEPS = ("contact", "passes", "substeps")
+
+OF_FRICTION = ("friction", "wall_friction")
+
+OF_SETTINGS = ("dt", *OF_STEPS, "workers")
+
+ENERGY = "[mass length^2/time^2]"
+
+PARAMETER_NAMES = tuple(Parameters.__annotations__)
+
+
+def check_parameters(given: Mapping[str, Any], settings: Settings) -> None:
+    """Refuse what cannot be changed while a simulation runs, or would change nothing with its method."""
+    for name, value in given.items():
+        if name in OF_STEPS and not capabilities_of(settings).has_steps:
+            raise InputError(
+                f"{name} can be changed only where frames are made of steps, and got {checks.brief(value)} with "
+                f"method={settings.method!r}, which has none. Leave it out."
+            )
+        if name not in PARAMETER_NAMES:
+            meant = checks.near(name, PARAMETER_NAMES)
+            hint = f"Did you mean {meant!r}?" if meant else f"What can be changed: {', '.join(PARAMETER_NAMES)}."
+            fixed = name in inspect.signature(Scene).parameters or name in inspect.signature(Settings).parameters
+            why = "is fixed from the start of a simulation" if fixed else "is not a parameter of a simulation"
+            raise InputError(f"change must be given parameters that may change; {name!r} {why}. {hint}")
+    if not given:
+        raise InputError(
+            f"change needs something to change, one of {', '.join(PARAMETER_NAMES)}; got none of them. Give one."
+        )
+
+
+def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], time: float) -> tuple[Scene, Settings]:
+    """Scene and settings after a change at a time [time], which `Simulation.change` was given by name."""
+    if "gravity" in given and given["gravity"] is None:
+        raise InputError("gravity must be two numbers in a change; got None. Give (0, 0) for a scene without weight.")
+    values: dict[str, Any] = {}
+    for name, value in given.items():
+        if name in ("gravity", "restitution", "wall_restitution"):
+            values[name] = value
+        elif name in OF_FRICTION:
+            values[name] = _rubbing(scene, name, value)
+        elif name == "piston_speed":
+            values |= _at_speed(scene, value, time)
+        elif name in ("interval", "every"):
+            values["emitters"] = _emitting(values.get("emitters", scene.emitters), name, value)
+        elif name == "temperature":
+            values["thermostat"] = _at_temperature(scene.thermostat, value)
+        elif name == "wall_temperature":
+            values["thermal_walls"] = _with_walls_at(scene.thermal_walls, value)
+        elif name == "obstacles":
+            values["obstacles"] = exchanged(scene.obstacles, listed(value), time)
+    changed = dataclasses.replace(settings, **{name: given[name] for name in OF_SETTINGS if name in given})
+    scene = scene._replace(**values) if values else scene
+    for each in scene._features:
+        each.check_law(scene, changed.law)
+    return scene, changed
+
+
+def _without(name: str, value: Any, what: str, remedy: str) -> InputError:
+    """The error for a parameter of something that the scene lacks."""
+    return InputError(f"{name} can be changed only in a scene {what}, and got {checks.brief(value)}. {remedy}")
+
+
+def _rubbing(scene: Scene, name: str, value: Any) -> float:
+    """Another coefficient of friction. Discs without friction have no spin, so it neither begins nor ends."""
+    if not getattr(scene, name):
+        raise _without(name, value, "that has it", "Give the scene a small one, which has almost no effect.")
+    coefficient = friction_coefficient(name, value)
+    if not coefficient:
+        raise InputError(
+            f"{name} must be > 0 in a change; got {checks.brief(value)}. A small one has almost no effect."
+        )
+    return coefficient
+
+
+def _at_speed(scene: Scene, speed: Any, time: float) -> dict[str, Any]:
+    """The piston at another speed from a time on, and this time."""
+    if not isinstance(scene.piston, Piston) or scene.piston.speed is None:
+        remedy = "Give the scene one; a slow one hardly moves."
+        raise _without("piston_speed", speed, "with a piston that has a speed", remedy)
+    return {
+        "piston": dataclasses.replace(scene.piston, speed=speed, start=scene._moving_walls[0].place(time)),
+        "_piston_began": time,
+    }
+
+
+def _at_temperature(thermostat: Thermostat | None, temperature: Any) -> Thermostat:
+    if thermostat is None:
+        remedy = "Give the scene a Thermostat; one with a small rate has almost no effect."
+        raise _without("temperature", temperature, "with a thermostat", remedy)
+    return dataclasses.replace(thermostat, temperature=checks.positive("temperature", temperature, ENERGY))
+
+
+def _with_walls_at(walls: ThermalWalls | None, value: Any) -> ThermalWalls:
+    """Thermal walls at another temperature: one number for all of them, or one for each."""
+    if walls is None:
+        raise _without("wall_temperature", value, "with thermal walls", "Give the scene ThermalWalls.")
+    edges = list(walls.temperatures)
+    each = _one_for_each("wall_temperature", value, len(edges), f"of the thermal walls {', '.join(edges)}")
+    checked = [checks.positive("wall_temperature", one, ENERGY) for one in each]
+    return dataclasses.replace(walls, **dict(zip(edges, checked, strict=True)))
+
+
+def _emitting(emitters: tuple[Emitter, ...], name: str, value: Any) -> tuple[Emitter, ...]:
+    """Emitters with another interval or every: one number for all that have such a one, or one for each emitter."""
+    having = [each for each in emitters if getattr(each, name) is not None]
+    if not having:
+        raise _without(name, value, "with emitters that have it", f"Give the scene an Emitter with {name}.")
+    of = f"of {len(emitters)} emitters that all have it"
+    values = _one_for_each(name, value, len(emitters), of, all_have_one=len(having) == len(emitters))
+    return tuple(
+        each if getattr(each, name) is None else dataclasses.replace(each, **{name: own})
+        for each, own in zip(emitters, values, strict=True)
+    )
+
+
+def _one_for_each(name: str, value: Any, count: int, of: str, all_have_one: bool = True) -> list[Any]:
+    """One number for all, or one for each, where all have one; of: them, in words."""
+    if checks.dimensions(value) <= 0:
+        return [value] * count
+    if len(value) != count or not all_have_one:
+        raise InputError(f"{name} must be one number, or one for each {of}; got {checks.brief(value)}.")
+    return list(value)
+
+
+def plain(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters as a journal holds them: plain numbers, words and lists of these; what is neither, as it is."""
+    return {name: _plain(value) for name, value in given.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    return float(value) if isinstance(value, numbers.Real | Decimal) else value
 
 
 # --- Changes of discs between two frames: checked, then applied to a copy
@@ -156,7 +387,7 @@ def terms_after(scene: Scene, settings: Settings, changes: Iterable[Change]) -> 
     terms = Terms(scene, settings, Origin())
     for each in changes:
         terms = after(terms, each)
-    return terms._replace(settings=replace(terms.settings, workers=settings.workers))
+    return terms._replace(settings=dataclasses.replace(terms.settings, workers=settings.workers))
 
 
 def demand_apart(solver: Solver, new: NewDiscs) -> None:
@@ -190,13 +421,12 @@ def checked_set(
     ids: ArrayLike,
     position: ArrayLike | None,
     velocity: ArrayLike | None,
-    acceleration: ArrayLike | None,
     others: Mapping[str, Any],
 ) -> Change:
-    """`Simulation.set`, checked."""
-    settable = [column for column in given() if column is not MASS]
-    check_names("Simulation.set", others, ("ids", "position", "velocity", "acceleration"), settable)
-    numbers = _present_numbers(solver, ids)
+    """`Simulation.set`, checked; others: columns by name."""
+    names = ["position", "velocity", *(column.name for column in GIVEN if column is not MASS)]
+    checks.known_arguments("Simulation.set", others, ["ids", *names])
+    numbers = present_numbers(solver, ids)
     count = len(numbers)
     values: dict[str, Any] = {"ids": numbers}
     if position is not None:
@@ -207,19 +437,15 @@ def checked_set(
     if velocity is not None:
         values["velocity"] = _pairs("velocity", velocity, count, solver)
         check_momentum(solver, "velocity", values["velocity"], solver.masses[numbers])
-    for column in settable:
-        value = {"acceleration": acceleration, **others}.get(column.name)
-        if value is not None:
-            values[column.name] = _brought(solver.terms, column, value, count, "set")
+    values |= _brought(solver.terms, others, count, "set")
     if len(values) == 1:
-        names = ", ".join(["position", "velocity", *(column.name for column in settable)])
-        raise InputError(f"set needs something to set, one of {names}; got none of them. Give one.")
+        raise InputError(f"set needs something to set, one of {', '.join(names)}; got none of them. Give one.")
     return made(solver, SET, values)
 
 
 def checked_kick(solver: Solver, ids: ArrayLike, impulse: ArrayLike) -> Change:
     """`Simulation.kick`, checked."""
-    numbers = _present_numbers(solver, ids)
+    numbers = present_numbers(solver, ids)
     impulses = _pairs("impulse", impulse, len(numbers), solver)
     change = made(solver, KICK, {"ids": numbers, "impulse": impulses})
     changed = edited(solver.discs(numbers), change)
@@ -241,11 +467,6 @@ def check_momentum(solver: Solver, name: str, velocity: NDArray[np.floating], ma
         )
 
 
-def checked_remove(solver: Solver, ids: ArrayLike) -> Change:
-    """`Simulation.remove`, checked."""
-    return made(solver, REMOVE, {"ids": _present_numbers(solver, ids)})
-
-
 def checked_parameters(solver: Solver, start: Scene, given: Mapping[str, Any]) -> Change:
     """`Simulation.change`, checked but for speeds, and for what `in_force` checks."""
     if "obstacles" not in given:
@@ -254,26 +475,17 @@ def checked_parameters(solver: Solver, start: Scene, given: Mapping[str, Any]) -
     return _checked_obstacles(solver, start, PARAMETERS, plain({**given, "obstacles": there}))
 
 
-def checked_wall(solver: Solver, start: Scene, wall: ArrayLike | Obstacle) -> Change:
-    """`Simulation.add_wall`, checked."""
-    (obstacle,) = listed(_obstacle(wall))
-    return _checked_obstacles(solver, start, WALL, {"wall": obstacle})
+def checked_wall(
+    solver: Solver, start: Scene, what: str, wall: int | ArrayLike | Obstacle, motion: Movement | None = None
+) -> Change:
+    """`Simulation.add_wall`, `move_wall` or `remove_wall`, checked."""
+    own = listed(_obstacle(wall))[0] if what == WALL else _present_wall(solver.terms.scene, wall)
+    return _checked_obstacles(solver, start, what, {"wall": own} | ({"motion": motion} if motion else {}))
 
 
 def _obstacle(wall: Any) -> Obstacle:
     """An obstacle, or the Polyline that points make."""
     return wall if isinstance(wall, Obstacle) else Polyline(wall)
-
-
-def checked_move(solver: Solver, start: Scene, wall: int, motion: Movement | None) -> Change:
-    """`Simulation.move_wall`, checked."""
-    values: dict[str, Any] = {"wall": _present_wall(solver.terms.scene, wall)}
-    return _checked_obstacles(solver, start, MOVE_WALL, values | ({"motion": motion} if motion else {}))
-
-
-def checked_removal(solver: Solver, start: Scene, wall: int) -> Change:
-    """`Simulation.remove_wall`, checked."""
-    return _checked_obstacles(solver, start, REMOVE_WALL, {"wall": _present_wall(solver.terms.scene, wall)})
 
 
 def _checked_obstacles(solver: Solver, start: Scene, what: str, values: Mapping[str, Any]) -> Change:
@@ -319,7 +531,7 @@ def _check_clear(solver: Solver, scene: Scene, time: float) -> None:
         )
 
 
-def _present_wall(scene: Scene, wall: int) -> int:
+def _present_wall(scene: Scene, wall: Any) -> int:
     """The number of an obstacle that is there."""
     there = [number for number, each in enumerate(scene.obstacles) if not isinstance(each, Removed)]
     if isinstance(wall, bool) or not isinstance(wall, numbers.Integral) or int(wall) not in there:
@@ -330,7 +542,7 @@ def _present_wall(scene: Scene, wall: int) -> int:
     return int(wall)
 
 
-def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
+def present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
     """Numbers of discs that are there, each once, shape (K,)."""
     count = solver.count
     array = np.atleast_1d(np.asarray(ids if checks.dimensions(ids) >= 0 else None))
@@ -405,7 +617,7 @@ def edited(discs: NewDiscs, change: Change) -> NewDiscs:
         for name, array in (("position", position), ("velocity", velocity)):
             if name in values:
                 array[:] = values[name]
-        for column in given():
+        for column in GIVEN:
             if column.name in values:
                 columns[column.name] = np.asarray(values[column.name], columns[column.name].dtype)
     return NewDiscs(position, velocity, discs.radius, columns)

@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks, files
-from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, ArrayWriter
-from mpsim.core.columns import Array, chunks_of, of_each_disc
+from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, write_arrays
+from mpsim.core.columns import Array, chunks_of
 from mpsim.engine.changes import Change, terms_after
 from mpsim.engine.emission import Progress
 from mpsim.engine.journal import JOURNAL, packed, unpacked
@@ -192,12 +192,10 @@ class Checkpoint(NamedTuple):
     """What a file holds.
 
     Attributes:
-        path: of the file that was read (the previous one, if the newest is damaged).
         snapshot: the moment at which it was written.
         digest: over all that the file holds.
     """
 
-    path: Path
     snapshot: Snapshot
     digest: str
 
@@ -263,16 +261,20 @@ def _check_place(target: Path) -> None:
 def write(path: str | os.PathLike[str], snapshot: Snapshot) -> Path:
     """Write a checkpoint, arrays in chunks; the file that was there is kept beside it as <name>.previous."""
     target = place_of(path)
-    header, everything = _packed(snapshot)
+    header, arrays = _packed(snapshot)
+    digest = hashlib.blake2b(digest_size=_DIGEST_BYTES)
+
+    def everything() -> Iterator[tuple[str, Array]]:
+        yield HEADER, np.frombuffer(header, np.uint8)
+        for name, array in arrays.items():
+            digest.update(_title(name, array))
+            yield name, array
+        yield DIGEST, np.frombuffer(digest.digest(), np.uint8)
+
     with _as_output_error(target):
         _check_place(target)
-        with _kept_as_previous(target), files.atomic_write(target) as file, ArrayWriter(file) as out:
-            out.add(HEADER, np.frombuffer(header, np.uint8))
-            digest = hashlib.blake2b(header, digest_size=_DIGEST_BYTES)
-            for name, array in everything.items():
-                digest.update(_title(name, array))
-                out.add(name, array, digest.update)
-            out.add(DIGEST, np.frombuffer(digest.digest(), np.uint8))
+        with _kept_as_previous(target), files.atomic_write(target) as file:
+            write_arrays(file, everything(), digest.update)
     return target
 
 
@@ -474,7 +476,7 @@ def _verified(path: Path, mapped: bool) -> Checkpoint:
             raise _DamagedError("its content does not match its digest")
     try:
         with np.errstate(all="ignore"):
-            return Checkpoint(path, _checked(_made_from(header, arrays), header["run"]), digest.hex())
+            return Checkpoint(_checked(_made_from(header, arrays), header["run"]), digest.hex())
     except _NO_STATE as error:  # the digest is right, so somebody has made it so; still nothing may break
         raise _DamagedError(f"its content is not a state of a simulation ({type(error).__name__}: {error})") from None
 
@@ -498,7 +500,12 @@ def _made_from(header: dict[str, Any], found: Arrays) -> Snapshot:
     if len(parts[0]) + len(parts[1]) + (JOURNAL in found) != len(found) or not parts[0].keys() <= set(ARRAYS):
         raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
     scene, settings = scene_from(header["scene"], parts[0]), Settings(**header["settings"])
-    arrays = of_each_disc(parts[1], SIZES, header.get("discs"))
+    arrays, discs = parts[1], header.get("discs")
+    once = [name for name in SIZES if name in arrays and not arrays[name].ndim]
+    # A list: an interrupt while a generator that is not at its end is thrown away would be lost.
+    if once and not any([array.ndim and len(array) == discs for array in arrays.values()]):
+        raise ValueError(f"it has no array for {discs!r:.30} discs")  # whose sizes would take any memory
+    arrays |= {name: np.broadcast_to(arrays[name], discs) for name in once}
     frame, emission = header["run"]["frame"], header["run"]["emission"]
     changes = unpacked(found[JOURNAL], frame) if JOURNAL in found else ()
     terms = terms_after(scene, settings, changes)

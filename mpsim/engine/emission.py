@@ -192,16 +192,12 @@ class Emission:
         """When an emitter that has an interval is due again [time]; infinity without one."""
         return min((self._time(index) for index in self._open() if not self._emitters[index].every), default=math.inf)
 
-    def before_frame(self, solver: Solver, insert: Insert) -> None:
-        """Add the discs that are to enter before this frame, and any in time that Ctrl-C has left out."""
-        self._enter(solver, insert, count_frames=True)
+    def enter(self, solver: Solver, insert: Insert, count_frames: bool) -> None:
+        """Add all discs that are due, oldest first, where their places are free.
 
-    def in_time(self, solver: Solver, insert: Insert) -> None:
-        """Add the discs whose times the last frame has reached, having flown for the time since then."""
-        self._enter(solver, insert, count_frames=False)
-
-    def _enter(self, solver: Solver, insert: Insert, count_frames: bool) -> None:
-        """Add all discs that are due, oldest first, where their places are free."""
+        count_frames: before a frame, also those that enter before it; else those whose times the last frame has
+        reached, having flown for the time since then.
+        """
         due = [found for index in self._open() if (found := self._is_due(index, solver, count_frames))]
         if not due:
             return

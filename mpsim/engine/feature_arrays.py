@@ -1,7 +1,6 @@
 """The columns and arrays of a scene, which its features determine."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,10 @@ from mpsim.scene.scene import Scene
 
 # --- The columns of a scene, which its features determine
 
-_OWN: tuple[tuple[Column, Callable[[Scene], bool]], ...] = ((IMAGE, lambda scene: any(scene.periodic)),)
-"""Those of no feature, and the scenes that have them."""
-
 
 def columns_of(scene: Scene) -> list[Column]:
     """The columns that the discs of a scene have."""
-    own = [column for column, needed in _OWN if needed(scene)]
+    own = [IMAGE] if any(scene.periodic) else []
     return own + [column for feature in FEATURES if feature.has_columns(scene) for column in feature.columns]
 
 
@@ -50,9 +46,7 @@ def giant_radius(radii: NDArray[np.float64]) -> float | None:
     A function of the radii alone, so that the same discs are giants on every machine and after every resume.
     """
     most = FEW_GIANTS + len(radii) // GIANTS_PER
-    if len(radii) <= 2 * most:
-        return None
-    if radii.max() <= GIANT * radii.min():
+    if len(radii) <= 2 * most or radii.max() <= GIANT * radii.min():
         return None
     ordered = np.sort(radii)
     largest_of_the_grid = float(ordered[-most - 1])

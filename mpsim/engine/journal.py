@@ -98,7 +98,7 @@ class Journal:
             InputError: if the path does not end in .toml.
             OutputError: if a file cannot be written.
         """
-        target = _toml(path)
+        target = files.ending_as("run.toml", path, "a session")
         start = target.with_name(f"{target.stem}.scene.toml")
         self.scene.save(start)
         head = {"format": FORMAT, "frame": self.frame, "digest": self.digest, "scene": start.name}
@@ -127,7 +127,7 @@ class Journal:
         Raises:
             InputError: if it is no such file; SceneFileError, one of these, for its scene.
         """
-        source = _toml(path)
+        source = files.ending_as("run.toml", path, "a session")
         try:
             tables = tomllib.loads(files.text(source, MOST_BYTES))
             return cls(**_checked(tables, source))
@@ -137,12 +137,6 @@ class Journal:
             raise InputError(
                 f"a session must be a file that Journal.save has written; {str(source)!r}: {reason_of(error):.200}."
             ) from None
-
-
-def _toml(path: Any) -> Path:
-    if not isinstance(path, str | os.PathLike) or Path(os.fsdecode(path)).suffix != ".toml":
-        raise InputError(f"path of a session must end in .toml; got {checks.brief(path)}. Give one such as 'run.toml'.")
-    return Path(os.fsdecode(path))
 
 
 def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:

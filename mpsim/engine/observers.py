@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.binding import Binding
+from mpsim.core.checks import Binding
 from mpsim.engine.solvers.base import joined
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES
@@ -281,9 +281,9 @@ class Observers:
         InputError: if one of them is no observer.
     """
 
-    def __init__(self, observers: Observer | Iterable[Observer] | None):
+    def __init__(self, observers: Observer | Iterable[Observer]):
         self.seconds: float = 0.0
-        given: Any = [] if observers is None else [observers] if hasattr(observers, "observe") else observers
+        given: Any = [observers] if hasattr(observers, "observe") else observers
         self._observers: list[Observer] = list(given) if isinstance(given, Iterable) else [given]
         self._of_collisions: list[Any] = []
         for each in self._observers:
@@ -325,8 +325,6 @@ class Observers:
 
     def observe(self, sim: Simulation, collisions: int) -> None:
         """Call the observers whose frame this is."""
-        if not self._observers:
-            return
         with self._timed():
             for each in self._observers:
                 if sim.frame % each.every == 0:

@@ -1,9 +1,12 @@
-"""What a run needs beside the simulation: its record, recovery, the size of slices, checkpoints, signals."""
+"""What a run needs beside the simulation: frames, its record, recovery, size of slices, checkpoints, signals."""
 
 from __future__ import annotations
 
 import math
+import os
 import signal
+import statistics
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -14,15 +17,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.deferred_signals import Noted
 from mpsim.engine.access import Notices
 from mpsim.engine.solvers import base
-from mpsim.engine.solvers.base import BatchResult, Ranks
+from mpsim.engine.solvers.base import BatchResult, Ranks, Terms
 from mpsim.errors import InputError, WorkerDiedError
 from mpsim.kernels.records import PHASES
 
 if TYPE_CHECKING:
     from mpsim.measure.registry import RunAverages
+
+# --- Number of frames of a run
+
+
+def frames_wanted(frames: int | None, until: float | None, terms: Terms, frame: int, time: float) -> int:
+    """Frames of a run from a frame and a time [time] on; frames, until: as `Simulation.run` is given them.
+
+    Raises:
+        InputError: both or neither, or one out of range.
+    """
+    if (frames is None) == (until is None):
+        raise InputError(f"run needs either frames or until; got frames={frames!r}, until={until!r}.")
+    if frames is not None:
+        return checks.whole("frames", frames, 0, base.MOST_FRAMES_OF_A_RUN, "Ask for 0 or more frames.")
+    until = checks.non_negative("until", until, "[time]")
+    if until < time:
+        raise InputError(f"until must not lie in the past: the time is {time:g}; got {until!r}.")
+    return max(terms.frame_at(until) - frame, 0)
+
+
+def frames_skipped(start: float | None, measures: object, frames: int, terms: Terms, frame: int) -> int:
+    """Frames at the beginning of a run from `frame` on that are not measured; start, measures: as of `Simulation.run`.
+
+    Raises:
+        InputError: without measures, for a start out of range, and for one that leaves no frame to measure.
+    """
+    if start is None:
+        return 0
+    start = checks.non_negative("start", start, "[time]")
+    if not measures:
+        raise InputError(
+            f"start needs measures, which are taken from then on; got start={start:g} and none. Name them."
+        )
+    skipped = max(terms.frame_at(start, "start") - frame, 0)
+    if skipped and skipped >= frames:
+        end = terms.time_of(frame + frames)
+        raise InputError(f"start must lie before the end of the run, at time {end:g}; got {start:g}. Run longer.")
+    return skipped
+
 
 # --- Times and counts that a run has collected so far
 
@@ -154,29 +195,20 @@ class RecoverySnapshots:
         take, restore: copies everything that the next frame depends on; goes back to such a copy.
         record: of the run, which is rewound too.
         notices: which take a line for each death.
-        changes: how often discs or parameters have been changed from outside: a snapshot from before is of no use.
     """
 
-    def __init__(
-        self,
-        take: Callable[[], Any],
-        restore: Callable[[Any], None],
-        record: RunRecord,
-        notices: Notices,
-        changes: Callable[[], int],
-    ):
-        self._changes = changes
-        self._take = take
-        self._restore = restore
-        self._record = record
-        self._notices = notices
+    def __init__(self, take: Callable[[], Any], restore: Callable[[Any], None], record: RunRecord, notices: Notices):
+        self._take, self._restore, self._record, self._notices = take, restore, record, notices
         self._kept: tuple[Any, Rewind, int] | None = None  # a snapshot, where the record stood, number of changes
         self._due = 0.0
         self._deaths = 0
 
-    def take(self) -> None:
-        """Take a snapshot if it is time for one and there is anything new to keep."""
-        started, changes = time.perf_counter(), self._changes()
+    def take(self, changes: int) -> None:
+        """Take a snapshot if it is time for one and there is anything new to keep.
+
+        changes: how often discs or parameters have been changed from outside: a snapshot from before is of no use.
+        """
+        started = time.perf_counter()
         _, mark, before = self._kept or (None, None, changes)
         is_new = mark is None or self._record.done > mark.done
         if changes != before or (is_new and started >= self._due):
@@ -259,11 +291,8 @@ class BatchSizer:
 
     def _median(self, workers: int) -> float:
         """Frame time of the last slices on so many workers [s]; infinite before the first."""
-        ordered = sorted(self._recent[workers])
-        middle = len(ordered) // 2
-        if len(ordered) % 2:
-            return ordered[middle]
-        return 0.5 * (ordered[middle - 1] + ordered[middle]) if ordered else math.inf
+        recent = self._recent[workers]
+        return statistics.median(recent) if recent else math.inf
 
     def _fit(self, seconds: float, seconds_per_frame: float, remaining: int) -> int:
         """Number of frames that take so many seconds; one where nothing is known yet."""
@@ -277,7 +306,9 @@ class BatchSizer:
 class Awaited:
     """A signal that is noted in this `with` block, and raised as an error where all processes look.
 
-    Else Ctrl-C would come to each of several ranks somewhere else, and the others would wait there for ever.
+    Else Ctrl-C would come to each of several ranks somewhere else, and the others would wait there for ever. Only the
+    main thread can have it noted, and not if code in C handles it. In a fork, where nobody looks, it does what it did
+    before.
 
     Args:
         number: of the signal.
@@ -287,24 +318,39 @@ class Awaited:
     """
 
     def __init__(self, number: int, ranks: Ranks, wanted: bool, error: type[BaseException], *arguments: Any):
-        self._noted, self._ranks, self._wanted = Noted(number), ranks, wanted
+        self._number, self._ranks, self._wanted = number, ranks, wanted
         self._error, self._arguments = error, arguments
+        self._creator, self._noted = os.getpid(), False
+        self._before: Any = None
 
     def __enter__(self) -> Awaited:
-        if self._wanted:
-            self._noted.begin()
+        if self._wanted and threading.current_thread() is threading.main_thread():
+            self._before = signal.getsignal(self._number)
+            if self._before is not None:
+                signal.signal(self._number, self._note)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
-        self._noted.end()
+        self._restore()
         if kind is None:  # it may have come after the last slice
             self.look(self.came())
-        elif self._noted.came and kind is not self._error:  # the run has ended otherwise
-            self._noted.send_again()
+        elif self._noted and kind is not self._error:  # the run has ended otherwise
+            signal.raise_signal(self._number)
+
+    def _restore(self) -> None:
+        if self._before is not None:
+            signal.signal(self._number, self._before)
+            self._before = None
+
+    def _note(self, number: int, frame: object) -> None:
+        if os.getpid() != self._creator:
+            self._restore()
+            signal.raise_signal(number)
+        self._noted = True
 
     def came(self) -> bool:
         """Whether it has come to any process. All of them ask."""
-        return self._wanted and self._ranks.any_rank(self._noted.came)
+        return self._wanted and self._ranks.any_rank(self._noted)
 
     def look(self, came: bool) -> None:
         """Raise the error if it has come."""

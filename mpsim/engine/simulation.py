@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import math
 import os
 import threading
 import time
-import weakref
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, TypeVar, Unpack, cast
+from typing import Any, NamedTuple, NoReturn, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,25 +31,26 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.late import named
 from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import Discs, State, StateInChunks
-from mpsim.engine import changes, checkpoint, report
+from mpsim.engine import changes, checkpoint
 from mpsim.engine.access import Access, Closing, Once, exclusive, reading, warn
-from mpsim.engine.changes import REMOVE, Change, edited, terms_after
+from mpsim.engine.changes import REMOVE, Change, Parameters, edited, terms_after
 from mpsim.engine.checkpoint import Snapshot, checked_place
-from mpsim.engine.emission import Emission, Insert
+from mpsim.engine.emission import Emission
 from mpsim.engine.journal import Journal, replayed
 from mpsim.engine.observers import Observer, Observers
-from mpsim.engine.parameters import Parameters, check_names
 from mpsim.engine.report import Measures, Report
-from mpsim.engine.room import room_for
 from mpsim.engine.run import (
     BatchSizer,
     Beside,
     RecoverySnapshots,
     RunRecord,
+    frames_skipped,
+    frames_wanted,
     retried_on_new_workers,
 )
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import (
+    ALONE,
     MOST_FRAMES_OF_A_RUN,
     BatchResult,
     Choice,
@@ -212,7 +213,7 @@ class Simulation(ReadOnly):
         Raises:
             BusyError: while another thread is changing the simulation.
         """
-        if self._alive:  # not in a fork, where it was closed at the fork
+        if self._closing.alive:  # not in a fork, where it was closed at the fork
             self._close()
 
     @exclusive
@@ -222,14 +223,9 @@ class Simulation(ReadOnly):
     def _end(self) -> None:
         """Close the simulation, also from within another call of this thread; Ctrl-C waits."""
         with interrupts_held_back(), self._access.moving():
-            if self._alive:
+            if self._closing.alive:
                 self._last_frame, self._last_time = self._solver.frame, self._solver.terms.time_of(self._solver.frame)
                 self._closing()
-
-    @property
-    def _alive(self) -> bool:
-        """Whether the solver is still to be closed."""
-        return self._closing.alive
 
     def _open_solver(self) -> Solver:
         """The solver, unless it is closed, or was made in another process."""
@@ -253,7 +249,7 @@ class Simulation(ReadOnly):
 
     @reading
     def _described(self) -> str:
-        if not self._alive:
+        if not self._closing.alive:
             return f"<Simulation: closed after frame {self._last_frame}>"
         method = self._solver.choice.method
         return f"<Simulation: {self.count} discs by {method}, frame {self.frame}, time {self.time:g}>"
@@ -274,13 +270,13 @@ class Simulation(ReadOnly):
     @reading
     def frame(self) -> int:
         """Number of frames since the start; after `close`, the number at that time."""
-        return self._solver.frame if self._alive else self._last_frame
+        return self._solver.frame if self._closing.alive else self._last_frame
 
     @property
     @reading
     def time(self) -> float:
         """Simulated time since the start [time]: frame * dt; a little more after Ctrl-C inside a frame of `event`."""
-        return self._solver.time if self._alive else self._last_time
+        return self._solver.time if self._closing.alive else self._last_time
 
     @property
     @reading
@@ -441,6 +437,10 @@ class Simulation(ReadOnly):
 
     @reading
     def _read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
+        """What a function gives that reads the discs where they lie, between two slices of frames.
+
+        It must keep no view of them, write nothing, and be quick: the simulation waits.
+        """
         return read(self._whole("discs in place").in_place())
 
     def _whole(self, what: str) -> Solver:
@@ -505,13 +505,8 @@ class Simulation(ReadOnly):
             if progress is True and not solver.ranks.is_root:
                 progress = None  # of several ranks the first one shows it
         if until is not None or type(frames) is not int or not 0 <= frames <= MOST_FRAMES_OF_A_RUN:
-            now = solver.frame, solver.time, solver.terms.origin
-            frames = report.frames_wanted(frames, until, self.settings.dt, *now)
-        skipped = 0
-        if start is not None:
-            skipped = report.frames_skipped(
-                start, measures, frames, self.settings.dt, solver.frame, solver.terms.origin
-            )
+            frames = frames_wanted(frames, until, solver.terms, solver.frame, solver.time)
+        skipped = 0 if start is None else frames_skipped(start, measures, frames, solver.terms, solver.frame)
         observers = None if observe is None else Observers(observe)
         names = () if measures is None else named(f"{MEASURES}:checked")(measures, self.scene, solver.count)
         with access.state_lock:
@@ -537,40 +532,23 @@ class Simulation(ReadOnly):
         solver = self._solver
         whole = self._can.has_steps or solver.time == solver.terms.time_of(solver.frame)
         averages = None
-        if names:
-            me = weakref.ref(self)  # a cycle would keep a simulation that is dropped from being closed at once
-
-            def of_discs(function: Callable[[Discs], Any]) -> Any:
-                return cast("Simulation", me())._of_discs(function)
-
+        if names:  # not of self: a cycle would keep a simulation that is dropped from being closed at once
+            of_discs = functools.partial(_of_discs, solver)
             averages = named(f"{MEASURES}:RunAverages")(names, frames, self.scene, of_discs, whole, skipped)
-        if logged != _is_logging(solver):
-            self._between_frames(lambda: log_collisions(self._solver, logged))
-            solver = self._solver
+        if logged != (isinstance(solver, CollisionLog) and solver.logging):
+            self._between_frames(lambda: log_collisions(solver, logged))
         if not logged:
             self._logged.clear()
         self._record = RunRecord(max(solver.choice.workers), averages, whole, self._logged)
         return self._record
 
-    def _of_discs(self, function: Callable[[Discs], Any]) -> Any:
-        """The result of a function of the present state; on ranks, where no process has it all, read in chunks."""
-        solver = self._solver
-        if self._can.on_ranks:
-            return solver.ranks.on_root(lambda: function(StateInChunks(solver.state, solver.count)))
-        return function(solver.state())
-
-    def _recovery(self, record: RunRecord) -> RecoverySnapshots | None:
-        """Snapshots for a run to go back to if a worker dies; None where the error is raised."""
-        if self._processes.on_worker_death != "restart":
-            return None
-        changes = lambda: len(self._changes)  # noqa: E731
-        return RecoverySnapshots(self._moment, self._go_on_from, record, self._access.notices, changes)
-
     def _run_frames(
         self, frames: int, record: RunRecord, observers: Observers | None, beside: Beside | None = None
     ) -> None:
         """Run frames in slices, and record them. Between two slices others read, and callbacks may change something."""
-        access, use, recovery = self._access, self._access.use, self._recovery(record)
+        access, use, recovery = self._access, self._access.use, None
+        if self._processes.on_worker_death == "restart":
+            recovery = RecoverySnapshots(self._moment, self._go_on_from, record, access.notices)
         assert use is not None  # that of `run`
         use.in_callback = True
         if observers is not None:
@@ -604,18 +582,19 @@ class Simulation(ReadOnly):
 
     def _advance(self, most: int, frame: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
         """Run one slice of frames, `most` at most: emitters add discs, the solver runs a command; see to deaths."""
-        if _is_too_fast(self._solver) or self._step_limits.is_due(frame, self._solver.count):
+        solver = self._solver
+        if (isinstance(solver, Steps) and solver.too_fast) or self._step_limits.is_due(frame, solver.count):
             self._adapt()
         try:
             if self._emission.emits:
-                self._emit(self._emission.before_frame)
+                self._emit(count_frames=True)
             if recovery is not None and self._solver.pids:
-                recovery.take()
+                recovery.take(len(self._changes))
             workers, frames, until = self._next_slice(most, frame, record)
             part = self._solver.advance(frames, workers, until, record.count_enabled)
         except WorkerDiedError as death:
             try:
-                if recovery is None or not self._alive:
+                if recovery is None or not self._closing.alive:
                     raise
                 with interrupts_held_back():
                     recovery.go_back(death)
@@ -660,7 +639,7 @@ class Simulation(ReadOnly):
         if limits.may_be_pressed(solver.count):
             limits.look_for_pressed(solver, self._access.notices)
         if self._emission.emits:
-            self._emit(self._emission.in_time)
+            self._emit(count_frames=False)
 
     def _take_collisions(self) -> None:
         """Take over what the solver has logged, before it moves to another block."""
@@ -681,22 +660,20 @@ class Simulation(ReadOnly):
             self._guard,
         )
 
-    def _emit(self, enter: Callable[[Solver, Insert], None]) -> None:
-        """Have the emitters add what is due."""
+    def _emit(self, count_frames: bool) -> None:
+        """Have the emitters add what is due, at the begin of a frame or in time."""
         before = self._solver.count
         try:
-            enter(self._solver, lambda new: self._insert(new, self._look(new)))
+            self._emission.enter(self._solver, lambda new: self._insert(new, self._look(new)), count_frames)
         except Exception:  # of a signal handler, say
             if self._solver.count != before:  # the discs are there, and the emitters' books do not know of them
                 self._end()
             raise
 
     def _adapt(self) -> None:
-        """Check the speeds if it is time to, and divide the following frames into as many steps as they need."""
-        solver = self._solver
-        if _is_too_fast(solver) or self._step_limits.is_due(solver.frame, solver.count):
-            with interrupts_held_back(), self._access.moving():
-                set_substeps(solver, self._step_limits.check(solver, self._access.notices))
+        """Check the speeds, and divide the following frames into as many steps as they need."""
+        with interrupts_held_back():
+            set_substeps(self._solver, self._look())
 
     def _look(self, new: NewDiscs | None = None, changed: NDArray[np.int64] | None = None) -> int:
         """Check the speeds of new discs, changed ones, or all; returns the sub-steps from now on."""
@@ -778,8 +755,8 @@ class Simulation(ReadOnly):
         substeps = self._look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
         if overlap == "push":
-            for ids, aside in room_for(self, of_discs(new.position, new.radius)):
-                self._change_discs(changes.checked_set(solver, ids, aside, None, None, {}))
+            for ids, aside in changes.room_for(self, of_discs(new.position, new.radius)):
+                self._change_discs(changes.checked_set(solver, ids, aside, None, {}))
         change = changes.made(solver, changes.ADD, changes.arguments_of(solver.terms.scene, new))
         with interrupts_held_back():
             self._insert(new, substeps)
@@ -821,7 +798,8 @@ class Simulation(ReadOnly):
         ([[1.0, 1.0], [2.5, 1.5]], [[1.0, 0.0], [0.0, 1.0]])
         """
         solver = self._demand_alike("set", ids, position, velocity, acceleration, others)
-        self._change_discs(changes.checked_set(solver, ids, position, velocity, acceleration, others))
+        others = {"acceleration": acceleration, **others}
+        self._change_discs(changes.checked_set(solver, ids, position, velocity, others))
 
     @exclusive
     def kick(self, ids: ArrayLike, impulse: ArrayLike) -> None:
@@ -867,7 +845,8 @@ class Simulation(ReadOnly):
         ...     sim.count, sim.state.present.tolist()
         (5, [True, False, True, False, True])
         """
-        self._change_discs(changes.checked_remove(self._demand_alike("remove", ids), ids))
+        solver = self._demand_alike("remove", ids)
+        self._change_discs(changes.made(solver, REMOVE, {"ids": changes.present_numbers(solver, ids)}))
 
     @exclusive
     def change(self, **parameters: Unpack[Parameters]) -> None:
@@ -898,7 +877,7 @@ class Simulation(ReadOnly):
         """
         given = dict(parameters)
         solver = self._demand_alike("change", given)
-        check_names(given, solver.terms.settings)
+        changes.check_parameters(given, solver.terms.settings)
         use = self._access.use
         if "dt" in given and use is not None and use.outer is not None:
             raise InputError(
@@ -933,7 +912,8 @@ class Simulation(ReadOnly):
         ...     wall, sim.scene.obstacles, sim.state.velocity.tolist()
         (0, (Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
         """
-        self._take_over(changes.checked_wall(self._demand_alike("add_wall", wall), self._start[0], wall))
+        solver = self._demand_alike("add_wall", wall)
+        self._take_over(changes.checked_wall(solver, self._start[0], changes.WALL, wall))
         return len(self.scene.obstacles) - 1
 
     @exclusive
@@ -957,7 +937,7 @@ class Simulation(ReadOnly):
         [[-2.0, 0.0]]
         """
         solver = self._demand_alike("move_wall", wall, motion)
-        self._take_over(changes.checked_move(solver, self._start[0], wall, motion))
+        self._take_over(changes.checked_wall(solver, self._start[0], changes.MOVE_WALL, wall, motion))
 
     @exclusive
     def remove_wall(self, wall: int) -> None:
@@ -978,7 +958,8 @@ class Simulation(ReadOnly):
         ...     sim.state.position.round(9).tolist()
         [[5.0, 2.0]]
         """
-        self._take_over(changes.checked_removal(self._demand_alike("remove_wall", wall), self._start[0], wall))
+        solver = self._demand_alike("remove_wall", wall)
+        self._take_over(changes.checked_wall(solver, self._start[0], changes.REMOVE_WALL, wall))
 
     def _demand_alike(self, call: str, *given: Any) -> Solver:
         """The solver, at a call that is alike on all ranks; all but `add` need a whole frame."""
@@ -1162,7 +1143,8 @@ class Simulation(ReadOnly):
                 "restore must be called between two runs, not in a callback of a run, which counts its frames; got one "
                 f"in frame {self.frame}. Return from the run before, or continue elsewhere by Simulation.from_snapshot."
             )
-        if not _same_start(snapshot.start, self._start):
+        (scene, settings), workers = snapshot.start, self._start[1].workers
+        if scene is not self._start[0] or dataclasses.replace(settings, workers=workers) != self._start[1]:
             raise InputError(
                 f"restore needs a snapshot of a simulation of the same scene and settings; got {snapshot!r} of another "
                 "one. Use Simulation.from_snapshot to continue that one."
@@ -1341,11 +1323,10 @@ class Simulation(ReadOnly):
 
     def _go_back(self, to: Snapshot) -> None:
         """Continue from a snapshot of this simulation, under the scene and settings then in force."""
-        scene, settings, origin = to.terms
-        before, choice = self._solver.choice, methods.choose(to.count, settings, self._processes)
-        emission = self._emission.under(scene, settings, to.frame, to.time)
+        before, choice = self._solver.choice, methods.choose(to.count, to.terms.settings, self._processes)
+        emission = self._emission.under(to.terms.scene, to.terms.settings, to.frame, to.time)
         emission.progress = to.emission
-        limits = self._step_limits.under(scene, settings, origin)
+        limits = self._step_limits.under(*to.terms)
 
         def act() -> None:
             self._solver.restore(to.arrays, choice, to.terms, new_workers=False)
@@ -1354,31 +1335,15 @@ class Simulation(ReadOnly):
         with interrupts_held_back():
             self._between_frames(act)
             self._emission, self._step_limits, self._changes = emission, limits, list(to.changes)
-            self._last_frame, self._last_time = to.frame, self._solver.terms.time_of(to.frame)
             self._logged.clear()
             self._note_choice(before)
 
 
-def read_in_place(sim: Simulation, read: Callable[[InPlace], Result]) -> Result:
-    """What a function gives that reads the discs where they lie, between two slices of frames.
-
-    It must keep no view of them, write nothing, and be quick: the simulation waits.
-    """
-    return sim._read_in_place(read)  # pyright: ignore[reportPrivateUsage]
-
-
-def _same_start(one: tuple[Scene, Settings], other: tuple[Scene, Settings]) -> bool:
-    """Whether two simulations began from the same scene, with settings that differ in the workers at most."""
-    settings = [dataclasses.replace(each[1], workers=None) for each in (one, other)]
-    return one[0] is other[0] and settings[0] == settings[1]
-
-
-def _is_logging(solver: Solver) -> bool:
-    return isinstance(solver, CollisionLog) and solver.logging
-
-
-def _is_too_fast(solver: Solver) -> bool:
-    return isinstance(solver, Steps) and solver.too_fast
+def _of_discs(solver: Solver, function: Callable[[Discs], Any]) -> Any:
+    """The result of a function of the present state; on ranks, where no process has it all, read in chunks."""
+    if solver.ranks is ALONE:
+        return function(solver.state())
+    return solver.ranks.on_root(lambda: function(StateInChunks(solver.state, solver.count)))
 
 
 def _collective(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.columns import given
+from mpsim.core.columns import GIVEN
 from mpsim.engine.access import Notices, Once
 from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Steps
 from mpsim.engine.solvers.methods import capabilities_of
@@ -55,7 +55,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
     for first, velocity in scene._velocities_in_pieces():
         checks.fitting("velocity", velocity, precision, first)
         fastest = max(fastest, float(np.abs(velocity).max(initial=0.0)))
-    for name in (*VECTORS, *(column.name for column in given())):
+    for name in (*VECTORS, *(column.name for column in GIVEN)):
         if (values := getattr(scene, name, None)) is not None:
             checks.fitting(name, values, precision)
     product = 8 * scene.largest_radius * fastest
@@ -257,16 +257,13 @@ JUST_ABOVE = 1 + 1e-5
 """Where kernels see a disc, in parts of the bound: rounding of float32 must not let them see what is not above it."""
 
 
-START = Origin()
-
-
 class StepLimits:
     """Looks at the fastest disc, and at collisions in a step, and acts as Settings.on_fast says.
 
     origin: when the length of frames began to act.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, origin: Origin = START):
+    def __init__(self, scene: Scene, settings: Settings, origin: Origin = Origin()):  # noqa: B008 - immutable
         self._scene = scene
         self._settings = settings
         self._has_steps = has_steps = capabilities_of(settings).has_steps

@@ -31,8 +31,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks, files
-from mpsim.core.archive import DAMAGE, ArrayFile, npz_path, save_arrays
-from mpsim.core.binding import Binding
+from mpsim.core.archive import DAMAGE, ArrayFile, save_arrays
+from mpsim.core.checks import Binding
 from mpsim.core.state import State
 from mpsim.errors import InputError, NotRecordedError, reason_of
 from mpsim.features.feature import adds_discs, conserves_energy, is_heated, mean_mass, memory_of_baths, removes_discs
@@ -416,7 +416,7 @@ class Correlations:
         self._points = checks.whole("points", points, 4, 256, "16 is usual.")
         if points % 2:
             raise InputError(f"points must be even, as half of them are kept for each doubling; got {points}. Use 16.")
-        self.path: Path | None = None if path is None else npz_path("Correlations", path)
+        self.path: Path | None = None if path is None else files.ending_as("run.npz", path, "Correlations")
         if self.path is not None and self.path.exists():
             raise InputError(
                 f"path of Correlations must be that of a new file; {str(self.path)!r} is there already. Continue it by "
@@ -591,7 +591,7 @@ class Correlations:
             OutputError: if it cannot be written.
         """
         arrays = self._gathered().to_arrays() | {"format": FORMAT, "start": self.start, "frame": self._frame}
-        return save_arrays("a file of Correlations", npz_path("Correlations", path), arrays)
+        return save_arrays("a file of Correlations", files.ending_as("run.npz", path, "Correlations"), arrays)
 
     def keep(self) -> None:
         """Write the file at `path`, if there is one: a run does so before it writes a checkpoint."""
@@ -623,7 +623,7 @@ class Correlations:
         >>> again.msd[0].samples
         101
         """
-        source = npz_path("Correlations", path)
+        source = files.ending_as("run.npz", path, "Correlations")
         try:
             with files.opened(source) as file, ArrayFile(file) as arrays:
                 found = {name: arrays.read(name) for name in arrays.names}

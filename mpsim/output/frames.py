@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.columns import ChunkedArray, Column, in_state
+from mpsim.core.columns import IN_STATE, ChunkedArray, Column
 from mpsim.core.state import Box, State, StateInChunks, present_in
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
@@ -94,7 +94,7 @@ class Frame:
         """
         (width, height), (left, low) = self.box, self.origin
         walls = (left, left + width, low, low + height)
-        others: Any = {column.name: self.known.get(column.name) for column in in_state()}
+        others: Any = {column.name: self.known.get(column.name) for column in IN_STATE}
         return State(self.position, self.known.get("velocity"), box=walls, **others)
 
     def whole(self) -> "Frame":
@@ -235,7 +235,7 @@ WRITTEN_AS = {
 def _written_as(name: str) -> str:
     further = {
         each.name: f"the column {each.name}:{kind_of(each)} (extended XYZ) or log/particles/mpsim/{each.name} (GSD)"
-        for each in in_state()
+        for each in IN_STATE
     }
     return (further | WRITTEN_AS)[name]
 
@@ -284,7 +284,7 @@ def differs(a: Frame, b: Frame) -> str | None:
         if getattr(a, name) != getattr(b, name):
             return f"its {name} is {getattr(a, name)} and not {getattr(b, name)}"
     ours, theirs = ({"position": frame.position, **frame.known} for frame in (a, b))
-    for name in ("ids", "position", "velocity", "radius", "mass", *(column.name for column in in_state())):
+    for name in ("ids", "position", "velocity", "radius", "mass", *(column.name for column in IN_STATE)):
         both = (name in ours) + (name in theirs)
         if both == 1 or (both and not checks.equal(ours[name], theirs[name])):
             return f"its {name} of the discs differs"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks, files
-from mpsim.core.columns import in_state
+from mpsim.core.columns import IN_STATE
 from mpsim.core.late import imported
 from mpsim.errors import MpsimError, TrajectoryError, reason_of
 from mpsim.output.frames import Frame, Given
@@ -164,7 +164,7 @@ class GsdReader:
 
     def _of_mpsim(self, index: int, width: float, height: float) -> Frame:
         """A frame that mpsim wrote."""
-        names = {**_PER_DISC, **{column.name: column.name for column in in_state()}}
+        names = {**_PER_DISC, **{column.name: column.name for column in IN_STATE}}
         found = {ours: self._chunk(index, f"log/particles/mpsim/{name}") for name, ours in names.items()}
         known: dict[str, Any] = {name: array for name, array in found.items() if array is not None}
         known["time"] = float(self._chunk(index, "log/mpsim/time")[0])
@@ -215,7 +215,7 @@ def _chunks_of(frame: Frame) -> Iterator[tuple[str, NDArray[Any]]]:
     yield "particles/velocity", _three(frame.velocity, 0.0)
     for name, ours in _PER_DISC.items():
         yield f"log/particles/mpsim/{name}", getattr(frame, ours)
-    for column in in_state():
+    for column in IN_STATE:
         if column.name in frame.known:
             yield f"log/particles/mpsim/{column.name}", frame.known[column.name]
     yield "log/mpsim/time", np.array([frame.time])

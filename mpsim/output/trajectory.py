@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks, files
-from mpsim.core.binding import Binding
+from mpsim.core.checks import Binding
 from mpsim.core.files import FileLock
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of

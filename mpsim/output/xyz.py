@@ -22,7 +22,7 @@ import orjson
 from numpy.typing import NDArray
 
 from mpsim.core import files
-from mpsim.core.columns import IMAGE, MASS, Column, in_state, ranges
+from mpsim.core.columns import IMAGE, IN_STATE, MASS, Column, ranges
 from mpsim.errors import TrajectoryError, TrajectoryWarning, level_of_caller
 from mpsim.kernels.output import join_rows
 from mpsim.output.frames import ROUNDING, Frame, Given, kind_of
@@ -365,7 +365,7 @@ class XyzReader(TextReader):
         position = known.pop("position")
         if "float32" in keys.get("precision", ""):
             position = position.astype(np.float32)
-            reals = ("velocity", *(column.name for column in in_state() if not column.integer))
+            reals = ("velocity", *(column.name for column in IN_STATE if not column.integer))
             known |= {name: known[name].astype(np.float32) for name in reals if name in known}
         if "time" in keys:
             known["time"] = numbers_of(where, 2, "Time", keys["time"], 1)[0]
@@ -424,7 +424,7 @@ def _columns(where: str, rows: list[str], properties: str) -> dict[str, Any]:
 def _of_states() -> dict[str, Column]:
     """Further columns of a state, by their names in a file: their own if OVITO and ASE have no name for them."""
     names = {column: name for name, column in _NAMED.items()}
-    return {names.get(column, column.name): column for column in in_state()}
+    return {names.get(column, column.name): column for column in IN_STATE}
 
 
 def _box(where: str, keys: dict[str, str]) -> tuple[float, float] | None:

@@ -25,13 +25,13 @@ from typing import Any
 
 import numpy as np
 
+from mpsim import __version__
 from mpsim.core import checks
 from mpsim.core.checks import brief, refusal
 from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.late import imported
 from mpsim.core.progress import checked_progress, shown
 from mpsim.core.state import State
-from mpsim.core.version import __version__
 from mpsim.engine.checkpoint import VERSIONS
 from mpsim.errors import InputError
 from mpsim.measure.statistics import Measure

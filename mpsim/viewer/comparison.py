@@ -16,12 +16,10 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from mpsim.core.state import State
-from mpsim.engine.changes import ADD, PARAMETERS, WALL
+from mpsim.engine.changes import ADD, OF_SETTINGS, PARAMETERS, WALL, make_room
 from mpsim.engine.checkpoint import Snapshot
 from mpsim.engine.observers import Observer
-from mpsim.engine.parameters import OF_SETTINGS
 from mpsim.engine.report import Report
-from mpsim.engine.room import make_room
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.methods import capabilities_of, in_one_process

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.engine import parameters
+from mpsim.engine import changes
 from mpsim.engine.checkpoint import Snapshot
-from mpsim.engine.room import make_room
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import BusyError, InputError
@@ -56,7 +55,7 @@ VALUES: Mapping[str, Callable[[Scene], Any]] = {
     "gravity": lambda scene: [0.0, 0.0] if scene.gravity is None else scene.gravity.tolist(),
     "restitution": lambda scene: scene.restitution,
     "wall_restitution": lambda scene: scene.wall_restitution,
-    **{name: partial(_friction, name=name) for name in parameters.OF_FRICTION},
+    **{name: partial(_friction, name=name) for name in changes.OF_FRICTION},
     "piston_speed": lambda scene: getattr(scene.piston, "speed", None),
     "temperature": lambda scene: None if scene.thermostat is None else scene.thermostat.temperature,
     "wall_temperature": _wall_temperature,
@@ -306,7 +305,7 @@ class Interactions:
             if self._added >= MOST_ADDED:
                 raise InputError(f"pages may add at most {MOST_ADDED} discs; got one more. Reset, or begin with more.")
             own = _own_of_new(self._sim)
-            make_room(self._sim, of_discs([(x, y)], own.get("radius", self._sim.scene.largest_radius)))
+            changes.make_room(self._sim, of_discs([(x, y)], own.get("radius", self._sim.scene.largest_radius)))
             self._sim.add((x, y), (0.0, 0.0), **own)
             self._added += 1
 
@@ -348,11 +347,11 @@ class Interactions:
     def _build(self, wall: Obstacle) -> None:
         if self._walls >= MOST_WALLS:
             raise InputError(f"pages may draw or move at most {MOST_WALLS:,} walls; got one more. Reset the view.")
-        make_room(self._sim, capsules_of((wall,)))
+        changes.make_room(self._sim, capsules_of((wall,)))
         self._sim.add_wall(wall)
         self._walls += 1
 
-    @command(name=one_of(parameters.NAMES), value=_parameter_value, same=checks.truth)
+    @command(name=one_of(changes.PARAMETER_NAMES), value=_parameter_value, same=checks.truth)
     def do_change(self, name: str, value: Any, same: bool) -> None:
         """Change a parameter."""
         with self._gesture(("change", name), same):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.state import State
-from mpsim.engine.simulation import Simulation, read_in_place
+from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import InPlace, in_place
 from mpsim.engine.solvers.methods import in_one_process
 from mpsim.errors import BusyError, ClosedError, InputError, MpsimError
@@ -242,7 +242,7 @@ class Session(Source):
         if self._asked and self._pictures.is_due(self._last, now, *self._picture_share):
             self._asked = False
             with self._pictures.used(self._last, now):
-                read_in_place(sim, self._show)
+                sim._read_in_place(self._show)  # pyright: ignore[reportPrivateUsage]
                 self._broadcast.tell_if_new("colours", self._own_colours.told())
             self._pictures.charge(SLICE_SECONDS if self._picture_share is FULL_SPEED else 0.0)
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, quote, urlencode
 
 from mpsim.core import checks
-from mpsim.engine import parameters
+from mpsim.engine import changes
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.scene import scenefile
@@ -94,7 +94,7 @@ def read(query: str) -> Link:
     values = {each: _number(kind, texts[each]) for each, kind in SETTINGS.items() if each in texts}
     settings = dataclasses.replace(settings_for(scene, None), **values)
     changed = {each: _parameter(each, texts[each]) for each in VALUES if each in texts}
-    parameters.in_force(scene, settings, changed, 0.0)
+    changes.in_force(scene, settings, changed, 0.0)
     beside = beside_of(settings, texts["beside"]) if "beside" in texts else None
     return Link(name, seed, settings, changed, beside, {each: texts[each] for each in SEEN if each in texts})
 

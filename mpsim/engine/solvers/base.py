@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.columns import COLUMNS, EXITS, MASS, Column, in_state, kept_sizes
+from mpsim.core.columns import COLUMNS, EXITS, IN_STATE, MASS, Column, kept_sizes
 from mpsim.core.state import Box, State, StateInChunks, digest_of
 from mpsim.engine.feature_arrays import unit_of_work
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
@@ -287,7 +287,7 @@ def state_of(found: dict[str, NDArray[Any]], absorbed: NDArray[np.bool_], box: B
         absorbed: which discs have left, shape (N,).
         box: where the walls are [length].
     """
-    for column in in_state():
+    for column in IN_STATE:
         if column.name in found and not column.rests:
             found[column.name][absorbed] = 0
     return State._taken_over(found["position"], found["velocity"], ~absorbed, box, found)
@@ -363,7 +363,11 @@ class Terms(NamedTuple):
 
     scene: Scene
     settings: Settings
-    origin: Origin
+    origin: Origin = Origin()
+
+    def frame_at(self, time: float, name: str = "until") -> int:
+        """The first frame that reaches a time [time]; name: of that argument, for the error of `frames_until`."""
+        return self.origin.frame + frames_until(time - self.origin.time, self.settings.dt, name)
 
     def time_of(self, frame: int) -> float:
         """The time at the end of a frame that is done under these terms, or is to come [time]."""

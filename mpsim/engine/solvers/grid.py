@@ -342,7 +342,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         few = (last - first) * FEW <= self.count
         numbers, arrays = np.arange(first, last) if few else None, self._arrays
         rows = slice(self.count) if numbers is None else numbers
-        found = {each.name: arrays[each.name][..., rows].T.copy() for each in columns.in_state() if each.name in arrays}
+        found = {each.name: arrays[each.name][..., rows].T.copy() for each in columns.IN_STATE if each.name in arrays}
         found["position"], found["velocity"] = self._places_and_speeds(numbers)
         state = self._state_of(found, self.absorbed[rows])
         return state if few else part_of(state, first, last)

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim import __version__
 from mpsim.core import columns
 from mpsim.core.columns import ChunkedArray, kept_sizes, ranges
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
-from mpsim.core.version import __version__
 from mpsim.engine.feature_arrays import columns_of, given_in
 from mpsim.engine.solvers.base import (
     NO_WORK,
