@@ -524,8 +524,8 @@ class Scene(ReadOnly):
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": solid, **others}
         made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)
-        kind = box | {"count": count, "radius": radius, "mass": mass, "temperature": temperature, "inside": inside}
-        made._redraw = lambda other: cls.random(**kind, seed=_seed_of(seed, other))
+        kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature, **box}
+        made._redraw = lambda other: cls.random(**kind, inside=inside, seed=_seed_of(seed, other))
         return made
 
     @classmethod
