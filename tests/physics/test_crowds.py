@@ -125,19 +125,6 @@ def test_stepped_runs_come_to_the_exact_one_as_their_step_shrinks(name):
     assert errors["control"] > max(3 * errors["impact"], 1e-3)
 
 
-def test_a_run_goes_back_once_the_piston_has_stopped():
-    scene = crowd(width=9, height=7, piston=Piston("right", -0.5, 8.5))
-    with simulate(scene, method="event") as sim:
-        sim.run(until=2.0)
-        rest = scene.starting_from(sim.state)
-    with simulate(rest, method="event") as there:
-        assert there.run(until=1.0).collisions > 4
-        state = there.state
-    with simulate(rest.starting_from(State(state.position, -state.velocity, box=state.box)), method="event") as back:
-        back.run(until=1.0)
-        assert observables.trajectory_error(back.state, start_of(rest), rest).largest < 1e-9
-
-
 def test_a_reversed_run_comes_home_with_impact_but_not_with_push():
     """But for discs that had two contacts in one frame; `push` is the control."""
     scene, parts = Scene.random(count=16, packing=0.3, radius=0.5, seed=8), {}

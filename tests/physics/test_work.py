@@ -31,14 +31,15 @@ def gas(**surfaces):
 @pytest.mark.parametrize("name", SURFACES)
 def test_the_work_of_surfaces_is_what_an_elastic_gas_gains(name, how):
     surfaces, movers = SURFACES[name]
-    scene = gas(**surfaces)
+    scene, sensor = gas(**surfaces), mpsim.Sensor(wall="right")
     with Simulation(scene, mpsim.Settings(**how)) as sim:
         before = mpsim.measure.kinetic_energy(sim.state, scene)
-        sim.run(until=1.0)
+        sim.run(until=1.0, observe=sensor)
         gained, work = mpsim.measure.kinetic_energy(sim.state, scene) - before, sim.work
     assert work.keys() == movers
     assert all(abs(each) > 0.1 for each in work.values())
     assert sum(work.values()) == pytest.approx(gained, rel=1e-9)
+    assert name != "a piston" or 2 * sensor.impulse.sum() == pytest.approx(gained, rel=1e-9)
 
 
 @pytest.mark.parametrize("how", [EXACT, STEPS], ids=["event", "impact"])
