@@ -30,15 +30,8 @@ def expected():
     return state_after(dense(), FRAMES, method="grid", **SETTINGS)
 
 
-WAYS = [
-    (1, "forkserver"),
-    (3, "fork"),
-    *(pytest.param(*way, marks=pytest.mark.slow) for way in ((2, "spawn"), (4, "fork"))),
-]
-
-
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
-@pytest.mark.parametrize(("workers", "start_method"), WAYS)
+@pytest.mark.parametrize(("workers", "start_method"), [(1, "forkserver"), (3, "fork")])
 def test_any_number_of_workers_has_the_bits_of_grid_however_they_start(workers, start_method, expected):
     how = {"method": "parallel", "workers": workers, "start_method": start_method, **SETTINGS}
     with simulate(dense(), **how) as sim:
@@ -89,13 +82,6 @@ def test_parallel_is_grid_with_more_workers_than_columns_or_discs(count, size):
     scene = mpsim.Scene(width=size[0], height=size[1], position=position, velocity=velocity, radius=0.5)
     grid = state_after(scene, 40, method="grid", dt=0.05)
     assert_same_bits(state_after(scene, 40, method="parallel", workers=3, dt=0.05), grid, f"{count} discs on 3 workers")
-
-
-def test_auto_gives_the_bits_of_one_of_the_methods():
-    for count, method in ((50, "naive"), (1500, "grid")):
-        scene = gas(count, 0.5, seed=4)
-        expected = state_after(scene, 40, method=method)
-        assert_same_bits(state_after(scene, 40, method="auto", workers=2), expected, f"auto, {count} discs")
 
 
 # --- what must fail

@@ -8,7 +8,6 @@ import resource
 import subprocess
 import sys
 import time
-import warnings
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from support.commands import mpsim_command
 from support.processes import assert_clean, limited, refusing, run_script
 from support.scenes import gas, lattice, simulate
 from support.selection import slow_but
-from support.trajectories import content
 
 import mpsim
 
@@ -323,29 +321,6 @@ def whole(tmp_path_factory):
             sim.run(frames=frames, observe=out)
             ends.append(path.stat().st_size)
     return path, ends
-
-
-def test_of_a_trajectory_cut_at_any_byte_all_whole_frames_are_read(whole, tmp_path):
-    path, ends = whole
-    text, cut, frames = path.read_bytes(), tmp_path / "cut.xyz", content(path)
-    near = {end + by for end in ends for by in (-2, -1, 0, 1, 2)}
-    for length in sorted({*range(0, ends[-1] + 1, 7), *near} & set(range(ends[-1] + 1))):
-        cut.write_bytes(text[:length])
-        survivors = sum(end <= length for end in ends)
-        left = length - ends[survivors - 1] if survivors else length
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            found = mpsim.Trajectory(cut)
-        assert len(found) == survivors, length
-        said = (
-            f"the trajectory '{cut}' ends in the middle of a frame, as after a kill; the last {left} bytes are not "
-            f"read. Its {survivors} complete frames can be read."
-        )
-        assert [str(each.message) for each in caught] == [said] * bool(left)
-        assert [frame.state.digest() for frame in found] == [row[-1] for row in frames[:survivors]]
-    cut.write_bytes(text[: ends[0] - 10] + text[ends[0] :])
-    with pytest.raises(mpsim.errors.TrajectoryError, match="must give the number of discs where a frame begins"):
-        mpsim.Trajectory(cut)  # the control: what is wrong in the middle is no tail
 
 
 def test_a_trajectory_cut_at_any_byte_is_continued_to_the_same_bytes(whole, tmp_path):

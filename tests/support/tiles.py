@@ -10,9 +10,7 @@ import numpy as np
 
 import mpsim
 from mpsim.engine.solvers import event_block, event_tiles
-from mpsim.engine.solvers.event_tiles import Tiling, arguments_of
-from mpsim.kernels.compiling import compiled
-from mpsim.kernels.events import records, windows
+from mpsim.engine.solvers.event_tiles import Tiling
 from support.internals import solver_of
 from support.scenes import simulate
 
@@ -86,59 +84,7 @@ def first_free_place(state: mpsim.State, radius: float = 0.5) -> list[float]:
     raise AssertionError("there is no room")
 
 
-def begin_with_long_windows(sim: mpsim.Simulation) -> None:
-    """Make the next window as long as a lap of the calendar, far longer than discs collide once in."""
-    solver_of(sim)._block.arrays["plan"].parts = 1
-
-
-def has_lost_discs(sim: mpsim.Simulation) -> bool:
-    """Whether two tiles have taken one disc, or none has taken one, so that there is no state."""
-    numbers = solver_of(sim)._block.arrays["event"]["number"]
-    return len(np.unique(numbers)) < len(numbers)
-
-
 def assert_played_on_tiles(sim: mpsim.Simulation) -> None:
     """Fail unless most windows were taken over from tiles: else one worker alone has found the bits."""
     found = windows_of(sim)
     assert found["windows"] > 2 * (found["again"] + found["as_one"]), found
-
-
-# --- windows by hand ----------------------------------------------------------------------------------------------
-
-
-NEVER = np.iinfo(np.int64).max
-"""A deadline [ns] that does not come."""
-
-
-@compiled
-def play_all(whole, box, features, shared, own):
-    """Play each tile of a planned window."""
-    windows.play_tiles(whole, features, box, shared, own, 0, NEVER)
-
-
-@compiled
-def end_all(whole, features, shared, progress, seen, times, totals):
-    """Take a window over, whatever tiles have found."""
-    windows.take_discs(whole, features, shared, 0)
-    windows.take_over(whole, shared, progress, seen, times, totals)
-
-
-def play_without_comparing(sim: mpsim.Simulation, frames: int, parts: int) -> None:
-    """Play frames in windows that are taken over unseen, as one process would do it without sums along borders.
-
-    parts: windows in a lap.
-    """
-    solver = solver_of(sim)
-    whole, features, box, shared, own = arguments_of(solver._block.arrays, solver._system.features, solver._system.box)
-    windows.order_by_tiles(whole, box, features, shared.tiles, shared.plan)
-    shared.times.reached = solver._present
-    times, totals = np.zeros((2, frames), np.int64), np.zeros(0, records.TOTALS)
-    shared.plan.done, shared.plan.parts = 0, parts
-    kept = solver._progress, solver._seen
-    while shared.plan.done < frames:
-        left = frames - shared.plan.done
-        windows.plan_window(shared.plan, shared.times, whole.clock, solver._progress.frame, left, math.inf)
-        shared.plan.stops, shared.plan.next[0] = 0, 0
-        play_all(whole, box, features, shared, own)
-        end_all(whole, features, shared, *kept, times, totals)
-    windows.link(whole, box, features, own.places)
