@@ -24,7 +24,7 @@ from mpsim.features.capsules import of_discs, shifted
 from mpsim.features.obstacles import Obstacle, Polyline, capsules_of
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.scene.scene import Scene
-from mpsim.viewer.comparison import Mark
+from mpsim.viewer.comparison import History
 from mpsim.viewer.protocol import DISC, Action, command, number, one_of
 
 # --- The parameters that a page can change, with the values and ranges of their sliders
@@ -170,12 +170,12 @@ class Moment(NamedTuple):
 
     snapshot: Snapshot
     collisions: float
-    second: Mark | None
+    second: tuple[Snapshot, History] | None
 
     @property
     def nbytes(self) -> int:
         """Memory of its arrays."""
-        return self.snapshot.nbytes + (0 if self.second is None else self.second.snapshot.nbytes)
+        return self.snapshot.nbytes + (0 if self.second is None else self.second[0].nbytes)
 
 
 class Interactions:

@@ -139,7 +139,7 @@ class Session(Source):
         self._edits = Interactions(sim, self._owned, self._moment, self._back)
         if self._owned:
             self._comparison.begin(self.scene, self._settings)
-            self._follow_changes()
+            self._comparison.take(sim)
         self._resume()
         self._tell_scene()
         self._tell_comparison()
@@ -306,13 +306,14 @@ class Session(Source):
 
     def _redraw(self, seed: int) -> None:
         """Take other random positions and velocities of the scene, or those that it has, from the next restart on."""
-        self.scene, self._seed = self._given.redrawn(seed) if seed else self._given, seed
+        self.scene: Scene = self._given.redrawn(seed) if seed else self._given
+        self._seed = seed
 
     @command(settings=lambda name, value: None if value is None else _text(name, value))
     def do_beside(self, settings: str | None) -> None:
         """Restart with another second stage, or with none; settings: as in a link."""
         self._demand_scene("beside")
-        self._comparison.choose(None if settings is None else partial(share_url.beside_of, text=settings))
+        self._comparison.wanted = None if settings is None else partial(share_url.beside_of, text=settings)
         self._begin()
 
     # --- commands: changes by hand
@@ -330,23 +331,18 @@ class Session(Source):
         self._run += 1
         self._gauges = None
         self._meter.forget()
-        self._follow_changes()
+        self._comparison.take(self._simulation)
         self._broadcast.tell_if_new("hands", self._edits.told())
         self._tell_link()
 
-    def _follow_changes(self) -> None:
-        self._comparison.on_second(lambda second: second.take(self._simulation))
-
     def _moment(self) -> Moment:
-        mark = self._comparison.on_second(lambda second: second.mark())
-        return Moment(self._simulation.snapshot(), self._meter.collisions, mark)
+        return Moment(self._simulation.snapshot(), self._meter.collisions, self._comparison.mark())
 
     def _back(self, moment: Moment) -> None:
         self._simulation.restore(moment.snapshot)
         self._broadcast.forget_radii()
         self._meter.back(moment.collisions)
-        if (mark := moment.second) is not None:
-            self._comparison.on_second(lambda second: second.back(mark))
+        self._comparison.back(moment.second)
 
     def _exported(self, what: str) -> "export.Download":
         return export.FILES[what](self._demand_simulation("a file to keep"), self._name)
