@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mpsim.errors import InputError, MpsimError, UnknownArgumentError
 
+Floats = NDArray[np.float64]
 Refused = TypeVar("Refused", bound=MpsimError)
 
 # --- All checks of user input: finite, dtype, shape, range. Messages: name, rule, value received, what to do
@@ -37,7 +38,7 @@ def refusal(what: str, rule: str, got: str, instead: str = "", error: type[Refus
     return error(f"{what} must {rule}; got {got}.{instead and f' {instead}'}")
 
 
-def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
+def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> Floats:
     """A read-only float64 copy of `value` with the given shape (None: any length). `meaning` is the shape in words."""
     try:
         given = np.asarray(value)
@@ -132,7 +133,7 @@ def between(name: str, value: Any, low: float, high: float) -> float:
     return number(name, value, f"a number from {low:g} to {high:g}", lambda found: low <= found <= high)
 
 
-def one_or_each(name: str, value: Any, count: int, unit: str) -> float | NDArray[np.float64]:
+def one_or_each(name: str, value: Any, count: int, unit: str) -> float | Floats:
     """A positive number for all discs, or one each, shape (count,); equal ones become one number."""
     if np.ndim(value) == 0:
         return positive(name, value, unit)
@@ -143,7 +144,7 @@ def one_or_each(name: str, value: Any, count: int, unit: str) -> float | NDArray
     return float(array[0]) if count and (array == array[0]).all() else array
 
 
-def masses(value: Any, count: int) -> NDArray[np.float64] | None:
+def masses(value: Any, count: int) -> Floats | None:
     """One mass per disc, or None where all are 1."""
     each = np.broadcast_to(one_or_each("mass", value, count, "[mass]"), count)
     if (each == 1).all():
@@ -168,7 +169,7 @@ def truth(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def fitting(name: str, array: NDArray[np.float64], precision: str, first: int = 0) -> None:
+def fitting(name: str, array: Floats, precision: str, first: int = 0) -> None:
     """Refuse values whose squares overflow in the precision of the run; `first`: number of the first row."""
     largest = float(np.sqrt(np.finfo(precision).max)) / 4
     bad = np.argwhere(np.abs(array) > largest)

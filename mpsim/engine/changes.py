@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.core.columns import EXITS, GIVEN, MASS, SPIN
 from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Terms
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation
 
 # --- Discs that are added to a simulation: checked against the scene before anything is changed
-
-Floats = NDArray[np.float64]
 
 
 def checked(

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core.checks import Floats
 from mpsim.core.columns import IMAGE
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.engine.access import Notices, Once
@@ -22,15 +23,10 @@ from mpsim.scene.settings import Settings
 
 # --- The flight of an emitted disc in its first frame, up to the end of the frame or the first obstacle
 
-Floats = NDArray[np.float64]
-
 LOOKS_PER_RADIUS = 4
 """Places along a flight that are tested for walls and capsules, per radius of its length."""
 
 MOST_LOOKS = 10_000
-
-HALVINGS = 5
-"""Steps of a bisection that are looked at together."""
 
 MOST_PERIODS = 2.0**53
 """Periods of one flight that are counted at most, as in the kernels."""
@@ -67,12 +63,10 @@ def end_of_flight(scene: Scene, emitter: Emitter, radius: float, elapsed: float,
     if not clear.all():
         blocked = int(np.argmin(clear))
         rounding = elapsed * float(np.finfo(float).eps)  # below it a flight that ends at its start would halve on to 0
-        flown = _last_clear(
-            lambda times: _clear(scene, radius, places(times), time),
-            float(times[blocked] - times[0]),
-            float(times[blocked]),
-            rounding,
-        )
+        flown, beyond = float(times[blocked] - times[0]), float(times[blocked])
+        while beyond - flown > rounding and flown < (middle := 0.5 * (flown + beyond)) < beyond:
+            free = _clear(scene, radius, places(np.array([middle])), time)[0]
+            flown, beyond = (middle, beyond) if free else (flown, middle)
     place = places(np.array([flown]))[0]
     for axis, length in enumerate((scene.width, scene.height)):
         if scene.periodic[axis]:
@@ -81,26 +75,6 @@ def end_of_flight(scene: Scene, emitter: Emitter, radius: float, elapsed: float,
             periods = np.rint((end - place[axis]) / length)
             image[axis] = periods if abs(periods) < MOST_PERIODS else 0
     return FlightEnd(place, velocity + flown * gravity, image)
-
-
-def _last_clear(clear: Callable[[Floats], NDArray[np.bool_]], flown: float, beyond: float, rounding: float) -> float:
-    """The end of the clear part of a flight, by bisection: clear at `flown`, not at `beyond` [time].
-
-    Asking about one time costs as much as about thirty, so each look is at all that the next HALVINGS can lead to.
-    """
-    while True:
-        times = np.array([flown, beyond])
-        for _ in range(HALVINGS):
-            middles = 0.5 * (times[:-1] + times[1:])
-            times = np.append(np.stack([times[:-1], middles], axis=1).ravel(), times[-1])
-        free, low, high = clear(times), 0, len(times) - 1
-        while high - low > 1:
-            middle = (low + high) // 2
-            flown, beyond = float(times[low]), float(times[high])
-            if beyond - flown <= rounding or not flown < times[middle] < beyond:
-                return flown
-            low, high = (middle, high) if free[middle] else (low, middle)
-        flown, beyond = float(times[low]), float(times[high])
 
 
 def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[np.bool_]:
@@ -296,7 +270,7 @@ class _Occupied:
         self._axis = int(scene.height > scene.width)
         self._looks = self._sorted = 0
 
-    def admits(self, place: NDArray[np.float64], radius: float) -> bool:
+    def admits(self, place: Floats, radius: float) -> bool:
         """Whether a disc overlaps none; if so, it is added to them."""
         near = self._near(float(place[self._axis]))
         offset = self._position[near] - place

@@ -151,7 +151,6 @@ def _finer(precision: str) -> str:
 # walls, emitters and added discs can cause it. So scenes with these are checked, in the frames in which speeds are
 # checked too, and after the frame, as added discs may overlap others until then.
 
-Floats = NDArray[np.float64]
 
 DEEP = 0.2
 """Overlap from which on discs are pressed, as a fraction of the smaller one's radius, beyond what steps explain."""

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mpsim.core.checks import Floats
 from mpsim.errors import InputError
 from mpsim.kernels.geometry import ENDS, POLYGON, RADIUS, ROW, concerns
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Pairs = tuple[Integers, Integers]
 
@@ -272,44 +272,37 @@ class CapsuleIndex:
         Raises:
             InputError: if more than MOST_COMPARED pairs of a disc and a capsule are near each other.
         """
-        depth = self._in_capsules(position, radius)
+        depth, powers = np.zeros(len(position)), np.frexp(radius)[1]
+        self._asked += len(position)
+        if self._asked <= FEW_DISCS:
+            powers[:] = powers.max(initial=0)
+        for power in np.unique(powers).tolist():
+            images, lists = self._near(power)
+            discs = np.flatnonzero(powers == power)
+            for number, capsule in _listed_pairs(position[discs], lists):
+                # The disc is shifted, not the capsule: rounded as its own coordinates are.
+                place, rows = position[discs[number]] - images.shift[capsule], self._capsules[images.source[capsule]]
+                np.maximum.at(depth, discs[number], -gaps(place, radius[discs[number]], rows))
         shifts = [(0.0, -length, length) if wraps else (0.0,) for length, wraps in zip(*self._box, strict=True)]
         for part, shift in product(self._filled, product(*shifts)):
             sides = self._capsules[part]
-            discs = np.flatnonzero(is_within(position - shift, sides) & concerns(sides, 0, radius))
-            if len(discs):
-                away = distance(position[discs, None] - shift, sides).min(axis=1) + 2 * sides[0, RADIUS] + radius[discs]
-                depth[discs] = np.maximum(depth[discs], away)
+            inside = np.flatnonzero(is_within(position - shift, sides) & concerns(sides, 0, radius))
+            if len(inside):
+                away = distance(position[inside, None] - shift, sides).min(axis=1) + 2 * sides[0, RADIUS]
+                depth[inside] = np.maximum(depth[inside], away + radius[inside])
         return depth
 
-    def _in_capsules(self, position: Floats, radius: Floats) -> Floats:
-        self._asked += len(position)
-        depth = np.zeros(len(position))
-        if not len(self._capsules):
-            return depth
+    def _near(self, power: int) -> tuple[Images, CellLists]:
+        """Capsules with images, and those near each place, for discs of radii below 2^power."""
+        if power in self._grids:
+            return self._grids[power]
+        reach = math.ldexp(1.0, power)
+        images = with_images(self._capsules, *self._box, reach)
         if self._asked <= FEW_DISCS:
-            images = with_images(self._capsules, *self._box, float(radius.max(initial=0.0)))
-            every = np.arange(len(images.capsule))
-            self._deepen(depth, position, radius, images, ((np.full_like(every, k), every) for k in range(len(radius))))
-            return depth
-        powers = np.frexp(radius)[1]
-        for power in np.unique(powers).tolist():
-            if power not in self._grids:
-                reach = math.ldexp(1.0, power)
-                images = with_images(self._capsules, *self._box, reach)
-                self._grids[power] = images, cell_lists(images.capsule, self._box[0], reach)
-            images, lists = self._grids[power]
-            discs = np.flatnonzero(powers == power)
-            pairs = ((discs[disc], capsule) for disc, capsule in _listed_pairs(position[discs], lists))
-            self._deepen(depth, position, radius, images, pairs)
-        return depth
-
-    def _deepen(self, depth: Floats, position: Floats, radius: Floats, images: Images, pairs: Iterator[Pairs]) -> None:
-        """Raise the depth of each disc to its largest overlap over pairs of discs and capsule images."""
-        for disc, capsule in pairs:
-            # The disc is shifted, not the capsule: rounded as its own coordinates are.
-            place, rows = position[disc] - images.shift[capsule], self._capsules[images.source[capsule]]
-            np.maximum.at(depth, disc, -gaps(place, radius[disc], rows))
+            every = np.arange(len(images.capsule), dtype=np.int32)
+            return images, CellLists(np.array([0, len(every)], np.int32), every, np.array([1, 1]), np.zeros(2))
+        self._grids[power] = images, cell_lists(images.capsule, self._box[0], reach)
+        return self._grids[power]
 
 
 def _listed_pairs(position: Floats, lists: CellLists) -> Iterator[Pairs]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.core.columns import Column
 from mpsim.errors import InputError
 from mpsim.features.capsules import Deepest
@@ -24,8 +25,6 @@ from mpsim.features.edges import MovingWall
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
-
-Floats = NDArray[np.float64]
 
 MOST_VALUES = 1_000_000
 """More obstacles or emitters than this are taken for a mistake."""
@@ -219,7 +218,7 @@ def mean_mass(scene: Scene) -> float:
     return float(scene.mass.mean()) if scene.mass is not None and scene.count else 1.0
 
 
-def _largest(field: NDArray[np.float64] | None) -> float:
+def _largest(field: Floats | None) -> float:
     """Largest absolute value of a field; 0 without discs, or without the field."""
     return 0.0 if field is None else float(np.hypot(*np.atleast_2d(field).T).max(initial=0.0))
 

@@ -10,14 +10,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.errors import InputError
 from mpsim.kernels.features import bodies
 from mpsim.kernels.geometry import ENDS, RADIUS, ROW
-
-Floats = NDArray[np.float64]
 
 TURN = 2 * math.pi
 

@@ -21,11 +21,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.errors import InputError
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
 from mpsim.features.edges import EDGES
-from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation, tuple_of
+from mpsim.features.feature import AddedDiscs, Continuation, Feature, Invalidation, tuple_of
 from mpsim.features.motions import MOTIONS, Movement, Rotation, check_kind
 from mpsim.kernels.features.bodies import BODY
 from mpsim.kernels.geometry import ENDS, OWNER, POLYGON, RADIUS, ROW, SURFACE
@@ -241,7 +242,7 @@ class Removed(Obstacle):
         return []
 
 
-def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> NDArray[np.float64]:
+def capsules_of(obstacles: tuple[Obstacle, ...], time: float | None = None) -> Floats:
     """The capsules of all obstacles, shape (K, ROW); at a time, None: as they were given.
 
     >>> rows = capsules_of((FixedDisc((1, 1), 1), Polyline([(0, 0), (1, 0), (1, 2)], surface_velocity=3)))

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
-from mpsim.features.feature import AddedDiscs, Continuation, Feature, Floats, Invalidation
+from mpsim.features.feature import AddedDiscs, Continuation, Feature, Invalidation
 from mpsim.features.motions import MOTIONS, Movement, Rotation, Translation, check_kind
 from mpsim.features.properties import densest_packing, has_radii
 from mpsim.kernels.features.bodies import MOTION, moving_wall_in, pose_at

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.core.columns import ACCELERATION, MASS, SPIN, Column
 from mpsim.errors import InputError
-from mpsim.features.feature import Feature, Floats, Invalidation, PerDisc
+from mpsim.features.feature import Feature, Invalidation, PerDisc
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene

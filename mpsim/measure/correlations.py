@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks, files
 from mpsim.core.archive import DAMAGE, ArrayFile, save_arrays
-from mpsim.core.checks import Binding
+from mpsim.core.checks import Binding, Floats
 from mpsim.core.state import State
 from mpsim.errors import InputError, NotRecordedError, reason_of
 from mpsim.features.feature import adds_discs, conserves_energy, is_heated, mean_mass, memory_of_baths, removes_discs
@@ -49,7 +49,6 @@ from mpsim.scene.scene import Scene
 if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation
 
-Floats = NDArray[np.float64]
 
 # --- A correlation function, and the data from which it comes
 
@@ -752,12 +751,12 @@ class Series:
         self._frame = sim.frame
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Times of the samples, shape (n,) [time]."""
         return np.array([time for time, _ in self._rows])
 
     @property
-    def value(self) -> NDArray[np.float64]:
+    def value(self) -> Floats:
         """Values of the function, shape (n,) [of the function]."""
         return np.array([value for _, value in self._rows])
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.core.columns import equal_sizes
 from mpsim.core.state import Box, Discs, State, count_of, parts_of, present_in
 from mpsim.errors import InputError, NotMeasurableError
@@ -33,8 +34,6 @@ from mpsim.scene.starts import TOUCHING, Overlap, overlaps
 #
 # The sums of the chunks are added in the order of the discs' numbers, so the result has the same bits wherever the
 # discs are. If all discs fit in one chunk, it has the bits of a single sum. Only discs that are present count.
-
-Floats = NDArray[np.float64]
 
 
 class Chunk(NamedTuple):
@@ -236,9 +235,9 @@ class SpeedDistribution:
         maxwell: shape (bins,), the same for the Maxwell distribution, its mean over each bin [time/length].
     """
 
-    edges: NDArray[np.float64]
-    value: NDArray[np.float64]
-    maxwell: NDArray[np.float64]
+    edges: Floats
+    value: Floats
+    maxwell: Floats
 
 
 @dataclass(frozen=True)
@@ -317,7 +316,7 @@ def potential_energy(state: Discs, scene: Scene) -> float:
     masses = masses_of(name, scene, state)
     own = None if acceleration is None else one_of_each(name, "acceleration", acceleration, state)
 
-    def work(part: Chunk) -> NDArray[np.float64]:
+    def work(part: Chunk) -> Floats:
         moment = part.of(masses)[:, None] * part.position
         of_gravity = 0.0 if gravity is None else (moment @ gravity).sum()
         return np.array([of_gravity, 0.0 if own is None else (moment * part.of(own)).sum()])
@@ -334,7 +333,7 @@ def has_periodic_field(scene: Scene) -> bool:
     )
 
 
-def momentum(state: Discs, scene: Scene) -> NDArray[np.float64]:
+def momentum(state: Discs, scene: Scene) -> Floats:
     """Total momentum, sum of m v, shape (2,) [mass length/time]. `scene`: that of the state.
 
     Raises:
@@ -376,7 +375,7 @@ def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> fl
     return squares / (2 * (count - 1 if remove_drift else count))
 
 
-def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None) -> Overlap:
+def overlap(state: State, scene: Scene, radii: Floats | None = None) -> Overlap:
     """Number of overlapping pairs, their largest and mean depth. O(N) by cells of the largest diameter.
 
     Overlaps within the rounding of the state's precision (TOUCHING) count as touching. Along a periodic axis the
@@ -423,7 +422,7 @@ def speed_kurtosis(state: Discs) -> float:
     """
     unit = _moving_unit("speed_kurtosis", state)
 
-    def powers(part: Chunk) -> NDArray[np.float64]:
+    def powers(part: Chunk) -> Floats:
         squares = _squares(part, unit)
         return np.array([len(squares), squares.sum(), (squares**2).sum()])
 
@@ -573,7 +572,7 @@ def _moving_unit(name: str, discs: Discs) -> float:
     return unit
 
 
-def _squares(part: Chunk, unit: float) -> NDArray[np.float64]:
+def _squares(part: Chunk, unit: float) -> Floats:
     """Squared speeds in units of a velocity, shape (K,)."""
     return ((part.velocity / unit) ** 2).sum(axis=1)
 
@@ -592,7 +591,7 @@ def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
     return common
 
 
-def _difference(state: State, reference: State, discs: NDArray[np.int64], scene: Scene | None) -> NDArray[np.float64]:
+def _difference(state: State, reference: State, discs: NDArray[np.int64], scene: Scene | None) -> Floats:
     """Differences of the positions of some discs in two states, to the nearest images along periodic axes."""
     if scene is not None:
         state, reference = placed(state, scene), placed(reference, scene)

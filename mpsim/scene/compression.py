@@ -10,9 +10,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.errors import InputError
 from mpsim.features.edges import BOUNDARIES
 from mpsim.features.properties import densest_packing
@@ -22,8 +22,6 @@ from mpsim.kernels.events.cells import Box, plan_cells
 from mpsim.kernels.events.features.hooks import BARE
 from mpsim.scene import starts
 from mpsim.scene.scene import FASTEST, SLOWEST, Scene
-
-Floats = NDArray[np.float64]
 
 EVENTS = 20
 """Events for each disc after which speeds are scaled back, about: a few collisions each."""

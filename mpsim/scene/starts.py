@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.errors import InputError
 from mpsim.features.capsules import distance, gaps, is_within, shifted, with_images
 from mpsim.features.edges import BOUNDARIES
 from mpsim.features.obstacles import Circle, Obstacle, Polyline, capsules_of
 from mpsim.kernels import placement
 from mpsim.kernels.geometry import ENDS, POLYGON, RADIUS, ROW
-
-Floats = NDArray[np.float64]
 
 # --- Messages about overlaps at the start of a scene
 
