@@ -500,7 +500,7 @@ def _made_from(header: dict[str, Any], found: Arrays) -> Snapshot:
     if len(parts[0]) + len(parts[1]) + (JOURNAL in found) != len(found) or not parts[0].keys() <= set(ARRAYS):
         raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
     scene, settings = scene_from(header["scene"], parts[0]), Settings(**header["settings"])
-    arrays, discs = parts[1], header.get("discs")
+    arrays, discs = parts[1], header.get("discs", -1)
     once = [name for name in SIZES if name in arrays and not arrays[name].ndim]
     # A list: an interrupt while a generator that is not at its end is thrown away would be lost.
     if once and not any([array.ndim and len(array) == discs for array in arrays.values()]):

@@ -798,8 +798,8 @@ class Simulation(ReadOnly):
         ([[1.0, 1.0], [2.5, 1.5]], [[1.0, 0.0], [0.0, 1.0]])
         """
         solver = self._demand_alike("set", ids, position, velocity, acceleration, others)
-        others = {"acceleration": acceleration, **others}
-        self._change_discs(changes.checked_set(solver, ids, position, velocity, others))
+        given = {"acceleration": acceleration, **others}
+        self._change_discs(changes.checked_set(solver, ids, position, velocity, given))
 
     @exclusive
     def kick(self, ids: ArrayLike, impulse: ArrayLike) -> None:
