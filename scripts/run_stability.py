@@ -8,7 +8,6 @@ python scripts/run_stability.py --docs docs/stability.md    and renew that page 
 Everything is written under results/stability/. Exit code 1 if anything forbidden was found.
 """
 
-import argparse
 import gzip
 import json
 import math
@@ -24,7 +23,7 @@ from functools import lru_cache, partial
 from itertools import product
 from pathlib import Path
 from queue import Queue
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from harness import (
@@ -79,13 +78,11 @@ class Axis:
     """One direction in which scenes become extreme.
 
     Attributes:
-        name: for files and options.
         title: what is varied, with its unit.
         values: along it; those of `full` take long and are tried only on request.
         case: makes the case of a value.
     """
 
-    name: str
     title: str
     values: tuple[Any, ...]
     case: Callable[[Any], Case]
@@ -267,57 +264,50 @@ STEP_FRACTIONS = (0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0, 100.0)
 PACKINGS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.8, 0.85, 0.88, 0.9)
 
 AXES = {
-    axis.name: axis
-    for axis in (
-        Axis(
-            "step",
-            "mean displacement in a step, in radii",
-            (1e-6, 1e-4, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1, 3, 10, 100),
-            lambda part: Case(gas, step_for(part), _frames(20.0, step_for(part), 400)),
-        ),
-        Axis(
-            "packing",
-            "packing fraction (above 0.9069: overlapping starts)",
-            (0.001, 0.01, 0.1, 0.3, 0.5, 0.7, 0.8, 0.85, 0.88, 0.9, 0.906, 1.0, 1.5, 3.0),
-            _packing,
-        ),
-        Axis("count", "number of discs", (0, 1, 2, 10, 1000), _count, (100_000, 1_000_000, 5_000_000)),
-        Axis(
-            "length",
-            "unit of length",
-            (1e-6, 1e-3, 1.0, 1e3, 1e6),
-            lambda unit: Case(partial(gas, scale=unit, speed=unit)),
-            (1e-18, 1e-12, 1e12, 1e18),
-        ),
-        Axis("box", "side of the box, in radii", (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e9, 1e12, 1e15), _far),
-        Axis("aspect", "width over height of the box", (1, 100, 1e4, 1e6, 1e9), _aspect),
-        Axis(
-            "speed",
-            "unit of speed",
-            (1e-20, 1e-10, 1e-3, 1.0, 1e3, 1e8, 1e15),
-            lambda unit: Case(partial(gas, speed=unit), step_for(0.05, unit)),
-        ),
-        Axis("radii", "largest over smallest radius", (1, 10, 100, 1000), _radii),
-        Axis("masses", "lightest over heaviest mass", (1.0, 1e-3, 1e-6, 1e-9), _masses),
-        Axis(  # discs without any restitution cling to each other, and their collisions are not to be counted
-            "restitution",
-            "restitution of discs and walls",
-            (0.0, 0.1, 0.5, 0.9, 1.0),
-            lambda e: Case(partial(gas, restitution=e, wall_restitution=e), conserves=e == 1, compares=e > 0),
-        ),
-        Axis("gravity", "gravity towards one corner", (1e-3, 1.0, 1e3, 1e6), _corner),
-        Axis("places", "special starts: discs in one point, in a line, in pairs, ...", tuple(PLACES), _places),
-        Axis(
-            "drift",
-            "frames of a gas of 10 discs",
-            (1e3, 1e4, 1e5),
-            lambda frames: Case(partial(gas, 10), step_for(0.1), int(frames), compares=False),
-            (1e6,),
-        ),
-        Axis("numbers", "one number near the limits of floating point", tuple(NUMBERS), _numbers),
-        Axis(MAP, "steps and packings", tuple(product(STEP_FRACTIONS, PACKINGS)), _step_and_packing),
-    )
+    "step": Axis(
+        "mean displacement in a step, in radii",
+        (1e-6, 1e-4, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1, 3, 10, 100),
+        lambda part: Case(gas, step_for(part), _frames(20.0, step_for(part), 400)),
+    ),
+    "packing": Axis(
+        "packing fraction (above 0.9069: overlapping starts)",
+        (0.001, 0.01, 0.1, 0.3, 0.5, 0.7, 0.8, 0.85, 0.88, 0.9, 0.906, 1.0, 1.5, 3.0),
+        _packing,
+    ),
+    "count": Axis("number of discs", (0, 1, 2, 10, 1000), _count, (100_000, 1_000_000, 5_000_000)),
+    "length": Axis(
+        "unit of length",
+        (1e-6, 1e-3, 1.0, 1e3, 1e6),
+        lambda unit: Case(partial(gas, scale=unit, speed=unit)),
+        (1e-18, 1e-12, 1e12, 1e18),
+    ),
+    "box": Axis("side of the box, in radii", (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e9, 1e12, 1e15), _far),
+    "aspect": Axis("width over height of the box", (1, 100, 1e4, 1e6, 1e9), _aspect),
+    "speed": Axis(
+        "unit of speed",
+        (1e-20, 1e-10, 1e-3, 1.0, 1e3, 1e8, 1e15),
+        lambda unit: Case(partial(gas, speed=unit), step_for(0.05, unit)),
+    ),
+    "radii": Axis("largest over smallest radius", (1, 10, 100, 1000), _radii),
+    "masses": Axis("lightest over heaviest mass", (1.0, 1e-3, 1e-6, 1e-9), _masses),
+    # Discs without any restitution cling to each other, and their collisions are not to be counted.
+    "restitution": Axis(
+        "restitution of discs and walls",
+        (0.0, 0.1, 0.5, 0.9, 1.0),
+        lambda e: Case(partial(gas, restitution=e, wall_restitution=e), conserves=e == 1, compares=e > 0),
+    ),
+    "gravity": Axis("gravity towards one corner", (1e-3, 1.0, 1e3, 1e6), _corner),
+    "places": Axis("special starts: discs in one point, in a line, in pairs, ...", tuple(PLACES), _places),
+    "drift": Axis(
+        "frames of a gas of 10 discs",
+        (1e3, 1e4, 1e5),
+        lambda frames: Case(partial(gas, 10), step_for(0.1), int(frames), compares=False),
+        (1e6,),
+    ),
+    "numbers": Axis("one number near the limits of floating point", tuple(NUMBERS), _numbers),
+    MAP: Axis("steps and packings", tuple(product(STEP_FRACTIONS, PACKINGS)), _step_and_packing),
 }
+"""By the names of options and files."""
 
 # --- Trials of the stability map: outcomes of every method, contact, law and precision on extreme scenes
 #
@@ -393,17 +383,12 @@ MAP_ROWS = (Row("grid"), Row("grid", "push"), Row("grid", on_fast="substep"), Ro
 """Rows of the map of steps and packings."""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One run: axis, value and row."""
+class Trial(NamedTuple):
+    """One run: axis, value along it, and row."""
 
     axis: str
     value: Any
     row: Row
-
-    def case(self) -> Case:
-        """The case to run."""
-        return AXES[self.axis].case(self.value)
 
 
 @dataclass
@@ -446,7 +431,7 @@ def attempt(trial: Trial) -> Outcome:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            case = trial.case()
+            case = AXES[trial.axis].case(trial.value)
             scene = case.scene()
             counted = case.compares and trial.row.law == "elastic"
             start, end, collisions = _run(scene, _settings(trial.row, case, scene), case.frames, counted)
@@ -559,7 +544,7 @@ def _energy(state: State, scene: Scene, masses: Any, unit: float) -> float:
 @lru_cache(maxsize=4)
 def _exact(axis: str, value: Any) -> tuple[State, int] | None:
     """Final state and collisions of the exact solver; None if it refuses the scene."""
-    case = Trial(axis, value, Row("event")).case()
+    case = AXES[axis].case(value)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -623,32 +608,8 @@ def counts_table(outcomes: Sequence[Outcome]) -> str:
     return table(("axis", "trials", *KINDS, *FORBIDDEN), rows)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the trials, write everything; 1 if an outcome is forbidden."""
-    make_folder(options.out)
-    chosen = trials(options.only, options.full)
-    with progress_bar() as progress:
-        task = progress.add_task("starting", total=len(chosen))
-        outcomes = run_trials(
-            chosen, options.workers, lambda words: progress.update(task, advance=1, description=words)
-        )
-    machine_now, found = machine(), counts(outcomes)
-    listed = {"counts": found, "outcomes": list(map(asdict, outcomes)), "machine": machine_now}
-    kept = json.dumps(listed, indent=1)
-    (options.out / "stability.json").write_text(kept)
-    say(counts_table(outcomes))
-    for outcome in outcomes:
-        if outcome.kind in FORBIDDEN:
-            say(f"{outcome.kind}: {outcome.axis} {outcome.value}, {outcome.row}: {outcome.text or outcome.errors}")
-    if options.docs:
-        fill_page(options.docs, {"counts": counts_table(outcomes), "made": made_by(machine_now)})
-        folder = options.docs.with_suffix("")
-        folder.mkdir(exist_ok=True)
-        (folder / "outcomes.json.gz").write_bytes(gzip.compress(kept.encode(), mtime=0))
-    return int(any(found[kind] for kind in FORBIDDEN))
-
-
 def main() -> int:
+    """Run the trials, write everything; 1 if an outcome is forbidden."""
     parser = parser_of(__doc__)
     parser.add_argument("--only", nargs="+", choices=AXES, metavar="AXIS", help=", ".join(AXES))
     parser.add_argument("--full", action="store_true", help="also the long trials")
@@ -656,10 +617,26 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("results/stability"), help="default: results/stability")
     parser.add_argument("--docs", type=Path, help="page whose table is renewed: docs/stability.md")
     options = parser.parse_args()
-    started = time.perf_counter()
-    code = run(options)
+    make_folder(options.out)
+    started, chosen = time.perf_counter(), trials(options.only, options.full)
+    with progress_bar() as progress:
+        task = progress.add_task("starting", total=len(chosen))
+        tick = lambda words: progress.update(task, advance=1, description=words)  # noqa: E731
+        outcomes = run_trials(chosen, options.workers, tick)
+    machine_now, found, text = machine(), counts(outcomes), counts_table(outcomes)
+    kept = json.dumps({"counts": found, "outcomes": list(map(asdict, outcomes)), "machine": machine_now}, indent=1)
+    (options.out / "stability.json").write_text(kept)
+    say(text)
+    for outcome in outcomes:
+        if outcome.kind in FORBIDDEN:
+            say(f"{outcome.kind}: {outcome.axis} {outcome.value}, {outcome.row}: {outcome.text or outcome.errors}")
+    if options.docs:
+        fill_page(options.docs, {"counts": text, "made": made_by(machine_now)})
+        folder = options.docs.with_suffix("")
+        folder.mkdir(exist_ok=True)
+        (folder / "outcomes.json.gz").write_bytes(gzip.compress(kept.encode(), mtime=0))
     console.print(f"{time.perf_counter() - started:.1f} s; all is in {options.out}/")
-    return code
+    return int(any(found[kind] for kind in FORBIDDEN))
 
 
 if __name__ == "__main__":

@@ -38,19 +38,18 @@ def _pointer(array: NDArray[np.float64]) -> ctypes.c_void_p:
 
 
 class Engine(Run):
-    """The yardstick with a start in it."""
+    """The yardstick with a start in it. Single precision."""
 
     def __init__(self, start: Start, plan: Plan):
         code = ctypes.CDLL(str(LIBRARY))
         self._plan, self._count = plan, start.count
-        self._run, self._read, self._free = (
-            getattr(code, f"{plan.precision}_{what}") for what in ("run", "read", "free")
-        )
-        new = getattr(code, f"{plan.precision}_new")
-        new.restype = ctypes.c_void_p
+        self._run, self._read, self._free = code.yardstick_run, code.yardstick_read, code.yardstick_free
+        code.yardstick_new.restype = ctypes.c_void_p
         box = (ctypes.c_double(value) for value in (start.width, start.height, start.radius))
         places, speeds = (np.ascontiguousarray(a, dtype=np.float64) for a in (start.position, start.velocity))
-        self._gas = ctypes.c_void_p(new(ctypes.c_int(start.count), *box, _pointer(places), _pointer(speeds)))
+        self._gas = ctypes.c_void_p(
+            code.yardstick_new(ctypes.c_int(start.count), *box, _pointer(places), _pointer(speeds))
+        )
         self.impulses = np.zeros(4)
 
     def run(self, frames: int) -> None:

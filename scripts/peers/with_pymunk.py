@@ -23,9 +23,7 @@ class Engine(Run):
     """
 
     def __init__(self, start: Start, plan: Plan):
-        self._space = space = pymunk.Space(threaded=plan.threads > 1)
-        if plan.threads > 1:
-            space.threads = plan.threads
+        self._space = space = pymunk.Space()
         space.iterations = plan.knob
         space.collision_slop = 0.0
         space.use_spatial_hash(2 * start.radius, 10 * start.count)

@@ -9,12 +9,12 @@
 
 namespace {
 
-template <class Real>
+using Real = float;
+
 struct Disc {
     Real x, y, vx, vy;
 };
 
-template <class Real>
 class Gas {
 public:
     Gas(int count, double width, double height, double radius, const double *position, const double *velocity)
@@ -75,7 +75,7 @@ private:
         const int count = int(discs_.size());
 #pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
         for (int i = 0; i < count; ++i) {
-            Disc<Real> &disc = discs_[i];
+            Disc &disc = discs_[i];
             disc.x += disc.vx * dt;
             disc.y += disc.vy * dt;
             reflect<Counting>(disc.x, disc.vx, radius_, width_ - radius_, walls);
@@ -104,7 +104,7 @@ private:
                                 collide(discs_[a], discs_[b]);
     }
 
-    void collide(Disc<Real> &a, Disc<Real> &b) const {
+    void collide(Disc &a, Disc &b) const {
         const Real x = b.x - a.x, y = b.y - a.y, diameter = 2 * radius_, square = x * x + y * y;
         if (square >= diameter * diameter || square == 0)
             return;
@@ -125,24 +125,18 @@ private:
 
     Real width_, height_, radius_;
     int columns_, rows_;
-    std::vector<Disc<Real>> discs_;
+    std::vector<Disc> discs_;
     std::vector<std::vector<int>> cells_;
 };
 
 }  // namespace
 
-#define YARDSTICK(NAME, REAL)                                                                                          \
-    extern "C" void *NAME##_new(int count, double width, double height, double radius, const double *position,         \
-                                const double *velocity) {                                                              \
-        return new Gas<REAL>(count, width, height, radius, position, velocity);                                        \
-    }                                                                                                                  \
-    extern "C" void NAME##_run(void *gas, double dt, int frames, int threads, double *walls) {                         \
-        static_cast<Gas<REAL> *>(gas)->run(dt, frames, threads, walls);                                                \
-    }                                                                                                                  \
-    extern "C" void NAME##_read(void *gas, double *position, double *velocity) {                                       \
-        static_cast<Gas<REAL> *>(gas)->read(position, velocity);                                                       \
-    }                                                                                                                  \
-    extern "C" void NAME##_free(void *gas) { delete static_cast<Gas<REAL> *>(gas); }
-
-YARDSTICK(float32, float)
-YARDSTICK(float64, double)
+extern "C" void *yardstick_new(int count, double width, double height, double radius, const double *position,
+                               const double *velocity) {
+    return new Gas(count, width, height, radius, position, velocity);
+}
+extern "C" void yardstick_run(Gas *gas, double dt, int frames, int threads, double *walls) {
+    gas->run(dt, frames, threads, walls);
+}
+extern "C" void yardstick_read(Gas *gas, double *position, double *velocity) { gas->read(position, velocity); }
+extern "C" void yardstick_free(Gas *gas) { delete gas; }
