@@ -180,24 +180,6 @@ class RunFolder:
             files.write_text(self[name], text)
 
 
-def part_of(sim: Simulation, report: Report, wall_seconds: float, compile_seconds: float) -> dict[str, Any]:
-    """What one call of `run` did, as plain values. `compile_seconds` of its wall time were spent on compiling."""
-    return {
-        "from_frame": sim.frame - report.frames,
-        "to_frame": sim.frame,
-        "method": report.method,
-        "workers": report.workers,
-        "wall_seconds": wall_seconds,
-        "compile_seconds": compile_seconds,
-        "frame_seconds": float(report.frame_seconds.sum()),
-        "writing_seconds": report.observing_seconds,
-        "waiting": report.waiting,
-        "collisions": report.collisions,
-        "block_bytes": report.block_bytes,
-        "measures": {name: dataclasses.asdict(measure) for name, measure in report.measures.items()},
-    }
-
-
 def _demand_leave(folder: Path, force: bool) -> None:
     """Refuse a folder that is not that of a run, or whose replacement was not asked for."""
     if not folder.is_dir():
@@ -400,11 +382,24 @@ def _advance(
 
 
 def _run(sim: Simulation, target: int, quiet: bool, **how: Any) -> tuple[Report, dict[str, Any]]:
-    """Run to a frame, with progress; the report, and what `part_of` makes of it."""
+    """Run to a frame, with progress; returns the report, and what is recorded of it, as plain values."""
     compiled = sim.run(frames=0, measures=how["measures"]).compile_seconds  # before progress, whose rate it distorts
     started = time.perf_counter() - compiled
     report = sim.run(frames=target - sim.frame, **how, progress=not quiet)
-    return report, part_of(sim, report, time.perf_counter() - started, compiled + report.compile_seconds)
+    return report, {
+        "from_frame": sim.frame - report.frames,
+        "to_frame": sim.frame,
+        "method": report.method,
+        "workers": report.workers,
+        "wall_seconds": time.perf_counter() - started,
+        "compile_seconds": compiled + report.compile_seconds,
+        "frame_seconds": float(report.frame_seconds.sum()),
+        "writing_seconds": report.observing_seconds,
+        "waiting": report.waiting,
+        "collisions": report.collisions,
+        "block_bytes": report.block_bytes,
+        "measures": {name: dataclasses.asdict(measure) for name, measure in report.measures.items()},
+    }
 
 
 @contextlib.contextmanager

@@ -16,7 +16,6 @@ from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
 from mpsim.scene.scene import settings_for
-from mpsim.scene.settings import Settings
 from mpsim.studies import tradeoff as tradeoffs
 from mpsim.studies import tune as tuning
 from mpsim.studies.preliminary import KINDS
@@ -66,39 +65,29 @@ Examples:
 @_study_options(tuning.MOST_REPLICAS)
 @terminal.json_option
 @terminal.quiet_option
-def tune(scene: str, as_json: bool, quiet: bool, **options: Any) -> None:
+def tune(scene: str, as_json: bool, quiet: bool, **how: Any) -> None:
     """Find the cheapest settings whose errors on SCENE stay inside every budget.
 
     Give at least one budget. Errors without a budget are not limited.
     """
-    budgets = {name: options.pop(name) for name in ERRORS}
+    budgets = {name: how.pop(name) for name in ERRORS}
     asked = {name: budget for name, budget in budgets.items() if budget is not None}
     if not asked:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in ERRORS)
         raise click.UsageError(f"Give at least one budget: {names}.")
     chosen = scenefile.load(scene).scene
-    tuned = tuning.tune(chosen, asked, progress=not quiet, **options)
+    tuned = tuning.tune(chosen, asked, progress=not quiet, **how)
     if as_json:
-        click.echo(json_text(_record(tuned)))
+        tried = [{**row.record(), "verdict": row.verdict, "inside": row.inside} for row in tuned.tried]
+        more = {"verified": tuned.verified, "exact": tuned.exact, "tried": tried}
+        click.echo(json_text({**dataclasses.asdict(tuned), **more}))
         return
     click.echo(str(tuned))
-    click.echo(f"to run it: {_run_command(scene, settings_for(chosen, None), tuned.settings)}")
+    usual = vars(settings_for(chosen, None))  # with which `mpsim run` runs it without options
+    changed = {name: value for name, value in vars(tuned.settings).items() if value not in (usual[name], None)}
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in changed.items()]
+    click.echo(f"to run it: {shlex.join(['mpsim', 'run', scene, *options])}")
     click.echo(f"in Python: {settings_text(tuned.settings)}")
-
-
-def _run_command(scene: str, recommended: Settings, settings: Settings) -> str:
-    """The command that runs a scene with settings; without options it runs with those that the scene recommends."""
-    usual = vars(recommended)
-    changed = {name: value for name, value in vars(settings).items() if value != usual[name] and value is not None}
-    return shlex.join(
-        ["mpsim", "run", scene, *(f"--{name.replace('_', '-')}={value}" for name, value in changed.items())]
-    )
-
-
-def _record(tuned: tuning.Tuned) -> dict[str, Any]:
-    """The answer as plain values."""
-    tried = [{**row.record(), "verdict": row.verdict, "inside": row.inside} for row in tuned.tried]
-    return {**dataclasses.asdict(tuned), "verified": tuned.verified, "exact": tuned.exact, "tried": tried}
 
 
 TRADEOFF_EXAMPLES = """\b

@@ -16,7 +16,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from mpsim.engine.journal import Journal
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features.feature import chosen, plain
@@ -68,12 +67,9 @@ class Film:
             self._kind = kind
         self._next = max(self._next + 1 / PICTURES_A_SECOND, now + 0.5 / PICTURES_A_SECOND)
         self._kept.append(picture)
-        while len(self._kept) > 1 and self._bytes() > MOST_BYTES:
-            self._kept.popleft()
-
-    def _bytes(self) -> int:
         # Pictures mostly share radii and walls with the picture before.
-        return sum(len(stage.packed) for picture in self._kept for stage in picture.stages)
+        while len(self._kept) > 1 and sum(len(s.packed) for each in self._kept for s in each.stages) > MOST_BYTES:
+            self._kept.popleft()
 
     def pictures(self) -> list[SentPicture]:
         """The kept pictures, the oldest first."""
@@ -145,20 +141,7 @@ def program(sim: Simulation, name: str) -> Download:
     Raises:
         InputError: if the scene does not come with mpsim and has more than MOST_WRITTEN_OUT discs.
     """
-    return Download(_program(sim.journal, name).encode(), "text/x-python; charset=utf-8")
-
-
-FILES: Mapping[str, Callable[[Simulation, str], Download]] = {
-    "session.zip": session,
-    "program.py": program,
-}
-"""What can be downloaded besides the film, by the name that a browser requests."""
-
-
-# --- as Python
-
-
-def _program(journal: Journal, name: str) -> str:
+    journal = sim.journal
     scene = _named_or_written_out(journal.scene, name)
     lines = [
         '"""A session of mpsim\'s live view, again."""',
@@ -180,7 +163,11 @@ def _program(journal: Journal, name: str) -> str:
         f'    assert sim.digest() == "{journal.digest}", "another version of mpsim, or another kind of processor"',
         "    print(sim)",
     ]
-    return "\n".join(lines) + "\n"
+    return Download(("\n".join(lines) + "\n").encode(), "text/x-python; charset=utf-8")
+
+
+FILES: Mapping[str, Callable[[Simulation, str], Download]] = {"session.zip": session, "program.py": program}
+"""What can be downloaded besides the film, by the name that a browser requests."""
 
 
 def _arguments_as_text(values: Mapping[str, Any]) -> str:

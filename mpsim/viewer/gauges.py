@@ -173,21 +173,18 @@ class Gauges:
 
     def _speeds(self, state: State) -> dict[str, Any] | None:
         """Histogram of the speeds, with Maxwell's distribution or a note why it is left out; None: no disc moves."""
-        count = int(state.present.sum())
+        here = state.present
+        count = int(here.sum())
         try:
             bins = int(np.clip(2 * math.sqrt(count), *BINS))  # with more bins, most are empty for few discs
-            found = measure.speed_distribution(_present(state), bins)
+            present = state if here.all() else State(state.position[here], state.velocity[here])
+            found = measure.speed_distribution(present, bins)
         except InputError:  # nothing moves
             return None
         reason = self._no_maxwell or (f"fewer than {FEWEST} discs" if count < FEWEST else None)
         note = None if reason is None else f"no Maxwell curve: {reason}"
         maxwell = found.maxwell if note is None else None
         return {"edges": found.edges, "density": found.value, "maxwell": maxwell, "note": note}
-
-
-def _present(state: State) -> State:
-    here = state.present
-    return state if here.all() else State(state.position[here], state.velocity[here])
 
 
 def _energies(state: State, scene: Scene) -> tuple[float, float]:

@@ -109,12 +109,12 @@ class Live:
 class _Page(Client):
     """One of the pages: its name, the number of messages sent to it, and whether it owes an answer to its last ping."""
 
-    def __init__(self, name: str, post: Callable[..., None]):
-        super().__init__(self._pass_on)
+    def __init__(self, pages: NotebookPages, name: str):
+        super().__init__(pages, self._pass_on)
         self.name: str = name
         self.sent: int = 0
         self.asked: bool = False
-        self._post = post
+        self._post = pages.post
 
     async def _pass_on(self, message: str | bytes | bytearray) -> None:
         if isinstance(message, str):
@@ -164,7 +164,7 @@ class NotebookPages(Pages):
                 page.silent = True
             else:
                 page.asked = True
-                self._post(page.name, {"ping": True, "sent": page.sent})
+                self.post(page.name, {"ping": True, "sent": page.sent})
         self._count()
 
     def _take(self, content: Any) -> None:
@@ -187,8 +187,8 @@ class NotebookPages(Pages):
                 self._refuse(name, LATER, f"at most {MOST_PAGES} pages at a time: close another one")
                 return
             self._end_of(silent, LATER, "it did not answer, and another page needed its place")
-        self._post(name, {"opened": True})
-        self._named[name] = page = _Page(name, self._post)
+        self.post(name, {"opened": True})
+        self._named[name] = page = _Page(self, name)
         self._join(page)
 
     def _hear(self, page: _Page, content: dict[str, Any]) -> None:
@@ -198,7 +198,7 @@ class NotebookPages(Pages):
                 asyncio.ensure_future(self._leave(page))  # noqa: RUF006 - nothing waits for its end
                 return
             case {"pong": True}:
-                act = partial(page.send_again, self._texts) if content.get("lost") is True else None
+                act = page.send_again if content.get("lost") is True else None
             case {"text": str(text)}:
                 act = partial(self._obey, page, lambda: self._do(page, read_action(text)))
             case {"keep": str(name)}:
@@ -245,9 +245,9 @@ class NotebookPages(Pages):
         self._refuse(page.name, code, reason)
 
     def _refuse(self, name: str, code: int, reason: str) -> None:
-        self._post(name, {"closed": {"code": code, "reason": reason}})
+        self.post(name, {"closed": {"code": code, "reason": reason}})
 
-    def _post(self, name: str, content: Mapping[str, Any], buffers: Sequence[bytes | bytearray] = ()) -> None:
+    def post(self, name: str, content: Mapping[str, Any], buffers: Sequence[bytes | bytearray] = ()) -> None:
         """Send a message to a page. If the notebook's connection fails, the page is silent until it is heard again."""
         try:
             self.widget.send({"page": name, **content}, list(buffers))

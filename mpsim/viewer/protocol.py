@@ -339,7 +339,6 @@ class Broadcast:
         self._radii: dict[int, tuple[int, bytes]] = {}  # of each stage: number of discs, and packed
         self._capsules: NDArray[np.float64] | None = None
         self._time = 0.0
-        self._last: dict[str, str] = {}
 
     def forget_radii(self) -> None:
         """Send the radii again with the next picture: the discs or their radii have changed."""
@@ -390,10 +389,10 @@ class Broadcast:
 
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message of this kind; see `text_of`."""
-        self._last[kind] = text_of(kind, values)
-        self._audience.from_outside(self._audience.tell, kind, self._last[kind])
+        self._audience.texts[kind] = text_of(kind, values)
+        self._audience.from_outside(self._audience.wake, kind)
 
     def tell_if_new(self, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message of this kind, unless it equals the last one."""
-        if text_of(kind, values) != self._last.get(kind):
+        if text_of(kind, values) != self._audience.texts.get(kind):
             self.tell(kind, values)

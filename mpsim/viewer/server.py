@@ -14,7 +14,7 @@ import socket
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from importlib import resources
@@ -146,12 +146,14 @@ def page_files() -> dict[str, export.Download]:
     return found
 
 
-@cache
-def page_in_one() -> str:
-    """The page as a single HTML text for a notebook. It contains the style sheet, and the modules in an import map."""
+def widget_module() -> str:
+    """The JavaScript module of the widget that shows the page in a notebook.
+
+    It contains the page as a single HTML text, with the style sheet, and the modules in an import map.
+    """
     files = {name: _INDENT.sub("", file.content.decode()) for name, file in page_files().items()}
     modules = {
-        f"mpsim/{name}": f"data:text/javascript;base64,{_base64(_IMPORT.sub(_BARE, text))}"
+        f"mpsim/{name}": f"data:text/javascript;base64,{base64.b64encode(_IMPORT.sub(_BARE, text).encode()).decode()}"
         for name, text in files.items()
         if name.endswith(".js")
     }
@@ -165,16 +167,7 @@ def page_in_one() -> str:
     ):
         assert text.count(found) == 1, found  # the page has been changed
         text = text.replace(found, instead)
-    return text
-
-
-def widget_module() -> str:
-    """The JavaScript module of the widget that shows the page in a notebook."""
-    return f"{_FOLDER.joinpath(WIDGET).read_text()}\nconst PAGE = {json.dumps(page_in_one())};\n"
-
-
-def _base64(text: str) -> str:
-    return base64.b64encode(text.encode()).decode()
+    return f"{_FOLDER.joinpath(WIDGET).read_text()}\nconst PAGE = {json.dumps(text)};\n"
 
 
 # --- One connected page: what was sent to it, what may be sent next, and how many messages it may send
@@ -197,19 +190,21 @@ class Client:
 
     The page gets the next picture only after it has acknowledged the last one. Of several pictures that wait, or
     several messages of one kind, only the latest is sent.
+
+    pages: hold the latest messages and picture.
     """
 
-    def __init__(self, send: Send):
+    def __init__(self, pages: "Pages", send: Send):
         self.visible: bool = False  # as the page reports itself
         self.silent: bool = False  # it has not answered for so long that it may no longer exist: nothing is sent to it
-        self._send = send
-        self._texts: dict[str, str] = {}
-        self._picture: SentPicture | None = None
+        self._pages, self._send = pages, send
+        self._waiting = set(pages.texts)  # kinds of messages
         self._radii: list[bytes | None] = [None, None]  # of each stage
         self._in_flight: int | None = None
         self._sent_again = 0  # pictures up to this number may be acknowledged late, and more than once
         self._last = 0
         self._news = asyncio.Event()
+        self._news.set()
         self._allowance, self._asked = BURST, 0.0
 
     def spend(self, now: float) -> None:
@@ -220,18 +215,9 @@ class Client:
             raise InputError(f"at most {MOST_A_SECOND:g} messages a second are read; got more. Send fewer.")
         self._allowance -= 1
 
-    def tell(self, kind: str, text: str) -> None:
-        """Send a message soon; it replaces a waiting one of its kind."""
-        self._texts[kind] = text
-        self.wake()
-
-    def show(self, picture: SentPicture) -> None:
-        """Send a picture when the page is ready for it; it replaces a waiting one."""
-        self._picture = picture
-        self.wake()
-
-    def wake(self) -> None:
-        """Send what waits, after `visible` or `silent` has changed."""
+    def wake(self, *kinds: str) -> None:
+        """Send the latest messages of these kinds soon, and what else waits for the page to be ready."""
+        self._waiting.update(kinds)
         self._news.set()
 
     @property
@@ -248,20 +234,20 @@ class Client:
         self._in_flight = None
         self._news.set()
 
-    def send_again(self, texts: Mapping[str, str]) -> None:
-        """Send everything again, because a message was lost; texts: the last message of each kind."""
-        self._texts = {**texts}
+    def send_again(self) -> None:
+        """Send everything again, because a message was lost."""
         self._radii = [None, None]
         self._sent_again = max(self._sent_again, self._in_flight or 0)
         self._last, self._in_flight = 0, None
-        self._news.set()
+        self.wake(*self._pages.texts)
 
     def needs_picture(self) -> bool:
         """Whether the page is ready for a picture and no new one is there."""
         return self.watches and self._in_flight is None and self._next_picture() is None
 
     def _next_picture(self) -> SentPicture | None:
-        return self._picture if self._picture is not None and self._picture.serial > self._last else None
+        picture = self._pages.picture
+        return picture if picture is not None and picture.serial > self._last else None
 
     async def send_all(self) -> None:
         """Send pictures and messages as they come, until cancelled."""
@@ -271,8 +257,9 @@ class Client:
             if self.silent:
                 continue
             for kind in ORDER:
-                if (text := self._texts.pop(kind, None)) is not None:
-                    await self._send(text)
+                if kind in self._waiting:
+                    self._waiting.remove(kind)
+                    await self._send(self._pages.texts[kind])
             picture = self._next_picture()
             if picture is None or not self.visible or self._in_flight is not None:
                 continue
@@ -296,13 +283,18 @@ MOST_FILES, FILE_SECONDS = 2, 8.0
 
 
 class Pages(ABC):
-    """The pages of one view and its source, which they show; name: of their thread."""
+    """The pages of one view and its source, which they show; name: of their thread.
+
+    Attributes:
+        texts: the latest message of each kind, from the source's thread.
+        picture: the latest one.
+    """
 
     def __init__(self, name: str, source: Source):
         self.source: Source = source
         self._clients: dict[Client, asyncio.Task[None]] = {}
-        self._texts: dict[str, str] = {}
-        self._picture: SentPicture | None = None
+        self.texts: dict[str, str] = {}
+        self.picture: SentPicture | None = None
         self._film = export.Film()
         self._drawing = ThreadPoolExecutor(MOST_FILES, "mpsim view: film")
         self._making: list[Future[export.Download]] = []  # files
@@ -348,23 +340,17 @@ class Pages(ABC):
 
     def show(self, picture: SentPicture) -> None:
         """Pass a picture to the pages."""
-        self._picture = picture
+        self.picture = picture
         self._film.add(picture, time.monotonic())
-        for client in self._clients:
-            client.show(picture)
+        self.wake()
 
-    def tell(self, kind: str, text: str) -> None:
-        """Pass a message to the pages."""
-        self._texts[kind] = text
+    def wake(self, *kinds: str) -> None:
+        """Have the latest messages of these kinds sent to all pages, and the latest picture."""
         for client in self._clients:
-            client.tell(kind, text)
+            client.wake(*kinds)
 
     def _join(self, client: Client) -> None:
-        """Serve another page, and send it the last messages and picture."""
-        for kind, text in self._texts.items():
-            client.tell(kind, text)
-        if self._picture is not None:
-            client.show(self._picture)
+        """Serve another page, which gets the latest messages and picture."""
         self._clients[client] = asyncio.ensure_future(client.send_all())
 
     async def _leave(self, client: Client) -> None:
@@ -459,6 +445,8 @@ class Server(Pages):
 
     def __init__(self, host: str, port: int, source: Source):
         super().__init__("mpsim view: server", source)
+        self._logger = logging.getLogger("mpsim.viewer.connections")
+        self._logger.setLevel(logging.CRITICAL + 1)  # not of requests that break rules, of which there may be many
         instead = "write a film by mpsim.animate or `mpsim animate`"
         imported("websockets.asyncio.server", "a live view", "view", instead)
         self._websockets: Any = imported("websockets", "a live view", "view", instead)
@@ -485,7 +473,7 @@ class Server(Pages):
             ping_interval=PING_SECONDS,
             ping_timeout=PING_SECONDS,
             server_header=None,
-            logger=_quiet(),
+            logger=self._logger,
         ):
             await self._end.wait()
 
@@ -523,7 +511,7 @@ class Server(Pages):
         if len(self._clients) >= MOST_PAGES:
             await connection.close(LATER, f"at most {MOST_PAGES} pages at a time: close another one")
             return
-        client = Client(connection.send)
+        client = Client(self, connection.send)
         self._join(client)
         try:
             async for message in connection:
@@ -539,10 +527,3 @@ class Server(Pages):
             pass  # a message was too long, or a ping was not answered
         finally:
             await self._leave(client)
-
-
-def _quiet() -> logging.Logger:
-    """A logger that drops messages about requests that break rules, of which there may be many."""
-    logger = logging.getLogger("mpsim.viewer.connections")
-    logger.setLevel(logging.CRITICAL + 1)
-    return logger

@@ -174,7 +174,9 @@ def write(link: Link) -> str:
     usual = settings_for(link.given, None)
     values = {"scene": link.scene} | ({"seed": str(link.seed)} if link.seed else {})
     values |= _differences(link.settings, usual, SETTINGS)
-    values |= {name: _text(link.changed[name]) for name in VALUES if name in link.changed}
+    for name in VALUES:
+        if (value := link.changed.get(name)) is not None:
+            values[name] = ",".join(map(repr, value)) if isinstance(value, list) else str(value)
     if link.beside is not None:
         steps = capabilities_of(link.beside).has_steps  # passes, too, concern only these
         differing = _differences(link.beside, link.settings, BESIDE if steps else ("method", "law", "precision"))
@@ -186,10 +188,6 @@ def write(link: Link) -> str:
 def _differences(settings: Settings, usual: Settings, names: Iterable[str]) -> dict[str, str]:
     found = {name: getattr(settings, name) for name in names}
     return {name: str(value) for name, value in found.items() if value not in (None, getattr(usual, name))}
-
-
-def _text(value: Any) -> str:
-    return ",".join(map(repr, value)) if isinstance(value, list) else str(value)
 
 
 def changed_of(now: Scene, given: Scene) -> dict[str, Any]:
