@@ -296,9 +296,6 @@ ROOM = 1e-3
 PUSHES, PUSH_ROUNDS = 6, 60
 """Attempts to push discs aside, and rounds of each."""
 
-MOST_CELLS = 100_000_000
-"""Largest number of cells of the grid for equal discs, one disc each; a larger box needs coarser cells."""
-
 CANDIDATES = 16
 """Positions tried for a small disc, of which the one with least overlap is taken."""
 
@@ -401,25 +398,20 @@ def _random_equal(count: int, width: float, height: float, radius: float, rng: n
     """
     if count == 0:
         return np.empty((0, 2))
-    diameter, radii = 2 * radius, np.full(count, radius)
-    cells_per_length = math.sqrt(2) / diameter * (1 - 1e-12)
-    if (width * cells_per_length + 1) * (height * cells_per_length + 1) > MOST_CELLS + 100 * count:
-        return _random_polydisperse(radii, width, height, rng)
-    if count * math.pi * radius**2 <= SPARSE_PACKING * width * height:
-        discs = _by_size(np.zeros(count), np.zeros(count), radii, (width, height), WALLS)
+    radii, walls = np.full(count, radius), ((width, height), WALLS)
+    packing = count * math.pi * radius**2 / (width * height)
+    if packing <= SPARSE_PACKING:
+        discs = _by_size(np.zeros(count), np.zeros(count), radii, *walls)
         if _add_all(discs, rng):
             return np.column_stack([discs.x, discs.y])
-    sites = _lattice(count, width, height, diameter)
+    sites = _lattice(count, width, height, 2 * radius)
     chosen = sites[np.sort(rng.permutation(len(sites))[:count])]
-    x, y = np.ascontiguousarray(chosen[:, 0]), np.ascontiguousarray(chosen[:, 1])
-    grid = np.full((int(width * cells_per_length) + 1, int(height * cells_per_length) + 1), placement.EMPTY, np.int32)
-    grid[(x * cells_per_length).astype(int), (y * cells_per_length).astype(int)] = np.arange(count)
-    packing = count * math.pi * radius**2 / (width * height)
-    longest = diameter * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
+    discs = _by_size(*np.array(chosen.T, order="C"), radii, *walls)
+    placement.link(discs)
+    longest = 2 * radius * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
     for _ in range(SWEEPS):
-        moves = rng.uniform(-longest, longest, (count, 2))
-        placement.sweep(x, y, grid, moves, radius, width - radius, height - radius, diameter, cells_per_length)
-    return np.column_stack([x, y])[rng.permutation(count)]
+        placement.shuffle(discs, rng.uniform(-longest, longest, (count, 2)), 1.0)
+    return np.column_stack([discs.x, discs.y])[rng.permutation(count)]
 
 
 def _lattice(count: int, width: float, height: float, diameter: float) -> Floats:
