@@ -158,13 +158,14 @@ def _fly(
         contact_time=0.0, expansion=speed / scale[0], **{name: np.empty(count) for name in columns}
     )
     stores.place(position, velocity, columns, 0.0, store, box, features)
-    solver.schedule(store, box, features)
+    solver.run_task(solver.SCHEDULE, store, box, features)
     until, status = (scale[1] - scale[0]) / speed, records.PAUSED
     most = EVENTS * count
     rest = solver.nothing_to_play()[3:]
     while status == records.PAUSED and store.counter.events < most:
         left = most - int(store.counter.events)
-        _, status, _ = solver.advance_frames(store, box, features, until, 1, min(left, EVENTS_AT_ONCE), *rest)
+        most_now = min(left, EVENTS_AT_ONCE)
+        _, status, _ = solver.run_events(solver.PLAY, store, box, features, until, 1, most_now, *rest)
     reached = status == records.REACHED
     time = until if reached else float(store.clock.origin + store.clock.now)
     grown = scale[1] if reached else min(scale[0] + speed * time, scale[1])

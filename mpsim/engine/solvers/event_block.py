@@ -36,7 +36,6 @@ from mpsim.kernels.events import records, solver
 from mpsim.kernels.events.cells import COARSE, Box, plan_cells
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.kernels.events.features.laws import ImpactFriction
-from mpsim.kernels.events.solver import worst_overlap
 from mpsim.kernels.features import collisions
 from mpsim.kernels.features.bodies import Bodies, MovingWalls
 from mpsim.kernels.features.capsules import Capsules
@@ -208,7 +207,7 @@ def refuse_overlap(system: tuple[Any, Any, Any], diameter: float) -> None:
         system: store, box and features of a scene just placed.
         diameter: of the largest disc [length].
     """
-    first, second, depth = worst_overlap(*system)
+    first, second, depth = solver.run_task(solver.OVERLAP, *system)
     if depth > ROUNDING * diameter:
         raise InputError(
             "method='event' needs discs that do not overlap; discs "
@@ -465,7 +464,7 @@ class BlockPlan(NamedTuple):
                 "Choose units in which the numbers are smaller."
             )
         refuse_overlap(system, 2 * scene.largest_radius)
-        solver.schedule(*system)
+        solver.run_task(solver.SCHEDULE, *system)
         return system
 
     def system_in(self, block: SharedBlock) -> System:

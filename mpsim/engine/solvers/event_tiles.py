@@ -191,7 +191,7 @@ class Windows:
         progress: Any,
         seen: Any,
     ) -> tuple[int, int, int]:
-        """Play so many frames or fewer: as `advance_frames`; times: as of `run_windows`.
+        """Play so many frames or fewer: as `play_frames`; times: as of `run_windows`.
 
         present: the time that has been reached.
 

@@ -401,7 +401,7 @@ class EventSolver(Solver, CollisionLog):
             block.create()
             event_block.put_back(terms.scene, block.arrays, snapshot)
             system = plan.system_in(block)
-            solver.relink(*system)
+            solver.run_task(solver.RELINK, *system)
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
             windows = None if new_workers else self._windows_on(block, system, choice)
         self._take(plan, choice, block, system, windows)

@@ -171,17 +171,8 @@ def earliest(store):
 
 
 @linked
-def begin_turn(start, store):
-    """Begin a turn of the ring at a time from the start of the lap, up to its end, and enter every disc anew.
-
-    The present may lie before the lap, if the lap has just begun.
-    """
-    begin_turn_until(max(start, 0.0), store.clock.lap, store)
-
-
-@linked
-def begin_turn_until(start, end, store):
-    """Begin a turn that ends before a time (exclusive), and enter every disc anew."""
+def begin_turn(start, end, store):
+    """Begin a turn of the ring between two times from the start of the lap, `end` excluded; enter every disc anew."""
     store.turn.start, store.turn.end = start, end
     store.step_head[:] = NOWHERE
     store.counter.cursor = -1

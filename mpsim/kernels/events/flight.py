@@ -46,14 +46,9 @@ def is_finite(disc):
 def time_to_limit(distance, speed, acceleration):
     """Time until a limit `distance` ahead is reached [time]; `speed` and `acceleration` positive away from it.
 
-    The root of distance + speed t + acceleration t^2/2 = 0 in the form that does not cancel. A rounding-level negative
-    distance counts as zero: a disc on the limit that moves towards it reaches it now.
+    A rounding-level negative distance counts as zero: a disc on the limit that moves towards it reaches it now.
     """
-    ahead = max(distance, 0.0)
-    discriminant = speed * speed - 2.0 * acceleration * ahead
-    if speed < 0.0:
-        return 2.0 * ahead / (math.sqrt(discriminant) - speed) if discriminant >= 0.0 else INFINITY
-    return (speed + math.sqrt(discriminant)) / -acceleration if acceleration < 0.0 else INFINITY
+    return time_to_come_down(max(distance, 0.0), speed, acceleration)
 
 
 @inlined
@@ -116,7 +111,8 @@ MOST_HALVINGS = 200
 def time_to_come_down(height, speed, acceleration):
     """Time until a height above a line falls to 0 [time]; speed and acceleration upward. From below, it rises first.
 
-    The root of height + speed t + acceleration t^2/2 = 0 at which it falls, of which there is one at most after now.
+    The root of height + speed t + acceleration t^2/2 = 0 at which it falls, of which there is one at most after now, in
+    the form that does not cancel.
     """
     discriminant = speed * speed - 2.0 * acceleration * height
     if discriminant < 0.0:

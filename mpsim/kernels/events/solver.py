@@ -11,9 +11,9 @@ from event to event in the order of time. The only approximation is the rounding
   lose an impact nor cause endless ones (Bannerman, Strobl, Formella and Poeschel, Comput. Part. Mech. 1, 191, 2014).
 - A guard ends inelastic collapse (`features/laws.py`).
 
-The caller owns the arrays (`state.layout`); in order: `state.place`, `worst_overlap`, `schedule`, then `advance_frames`
-and `state.read_out` as often as needed. All of them are one kernel, `run_events`, compiled once for a scene. What only
-some scenes need is in `features/hooks.py`.
+The caller owns the arrays (`cells.layout`); in order: `cells.place`, the tasks OVERLAP and SCHEDULE, then PLAY and
+`cells.read_out` as often as needed. All tasks are one kernel, `run_events`, compiled once for a scene. What only some
+scenes need is in `features/hooks.py`.
 """
 
 import math
@@ -34,7 +34,8 @@ from mpsim.kernels.events.cells import (
     order_in_space,
     particle_of,
 )
-from mpsim.kernels.events.features.hooks import is_crushed, with_columns
+from mpsim.kernels.events.features.edges import is_crushed
+from mpsim.kernels.events.features.hooks import with_columns
 from mpsim.kernels.events.features.laws import heat, is_heated
 from mpsim.kernels.events.features.properties import component
 from mpsim.kernels.events.flight import advance_to, is_finite
@@ -120,7 +121,7 @@ def fill_calendar(store, box, features):
     store.clock.step = math.ldexp(1.0, math.frexp(wait)[1])
     store.clock.lap = store.clock.step * store.step_head.size
     store.counter.lap_events = 0
-    begin_turn(0.0, store)
+    begin_turn(0.0, store.clock.lap, store)
     link_cells(store, box, features)
     for i in range(disc.shape[0]):
         predict(np.int64(i), 0.0, np.int64(-1), True, store, box, features)
@@ -137,7 +138,7 @@ def begin_lap(store, box, features):
     fit_lap(store)
     if is_disordered(store, box):
         order_in_space(store, box, features)
-    begin_turn(0.0, store)
+    begin_turn(0.0, store.clock.lap, store)
 
 
 @inlined
@@ -173,7 +174,7 @@ def process_event(i, now, store, box, features, watch):
         advance_to(disc[i], now, features.gravity)
         side = np.int64(event[i].side)
         if hit_surface(i, now, side, store, box, features):
-            if is_crushed(i, side, store, features):
+            if is_crushed(features.crushing_speed, features.moving_wall, side, disc[i]):
                 return np.int64(i)
             side = np.int64(-1)
         elif is_wall(side, event[i].cell, box):
@@ -304,8 +305,8 @@ def run_events(
         fill_calendar(store, box, features)
         return 0, REACHED, -1.0
     if task == RELINK:
-        link_cells(store, box, features)
-        begin_turn(store.clock.now, store)
+        link_cells(store, box, features)  # the order of events is total: where the calendar keeps one cannot matter
+        begin_turn(max(store.clock.now, 0.0), store.clock.lap, store)  # a lap that has just begun may lie ahead
         return 0, REACHED, -1.0
     finished, status, particle = play_frames(
         store, box, features, dt, frames, max_events, stop, progress, seen, times, totals, timespec
@@ -313,29 +314,12 @@ def run_events(
     return finished, status, float(particle)
 
 
-def advance_frames(*call):
-    """As `play_frames`."""
-    finished, status, particle = run_events(PLAY, *call)
-    return finished, status, int(particle)
-
-
-def schedule(store, box, features):
-    """Predict the first event of every disc and fill the calendar. Call once, after `state.place`."""
-    run_events(SCHEDULE, store, box, features, *nothing_to_play())
-
-
-def relink(store, box, features):
-    """Enter all discs, whose events are known, in cells and calendar anew."""
-    # The order of events is total: where the calendar keeps one cannot matter.
-    run_events(RELINK, store, box, features, *nothing_to_play())
-
-
-def worst_overlap(store, box, features):
-    """The deepest overlap of a newly placed scene: as `deepest_overlap`."""
-    return run_events(OVERLAP, store, box, features, *nothing_to_play())
+def run_task(task, store, box, features):
+    """Do a task in which no frame is played: find the deepest OVERLAP, SCHEDULE after `cells.place`, or RELINK."""
+    return run_events(task, store, box, features, *nothing_to_play())
 
 
 def nothing_to_play():
-    """Arguments of `advance_frames` behind `features`, for no frame; the last six serve for one frame, too."""
+    """Arguments of `run_events` behind `features`, for no frame; the last six serve for one frame, too."""
     progress, seen = np.zeros((), PROGRESS)[()], np.zeros((), TOTALS)[()]
     return 0.0, 0, 0, math.inf, progress, seen, np.zeros(1, np.int64), np.zeros(0, TOTALS), np.zeros(2, np.int64)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined, linked
-from mpsim.kernels.events.calendar import begin_turn, begin_turn_until, due, earliest, fit_lap, shift_times, steps_for
+from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times, steps_for
 from mpsim.kernels.events.cells import Store, along, enter_absent, link_cells, put_at_targets
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
@@ -165,7 +165,7 @@ def begin_tile(store, whole, features, places, box, start, end):
     store.turn.latest = whole.clock.now
     store.counter.stall = 0
     link_cells(store, box, features)
-    begin_turn_until(start, end, store)
+    begin_turn(start, end, store)
 
 
 @inlined
@@ -517,7 +517,7 @@ def link(whole, box, features, places):
         if event[i].partner >= 0:
             event[i].partner = places[event[i].partner]
     link_cells(whole, box, features)
-    begin_turn(whole.clock.now, whole)
+    begin_turn(max(whole.clock.now, 0.0), whole.clock.lap, whole)  # a lap that has just begun may lie ahead
 
 
 @compiled
@@ -684,7 +684,7 @@ def run_windows(
 ):  # fmt: skip
     """Run frames, or as many as end within a time: (frames finished, status, particle), of worker 0.
 
-    command: COMMAND. progress, seen, totals: as of `advance_frames`. times: int64 [ns], shape (1 + workers, frames): of
+    command: COMMAND. progress, seen, totals: as of `play_frames`. times: int64 [ns], shape (1 + workers, frames): of
     each frame, and the work of each worker for it. Other workers wait for a command; if there is none, they return
     the answer of `next_command` as their status.
     """

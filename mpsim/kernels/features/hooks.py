@@ -1,9 +1,9 @@
 """The features of the stepped solvers, which of them a scene has, and at which points of a step they act.
 
-A new feature is a file, its fields in `Features`, and a line at each point where it acts, here or (contacts) in
-`collisions.py`. A function that acts there takes its own field first, so that it compiles to nothing if that is None.
-What all steps need (accelerations, masses, radii, boundaries, walls) is read from the files of those features where it
-is needed.
+A new feature is a file, its fields in `Features`, and a line at each point where it acts: here, in `collisions.py`
+(contacts), or in `motion.py` (what one feature alone does). A function that acts there takes its own field first, so
+that it compiles to nothing if that is None. What all steps need (accelerations, masses, radii, boundaries, walls) is
+read from the files of those features where it is needed.
 """
 
 from collections import namedtuple
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import any_present, inlined
-from mpsim.kernels.features import baths, bodies, capsules, edges, properties
+from mpsim.kernels.features import bodies, capsules, edges, properties
 from mpsim.kernels.features.collisions import log_of, work_of
 
 Features: Any = namedtuple(
@@ -50,24 +50,6 @@ def special_borders(features):
     """None if all four borders are smooth walls at rest, elastic or not: those that the vector code handles."""
     walls = any_present(any_present(features.moving_wall, features.wall_friction), features.thermal_walls)
     return any_present(any_present(features.wrap_x, features.wrap_y), walls)
-
-
-@inlined
-def begin_step(discs, low, high, features, control):
-    """At the start of a step, before anything else reads the discs of a slice: features that change velocities."""
-    baths.heat(features.thermostat, discs, low, high, features, control)
-
-
-@inlined
-def before_move(discs, low, high, features, parameters, control):
-    """Before the discs of a slice are moved."""
-    edges.absorb(features.exits, discs, low, high, features, parameters, control)
-
-
-@inlined
-def after_flight(discs, low, high, features):
-    """After their flight and its bounces off walls, before they are checked to be finite."""
-    edges.put_back_absorbed(features.exits, discs, low, high, features.spin)
 
 
 @inlined

@@ -5,20 +5,22 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import any_present, inlined, linked, slice_of, value_or
-from mpsim.kernels.features.baths import redraw_at_walls
+from mpsim.kernels.features.baths import heat, redraw_at_walls
 from mpsim.kernels.features.bodies import wall_motion, wall_place
 from mpsim.kernels.features.collisions import add_work, log_walls, on_walls
 from mpsim.kernels.features.edges import (
     Walls,
+    absorb,
     count_flight,
     is_absent,
     is_between,
     lets_out,
     no_contact,
+    put_back_absorbed,
     reach_boundary,
     wrapped,
 )
-from mpsim.kernels.features.hooks import after_flight, after_move, before_move, begin_step, special_borders
+from mpsim.kernels.features.hooks import after_move, special_borders
 from mpsim.kernels.features.properties import accelerate, accelerations_of
 from mpsim.kernels.machine import atomic_store
 from mpsim.kernels.records import ALONG_X, ALONG_Y, BAD, BOTTOM, FASTEST_SCALE, IMPACT, LEFT, RIGHT, TOP, real
@@ -414,12 +416,12 @@ def accelerate_and_fly(discs, low, high, accelerated, features, parameters, cont
 @linked
 def move_block(discs, low, high, features, parameters, control, mine, tally):
     """Advance some discs of a slice. Returns whether all of them are finite."""
-    begin_step(discs, low, high, features, control)
+    heat(features.thermostat, discs, low, high, features, control)
     end_where_fast(discs, low, high, parameters, control, mine)
-    before_move(discs, low, high, features, parameters, control)
+    absorb(features.exits, discs, low, high, features, parameters, control)
     accelerated = any_present(features.gravity, features.acceleration)
     bad = accelerate_and_fly(discs, low, high, accelerated, features, parameters, control, tally, mine.frame)
-    after_flight(discs, low, high, features)
+    put_back_absorbed(features.exits, discs, low, high, features.spin)
     if not bad:
         after_move(discs, low, high, features, parameters, control, mine)
     return not bad

@@ -182,14 +182,6 @@ def is_look(moving, side):
 
 
 @inlined
-def is_crushed(crushing_speed, disc):
-    """Whether a disc leaves a body so fast that it has been crushed."""
-    if crushing_speed is None:
-        return False
-    return disc.velocity[0] ** 2 + disc.velocity[1] ** 2 > crushing_speed * crushing_speed
-
-
-@inlined
 def before_border(bodies, i, store, box, features):
     """Predict the impact of disc i, whose stored state is current, on a body before it leaves its cell."""
     if bodies is not None:

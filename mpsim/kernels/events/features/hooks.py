@@ -5,14 +5,16 @@ its own field first, so that it compiles to nothing if the field is None. What i
 from its file.
 """
 
+import math
 from collections import namedtuple
 from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import copy_entry, copy_row, inlined, swap_entries, swap_rows
-from mpsim.kernels.events.features import bodies, capsules, collisions, edges, laws, properties
-from mpsim.kernels.events.features.properties import radius_of
-from mpsim.kernels.events.records import mixed, mixed_real
+from mpsim.kernels.events.features import bodies, capsules, edges, laws, properties
+from mpsim.kernels.events.features.properties import mass_of, radius_of
+from mpsim.kernels.events.records import MOVING_WALL, counts, mixed, mixed_real
+from mpsim.kernels.features.collisions import DISC, OBSTACLE, WALL, WALLS, add_work, write
 
 COLUMNS = ("radius", "mass", "spin", "image", "exits")
 """Fields of `Features` that are arrays with a row for each disc, in the order of the discs in memory."""
@@ -45,8 +47,8 @@ def features_of(given: Mapping[str, Any]) -> Any:
 @inlined
 def speed_off_wall(i, speed, axis, inward, last_contact, now, store, box, features):
     """Speed inward of disc i, which has hit a wall at right angles to an axis at such a speed outward."""
-    e = laws.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
-    leaving = laws.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, store)
+    nx, ny = (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0)
+    leaving = laws.speed_off(abs(speed), nx, ny, last_contact, now, features, store)
     return properties.speed_off_approaching(features.expansion, speed, leaving, radius_of(i, box, features))
 
 
@@ -95,16 +97,6 @@ def surface(i, side, now, store, box, features):
     return capsules.surface(features.capsules, i, side, store, box, features)
 
 
-@inlined
-def is_crushed(i, side, store, features):
-    """Whether disc i, which has just hit `side` of its event, is crushed there: no solver can follow it."""
-    if bodies.is_one(features.bodies, side):
-        return bodies.is_crushed(features.crushing_speed, store.disc[i])
-    if edges.is_moving_wall(features.moving_wall, side):
-        return edges.is_crushed(features.moving_wall, features.crushing_speed, side, store.disc[i])
-    return False
-
-
 # --- the points of an event at which they act ---------------------------------------------------------------------
 
 
@@ -120,7 +112,7 @@ def before_border(i, store, box, features):
 def between_discs(i, j, rx, ry, normal_impulse, store, box, features):
     """After the normal impulse of discs i and j, r = r_i - r_j apart [mass length/time]."""
     across = laws.between_discs(features.friction, i, j, rx, ry, normal_impulse, store, box, features)
-    collisions.between_discs(features.log, i, j, rx, ry, normal_impulse, across, store, box, features)
+    log_discs(features.log, i, j, rx, ry, normal_impulse, across, store, box, features)
 
 
 @inlined
@@ -130,7 +122,9 @@ def on_wall(i, axis, inward, normal_change, sliding, store, box, features):
     sliding: change along the wall so far.
     """
     sliding += laws.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
-    collisions.on_wall(features.log, i, axis, inward, normal_change, sliding, store, box, features)
+    edge, nx, ny = 2 * axis + (inward < 0.0), (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0)
+    sliding *= inward if axis == 0 else -inward
+    log_fixed(features.log, WALL, i, edge, nx, ny, normal_change, sliding, store, box, features)
 
 
 @inlined
@@ -140,6 +134,47 @@ def on_surface(i, nx, ny, normal_change, speed, running, store, box, features):
     speed, running: of the surface along n, and along (-ny, nx).
     """
     sliding = laws.on_surface(features.wall_friction, i, nx, ny, normal_change, running, store, box, features)
-    others = features.moving_wall, features.capsules, features.bodies
-    collisions.add_work(features.work, i, normal_change * speed + sliding * running, *others, store, features)
-    collisions.on_surface(features.log, i, nx, ny, normal_change, sliding, *others, store, box, features)
+    side = store.event[i].side
+    if edges.is_moving_wall(features.moving_wall, side):
+        kind, number, owner = WALL, side - MOVING_WALL, side - MOVING_WALL
+    else:
+        number = bodies.owner_of(features.capsules, features.bodies, side)
+        kind, owner = OBSTACLE, WALLS + number
+    if counts(store.region) != 0:
+        add_work(features.work, owner, i, normal_change * speed + sliding * running, features.mass)
+    log_fixed(features.log, kind, i, number, nx, ny, normal_change, sliding, store, box, features)
+
+
+# --- the log of collisions, if a run asks for it ------------------------------------------------------------------
+
+
+@inlined
+def log_discs(log, i, j, rx, ry, impulse, across, store, box, features):
+    """Impact of discs i and j, r = r_i - r_j apart, whose stored states are current.
+
+    impulse, across: on i, along r and along r rotated to the left.
+    """
+    if log is not None:  # noqa: SIM102 - see compiling.py
+        if counts(store.region) != 0:
+            disc, distance = store.disc[i], math.sqrt(rx * rx + ry * ry)
+            share = radius_of(i, box, features) / (radius_of(i, box, features) + radius_of(j, box, features))
+            x, y = disc.position[0] - share * rx, disc.position[1] - share * ry
+            time = store.clock.origin + disc.last_update
+            along, slide, other = impulse / distance, across / distance, store.event[j].number
+            write(log, DISC, store.event[i].number, other, time, along * rx, along * ry, -slide * ry, slide * rx, x, y)
+
+
+@inlined
+def log_fixed(log, kind, i, met, nx, ny, change, sliding, store, box, features):
+    """Impact of disc i on a wall or an obstacle that changed its velocity by so much along the unit vector n.
+
+    sliding: its change along (-ny, nx).
+    """
+    if log is not None:  # noqa: SIM102
+        if counts(store.region) != 0:
+            disc, radius = store.disc[i], radius_of(i, box, features)
+            impulse, across = mass_of(i, features) * change, mass_of(i, features) * sliding
+            x, y = disc.position[0] - radius * nx, disc.position[1] - radius * ny
+            time = store.clock.origin + disc.last_update
+            number = store.event[i].number
+            write(log, kind, number, met, time, impulse * nx, impulse * ny, -across * ny, across * nx, x, y)

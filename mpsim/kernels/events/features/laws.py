@@ -105,20 +105,13 @@ def effective_restitution(restitution, last_contact, now, contact_time, store):
 
 
 @inlined
-def speed_off_wall(gravity, speed, axis, inward, contact_time, store):
-    """Speed inward after a bounce: never so small that gravity brings the disc back in less than `contact_time`.
-
-    A disc at rest on a wall makes small bounces of that duration, at most g contact_time^2/8 high, and the guard counts
-    them. Without this it would hit the wall infinitely often in a finite time.
-    """
-    if gravity is None:
-        return speed
-    return fast_enough(speed, inward * component(gravity, axis), contact_time, store)
-
-
-@inlined
 def speed_off(speed, nx, ny, last_contact, now, features, store):
-    """Speed at which a disc leaves a fixed surface after it hit it at such a speed, along the unit vector n from it."""
+    """Speed at which a disc leaves a fixed surface after it hit it at such a speed, along the unit vector n from it.
+
+    It is never so small that gravity brings the disc back in less than `contact_time`. A disc at rest makes small
+    bounces of that duration, at most g contact_time^2/8 high, and the guard counts them. Without this it would hit the
+    surface infinitely often in a finite time.
+    """
     e = effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
     if features.gravity is None:
         return e * speed
