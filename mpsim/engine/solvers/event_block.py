@@ -119,11 +119,6 @@ def units_of(scene: Scene, dt: float) -> tuple[float, float]:
     return coarse, math.ldexp(coarse, math.frexp(diameter)[1])
 
 
-def contact_time_of(scene: Scene, dt: float) -> float:
-    """The contact time of the guard [time]."""
-    return GUARD * _time_of_a_radius(scene, dt)
-
-
 def contact_time_at_rest(scene: Scene, dt: float = 1.0) -> float:
     """A contact time with which most scenes that come to rest reach the end of a run [time]."""
     return AT_REST * _time_of_a_radius(scene, dt)
@@ -456,13 +451,12 @@ class BlockPlan(NamedTuple):
         system = self.system_in(block)
         scene = self.terms.scene
         columns = {each.name: discs.radius if each.name == "radius" else discs.of(each) for each in columns_in(scene)}
-        status, particle = stores.place(discs.position, discs.velocity, columns, time, *system)
-        if status != records.REACHED:
+        if len(fast := np.flatnonzero(~(np.abs(discs.velocity) < LONGEST).all(axis=1))):
             raise InputError(
-                f"velocity[{particle}] must be below 1e100 for method='event'; got "
-                f"{discs.velocity[particle].tolist()}. "
-                "Choose units in which the numbers are smaller."
+                f"velocity[{fast[0]}] must be below 1e100 for method='event'; got "
+                f"{discs.velocity[fast[0]].tolist()}. Choose units in which the numbers are smaller."
             )
+        stores.place(discs.position, discs.velocity, columns, time, *system)
         refuse_overlap(system, 2 * scene.largest_radius)
         solver.run_task(solver.SCHEDULE, *system)
         return system
@@ -502,5 +496,5 @@ def plan_of(scene: Scene, settings: Settings, workers: int) -> BlockPlan:
     units, crushing = units_of(scene, settings.dt), crushing_speed_of(scene, scene.velocity)
     contact_time = settings.contact_time
     if contact_time is None:
-        contact_time = contact_time_of(scene, settings.dt)
+        contact_time = GUARD * _time_of_a_radius(scene, settings.dt)
     return BlockPlan(Terms(scene, settings, Origin()), units, contact_time, crushing, workers, logging=False)

@@ -19,12 +19,7 @@ from mpsim.kernels.events.records import (
     ENTRY,
     EVENT,
     MOST_NEAR,
-    NOT_FINITE,
-    OUTSIDE,
-    REACHED,
-    RIGHT,
     TALLY,
-    TOP,
     TURN,
     counts,
     here_along,
@@ -86,9 +81,8 @@ def neighbour(cell, cells, length, periodic):
 def is_wall(side, cell, box):
     """Whether the border of a cell at `side` is a wall."""
     axis = side >> 1
-    cells = box.columns if axis == 0 else box.rows
-    periodic = box.periodic_x if axis == 0 else box.periodic_y
-    return not periodic and cell[axis] == (cells - 1 if side in (RIGHT, TOP) else 0)
+    _, cells, periodic = along(axis, box)
+    return not periodic and cell[axis] == (cells - 1 if side & 1 else 0)
 
 
 @inlined
@@ -434,30 +428,12 @@ def store_of(arrays):
     return Store(**{name: arrays.get(name) for name in Store._fields})
 
 
-def first_misplaced(position, velocity, radius, box):
-    """The first particle that is not finite, faster than 1e100, or outside the box: (status, particle)."""
-    good = np.isfinite(position).all(axis=1) & (np.abs(velocity) < 1e100).all(axis=1)
-    if not good.all():
-        return NOT_FINITE, int(np.argmin(good))
-    for axis in range(2):
-        length, _, periodic = along(axis, box)
-        low, slack = 0.0 if periodic else radius, 1e-12 * length  # within rounding
-        inside = (position[:, axis] >= low - slack) & (position[:, axis] <= length - low + slack)
-        if not inside.all():
-            return OUTSIDE, int(np.argmin(inside))
-    return REACHED, -1
-
-
 def place(position, velocity, columns, time, store, box, features):
-    """Put particles into the store at `time`: (status, particle), REACHED or the error and its particle.
+    """Put particles, which are in the box, into the store at `time`. `solver.SCHEDULE` must follow.
 
     position [length], velocity [length/time]: (N, 2). columns: of the arrays of `features`, by name, in the order of
-    the particles. `solver.schedule` must follow.
+    the particles.
     """
-    radius = box.radius if features.radius is None else columns["radius"]
-    status, particle = first_misplaced(position, velocity, radius, box)
-    if status != REACHED:
-        return status, particle
     column = np.clip((position[:, 0] * (box.columns / box.width)).astype(np.int64), 0, box.columns - 1)
     row = np.clip((position[:, 1] * (box.rows / box.height)).astype(np.int64), 0, box.rows - 1)
     order = np.argsort(row * box.columns + column, kind="stable")
@@ -472,7 +448,6 @@ def place(position, velocity, columns, time, store, box, features):
     for name, values in columns.items():
         getattr(features, name)[:] = values[order]
     store.clock.origin = time
-    return REACHED, -1
 
 
 def read_out(store, box, features, until, columns=()):

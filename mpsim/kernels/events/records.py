@@ -130,7 +130,7 @@ def number_of_partner(partner, event):
 # --- The records of the exact solver, field by field, and the outcomes of a call
 
 # Outcomes.
-REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, OUTSIDE, STOPPED, ABORTED, FULL = range(9)
+REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, STOPPED, ABORTED, FULL = range(8)
 
 # Borders of a cell, and walls of the box: side >> 1 is the axis, side & 1 whether it is the high one.
 LEFT, RIGHT, BOTTOM, TOP = range(4)
