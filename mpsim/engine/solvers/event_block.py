@@ -195,22 +195,6 @@ def _typical_speed(scene: Scene) -> float:
     return max(speeds)
 
 
-def refuse_overlap(system: tuple[Any, Any, Any], diameter: float) -> None:
-    """Raise InputError for discs that overlap by more than rounding, naming the worst pair.
-
-    Args:
-        system: store, box and features of a scene just placed.
-        diameter: of the largest disc [length].
-    """
-    first, second, depth = solver.run_task(solver.OVERLAP, *system)
-    if depth > ROUNDING * diameter:
-        raise InputError(
-            "method='event' needs discs that do not overlap; discs "
-            f"{min(first, second)} and {max(first, second)} overlap by {depth:.3g}, the most of all. Move them "
-            "apart, or run a few frames with method='grid' and start from there."
-        )
-
-
 # --- Data of features for the kernels of the exact solver, apart from columns
 
 
@@ -457,7 +441,13 @@ class BlockPlan(NamedTuple):
                 f"{discs.velocity[fast[0]].tolist()}. Choose units in which the numbers are smaller."
             )
         stores.place(discs.position, discs.velocity, columns, time, *system)
-        refuse_overlap(system, 2 * scene.largest_radius)
+        first, second, depth = solver.run_task(solver.OVERLAP, *system)
+        if depth > ROUNDING * (2 * scene.largest_radius):
+            raise InputError(
+                "method='event' needs discs that do not overlap; discs "
+                f"{first} and {second} overlap by {depth:.3g}, the most of all. Move them "
+                "apart, or run a few frames with method='grid' and start from there."
+            )
         solver.run_task(solver.SCHEDULE, *system)
         return system
 

@@ -4,7 +4,6 @@ import functools
 import math
 import pickle
 from collections.abc import Callable
-from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -102,12 +101,8 @@ def _load(block: SharedBlock) -> None:
 
 
 def _call(block: SharedBlock, worker: int) -> Callable[[], int]:
-    return partial(_wait_for_windows, *_idle_call(_arguments_in(block.arrays, worker), worker, LINGER))
-
-
-def _wait_for_windows(*call: Any) -> int:
-    """Play windows as a worker; returns what it has heard instead of a command."""
-    return run_windows(*call)[1]
+    call = _idle_call(_arguments_in(block.arrays, worker), worker, LINGER)
+    return lambda: run_windows(*call)[1]  # what it has heard instead of a command
 
 
 TILES = Program(_load, _call)

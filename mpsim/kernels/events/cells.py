@@ -396,11 +396,8 @@ Store = namedtuple(
 )
 """The arrays and records of `layout`; and the `region`, of a tile, None where the whole box is here."""
 
-MADE_ANEW = ("entry", "cell_head", "cell_next", "step_head", "heap", "near", "approach", "turn")
-"""Those that follow from the others, and from the box."""
-
-KEPT = tuple(name for name in Store._fields if name not in (*MADE_ANEW, "region"))
-"""Those that a copy of the state needs."""
+KEPT = ("disc", "event", "order", "clock", "counter", "tally")
+"""Those that a copy of the state needs; the others follow from them, and from the box."""
 
 
 def layout(count, cells):

@@ -159,8 +159,13 @@ def heat(thermostat, i, particle, now, frame, store, features):
 
 
 @linked
-def redraw(thermal_walls, i, side, leaving, store, features):
-    """Draw the velocity of disc i after its impact on `side`. Returns its speed inward, its change along the wall."""
+def speed_off_thermal_wall(thermal_walls, i, side, leaving, store, features):
+    """Draw the velocity of disc i after its impact on `side`. Returns its speed inward, its change along the wall.
+
+    leaving: speed inward off a wall that is not thermal.
+    """
+    if thermal_walls is None:
+        return leaving, 0.0
     temperatures, seed = thermal_walls
     velocity, position, axis = store.disc[i].velocity, store.disc[i].position, side >> 1
     if temperatures[side] <= 0.0:
@@ -170,11 +175,3 @@ def redraw(thermal_walls, i, side, leaving, store, features):
     sliding = speed * across - velocity[1 - axis]
     velocity[1 - axis] = speed * across
     return speed * normal, sliding
-
-
-@inlined
-def speed_off_thermal_wall(thermal_walls, i, side, leaving, store, features):
-    """`redraw`, if there are such walls; otherwise the speed inward is `leaving`."""
-    if thermal_walls is None:
-        return leaving, 0.0
-    return redraw(thermal_walls, i, side, leaving, store, features)
