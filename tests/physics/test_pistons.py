@@ -259,6 +259,7 @@ def test_a_gas_that_is_compressed_slowly_and_let_out_again_has_its_temperature()
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_a_slow_piston_keeps_temperature_times_area():
     """T A is constant in two dimensions (gamma = 2) for an ideal gas; d ln T = -Z d ln A for discs, A for centres."""
     radius, count, side = 0.1, 200, 40.0
