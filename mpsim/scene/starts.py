@@ -400,7 +400,7 @@ def _random_equal(count: int, width: float, height: float, radius: float, rng: n
         return np.empty((0, 2))
     radii, walls = np.full(count, radius), ((width, height), WALLS)
     packing = count * math.pi * radius**2 / (width * height)
-    if packing <= SPARSE_PACKING:
+    if count * math.pi * radius**2 <= SPARSE_PACKING * width * height:  # not `packing`, which is rounded once more
         discs = _by_size(np.zeros(count), np.zeros(count), radii, *walls)
         if _add_all(discs, rng):
             return np.column_stack([discs.x, discs.y])

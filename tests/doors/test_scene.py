@@ -1,6 +1,7 @@
 """Scenes: given, at random, on a lattice, compressed, from a state; what they recommend, and what is refused."""
 
 import copy
+import hashlib
 import math
 import pickle
 import tracemalloc
@@ -548,3 +549,11 @@ def test_compression_has_pinned_bits_in_any_unit_and_says_where_discs_jam():
     assert_refused(parts, few(boundary="periodic").compressed, 0.9, rate=10.0)
     with pytest.raises(InputError, match="another start needs a scene that was drawn at random"):
         dense.redrawn(3)
+
+
+@pytest.mark.parametrize(
+    ("count", "packing", "pinned"), [(48, 0.4, "5505c2c448"), (100, 0.5, "e8aecdc362"), (200, 0.7, "def8497751")]
+)
+def test_random_places_are_the_pinned_ones_also_where_the_way_to_draw_them_changes(count, packing, pinned):
+    places = gas(count, packing).position
+    assert hashlib.sha1(places.tobytes()).hexdigest()[:10] == pinned
