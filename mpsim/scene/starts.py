@@ -398,15 +398,16 @@ def _random_equal(count: int, width: float, height: float, radius: float, rng: n
     """
     if count == 0:
         return np.empty((0, 2))
-    radii, walls = np.full(count, radius), ((width, height), WALLS)
+    radii = np.full(count, radius)
     packing = count * math.pi * radius**2 / (width * height)
     if count * math.pi * radius**2 <= SPARSE_PACKING * width * height:  # not `packing`, which is rounded once more
-        discs = _by_size(np.zeros(count), np.zeros(count), radii, *walls)
+        discs = _by_size(np.zeros(count), np.zeros(count), radii, (width, height), WALLS)
         if _add_all(discs, rng):
             return np.column_stack([discs.x, discs.y])
     sites = _lattice(count, width, height, 2 * radius)
     chosen = sites[np.sort(rng.permutation(len(sites))[:count])]
-    discs = _by_size(*np.array(chosen.T, order="C"), radii, *walls)
+    x, y = np.array(chosen.T, order="C")
+    discs = _by_size(x, y, radii, (width, height), WALLS)
     placement.link(discs)
     longest = 2 * radius * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
     for _ in range(SWEEPS):
