@@ -405,8 +405,7 @@ class StepLimits:
         speeds = solver.speeds(new, None if self.adapts else changed)
         if speeds.pinched >= 0:
             text = solver.ranks.on_root(lambda: pinched(solver, self._scene, speeds.pinched))
-            self._refuse_if_wanted(f"{text} on_fast='warn' runs it anyway.")
-            notices.warn(text, FastWarning, self._pressed)
+            self._tell_of_pressed(text, notices)
         if self.adapts:
             self.set_limit(solver)
             return self.substeps_for(speeds, frame)
@@ -421,10 +420,13 @@ class StepLimits:
         if not self._is_look(solver.frame, solver.count):
             return
         text = solver.ranks.on_root(lambda: pressed(solver, self._scene, self._settings))
-        if text and self._settings.on_fast == "error":
-            raise TooFastError(f"{text} on_fast='warn' runs it anyway.")
         if text:
-            notices.warn(text, FastWarning, self._pressed)
+            self._tell_of_pressed(text, notices)
+
+    def _tell_of_pressed(self, text: str, notices: Notices) -> None:
+        """Refuse to go on with discs that have no room, or warn of them once."""
+        self._refuse_if_wanted(f"{text} on_fast='warn' runs it anyway.")
+        notices.warn(text, FastWarning, self._pressed)
 
     def substeps_for(self, speeds: Speeds, frame: int) -> int:
         """Sub-steps that keep speeds and collisions at AIM of their bounds, and below these until the next look."""

@@ -300,10 +300,8 @@ def _obstacles_near(scene: Scene, position: Floats, radius: float, time: float) 
     """Gap between a disc at (x, y) and each obstacle, the nearest first, by name [length]."""
     rows = scene._capsules_at(time)
     images = capsules.with_images(rows, (scene.width, scene.height), scene.periodic, math.inf)
-    gap, found = (
-        capsules.gaps(position - images.shift, radius, rows[images.source]),
-        np.full(len(scene.obstacles), np.inf),
-    )
+    gap = capsules.gaps(position - images.shift, radius, rows[images.source])
+    found = np.full(len(scene.obstacles), np.inf)
     np.minimum.at(found, rows[images.source, OWNER].astype(int), gap)
     return {f"obstacles[{number}]": float(found[number]) for number in np.argsort(found, kind="stable")}
 
