@@ -406,9 +406,7 @@ def _random_equal(count: int, width: float, height: float, radius: float, rng: n
             return np.column_stack([discs.x, discs.y])
     sites = _lattice(count, width, height, 2 * radius)
     chosen = sites[np.sort(rng.permutation(len(sites))[:count])]
-    x, y = np.array(chosen.T, order="C")
-    discs = _by_size(x, y, radii, (width, height), WALLS)
-    placement.link(discs)
+    discs = _crowd(chosen, radii, (width, height), WALLS)
     longest = 2 * radius * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
     for _ in range(SWEEPS):
         placement.shuffle(discs, rng.uniform(-longest, longest, (count, 2)), 1.0)
@@ -563,9 +561,7 @@ def overlaps(
     """
     slack = TOUCHING * float(np.finfo(np.float64).eps) * max(size) if rounding is None else rounding
     worst = np.zeros(2, np.int64)
-    x, y = (np.ascontiguousarray(column, dtype=np.float64) for column in position.T)
-    discs = _by_size(x, y, np.broadcast_to(np.asarray(radius, np.float64), len(position)), size, periodic)
-    placement.link(discs)
+    discs = _crowd(position, np.broadcast_to(np.asarray(radius, np.float64), len(position)), size, periodic)
     pairs, largest, total = placement.count_overlaps(discs, slack, worst)
     i, j = worst.tolist()
     return Overlap(int(pairs), float(largest), float(total) / max(pairs, 1), (i, j) if pairs else None)
@@ -586,9 +582,7 @@ def displaced(
     """
     if not len(position):
         return position
-    x, y = (np.array(column, dtype=np.float64) for column in position.T)
-    discs = _by_size(x, y, radius, size, periodic, capsules)
-    placement.link(discs)
+    discs = _crowd(position, radius, size, periodic, capsules)
     for axis in (0, 1):
         placement.shuffle(discs, moves * (np.arange(2) == axis), 1 + GAP)
     return np.column_stack([discs.x, discs.y])
@@ -611,9 +605,7 @@ def pushed_aside(
     rng, places = np.random.default_rng(0), position
     edge = np.where(periodic, 0.0, radius[:, None])
     for attempt in range(PUSHES):
-        x, y = np.array(places.T, np.float64, order="C")
-        discs = _by_size(x, y, radius, size, periodic, capsules)
-        placement.link(discs)
+        discs = _crowd(places, radius, size, periodic, capsules)
         for _ in range(PUSH_ROUNDS):
             if not placement.crowded(discs, scale):
                 return np.column_stack([discs.x, discs.y])
@@ -623,6 +615,20 @@ def pushed_aside(
         jumps = (1 + attempt / 2) * radius[:, None] * rng.uniform(-1, 1, places.shape)
         places = np.clip(places + trapped * jumps, edge, np.array(size) - edge)
     return None
+
+
+def _crowd(
+    position: NDArray[np.floating],
+    radius: Floats,
+    size: tuple[float, float],
+    periodic: tuple[bool, bool],
+    capsules: Floats | None = None,
+) -> placement.Crowd:
+    """Discs at copies of these centres, shape (N, 2), as `_by_size`, in the lists of their cells."""
+    x, y = np.array(position.T, np.float64, order="C")
+    discs = _by_size(x, y, radius, size, periodic, capsules)
+    placement.link(discs)
+    return discs
 
 
 def _by_size(
