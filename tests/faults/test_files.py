@@ -185,10 +185,12 @@ def test_four_threads_save_one_scene_file_at_once(tmp_path, monkeypatch):
 
 MORTAL = """
 import json, os, shutil, signal, sys, tempfile, warnings
+from multiprocessing import resource_tracker
 from pathlib import Path
 import numpy as np
 import mpsim
 from support.checkpoints import frame_in
+from support.processes import SHARED_MEMORY, blocks_of
 from support.scenes import gas, simulate
 
 OURS = str(Path(mpsim.__file__).parent)
@@ -218,7 +220,10 @@ def killed(write, limit, prepare=lambda: None):
         write()
         sys.settrace(None)
         os._exit(0)
-    return os.WIFSIGNALED(os.waitpid(pid, 0)[1])
+    status = os.waitpid(pid, 0)[1]
+    for name in blocks_of(pid):
+        (SHARED_MEMORY / name).unlink(missing_ok=True)
+    return os.WIFSIGNALED(status)
 
 def interrupted(write, limit):
     def act():
@@ -282,7 +287,10 @@ with tempfile.TemporaryDirectory() as base:  # a checkpoint, beside which the on
             sim.run(frames=1)
             sim.save(Path(base, name))
     path, again, limit, frames, left = Path(base, "a", "run"), [], 1, [], 0
-    resume = lambda: again.append(mpsim.Simulation.resume(Path(base, "new")))
+    def resume():
+        again.append(mpsim.Simulation.resume(Path(base, "new")))
+        for name in blocks_of(os.getpid()):  # else this program's tracker misses those that other programs clean up
+            resource_tracker.unregister(f"/{name}", "shared_memory")
     while True:
         shutil.rmtree(path.parent, ignore_errors=True)
         shutil.copytree(base, path.parent)
