@@ -184,11 +184,13 @@ def _demand_leave(folder: Path, force: bool) -> None:
     """Refuse a folder that is not that of a run, or whose replacement was not asked for."""
     if not folder.is_dir():
         raise InputError(f"--out must be a folder; {str(folder)!r} is a file. Give another name.")
-    if not (folder / RECORD).exists():
+    try:
+        RunFolder.open(folder)
+    except InputError:
         raise InputError(
             f"--out must be a new or empty folder, or that of a run; {str(folder)!r} holds other files, which are not "
             "overwritten. Give another name."
-        )
+        ) from None
     if not force:
         raise InputError(
             f"--out already holds a run: {str(folder)!r} is not overwritten. Give another name, --force to replace "

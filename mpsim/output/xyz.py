@@ -291,15 +291,19 @@ def numbers_of(where: str, line: int, name: str, text: str, count: int) -> list[
 
 
 def table(
-    where: str, rows: list[str], first: int, widths: dict[str, int], kinds: dict[str, type], says: str
+    where: str, rows: list[str], first: int, columns: Sequence[tuple[str, int]], kinds: dict[str, type], says: str
 ) -> dict[str, NDArray[Any]]:
     """The numbers of some columns, by name, each of shape (N, width).
 
     Args:
-        rows: the lines of the discs; first: number of the first one in the frame.
-        widths: of all columns in a line, by name; kinds: float or int, of those that are read.
-        says: what in the frame names the columns, and a verb, for errors.
+        rows: the lines of the discs; first: number of the first one in the frame, behind the one that names columns.
+        columns: names and widths of all in a line; kinds: float or int, of those that are read.
+        says: what tells the columns, and a verb, for errors.
     """
+    widths = {name if name in kinds else f"{at}": width for at, (name, width) in enumerate(columns)}
+    if len(widths) < len(columns):
+        names = " ".join(name for name, _ in columns)
+        raise refusal(where, first - 1, f"must name each column once; got {names!r:.80}.")
     kinds = {name: kinds[name] for name in widths if name in kinds}
     dtype = np.dtype([(name, kinds.get(name, "U1"), (width,)) for name, width in widths.items()])
     found = np.zeros(0, dtype)
@@ -324,7 +328,7 @@ def _wrong_row(
     names = [name for name, width in widths.items() for _ in range(width)]
     for line, words in enumerate(map(str.split, rows), first):
         if len(words) != len(names):
-            text = f"must have {len(names)} columns, as its {says}; got a line with {len(words)}."
+            text = f"must have {len(names)} columns, as {says}; got a line with {len(words)}."
             return refusal(where, line, text)
         for name, word in zip(names, words, strict=True):
             try:
@@ -361,7 +365,8 @@ class XyzReader(TextReader):
         keys, rows = keys_of(lines[1]), lines[2 : 2 + count]
         # a file without names of columns may have more of them than those of the format
         further = f":_:S:{max(len(rows[0].split()) - 4, 0) if rows else 0}"
-        known = _columns(where, rows, keys.get("properties", f"species:S:1:pos:R:3{further}"))
+        says = "its Properties say" if "properties" in keys else "each line of plain XYZ has (name, x, y, z, ...)"
+        known = _columns(where, rows, keys.get("properties", f"species:S:1:pos:R:3{further}"), says)
         position = known.pop("position")
         if "float32" in keys.get("precision", ""):
             position = position.astype(np.float32)
@@ -393,25 +398,26 @@ def keys_of(comment: str) -> dict[str, str]:
     return {key.lower(): value[1:-1] if value[:1] in ("'", '"') else value for key, value in pairs if value is not None}
 
 
-def _columns(where: str, rows: list[str], properties: str) -> dict[str, Any]:
+def _columns(where: str, rows: list[str], properties: str, says: str) -> dict[str, Any]:
     """The quantities of a frame, by the names of the attributes that they are."""
     parts = properties.split(":")
     if len(parts) % 3 or not all(re.fullmatch(r"\d{1,4}", width) for width in parts[2::3]):
         words = f"must name its columns as name:type:width, again and again; got Properties={properties:.80}."
         raise refusal(where, 2, words)
-    widths = {name.lower(): int(width) for name, width in zip(parts[::3], parts[2::3], strict=True)}
+    columns = [(name.lower(), int(width)) for name, width in zip(parts[::3], parts[2::3], strict=True)]
+    widths = dict(columns)
     known = {**_NAMED, **_of_states()}
     if "momenta" in widths and not any(known.get(name) == _VELOCITY for name in widths):
         known["momenta"] = _MOMENTUM
     if "pos" not in widths:
         raise refusal(where, 2, f"must have the column pos:R:3, the places; its Properties are {properties:.80}.")
-    for name, width in widths.items():
+    for name, width in columns:
         least = len(known[name].components) + 1 if name in known else 0
         if width < least:
             raise refusal(where, 2, f"must have a column {name} of {least} numbers or more; got {width}.")
     found = dict[str, Any]()
     kinds: dict[str, type] = {name: int if column.integer else float for name, column in known.items()}
-    for name, values in table(where, rows, 3, widths, kinds, "Properties say").items():
+    for name, values in table(where, rows, 3, columns, kinds, says).items():
         column = known[name]
         wide = values if column.name in ("position", "velocity", "momentum") else values[:, :2]
         found[column.name] = np.ascontiguousarray(wide) if column.components else values[:, 0]
@@ -488,10 +494,9 @@ class DumpReader(TextReader):
         if any(map(str.strip, lines[head + count :])):
             raise refusal(where, 1, "has changed since the file was opened. Open it again.")
         low, size, periodic = _bounds(where, *_item(where, header, "BOX BOUNDS"))
-        # columns that are not read may share a name
-        widths = {name if name in READ else f"{at}": 1 for at, name in enumerate(map(str.lower, names))}
-        columns = table(where, lines[head : head + count], head + 1, widths, READ, "ITEM: ATOMS says")
-        found = {name: values[:, 0] for name, values in columns.items()}
+        columns = [(name.lower(), 1) for name in names]
+        numbers = table(where, lines[head : head + count], head + 1, columns, READ, "its ITEM: ATOMS says")
+        found = {name: values[:, 0] for name, values in numbers.items()}
         ending = next((each for each in PLACES if {f"x{each}", f"y{each}"} <= found.keys()), None)
         if ending is None:
             raise refusal(where, head, f"must name columns x and y, or xs, xu or xsu; got {' '.join(names)!r:.80}.")
@@ -507,7 +512,7 @@ class DumpReader(TextReader):
             known["image"] = np.zeros((len(place), 2), np.int64)
         elif {"ix", "iy"} <= found.keys():
             known["image"] = np.column_stack([found["ix"], found["iy"]])
-        if "ITEM: TIME\n" in header:
+        if "ITEM: TIME" in map(str.strip, lines[:head]):
             line, _, text = _item(where, header, "TIME")
             known["time"] = numbers_of(where, line + 1, "ITEM: TIME", text, 1)[0]
         step = _item(where, header, "TIMESTEP")[2]

@@ -367,7 +367,8 @@ def _from_csv(name: str, path: Path) -> Numbers:
     try:
         every = files.content(path, MOST_CSV).decode("utf-8-sig").splitlines()
         lines = {number: line for number, line in enumerate(every, 1) if line.strip(" ,\t")}
-        if (first := next(iter(lines), 0)) and not any(map(_is_number, lines[first].split(","))):
+        first = next(iter(lines), 0)
+        if not any(_is_number(cell) or cell.strip(' "+-.')[:1].isdigit() for cell in lines.get(first, "0").split(",")):
             del lines[first]
         rows = [*lines.values()]
         numbers = np.loadtxt(rows, delimiter=",", quotechar='"', comments=None, ndmin=2) if rows else np.zeros((0, 1))

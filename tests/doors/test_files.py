@@ -76,6 +76,7 @@ SAME = {
     "lines that end as on Windows": FRAME.replace("\n", "\r\n"),
     "keys within a text": FRAME.replace("pbc", r"""note="a \" Lattice='1 0 0' pbc=F" pbc"""),
     "a text alone": FRAME.replace("pbc", """"a Lattice='1 0 0' text" it's pbc"""),
+    "a name of two columns that are not read": FRAME.replace("3 pbc", "3:q:S:1:q:S:1 pbc").replace(" 0\n", " 0 a b\n"),
     "a label that is no element": FRAME.replace("X 1", "disc 1").replace("species", "Type"),
 }
 
@@ -112,6 +113,8 @@ def test_blank_lines_between_frames_and_the_smallest_columns_are_read(tmp_path):
         ("X 3 2", "X ***** 2", r"line 4, must hold numbers in its column pos; got '\*\*\*\*\*'"),
         ("X 3 2", "X 3", "line 4, must have 4 columns, as its Properties say; got a line with 3"),
         ("X 1 1 0\n", "\n", "line 3, must have 4 columns, as its Properties say; got a line with 0"),
+        (FRAME, f"1\n{LATTICE}\nX 1 1\n", r"line 3, must have 4 columns, as each line of plain XYZ has \(name, x, y"),
+        ("pos:R:3", "pos:R:3:pos:R:3", "line 2, must name each column once; got 'species pos pos'"),
         ("species:S:1:pos:R:3", "species:S:1", "must have the column pos:R:3, the places"),
         ("species:S:1:pos:R:3", "pos:R:2:velo:R:1", "must have a column velo of 2 numbers or more; got 1"),
         ("pbc", "Origin=1 pbc", "line 2, must hold 2 finite numbers under Origin; got '1'"),
@@ -406,8 +409,9 @@ def test_all_coordinates_and_quantities_of_lammps_are_read(tmp_path):
             assert frame.unwrapped.tolist() == frame.position.tolist(), "whatever border they are beyond"
     text = DUMP.replace("vx vy vz radius mass", "ix iy iz diameter omegaz q")
     text = text.replace("0.5 0.25 0 0.4 2", "-1 0 0 0.8 7 9").replace("-1 1 0 0.5 1", "2 0 0 1.0 -3 9")
-    frame = read(tmp_path, text.replace("ITEM: TIMES", "ITEM: UNITS\nlj\nITEM: TIME\n1.75\nITEM: TIMES"), "a.dump")
-    assert (frame.radius.tolist(), frame.spin.tolist(), frame.time) == ([0.5, 0.4], [-3, 7], 1.75)
+    text = text.replace("ITEM: TIMES", "ITEM: UNITS\nlj\nITEM: TIME\n1.75\nITEM: TIMES")
+    for frame in (read(tmp_path, text, "a.dump"), read(tmp_path, text.replace("\n", "\r\n"), "a.dump")):
+        assert (frame.radius.tolist(), frame.spin.tolist(), frame.time) == ([0.5, 0.4], [-3, 7], 1.75)
     assert frame.unwrapped.tolist() == frame.state.unwrapped.tolist() == [[15, 2], [-4.5, 1]]
     old = DUMP.replace(" pp ff pp", "")
     assert read(tmp_path, old, "a.dump").periodic == (True, True)
@@ -430,6 +434,7 @@ def test_all_coordinates_and_quantities_of_lammps_are_read(tmp_path):
             "TIMESTEP",
             "line 1, must begin a frame of a LAMMPS dump with ITEM: TIMESTEP, NUMB.* got 'TIMESTEP",
         ),
+        ("x y z", "x y x", "line 9, must name each column once; got 'id type x y x vx"),
         ("x y z", "a b c", "line 9, must name columns x and y, or xs, xu or xsu; got 'id type a b c vx"),
         ("0.4 2\n", "0.4\n", "line 10, must have 10 columns, as its ITEM: ATOMS says; got a line with 9"),
         (

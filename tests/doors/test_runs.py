@@ -167,6 +167,7 @@ def test_a_folder_is_not_overwritten_unasked_and_one_of_something_else_never(tmp
     assert record_of(out)["settings"]["dt"] == 0.02
     assert mpsim.Trajectory(out / "trajectory.xyz")[1].time == 0.08
     (tmp_path / "thesis.tex").write_text("years")
+    (tmp_path / "run.json").write_text('{"format": 1}')  # of another program
     for place, code, rule in (
         (tmp_path, 2, "holds other files, which are not overwritten. Give another name."),
         (tmp_path / "thesis.tex", 2, "--out must be a folder; "),

@@ -414,6 +414,8 @@ FILES = {
     "complex.npy": (save(np.zeros((3, 2), complex)), NOT_NUMPY + "'complex.npy' holds complex128). Save it anew."),
     "x.txt": (write(b"1,2"), "must be numbers or the name of a .npy or .csv file; got 'x.txt'."),
     "ragged.csv": (write(b"x,y\n1,2\n3,4,5\n"), NO_ROWS),
+    "semicolons.csv": (write(b"-1;1\n"), NO_ROWS + "line 1 has '-1;1'"),
+    "quoted spaces.csv": (write(b'"1 1"\n'), NO_ROWS + """line 1 has '"1 1"'"""),
     "bytes.csv": (write(b"\xff\xfe\x00"), NO_ROWS + "'utf-8' codec"),
 }  # fmt: skip
 
