@@ -84,6 +84,21 @@ def test_parallel_is_grid_with_more_workers_than_columns_or_discs(count, size):
     assert_same_bits(state_after(scene, 40, method="parallel", workers=3, dt=0.05), grid, f"{count} discs on 3 workers")
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.errors.OverlapWarning")
+def test_columns_are_dealt_by_the_time_that_they_take_but_in_single_frames():
+    index = np.arange(2000)
+    alone, pressed = np.stack(np.divmod(index, 40), axis=1) * 4.0, np.stack(np.divmod(index, 100), axis=1) * 0.7
+    position, uneven = np.concatenate([alone, pressed + np.array([210, 0])]) + 1, []
+    scene = mpsim.Scene(width=300, height=170, position=position, velocity=np.zeros((4000, 2)), radius=0.5)
+    with simulate(scene, method="parallel", workers=2, dt=1e-4, passes=4) as sim:
+        for frames in (1,) * 10 + (20,) * 4:
+            report = sim.run(frames=frames)
+            busy = report.times[:, :, :-1].sum(axis=2).min(axis=1)  # without waiting
+            uneven.append(busy.max() / busy.min())
+    assert uneven[10] > 4, f"single frames have moved the border: {uneven}"
+    assert uneven[-1] < 2, f"the worker of pressed discs takes {uneven[-1]:.3g} times as long as the other"
+
+
 # --- what must fail
 # That two racing runs differ would be a matter of luck. On one worker the order of columns without odd and even passes
 # is simply another one (0, 1, 2, ...), which is enough to change the bits of a dense scene.

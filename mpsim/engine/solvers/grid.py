@@ -105,6 +105,9 @@ def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDAr
     return scene.box[edge]
 
 
+TIMED, LONG = 8, 20_000_000
+"""Frames or nanoseconds of a command whose times count, at least: in a single frame, a worker that wakes looks slow."""
+
 FEW = 16
 """Discs that are fewer than one in so many are looked for in memory; otherwise all are put in order."""
 
@@ -127,6 +130,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._frames_that_fit = MOST_FRAMES  # so that a log is about half full after them
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
+        self._borders = np.zeros(0)  # fraction of the discs before those of each worker, and 1
         self._pool: WorkerPool | None = None
         self._next_pool: WorkerPool | None = None  # of a block that is to replace the present one
         self._block = self._next_block(max(scene.count, 1), self.radii)
@@ -196,6 +200,8 @@ class GridSolver(SteppedSolver, CollisionLog):
         frames, team = numbers_of(self._block)[0].frames, arrays["team"]
         contacts = sum(team["collisions"].tolist())  # of a few workers: quicker than by NumPy
         self.too_fast: bool = any(team["fastest"].tolist())
+        if workers > 1 and (frames >= TIMED or arrays["times"][0, :frames].sum() >= LONG):
+            self._balance(arrays["times"][:workers, :frames, : records.WAIT], team["high"][:workers])
         counters = self._counters(arrays["tally"][:, :frames]) if count_enabled else None
         return BatchResult(arrays["times"][:, :frames].copy(), contacts, counters, 0, self.too_fast, self.logging)
 
@@ -279,8 +285,10 @@ class GridSolver(SteppedSolver, CollisionLog):
         team["low"], team["high"] = slots[:-1], slots[1:]
 
     def _shares(self, workers: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """First column and first disc of each worker, and the ends: equal numbers, whole columns once sorted."""
-        share = np.arange(workers + 1) * self.count // workers
+        """First column and first disc of each worker, and the ends: whole columns once sorted."""
+        if len(self._borders) != workers + 1:
+            self._borders = np.linspace(0, 1, workers + 1)
+        share = (self._borders * self.count).astype(np.int64)
         if self._sorted_grid == self._grid:
             first_of_column = self._block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
             columns = np.searchsorted(first_of_column[: self._grid.columns], share)
@@ -290,6 +298,13 @@ class GridSolver(SteppedSolver, CollisionLog):
         else:
             columns, slots = np.arange(workers + 1) * self._grid.columns // workers, share
         return columns, slots
+
+    def _balance(self, times: NDArray[np.int64], ends: NDArray[np.int64]) -> None:
+        """Move the borders half way to where the times of the last command, without waiting, would have been equal."""
+        busy = times.sum(axis=2).min(axis=1)  # the shortest frame: others may have been interrupted
+        taken, shares = np.append(0, busy.cumsum()), np.append(0, ends) / max(self.count, 1)
+        equal = np.interp(np.linspace(0, taken[-1], len(taken)), taken, shares)
+        self._borders[1:-1] = (shares + equal)[1:-1] / 2
 
     # --- steps
 

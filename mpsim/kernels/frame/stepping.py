@@ -1,8 +1,7 @@
 """The stepped solvers: one frame, and many frames in one call.
 
 A step of the grid has four phases, and a fifth where there are giants. W workers own contiguous ranges of columns,
-chosen so that each holds about the same number of discs; the discs of a worker's columns are one contiguous slice of
-the arrays.
+chosen so that all take about equally long; the discs of a worker's columns are one contiguous slice of the arrays.
 
     move   own slice: v += a dt, p += v dt, walls, cell; list the discs that changed cells, and that left own columns
     ------------------------------------------------------------------------------------------------- barrier
