@@ -1,6 +1,7 @@
 """The shared arrays: records with named fields, and named constants for their numbers."""
 
 import functools
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -135,18 +136,12 @@ Field = tuple[str, DTypeLike] | tuple[str, DTypeLike, tuple[int, ...]]
 
 
 class Record(np.void):
-    """One record, whose fields are attributes in Python too.
+    """One record, whose fields are attributes in Python too: `record_of` makes properties of their names.
 
     Not `np.record`, which finds a field by catching an exception: an interrupt in between would keep the block alive.
     """
 
     __slots__ = ()
-
-    def __getattr__(self, name: str) -> Any:
-        names = self.dtype.names
-        if names is None or name not in names:
-            raise AttributeError(name)
-        return self[name]
 
     def __setattr__(self, name: str, value: Any) -> None:
         self[name] = value
@@ -167,8 +162,9 @@ def record_of(fields: list[Field], multiple: int = 1) -> np.dtype[Any]:
         "offsets": [place[1] for place in places],
         "itemsize": -(-packed.itemsize // multiple) * multiple,
     }
-    whole: Any = np.dtype(padded, align=True)
-    return np.dtype((Record, whole))
+    for name in packed.names:
+        setattr(Record, name, property(itemgetter(name)))
+    return np.dtype((Record, np.dtype(padded, align=True)))
 
 
 @functools.cache  # each dtype that Numba sees stays for good

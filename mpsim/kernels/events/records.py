@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.records import Record
+from mpsim.kernels.records import record_of
 
 # --- The region of a store: the cells that are in it, those that are the tile's own, and the bands along its borders
 #
@@ -143,9 +143,7 @@ MOVING_WALL = LOOK - 4
 
 def _record(number: DTypeLike, *fields: str | tuple[str, int]) -> np.dtype[Any]:
     """The dtype of a record of numbers of one kind; a field (name, n) holds n of them."""
-    each = [(field, number) if isinstance(field, str) else (field[0], number, (field[1],)) for field in fields]
-    whole: Any = np.dtype(each, align=True)
-    return np.dtype((Record, whole))
+    return record_of([(each, number) if isinstance(each, str) else (each[0], number, (each[1],)) for each in fields])
 
 
 DISC = _record(
@@ -275,7 +273,7 @@ PLAN = _record(
 )
 """A window of time, as all workers are to play it."""
 
-COMMAND = np.dtype((Record, np.dtype([("frames", np.int64), ("patience", np.int64), ("stop", np.float64)])))
+COMMAND = record_of([("frames", np.int64), ("patience", np.int64), ("stop", np.float64)])
 """Frames to play, time after which no tile is begun any more [ns], and the time at which to stop [time]."""
 
 PLAN_TIMES = _record(np.float64, "dt", "until", "reached", "stop")

@@ -11,14 +11,14 @@ from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features import friction
 from mpsim.kernels.features.edges import is_absent, seen_from
 from mpsim.kernels.features.properties import accelerations_of
-from mpsim.kernels.records import BOTTOM, IMPACT, LEFT, RIGHT, TOP, Record
+from mpsim.kernels.records import BOTTOM, IMPACT, LEFT, RIGHT, TOP, record_of
 
 # --- The log of collisions, if a run asks for it: rows that kernels write
 #
 # Each worker has a log of its own. Without a request the log is None, and code that would write to it compiles to
 # nothing. A row that does not fit is still counted, which shows that a log was too small.
 
-_fields: Any = np.dtype(
+COLLISION = record_of(
     [
         ("span", np.int64),  # exact solver: the frame, counted from the start; others: the step, from 1 in each command
         ("time", np.float64),  # exact solver: since the start; others: from then until the end of the step [time]
@@ -28,10 +28,8 @@ _fields: Any = np.dtype(
         ("i", np.int32),  # a disc
         ("j", np.int32),  # what it met: another disc, an edge of the box, or an obstacle
         ("kind", np.int64),  # DISC, WALL or OBSTACLE
-    ],
-    align=True,
+    ]
 )
-COLLISION = np.dtype((Record, _fields))
 """A row of the log."""
 
 DISC, WALL, OBSTACLE = range(3)
