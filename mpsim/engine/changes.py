@@ -555,9 +555,9 @@ def present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
     for wrong in array[(array < 0) | (array >= count)].tolist()[:1]:
         raise InputError(f"ids must be numbers of discs, from 0 to {count - 1}; got {wrong}. There are {count} discs.")
     numbers = array.astype(np.int64)
-    times = np.bincount(numbers)
-    for twice in np.flatnonzero(times > 1).tolist()[:1]:
-        raise InputError(f"ids must hold each disc once; disc {twice} is in it {times[twice]} times.")
+    ordered = np.sort(numbers)
+    for twice in ordered[1:][ordered[1:] == ordered[:-1]].tolist()[:1]:
+        raise InputError(f"ids must hold each disc once; disc {twice} is in it {(numbers == twice).sum()} times.")
     if (gone := solver.absorbed[numbers]).any():
         raise InputError(
             f"ids must be discs that are there; disc {numbers[gone][0]} has been removed, or has left through an "

@@ -56,7 +56,7 @@ def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.integer]) -> 
 
     Each row is one write: of many discs, most lie where no cache has them.
     """
-    rows, found = np.empty((2, len(x)), _PAIR[x.dtype])
+    rows, found = np.empty(len(x), _PAIR[x.dtype]), np.empty(len(x), _PAIR[x.dtype])
     rows.real, rows.imag = x, y
     found[ids.astype(np.intp, copy=False)] = rows  # NumPy would convert them one by one
     return found.view(x.dtype).reshape(-1, 2)
@@ -109,7 +109,7 @@ TIMED, LONG = 8, 20_000_000
 """Frames or nanoseconds of a command whose times count, at least: in a single frame, a worker that wakes looks slow."""
 
 FEW = 16
-"""Discs that are fewer than one in so many are looked for in memory; otherwise all are put in order."""
+"""Discs that are fewer than one in so many are looked for in memory, so few one by one; else all are put in order."""
 
 
 # --- The solver
@@ -309,12 +309,12 @@ class GridSolver(SteppedSolver, CollisionLog):
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
-        scene, radii, present = self._scene, self.radii, ~self.absorbed
+        scene, radii = self._scene, self.radii
         if numbers is not None:
             found = speeds_of(self._places_and_speeds(numbers)[1], radii[numbers], scene, self.time)
             found = replace(found, disc=int(numbers[found.disc]))
         else:
-            velocity = self._places_and_speeds()[1]
+            velocity, present = self._places_and_speeds()[1], ~self.absorbed
             if new is not None:
                 velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
                 present = np.append(present, np.ones(len(new.position), bool))
@@ -346,6 +346,8 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _slots_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Where the discs of these numbers lie."""
         wanted, ids = np.zeros(self.count, bool), self._as_they_lie()[-1]
+        if len(numbers) <= FEW:
+            return np.array([(ids == number).argmax() for number in numbers.tolist()], np.intp)
         wanted[numbers] = True
         slots = np.flatnonzero(wanted[ids])
         found = np.empty_like(slots)
