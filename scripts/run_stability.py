@@ -43,7 +43,7 @@ from harness import (
 from mpsim import MpsimError, Scene, Settings, Simulation, State
 from mpsim.engine.solvers.event_block import contact_time_at_rest
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.measure.observables import overlap, to_nearest_image
+from mpsim.measure.observables import overlap
 
 # --- Extreme scenes, on which the stability map tries every method, contact, law and precision
 
@@ -526,7 +526,7 @@ def _conserved(case: Case, scene: Scene, start: State, end: State, masses: Any, 
 
 def _median_distance(one: State, other: State, scene: Scene) -> float:
     """Median distance of the discs between two states, to nearest images along periodic axes [length]."""
-    apart = to_nearest_image(np.subtract(one.position, other.position, dtype=np.float64), scene)
+    apart = scene._to_nearest_image(np.subtract(one.position, other.position, dtype=np.float64))
     return float(np.median(np.hypot(*apart.T)))
 
 

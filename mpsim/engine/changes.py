@@ -29,7 +29,6 @@ from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Obstacle, Polyline, Removed, capsules_of, exchanged, listed
 from mpsim.features.piston import Piston
 from mpsim.features.properties import friction_coefficient, has_masses, has_radii
-from mpsim.measure.observables import to_nearest_image
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import GAP, pushed_aside
@@ -169,7 +168,7 @@ def room_for(sim: Simulation, capsules: Floats) -> list[tuple[NDArray[np.int64],
         found = pushed_aside(position[near], radius[near], (width, height), scene.periodic, others, scale)
         if found is not None:
             moved = (found != position[near]).any(axis=1)
-            apart = to_nearest_image(found[moved, None] - position[around], scene)
+            apart = scene._to_nearest_image(found[moved, None] - position[around])
             if (np.hypot(*np.moveaxis(apart, -1, 0)) >= radius[near][moved, None] + radius[around]).all():
                 return [(numbers[near][moved], found[moved] + low)]
         if near.all() or reach >= FAR * largest:
@@ -396,7 +395,7 @@ def demand_apart(solver: Solver, new: NewDiscs) -> None:
     radius = np.concatenate([solver.radii[state.present], new.radius])
     for index, own in enumerate(new.position):
         at = len(position) - len(new.position) + index
-        gap = np.hypot(*to_nearest_image(position - own, solver.terms.scene).T) - radius - new.radius[index]
+        gap = np.hypot(*solver.terms.scene._to_nearest_image(position - own).T) - radius - new.radius[index]
         gap[at] = np.inf
         if gap.min() < 0:
             raise InputError(

@@ -291,15 +291,13 @@ class _Occupied:
         here = ~solver.absorbed
         self._scene = scene
         self._position, self.radius = solver.state().position[here], solver.radii[here]
-        self._sides = np.array([scene.width, scene.height])
-        self._axis = int(scene.height > scene.width)
+        self._axis, self._side = int(scene.height > scene.width), max(scene.width, scene.height)
         self._looks = self._sorted = 0
 
     def admits(self, place: Floats, radius: float) -> bool:
         """Whether a disc overlaps none; if so, it is added to them."""
         near = self._near(float(place[self._axis]))
-        offset = self._position[near] - place
-        offset -= np.where(self._scene.periodic, np.round(offset / self._sides) * self._sides, 0.0)  # nearest images
+        offset = self._scene._to_nearest_image(self._position[near] - place)
         free = not ((offset**2).sum(axis=1) < (self.radius[near] + radius) ** 2).any()
         if free:
             self._position = np.append(self._position, place[None].astype(self._position.dtype), axis=0)
@@ -315,6 +313,6 @@ class _Occupied:
             order = np.argsort(self._position[:, self._axis])
             self._position, self.radius, self._sorted = self._position[order], self.radius[order], len(order)
         along, reach = self._position[: self._sorted, self._axis], 2 * self._scene.largest_radius * (1 + 1e-6)
-        images = place + self._sides[self._axis] * np.array((-1, 0, 1) if self._scene.periodic[self._axis] else (0,))
+        images = place + self._side * np.array((-1, 0, 1) if self._scene.periodic[self._axis] else (0,))
         strips = map(np.arange, np.searchsorted(along, images - reach), np.searchsorted(along, images + reach))
         return np.concatenate([*strips, np.arange(self._sorted, len(self.radius))])

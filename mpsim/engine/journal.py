@@ -20,10 +20,9 @@ from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALLS, Chan
 from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.solvers.methods import settings_to_go_on
 from mpsim.errors import InputError, OutputError, reason_of
-from mpsim.features.feature import plain, restored
+from mpsim.features.feature import pairs, plain, restored
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.scene.scene import Scene
-from mpsim.scene.scenefile import pairs
 from mpsim.scene.settings import Settings
 
 if TYPE_CHECKING:

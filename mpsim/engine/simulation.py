@@ -84,7 +84,6 @@ from mpsim.features.capsules import of_discs
 from mpsim.features.motions import Movement
 from mpsim.features.obstacles import Obstacle
 from mpsim.kernels.compiling import compile_seconds
-from mpsim.measure.observables import to_nearest_image
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import check_region, is_in
@@ -333,7 +332,7 @@ class Simulation(ReadOnly):
         state, point = self.state, checks.point("point", (x, y))
         if not state.present.any():
             raise InputError("nearest needs a disc; got a simulation without any. Add one.")
-        apart = to_nearest_image(state.position.astype(np.float64) - point, self.scene)
+        apart = self.scene._to_nearest_image(state.position.astype(np.float64) - point)
         return int(np.where(state.present, np.hypot(*apart.T), np.inf).argmin())
 
     def within(self, shape: ArrayLike | Obstacle) -> NDArray[np.int64]:

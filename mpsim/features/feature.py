@@ -10,6 +10,8 @@ to every feature are put to all in that list. The methods here are those of a fe
 from __future__ import annotations
 
 import dataclasses
+import json
+import numbers
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
@@ -349,3 +351,24 @@ def restored(values: Any, kinds: Iterable[type[Any]]) -> Any:
     if name not in known:
         raise ValueError(f"it has a {name!r:.60}, and this version of mpsim knows {', '.join(known)}")
     return known[name](**{key: restored(each, kinds) for key, each in fields.items()})
+
+
+def in_toml(value: Any) -> str:
+    """A value as TOML, from which the same bits are read; a dataclass, or values by name, as a table in the line."""
+    if isinstance(value, str):
+        # JSON's escapes are valid in TOML, which requires one more.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, tuple | list | np.ndarray):
+        return f"[{', '.join(map(in_toml, cast(Any, value)))}]"
+    if dataclasses.is_dataclass(value):
+        value = chosen(value)
+    if isinstance(value, dict):
+        return f"{{ {', '.join(pairs(cast(Any, value)))} }}"
+    return repr(int(value) if isinstance(value, numbers.Integral) else float(value))
+
+
+def pairs(values: dict[str, Any]) -> list[str]:
+    """A line for each value that is not None."""
+    return [f"{name} = {in_toml(value)}" for name, value in values.items() if value is not None]

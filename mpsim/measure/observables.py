@@ -216,12 +216,6 @@ def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
     return xx, yy, xy
 
 
-def to_nearest_image(difference: Floats, scene: Scene, box: Box | None = None) -> Floats:
-    """Differences of positions, shape (..., 2), to the nearest image along each periodic axis of a scene, or a box."""
-    period = np.where(scene.periodic, sides_of(box or scene.box), np.inf)
-    return difference - np.round(difference / period) * np.where(scene.periodic, period, 0.0)
-
-
 # --- Results
 
 
@@ -596,7 +590,7 @@ def _difference(state: State, reference: State, discs: NDArray[np.int64], scene:
     if scene is not None:
         state, reference = placed(state, scene), placed(reference, scene)
     a, b = (finite("position", each.position)[discs] for each in (state, reference))
-    return a - b if scene is None else to_nearest_image(a - b, scene, reference.box)
+    return a - b if scene is None else scene._to_nearest_image(a - b, reference.box)
 
 
 def _demand_one_box(before: State, after: State, discs: NDArray[np.int64]) -> None:

@@ -33,7 +33,6 @@ from mpsim.errors import (
     reason_of,
 )
 from mpsim.features.edges import BoundaryName
-from mpsim.measure.observables import to_nearest_image
 from mpsim.output.frames import Frame, Given, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
 from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter
@@ -149,7 +148,7 @@ def _begins_as(scene: Scene, first: Frame) -> bool:
     start = select(first, ids)
     if not checks.equal(start.ids, ids):
         return False
-    offset = np.abs(to_nearest_image(start.position - scene.position, scene))
+    offset = np.abs(scene._to_nearest_image(start.position - scene.position))
     change, fastest = np.abs(start.velocity - scene.velocity), float(np.abs(scene.velocity).max(initial=0.0))
     rounding = ROUNDING * float(np.finfo(first.position.dtype).eps)
     return bool((offset <= _slack(scene, first)).all() and (change <= rounding * fastest).all())

@@ -731,6 +731,12 @@ class Scene(ReadOnly):
             edges[wall.edge] = wall.place(time)
         return edges[0], edges[1], edges[2], edges[3]
 
+    def _to_nearest_image(self, difference: NDArray[Any], box: Box | None = None) -> NDArray[np.float64]:
+        """Differences of positions, shape (..., 2), to the nearest image along periodic axes of the box, or another."""
+        x_low, x_high, y_low, y_high = box or self.box
+        period = np.where(self.periodic, (x_high - x_low, y_high - y_low), np.inf)
+        return difference - np.round(difference / period) * np.where(self.periodic, period, 0.0)
+
     def _smallest_sides(self) -> tuple[float, float]:
         """Width and height of the box with all walls that move at their innermost places [length]."""
         edges = [0.0, self.width, 0.0, self.height]

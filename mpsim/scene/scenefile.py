@@ -11,7 +11,6 @@ base of several: the keys decide which. A new feature, kind of obstacle or class
 import dataclasses
 import errno
 import io
-import json
 import logging
 import os
 import re
@@ -33,7 +32,7 @@ from mpsim.errors import InputError, OutputError, SceneFileError, is_of_the_syst
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.capsules import of_discs
 from mpsim.features.edges import WALLED, check_boundary, wraps_of
-from mpsim.features.feature import MOST_VALUES, Feature, chosen
+from mpsim.features.feature import MOST_VALUES, Feature, chosen, in_toml, pairs
 from mpsim.features.obstacles import Obstacle, capsules_of, listed
 from mpsim.scene import starts
 from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene
@@ -1018,27 +1017,6 @@ def _is_one(value: Any) -> bool:
     return isinstance(value, bool) or dataclasses.is_dataclass(value)
 
 
-def _in_toml(value: Any) -> str:
-    """A value as TOML, from which the same bits are read; a dataclass, or values by name, as a table in the line."""
-    if isinstance(value, str):
-        # JSON's escapes are valid in TOML, which requires one more.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, tuple | list | np.ndarray):
-        return f"[{', '.join(map(_in_toml, value))}]"
-    if dataclasses.is_dataclass(value):
-        value = chosen(value)
-    if isinstance(value, dict):
-        return f"{{ {', '.join(pairs(value))} }}"
-    return repr(int(value)) if isinstance(value, int | np.integer) else repr(float(value))
-
-
-def pairs(values: dict[str, Any]) -> list[str]:
-    """A line for each value that is not None."""
-    return [f"{name} = {_in_toml(value)}" for name, value in values.items() if value is not None]
-
-
 def _array_lines(arrays: dict[str, Any], target: Path, prefix: str, files: Files) -> list[str]:
     """Arrays by name as lines of a table. Large ones become files beside the target, named by prefix and name."""
     lines: list[str] = []
@@ -1047,14 +1025,14 @@ def _array_lines(arrays: dict[str, Any], target: Path, prefix: str, files: Files
         if numbers.ndim == 0 or len(numbers) <= INLINE:
             rows = numbers.tolist()
             one_line = numbers.ndim < 2 or len(rows) < 2
-            lines.append(f"{name} = {_in_toml(rows)}" if one_line else f"{name} = [")
-            lines += [] if one_line else [*(f"    {_in_toml(row)}," for row in rows), "]"]
+            lines.append(f"{name} = {in_toml(rows)}" if one_line else f"{name} = [")
+            lines += [] if one_line else [*(f"    {in_toml(row)}," for row in rows), "]"]
             continue
         file = target.with_name(f"{target.stem}.{prefix}{name}.npy")
         content = io.BytesIO()  # numpy itself does not say why a file on a disk cannot be written
         np.save(content, numbers.astype("<f8"), allow_pickle=False)
         files.append((file, lambda out, content=content: out.write(content.getbuffer())))
-        lines.append(f"{name} = {_in_toml(file.name)}")
+        lines.append(f"{name} = {in_toml(file.name)}")
     return lines
 
 
