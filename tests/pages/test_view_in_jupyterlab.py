@@ -56,11 +56,11 @@ def assert_files_are_downloaded(page, frame):
 
 
 def assert_keys_belong_to_the_page(lab, frame):
-    """While it has the focus, b is the brush; in the notebook it is a new cell."""
+    """While it has the focus, a is the tool that adds discs; in the notebook it is a new cell."""
     cells = lab.page.locator(".jp-Cell").count()
     frame.focus("#stage")
-    lab.page.keyboard.press("b")
-    until(lambda: frame.get_attribute("#tool-brush", "aria-pressed") == "true")
+    lab.page.keyboard.press("a")
+    until(lambda: frame.get_attribute("#tool-add", "aria-pressed") == "true")
     lab.page.keyboard.press("x")
     until(lambda: frame.get_attribute("#tool-remove", "aria-pressed") == "true")
     assert lab.page.locator(".jp-Cell").count() == cells
