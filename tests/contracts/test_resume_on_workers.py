@@ -86,6 +86,7 @@ def played_in_a_drum(sim, folder=None, drum=True, paddle=True):
         return sim.state, sim.work
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["parallel", "event"])
 def test_obstacles_that_come_and_go_have_the_same_bits_on_other_workers_and_after_resume(method, tmp_path):
     def played(workers, *how, **without):

@@ -43,19 +43,19 @@ def test_after_restore_all_is_as_if_nothing_had_been_done_since(name, method):
         sim.kick(0, impulse=(0.3, 0.1))
         snap, at_once = sim.snapshot(), kept(sim)
         assert kept(sim) == at_once, "taking one changes nothing"
-        sim.run(frames=20)
+        sim.run(frames=10)
         later = kept(sim)
         for _ in range(2):
             change_everything(sim)
-            sim.run(frames=20)
+            sim.run(frames=10)
             assert kept(sim)[0] != later[0], "the control: what was done matters"
             sim.restore(snap)
             assert kept(sim) == at_once
-            sim.run(frames=8)
-            sim.run(frames=12)
+            sim.run(frames=4)
+            sim.run(frames=6)
             assert kept(sim) == later
     with mpsim.Simulation.from_snapshot(snap) as branch:
-        branch.run(frames=20)
+        branch.run(frames=10)
         assert kept(branch) == later, "a branch has the bits of what it was taken from, which is closed"
         with mpsim.Simulation.replay(branch.journal, workers=1) as again:
             assert again.digest() == later[0]

@@ -152,19 +152,19 @@ def test_several_walls_move_at_once_and_no_disc_is_ever_behind_one(how, tmp_path
     scene = Scene.random(count=30, width=9, height=7, radius=0.3, seed=3, piston=BREATHING, inside=(0.5, 0.5, 7, 5))
     ends = set()
     for workers in (1, 2) if how["method"] != "naive" else (1,):
-        with simulate(scene, dt=0.01, workers=workers, **how) as sim:
+        with simulate(scene, dt=0.02, workers=workers, **how) as sim:
             for _ in range(8):
-                sim.run(frames=50)
+                sim.run(frames=25)
                 (low, high), state = sim.scene.walls_at(sim.time), sim.state
                 assert state.box == (low[0], high[0], low[1], high[1])
                 assert (np.clip(state.position, low + 0.3, high - 0.3) == state.position).all()
-                if sim.frame == 200:
+                if sim.frame == 100:
                     sim.save(tmp_path / "run")
                     assert low[0] == 0.5
                     assert scene.starting_from(state, sim.time).box == state.box
             ends.add(sim.digest())
         with mpsim.Simulation.resume(tmp_path / "run") as again:
-            again.run(frames=200)
+            again.run(frames=100)
             ends.add(again.digest())
     assert len(ends) == 1
     with pytest.raises(mpsim.InputError, match="time must be finite in a scene with a wall that never rests; got inf"):
