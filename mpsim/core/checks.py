@@ -1,6 +1,7 @@
 """Checks of user input, objects that refuse assignments, and observers that refuse other simulations."""
 
 import difflib
+import functools
 import inspect
 import math
 import numbers
@@ -280,6 +281,12 @@ def near(value: Any, words: Iterable[str]) -> str | None:
     return next(iter(difflib.get_close_matches(value, list(words), n=1)), None) if likely else None
 
 
+def finite(name: str, value: Any) -> float:
+    """A finite number, which an array of shape () may hold."""
+    is_plain = type(value) is float and math.isfinite(value)  # an array takes 15 us, and there may be a million pegs
+    return value if is_plain else float(finite_array(name, value, (), "()"))
+
+
 def point(name: str, value: object) -> tuple[float, float]:
     """x and y, finite."""
     if (
@@ -293,6 +300,28 @@ def point(name: str, value: object) -> tuple[float, float]:
 
 
 # --- Objects that refuse assignments, which would be ignored or leave them unchecked
+
+
+def keep_fields(thing: Any, **rules: Callable[[str, Any], Any] | str) -> None:
+    """Check fields of a frozen dataclass, except those of None by default, and keep the results.
+
+    rules: of each field its check, called with a name, such as "radius of a Circle", and the value; or the unit of a
+    number > 0.
+    """
+    kind = type(thing)
+    whose = of_a(kind)
+    for name, rule in rules.items():
+        value = getattr(thing, name)
+        if value is not None or getattr(kind, name, 0) is not None:
+            what = f"{name} of {whose}"
+            vars(thing)[name] = positive(what, value, rule) if isinstance(rule, str) else rule(what, value)
+
+
+@functools.cache
+def of_a(kind: type[Any]) -> str:
+    """An object of a class in words, such as "an Emitter"."""
+    name = kind.__name__
+    return name if name.endswith("s") else f"{'an' if name[0] in 'AEIO' else 'a'} {name}"
 
 
 class ReadOnly:

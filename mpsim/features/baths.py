@@ -57,11 +57,7 @@ class Thermostat:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        unit = "[mass length^2/time^2]"
-        temperature = checks.positive("temperature of a Thermostat", self.temperature, unit)
-        object.__setattr__(self, "temperature", temperature)
-        object.__setattr__(self, "rate", checks.positive("rate of a Thermostat", self.rate, "[1/time]"))
-        object.__setattr__(self, "seed", check_seed("seed of a Thermostat", self.seed))
+        checks.keep_fields(self, temperature="[mass length^2/time^2]", rate="[1/time]", seed=check_seed)
 
 
 def check_seed(name: str, seed: Any) -> int:
@@ -146,12 +142,7 @@ class ThermalWalls:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for edge in EDGES:
-            value = getattr(self, edge)
-            if value is not None:
-                checked = checks.positive(f"{edge} of ThermalWalls", value, "[mass length^2/time^2]")
-                object.__setattr__(self, edge, checked)
-        object.__setattr__(self, "seed", check_seed("seed of ThermalWalls", self.seed))
+        checks.keep_fields(self, **dict.fromkeys(EDGES, "[mass length^2/time^2]"), seed=check_seed)
         if not self.temperatures:
             raise InputError(
                 "ThermalWalls must have a temperature for left, right, bottom or top; got none. Give at least one, or "

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, fields
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -64,26 +65,21 @@ class Emitter:
     mass: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", checks.point("position of an Emitter", self.position))
-        object.__setattr__(self, "velocity", checks.point("velocity of an Emitter", self.velocity))
+        checks.keep_fields(self, position=checks.point, velocity=checks.point)
         if (self.interval is None) == (self.every is None):
             both = f"both, {checks.brief(self.interval)} and {checks.brief(self.every)}"
             raise InputError(
                 "an Emitter must have either interval, the time between two discs, or every, the frames between two; "
                 f"got {'neither' if self.interval is None else both}. Give one of them."
             )
-        if self.interval is not None:
-            object.__setattr__(self, "interval", checks.positive("interval of an Emitter", self.interval, "[time]"))
-        if self.every is not None:
-            every = checks.whole("every of an Emitter", self.every, 1, 10**12, "One disc every `every` frames.")
-            object.__setattr__(self, "every", every)
-        if self.limit is not None:
-            limit = checks.whole("limit of an Emitter", self.limit, 1, 10**8, "Leave it out for no end.")
-            object.__setattr__(self, "limit", limit)
-        for name in ("radius", "mass"):
-            if getattr(self, name) is not None:
-                unit = "[length]" if name == "radius" else "[mass]"
-                object.__setattr__(self, name, checks.positive(f"{name} of an Emitter", getattr(self, name), unit))
+        checks.keep_fields(
+            self,
+            interval="[time]",
+            every=partial(checks.whole, low=1, high=10**12, remedy="One disc every `every` frames."),
+            limit=partial(checks.whole, low=1, high=10**8, remedy="Leave it out for no end."),
+            radius="[length]",
+            mass="[mass]",
+        )
 
     def __repr__(self) -> str:
         values = {field.name: getattr(self, field.name) for field in fields(self)}

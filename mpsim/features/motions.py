@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,12 +34,7 @@ class Movement:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", float(checks.finite_array(f"start of {self._name}", self.start, (), "()")))
-
-    @property
-    def _name(self) -> str:
-        name = type(self).__name__
-        return f"an {name}" if name[0] in "AEIO" else f"a {name}"
+        checks.keep_fields(self, start=checks.finite)
 
     def seen_from(self, time: float) -> Movement:
         """The same motion, where the clock is set to 0 at a time of the run."""
@@ -70,6 +67,13 @@ class Movement:
         raise NotImplementedError
 
 
+def _moving(name: str, value: object, check: Callable[[str, Any], Any] = checks.point, rest: object = (0, 0)) -> Any:
+    """A number or pair of a motion, which `rest` would not be."""
+    if (found := check(name, value)) == rest:
+        raise InputError(f"{name} must not be {rest}. Leave the motion out of what is at rest.")
+    return found
+
+
 @dataclass(frozen=True)
 class Translation(Movement):
     """A motion along a straight line at constant speed, such as that of a lid that closes.
@@ -91,12 +95,7 @@ class Translation(Movement):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        velocity = checks.point("velocity of a Translation", self.velocity)
-        if velocity == (0, 0):
-            raise InputError("velocity of a Translation must not be (0, 0). Leave the motion out of what is at rest.")
-        object.__setattr__(self, "velocity", velocity)
-        if self.stop is not None:
-            object.__setattr__(self, "stop", checks.positive("stop of a Translation", self.stop, "[length]"))
+        checks.keep_fields(self, velocity=_moving, stop="[length]")
 
     def _fill(self, record: Any) -> Floats:
         record.kind, record.vector[:] = bodies.TRANSLATION, self.velocity
@@ -137,13 +136,7 @@ class Oscillation(Movement):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        amplitude = checks.point("amplitude of an Oscillation", self.amplitude)
-        if amplitude == (0, 0):
-            raise InputError("amplitude of an Oscillation must not be (0, 0). Leave the motion out of what is at rest.")
-        object.__setattr__(self, "amplitude", amplitude)
-        object.__setattr__(self, "period", checks.positive("period of an Oscillation", self.period, "[time]"))
-        phase = float(checks.finite_array("phase of an Oscillation", self.phase, (), "()"))
-        object.__setattr__(self, "phase", phase)
+        checks.keep_fields(self, amplitude=_moving, period="[time]", phase=checks.finite)
 
     def _fill(self, record: Any) -> Floats:
         record.kind, record.vector[:] = bodies.OSCILLATION, self.amplitude
@@ -182,13 +175,8 @@ class Rotation(Movement):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "centre", checks.point("centre of a Rotation", self.centre))
-        rate = float(checks.finite_array("rate of a Rotation", self.rate, (), "()"))
-        if rate == 0:
-            raise InputError("rate of a Rotation must not be 0. Leave the motion out of what is at rest.")
-        object.__setattr__(self, "rate", rate)
-        if self.stop is not None:
-            object.__setattr__(self, "stop", checks.positive("stop of a Rotation", self.stop, "[radians]"))
+        turning = partial(_moving, check=checks.finite, rest=0)
+        checks.keep_fields(self, centre=checks.point, rate=turning, stop="[radians]")
 
     def _fill(self, record: Any) -> Floats:
         record.kind, record.vector[:], record.rate = bodies.ROTATION, self.centre, self.rate / TURN
@@ -263,9 +251,10 @@ class Path(Movement):
 MOTIONS: tuple[type[Movement], ...] = (Translation, Oscillation, Rotation, Path)
 
 
-def check_kind(name: str, motion: object, kinds: tuple[type[Movement], ...] = MOTIONS) -> None:
-    """Refuse what is not exactly of one of the kinds: the kernels move a subclass as they move its base."""
+def check_kind(name: str, motion: Any, kinds: tuple[type[Movement], ...] = MOTIONS) -> Movement:
+    """A motion exactly of one of the kinds: the kernels move a subclass as they move its base."""
     if type(motion) not in kinds:
         names = ", ".join(f"mpsim.{kind.__name__}" for kind in kinds)
         remedy = "Use that class itself, not a subclass." if isinstance(motion, kinds) else "Use one of them."
-        raise InputError(f"motion of a {name} must be one of {names}; got {type(motion).__name__}. {remedy}")
+        raise InputError(f"{name} must be one of {names}; got {type(motion).__name__}. {remedy}")
+    return motion

@@ -14,6 +14,7 @@ import weakref
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -48,11 +49,7 @@ class Obstacle:
     surface_velocity: float = 0.0
 
     def __post_init__(self) -> None:
-        name = type(self).__name__
-        if self.motion is not None:
-            check_kind(name, self.motion)
-        speed = checks.finite_array(f"surface_velocity of a {name}", self.surface_velocity, (), "()")
-        object.__setattr__(self, "surface_velocity", float(speed))
+        checks.keep_fields(self, motion=check_kind, surface_velocity=checks.finite)
 
     def __repr__(self) -> str:
         fields = [each for each in dataclasses.fields(self) if getattr(self, each.name) != _UNSAID.get(each.name, self)]
@@ -113,8 +110,7 @@ class FixedDisc(Obstacle):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "position", checks.point("position of a FixedDisc", self.position))
-        object.__setattr__(self, "radius", checks.positive("radius of a FixedDisc", self.radius, "[length]"))
+        checks.keep_fields(self, position=checks.point, radius="[length]")
 
     def capsules(self) -> list[tuple[float, float, float, float, float]]:
         place: Any = self.position
@@ -156,10 +152,8 @@ class Polyline(Obstacle):
                 "points of a Polyline must be at least two, neighbours at different places; got "
                 f"{checks.brief(points[:20].tolist())}. Use a FixedDisc for a point."
             )
-        thickness = checks.non_negative("thickness of a Polyline", self.thickness, "[length]")
         object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in points))
-        object.__setattr__(self, "thickness", thickness)
-        object.__setattr__(self, "filled", checks.truth("filled of a Polyline", self.filled))
+        checks.keep_fields(self, thickness=partial(checks.non_negative, unit="[length]"), filled=checks.truth)
         if self.filled and not self.is_closed:
             raise InputError(
                 "points of a Polyline that is filled must end with the first one, after three or more; got "
@@ -205,9 +199,7 @@ class Circle(Obstacle):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "centre", checks.point("centre of a Circle", self.centre))
-        object.__setattr__(self, "radius", checks.positive("radius of a Circle", self.radius, "[length]"))
-        object.__setattr__(self, "inside", checks.truth("inside of a Circle", self.inside))
+        checks.keep_fields(self, centre=checks.point, radius="[length]", inside=checks.truth)
 
     def capsules(self) -> list[tuple[float, float, float, float, float]]:
         place: Any = self.centre

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
@@ -61,20 +62,17 @@ class Piston:
                 "a Piston must have either a speed and a stop, or a motion; got "
                 f"{' and '.join(given) or 'none of them'}. Give those of one way."
             )
-        if self.start is not None:
-            object.__setattr__(self, "start", checks.non_negative("start of a Piston", self.start, "[length]"))
-        if self.motion is not None:
+        checks.keep_fields(self, start=partial(checks.non_negative, unit="[length]"), speed=checks.finite)
+        if (speed := self.speed) is None:
             self._check_motion()
             return
-        speed = float(checks.finite_array("speed of a Piston", self.speed, (), "()"))
         if speed == 0 or (speed < 0) != (self.wall in ("right", "top")):
             raise InputError(
                 f"speed of a Piston must point into the box, {'< 0' if self.wall in ('right', 'top') else '> 0'} for "
                 f"the {self.wall} wall; got {speed:g}. Turn its sign, or leave the piston out."
             )
-        object.__setattr__(self, "speed", speed)
-        stop = checks.positive("stop of a Piston", self.stop, "[length]")
-        object.__setattr__(self, "stop", stop)
+        checks.keep_fields(self, stop="[length]")
+        stop: Any = self.stop
         if self.start is not None and (stop - self.start) * speed < 0:
             side = "at or above" if speed < 0 else "at or below"
             raise InputError(
@@ -87,7 +85,7 @@ class Piston:
         motion: Any = self.motion
         if isinstance(motion, Rotation):
             raise InputError("motion of a Piston must not be a Rotation: a wall cannot turn. Take a Polyline instead.")
-        check_kind("Piston", motion, tuple(kind for kind in MOTIONS if kind is not Rotation))
+        check_kind("motion of a Piston", motion, tuple(kind for kind in MOTIONS if kind is not Rotation))
         low, high = motion.swept(np.zeros((1, 2)))
         axis = EDGES.index(self.wall) // 2
         if low[1 - axis] or high[1 - axis] or low[axis] == high[axis]:
