@@ -271,6 +271,13 @@ class Observer(Protocol):
         ...
 
 
+def _every_of(observer: Any) -> int:
+    """Frames between two calls of an observer, which may change them during a run."""
+    every: Any = getattr(observer, "every", None)
+    usual = type(every) is int and 0 < every < 10**12  # the check would take longer
+    return every if usual else checks.whole("every of an observer", every, 1, 10**12, "1 samples every frame.")
+
+
 class Observers:
     """The observers of one run. Attribute seconds: the time they have taken, without that of compiling [s].
 
@@ -292,7 +299,7 @@ class Observers:
                 )
             if hasattr(each, "take_collisions"):
                 self._of_collisions.append(each)
-            checks.whole("every of an observer", getattr(each, "every", None), 1, 10**12, "1 samples every frame.")
+            _every_of(each)
 
     @property
     def want_collisions(self) -> bool:
@@ -312,7 +319,7 @@ class Observers:
 
     def frames_ahead(self, frame: int) -> int:
         """Number of frames until the next call; very large without observers."""
-        return min((each.every - frame % each.every for each in self._observers), default=2**62)
+        return min(((every := _every_of(each)) - frame % every for each in self._observers), default=2**62)
 
     def keep(self) -> None:
         """Let those observers that can write what they have gathered."""
@@ -324,7 +331,7 @@ class Observers:
         """Call the observers whose frame this is."""
         with self._timed():
             for each in self._observers:
-                if sim.frame % each.every == 0:
+                if sim.frame % _every_of(each) == 0:
                     each.observe(sim, collisions)
 
     @contextmanager

@@ -555,7 +555,7 @@ class Simulation(ReadOnly):
             if record.whole:
                 observers.observe(self, 0)
         if beside is not None and not frames:
-            beside.keep(0, self._solver.time, last=True)
+            beside.keep(0, self._open_solver().time, last=True)
         use.in_callback = False
         while record.done < frames:
             ahead = frames - record.done
@@ -576,7 +576,7 @@ class Simulation(ReadOnly):
                     observers.take_collisions(record.take_logged(frame), frame)
                 observers.observe(self, record.collisions)
             if beside is not None:
-                beside.look(record.done, self._solver.time, frames)
+                beside.look(record.done, self._open_solver().time, frames)
             use.in_callback = False
 
     def _advance(self, most: int, frame: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:

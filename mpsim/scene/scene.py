@@ -673,6 +673,7 @@ class Scene(ReadOnly):
     def _without_discs(self) -> Scene:
         """A copy in which no disc starts, for checks of the rest."""
         other = copy.copy(self)
+        vars(other)["radius"] = self.largest_radius
         other._start_anew(np.zeros((0, 2)), np.zeros((0, 2)))
         return other
 

@@ -188,6 +188,18 @@ def test_a_run_that_is_resumed_where_dt_or_the_discs_were_changed_has_the_same_s
     assert len(set(digests)) == 1
 
 
+@pytest.mark.parametrize("method", ["naive", "grid", "event"])
+def test_frames_are_counted_from_a_change_to_the_same_dt_too(method, tmp_path):
+    with simulate(lattice(4, 4), method=method) as sim:
+        sim.run(frames=5)
+        sim.change(dt=sim.settings.dt)
+        sim.run(frames=3)
+        with mpsim.Simulation.resume(sim.save(tmp_path / "run")) as again:
+            assert (again.frame, again.time, again.digest()) == (sim.frame, sim.time, sim.digest())
+        with mpsim.Simulation.replay(sim.journal) as again:
+            assert again.digest() == sim.digest()
+
+
 # --- a disc that is struck divides the next frame, not the sixteenth
 
 JUMPS = {"dt": 0.05, "contact": "impact", "on_fast": "substep"}

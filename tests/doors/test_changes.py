@@ -278,6 +278,21 @@ def test_a_wall_leaves_the_other_parts_of_a_scene_their_room():
             sim.set(0, position=(5, 2.25))
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_obstacles_change_beside_a_piston_discs_of_two_sizes_and_an_emitter_that_ends(method):
+    jet, piston = mpsim.Emitter((2, 9), (1, 0), every=5, limit=2, radius=0.25), mpsim.Piston("right", -0.25, 9)
+    scene = mpsim.Scene(
+        width=12, height=12, position=[[2, 2], [6, 6]], velocity=np.ones((2, 2)), radius=[0.5, 0.25],
+        emitters=jet, piston=piston,
+    )  # fmt: skip
+    with simulate(scene, method=method) as sim:
+        wall = sim.add_wall([(4, 2), (4, 8)])
+        sim.move_wall(wall, mpsim.Translation((0.25, 0), stop=1))
+        sim.change(obstacles=[*sim.scene.obstacles, mpsim.FixedDisc((8, 8), 0.5)])
+        sim.remove_wall(wall)
+        assert (sim.run(frames=3).frames, len(sim.scene.obstacles)) == (3, 2)
+
+
 def test_a_speed_that_is_refused_is_not_given():
     with simulate(lattice(4, 4), method="grid", dt=0.01, on_fast="error") as sim:
         sim.run(frames=2)

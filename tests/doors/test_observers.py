@@ -6,6 +6,7 @@ from support.refusals import assert_refused
 from support.scenes import simulate
 
 from mpsim import Collisions, FixedDisc, InputError, Scene, Sensor
+from mpsim.errors import ClosedError
 
 pytestmark = pytest.mark.plain
 
@@ -105,3 +106,35 @@ def test_an_obstacle_that_is_not_there_and_another_simulation_are_refused():
     with pytest.raises(InputError, match="belongs to one simulation"):
         run(seen, frames=1)
     assert kept.scene.count == 30
+
+
+class Meddles:
+    """Does something to the simulation, or to itself, at the end of frame 6."""
+
+    every = 3
+
+    def __init__(self, deed):
+        self.deed = deed
+
+    def observe(self, sim, collisions):
+        if sim.frame == 6:
+            self.deed(self, sim)
+
+
+@pytest.mark.parametrize("frames", [0, 6, 60])
+@pytest.mark.parametrize("method", ["event", "grid"])
+def test_a_simulation_that_an_observer_closes_says_so_whatever_goes_on_beside_the_run(method, frames, tmp_path):
+    beside = {"progress": lambda *_: None}, {"checkpoint": tmp_path / "run"}, {"checkpoint_every": 4}
+    for each in ({}, *beside[:2], beside[1] | beside[2]):
+        with simulate(obstructed(), method=method) as sim:
+            sim.run(frames=0 if frames else 6)
+            with pytest.raises(ClosedError, match="closed after frame 6"):
+                sim.run(frames=frames, observe=Meddles(lambda _, sim: sim.close()), **each)
+
+
+@pytest.mark.parametrize("every", [0, -3, 2.5, None])
+def test_an_observer_may_change_how_often_it_looks_but_not_to_never(every):
+    with simulate(obstructed(), method="grid") as sim:
+        with pytest.raises(InputError, match=f"every of an observer must be a whole number from 1 .*got {every}"):
+            sim.run(frames=9, observe=Meddles(lambda self, _: setattr(self, "every", every)))
+        assert (sim.frame, sim.run(frames=3).frames) == (6, 3)

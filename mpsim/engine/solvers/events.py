@@ -255,9 +255,9 @@ class EventSolver(Solver, CollisionLog):
 
     def change_scene(self, terms: Terms, choice: Choice) -> None:
         scene, settings, _ = terms
-        if scene is self._scene and settings == dataclasses.replace(self._settings, workers=settings.workers):
+        if terms == self.terms._replace(settings=dataclasses.replace(self._settings, workers=settings.workers)):
             # Of other workers no event is predicted anew: what goes on has the same bits.
-            self.restore(self.snapshot(), choice, self.terms._replace(settings=settings))
+            self.restore(self.snapshot(), choice, terms)
             return
         refuse_what_is_not_exact(scene, settings)
         discs = self.discs()
