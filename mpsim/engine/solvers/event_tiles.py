@@ -124,11 +124,13 @@ class Windows:
     """
 
     def __init__(self, block: SharedBlock, system: Any, start_method: str | None):
+        self._pool = WorkerPool(start_method, TILES)
+        self._command: Any = np.zeros((), records.COMMAND)[()]
+        self._enter(block, system)
+
+    def _enter(self, block: SharedBlock, system: Any) -> None:
         self._block = block
         self._arguments: Any = arguments_of(block.arrays, system.features, system.box)
-        self._start_method = start_method
-        self._pool: WorkerPool | None = None
-        self._command: Any = np.zeros((), records.COMMAND)[()]
         self._is_linked = True
 
     @property
@@ -141,40 +143,33 @@ class Windows:
         """Compile or load the kernels, and start so many workers, this process included."""
         with interrupts_held_back():
             load_kernels(self._block, TILES)
-        if workers > 1:
-            self._pool = WorkerPool(self._block, self._start_method, TILES)
-            self._pool.start(workers)
+        self._pool.start(self._block, workers)
 
     @property
     def workers(self) -> int:
         """Number of those that play, this process included."""
         return 1 + len(self.pids)
 
-    def moved_to(self, block: SharedBlock, system: Any) -> "Windows":
-        """Windows on the tiles of another block, for the same workers. The old block must stay open until it returns.
+    def move_to(self, block: SharedBlock, system: Any) -> None:
+        """Go on, with the same workers, on the tiles of another block. The old one must stay open until it returns.
 
         Raises:
             WorkerDiedError: if one of them has ended. Then these windows can only be closed, before either block is.
         """
-        moved = Windows(block, system, self._start_method)
         with interrupts_held_back():
             load_kernels(block, TILES)
-        if self._pool is not None:
-            self._pool.move_to(block)
-        moved._pool, self._pool = self._pool, None
-        return moved
+        self._pool.move_to(block)
+        self._enter(block, system)
 
     def close(self) -> None:
         """Stop the workers. May be called again."""
-        pool, self._pool = self._pool, None
-        if pool is not None:
-            pool.stop()
+        self._pool.stop()
         self._arguments = None
 
     @property
     def pids(self) -> list[int]:
         """Process numbers of the workers."""
-        return [] if self._pool is None else self._pool.pids
+        return [*self._pool.pids]
 
     def play(
         self,
@@ -196,17 +191,10 @@ class Windows:
         self._order(present)
         self._arguments.shared.control.done = progress.frame
         self._command.frames, self._command.stop, self._command.patience = frames, stop, PATIENCE
-        pool = self._pool
-        if pool is not None:
-            pool.wake()
-        try:
-            outcome = run_windows(*self._arguments, self._command, progress, seen, times, totals, 0, 0)
-        finally:
-            if pool is not None:
-                pool.settle()
+        given = self._command, progress, seen, times, totals, 0, 0
+        outcome = self._pool.run(lambda: run_windows(*self._arguments, *given))
         if outcome[1] == records.ABORTED:
-            assert pool is not None  # only its watcher, or a barrier, ends a window
-            raise pool.failure()
+            raise self._pool.failure()
         return outcome
 
     def link(self) -> None:

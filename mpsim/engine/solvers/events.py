@@ -305,7 +305,8 @@ class EventSolver(Solver, CollisionLog):
         windows, workers = self._windows, max(choice.workers)
         try:
             if windows is not None and windows.workers == workers:
-                return windows.moved_to(block, system)
+                windows.move_to(block, system)
+                return windows
             windows = Windows(block, system, choice.processes.start_method)
             windows.start(workers)
         except BaseException:
@@ -331,7 +332,7 @@ class EventSolver(Solver, CollisionLog):
         self.count: int = len(system.store.order)
         self.choice: Choice = choice
         self._set_terms(plan.terms)
-        if before is not None:
+        if before is not None and before is not windows:
             before.close()
         old.close()
 

@@ -131,8 +131,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._borders = np.zeros(0)  # fraction of the discs before those of each worker, and 1
-        self._pool: WorkerPool | None = None
-        self._next_pool: WorkerPool | None = None  # of a block that is to replace the present one
+        self._pool = self._next_pool = WorkerPool(None)  # the second of a block that is to replace the present one
         self._block = self._next_block(max(scene.count, 1), self.radii)
 
     def start(self) -> None:
@@ -142,10 +141,8 @@ class GridSolver(SteppedSolver, CollisionLog):
         self.restore(start, self.choice, self.terms)
 
     def close(self) -> None:
-        for pool in (self._next_pool, self._pool):
-            if pool is not None:
-                pool.stop()
-        self._next_pool = self._pool = None
+        self._next_pool.stop()
+        self._pool.stop()
         self._block.close()
 
     # --- frames
@@ -210,21 +207,14 @@ class GridSolver(SteppedSolver, CollisionLog):
         if self.choice.method == "naive":
             return naive_call(self._block)()
         self._deal(workers)
-        pool = self._pool if workers > 1 else None
-        if pool is not None:
-            pool.wake()
-        try:
-            abort = call_of(self._block, run_grid, 0, LINGER)()
-        finally:
-            if pool is not None:
-                pool.settle()
+        kernel = call_of(self._block, run_grid, 0, LINGER)
+        abort = kernel() if workers == 1 else self._pool.run(kernel)
         self._sorted_grid = self._grid
         return abort
 
     def _failure(self, abort: int) -> Exception:
         """The exception for a command that has ended before its time, at the not finite disc of the least id."""
         if abort != records.BAD_STATE:
-            assert self._pool is not None  # only a pool's watcher or barrier sets the others
             return self._pool.failure()
         team = self._arrays["team"]
         # After an odd number of steps the state lies in the other buffer, so both are looked at.
@@ -484,7 +474,7 @@ class GridSolver(SteppedSolver, CollisionLog):
                 self._enter(snapshot)
                 if new_workers:
                     self._take_workers()
-                elif self._pool is not None:
+                else:
                     self._pool.move_to(self._block)
             finally:
                 old.close()
@@ -510,26 +500,21 @@ class GridSolver(SteppedSolver, CollisionLog):
 
     @property
     def pids(self) -> list[int]:
-        pool = self._pool  # which the thread of a run may just be replacing
-        return pool.pids if pool is not None else []
+        return [*self._pool.pids]
 
     def _start_workers(self, block: SharedBlock) -> None:
         """Start the workers of a block, if there are any; if they are refused, nothing has changed."""
-        if self._most_workers > 1:
-            self._next_pool = pool = WorkerPool(block, self.choice.processes.start_method)
-            try:
-                pool.start(self._most_workers)
-            except BaseException:
-                pool.stop()
-                self._next_pool = None
-                raise
+        self._next_pool = WorkerPool(self.choice.processes.start_method)
+        try:
+            self._next_pool.start(block, self._most_workers)
+        except BaseException:
+            self._next_pool.stop()
+            raise
 
     def _take_workers(self) -> None:
         """Stop the present workers; those that were started last take their place."""
         self._pool, self._next_pool = self._next_pool, self._pool
-        if self._next_pool is not None:
-            self._next_pool.stop()
-            self._next_pool = None
+        self._next_pool.stop()
 
     def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""

@@ -9,11 +9,12 @@ import sys
 import threading
 import time
 import types
+from collections.abc import Callable
 from contextlib import contextmanager, suppress
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import current_process
-from typing import Any
+from typing import Any, TypeVar
 
 import psutil
 
@@ -54,37 +55,43 @@ UNKNOWN = 255
 ENOUGH_DESCRIPTORS = 24
 """Descriptors that are open at once, at most, while a worker is started, and with the first the fork server."""
 
+Result = TypeVar("Result")
+
 _hiding = threading.Lock()
 
 
 class WorkerPool:
-    """Workers 1 .. workers - 1 of one simulation; worker 0 is the coordinator itself. None until `start`.
+    """Workers 1 .. workers - 1 of one simulation; worker 0 is the coordinator itself. There are none until `start`.
 
     So its owner knows of the pool before there is anything to stop.
+
+    Attribute pids: their process numbers, worker 1 first, in a list that stays as it is: another one takes its place.
     """
 
-    def __init__(self, block: SharedBlock, start_method: str | None, program: Program = GRID):
-        self._block = block
+    def __init__(self, start_method: str | None, program: Program = GRID):
         self._program = program
         # Workers of a fork server are forked from a clean process, so threads here cannot harm them.
         self._context: Any = multiprocessing.get_context(start_method or "forkserver")
-        self._control: Any = block.arrays["control"]
-        self._team: Any = block.arrays["team"]
+        self._control: Any = None
+        self._team: Any = None
         self._connections: list[Connection] = []
         self._processes: list[Any] = []
-        self._pids: list[int] = []
+        self.pids: list[int] = []
         self._lost: int | None = None
         self._creator = os.getpid()
         self._watch_end = self._watched_end = -1
         self._watcher = threading.Thread(target=self._watch, name="mpsim-watcher", daemon=True)
 
-    def start(self, workers: int) -> None:
-        """Start the workers, and wait until they are ready. Whatever stops this, `stop` then ends what was started.
+    def start(self, block: SharedBlock, workers: int) -> None:
+        """Start the workers, if any, and wait until they are ready. Whatever stops this, `stop` ends what was started.
 
         Raises:
             WorkerDiedError, WorkerStalledError: if a worker ends or fails before it is ready.
             ResourceError: if the system allows no more processes or descriptors.
         """
+        self._attach(block)
+        if workers == 1:
+            return
         if self._context.get_start_method() == "forkserver":
             self._context.set_forkserver_preload(["mpsim.engine.workers.pool", self._program.load.__module__])
         for worker in range(1, workers):
@@ -98,28 +105,27 @@ class WorkerPool:
             except (OSError, RuntimeError) as error:
                 raise refusal_of_process("the thread that watches the workers", error) from error
 
-    @property
-    def pids(self) -> list[int]:
-        """Process numbers of the workers, worker 1 first."""
-        return list(self._pids)  # a process that another thread is replacing right now would not tell its own
+    def _attach(self, block: SharedBlock) -> None:
+        self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
 
-    def wake(self) -> None:
-        """Announce a command, and wake the workers that sleep. The kernel gives the command itself."""
-        store_word(self._control.signals, records.ANNOUNCED, load_word(self._control.signals, records.COMMAND) + 1)
+    def run(self, kernel: Callable[[], Result]) -> Result:
+        """Announce a command, wake the workers that sleep, and call the kernel, which gives the command itself."""
+        signals = self._control.signals
+        store_word(signals, records.ANNOUNCED, load_word(signals, records.COMMAND) + 1)
         for connection, mine in zip(self._connections, self._team[1:], strict=False):  # on ranks it has one more
             if load_word(mine.signals, records.PARKED):
                 self._send(connection, ("wake", None, None))
-
-    def settle(self) -> None:
-        """Take the announcement back if no command followed, so that the workers may sleep again."""
-        store_word(self._control.signals, records.ANNOUNCED, load_word(self._control.signals, records.COMMAND))
+        try:
+            return kernel()
+        finally:  # taken back if no command followed, so that the workers may sleep again
+            store_word(signals, records.ANNOUNCED, load_word(signals, records.COMMAND))
 
     def move_to(self, block: SharedBlock) -> None:
         """Let every worker attach to another block. The old one must stay open until this returns."""
         for connection in self._connections:
             self._send(connection, ("attach", block.name, block.specs))
         add_to_word(self._control.signals, records.MAIL, 1)
-        self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
+        self._attach(block)
         for worker in range(1, len(self._processes) + 1):
             self._await_ready(worker)
 
@@ -135,8 +141,9 @@ class WorkerPool:
 
     def stop(self) -> None:
         """End all workers, and wait until they are gone. May be called again, and whatever state they are in."""
-        if os.getpid() != self._creator:
-            return  # a fork of the coordinator: the workers are not its own
+        if os.getpid() != self._creator:  # a fork of the coordinator: the workers are not its own
+            self._control = self._team = None
+            return
         if self._watcher.is_alive():
             os.write(self._watched_end, b"x")
             if self._watcher is not threading.current_thread():  # where garbage may be collected as well
@@ -161,7 +168,7 @@ class WorkerPool:
             if descriptor >= 0:
                 os.close(descriptor)
         self._watch_end = self._watched_end = -1
-        self._processes, self._pids, self._connections = [], [], []
+        self._processes, self.pids, self._connections = [], [], []
         self._control = self._team = None
 
     def _start(self, worker: int) -> None:
@@ -186,7 +193,7 @@ class WorkerPool:
                     raise
                 raise refusal_of_process(f"worker {worker}", error) from error
             self._processes.append(process)
-            self._pids.append(process.pid)
+            self.pids = [*self.pids, process.pid]
 
     def _start_process(self, process: Any) -> None:
         """Start a process, if need be by a new fork server: one that was killed is noticed only by its silence."""
