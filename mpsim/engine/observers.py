@@ -6,18 +6,21 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import mpsim  # for names of types, which are looked up when asked for
 from mpsim.core import checks
 from mpsim.core.checks import Binding
 from mpsim.engine.solvers.base import joined
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES
 from mpsim.kernels.compiling import compile_seconds
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
+
 
 # --- Observers of collisions: a table of all of them, and counters for an obstacle, a wall or a region
 
@@ -73,7 +76,7 @@ class Collisions:
     def __init__(
         self,
         *,
-        callback: Callable[[mpsim.Simulation, NDArray[Any]], None] | None = None,
+        callback: Callable[[Simulation, NDArray[Any]], None] | None = None,
         every: int = 1,
         between: str | Iterable[str] | None = None,
         ids: ArrayLike | None = None,
@@ -95,7 +98,7 @@ class Collisions:
         self._kept, self._waiting = [joined([*self._kept, *self._waiting])], []
         return self._kept[0]
 
-    def begin(self, sim: mpsim.Simulation) -> None:
+    def begin(self, sim: Simulation) -> None:
         """A run of the simulation `sim` begins.
 
         Raises:
@@ -114,13 +117,13 @@ class Collisions:
         self._waiting.append(table[chosen])
         self._seen = max(self._seen, frame)
 
-    def observe(self, sim: mpsim.Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Hand over what has been taken, once a frame of `sim`; collisions: not used, as a report counts others too."""
         if sim.frame > self._handed:
             self._handed = sim.frame
             self._hand_over(sim)
 
-    def _hand_over(self, sim: mpsim.Simulation) -> None:
+    def _hand_over(self, sim: Simulation) -> None:
         if self._callback is not None:
             table, self._waiting = joined(self._waiting), []
             self._callback(sim, table)
@@ -194,7 +197,7 @@ class Sensor(Collisions):
         """Sum of the sizes of their impulses across the normal, shape (n,) [mass length/time]."""
         return np.array([each[3] for each in self._found], np.float64)
 
-    def begin(self, sim: mpsim.Simulation) -> None:
+    def begin(self, sim: Simulation) -> None:
         """A run of the simulation `sim` begins.
 
         Raises:
@@ -207,7 +210,7 @@ class Sensor(Collisions):
             )
         super().begin(sim)
 
-    def _hand_over(self, sim: mpsim.Simulation) -> None:
+    def _hand_over(self, sim: Simulation) -> None:
         table, self._waiting = joined(self._waiting), []
         met = table[self._meets(table)]
         along, across = (math.fsum(np.hypot(*met[name].T).tolist()) for name in ("impulse", "tangential_impulse"))
@@ -259,7 +262,7 @@ class Observer(Protocol):
 
     every: int
 
-    def observe(self, sim: mpsim.Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Look at the simulation between two frames.
 
         A frame may be shown twice: at the end of one run and the start of the next, or when a run has healed.
@@ -306,7 +309,7 @@ class Observers:
         """Whether any of them asks for collisions."""
         return bool(self._of_collisions)
 
-    def begin(self, sim: mpsim.Simulation) -> None:
+    def begin(self, sim: Simulation) -> None:
         """A run of a simulation begins."""
         for each in self._of_collisions:
             each.begin(sim)
@@ -327,7 +330,7 @@ class Observers:
             if callable(keep := getattr(each, "keep", None)):
                 keep()
 
-    def observe(self, sim: mpsim.Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Call the observers whose frame this is."""
         with self._timed():
             for each in self._observers:

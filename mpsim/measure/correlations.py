@@ -25,12 +25,11 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import mpsim  # for names of types, which are looked up when asked for
 from mpsim.core import checks, files
 from mpsim.core.archive import DAMAGE, ArrayFile, save_arrays
 from mpsim.core.checks import Binding, Floats
@@ -46,6 +45,10 @@ from mpsim.measure.statistics import (
     equilibration,
 )
 from mpsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
+
 
 # --- A correlation function, and the data from which it comes
 
@@ -424,7 +427,7 @@ class Correlations:
         self._frame: int = -1  # of the last sample that counted
         self._continuing = False  # whether samples up to that one are those of a run that is done again
 
-    def observe(self, sim: mpsim.Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Take a sample of the present frame, unless it has one already.
 
         Args:
@@ -452,7 +455,7 @@ class Correlations:
         motion.add(sample)
         self._frame, self._continuing = sim.frame, False
 
-    def _bind_or_check(self, sim: mpsim.Simulation) -> None:
+    def _bind_or_check(self, sim: Simulation) -> None:
         """Bind to a simulation the first time; afterwards make sure that it is the same, and has not changed."""
         self._owner.bind_or_check(sim)
         now = sim.settings.dt, sim.count
@@ -463,7 +466,7 @@ class Correlations:
                 f"{sim.frame}. Use new ones from here on."
             )
 
-    def _begin(self, sim: mpsim.Simulation) -> Motion:
+    def _begin(self, sim: Simulation) -> Motion:
         """Data at the first sample."""
         if self._discs is None and (adds_discs(sim.scene) or removes_discs(sim.scene)):
             raise InputError(
@@ -667,7 +670,7 @@ def _wave_numbers(values: ArrayLike) -> Floats:
     return found
 
 
-def _sample(sim: mpsim.Simulation, motion: Motion) -> Floats:
+def _sample(sim: Simulation, motion: Motion) -> Floats:
     """Positions and velocities of the discs that are followed, shape (2, D, 2)."""
     state = sim.state
     if not (here := state.present[motion.discs]).all():
@@ -732,7 +735,7 @@ class Series:
         self._frame = -1
         self._rows: list[tuple[float, float]] = []
 
-    def observe(self, sim: mpsim.Simulation, collisions: int) -> None:
+    def observe(self, sim: Simulation, collisions: int) -> None:
         """Record the value at the present frame, unless it has been recorded.
 
         Args:

@@ -9,7 +9,6 @@ import dataclasses
 import importlib
 import inspect
 import re
-import typing
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -64,15 +63,6 @@ def test_the_public_face_is_the_pinned_one(request):
     if request.config.getoption("--renew"):
         FILE.write_text("\n".join(found) + "\n")
     assert found == FILE.read_text().splitlines(), "on purpose? see the top of this file"
-
-
-def test_the_types_of_all_that_is_public_are_known_to_running_programs():
-    public = [getattr(module, name) for module in (mpsim, mpsim.measure) for name in module.__all__]
-    members = [inspect.getattr_static(kind, name) for kind in public if inspect.isclass(kind) for name in dir(kind)]
-    for each in (*public, *members):
-        inner = getattr(each, "fget", getattr(each, "__func__", each))
-        if inspect.isfunction(inner) or inspect.isclass(inner):
-            typing.get_type_hints(inner)
 
 
 # --- versions
