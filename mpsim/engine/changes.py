@@ -280,10 +280,8 @@ def _at_speed(scene: Scene, speed: Any, time: float) -> dict[str, Any]:
     if not isinstance(scene.piston, Piston) or scene.piston.speed is None:
         remedy = "Give the scene one; a slow one hardly moves."
         raise _without("piston_speed", speed, "with a piston that has a speed", remedy)
-    return {
-        "piston": dataclasses.replace(scene.piston, speed=speed, start=scene._moving_walls[0].place(time)),
-        "_piston_began": time,
-    }
+    piston = dataclasses.replace(scene.piston, speed=speed)
+    return {"piston": piston, "_piston_from": (time, scene._moving_walls[0].place(time))}
 
 
 def _at_temperature(thermostat: Thermostat | None, temperature: Any) -> Thermostat:

@@ -161,6 +161,7 @@ class Simulation(ReadOnly):
     def _set_up(self, scene: Scene, settings: Settings | None, processes: Processes) -> None:
         """All that comes before the solver is started."""
         settings = settings_for(scene, settings)
+        scene = scene._begun()
         check_processes(settings, processes)
         for feature in scene._features:
             feature.check_law(scene, settings.law)
@@ -1142,8 +1143,9 @@ class Simulation(ReadOnly):
                 "restore must be called between two runs, not in a callback of a run, which counts its frames; got one "
                 f"in frame {self.frame}. Return from the run before, or continue elsewhere by Simulation.from_snapshot."
             )
-        (scene, settings), workers = snapshot.start, self._start[1].workers
-        if scene is not self._start[0] or dataclasses.replace(settings, workers=workers) != self._start[1]:
+        (scene, settings), (own, wanted) = snapshot.start, self._start
+        is_same = dataclasses.replace(settings, workers=wanted.workers) == wanted
+        if not is_same or (scene is not own and scene.digest() != own.digest()):
             raise InputError(
                 f"restore needs a snapshot of a simulation of the same scene and settings; got {snapshot!r} of another "
                 "one. Use Simulation.from_snapshot to continue that one."

@@ -136,7 +136,8 @@ def _check_one(piston: Piston, scene: Scene) -> None:
 def _way(piston: Piston, scene: Scene) -> tuple[int, float, float, float]:
     """Its edge, its coordinate without displacement, and the least and the largest one at any time [length]."""
     edge = EDGES.index(piston.wall)
-    home = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
+    at_rest = (0.0, scene.width, 0.0, scene.height)[edge]
+    home = next(each for each in (scene._piston_from[1], piston.start, at_rest) if each is not None)
     if piston.stop is not None:
         return edge, home, min(home, piston.stop), max(home, piston.stop)
     motion: Any = piston.motion
@@ -193,7 +194,7 @@ class PistonFeature(Feature):
         (edge, home, low, high), motion = _way(piston, scene), piston.motion
         if motion is None:
             velocity = np.array([piston.speed, 0.0] if edge < 2 else [0.0, piston.speed])
-            motion = Translation(velocity, start=scene._piston_began)
+            motion = Translation(velocity, start=scene._piston_from[0])
         body, knots = motion.body()
         record = np.zeros(1, moving_wall_in(np.float64))[0]
         for name, *_ in MOTION:

@@ -111,7 +111,7 @@ def _setting(sim: Simulation, now: Frame, last: Frame) -> str | None:
     if last.position.dtype != now.position.dtype:
         return f"its precision is {last.position.dtype} and not {now.position.dtype}"
     since, began = sim.origin
-    if last.frame < since or last.time < sim.scene._piston_began:  # dt or the piston's speed has been changed after it
+    if last.frame < since or last.time < sim.scene._piston_from[0]:  # dt or the piston's speed has changed since
         return None
     time = began + (last.frame - since) * sim.settings.dt
     if not math.isclose(last.time, time, rel_tol=1e-9):

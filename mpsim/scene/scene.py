@@ -57,7 +57,7 @@ CHANGEABLE: dict[str, Callable[[Any, Any], Any] | None] = {
     "obstacles": lambda scene, value: check_obstacles(value, scene.width, scene.height),
     "emitters": lambda scene, value: tuple_of("emitters", value, (Emitter,)),
     "piston": lambda scene, value: check_piston(value, scene),
-    **dict.fromkeys(("friction", "wall_friction", "thermostat", "thermal_walls", "_has_gaps", "_piston_began")),
+    **dict.fromkeys(("friction", "wall_friction", "thermostat", "thermal_walls", "_has_gaps", "_piston_from")),
 }
 """The arguments that can change in the scene of a simulation, and the check of each; None: the caller checks it."""
 
@@ -120,7 +120,8 @@ class Scene(ReadOnly):
     measures: tuple[str, ...] = ()
     _start: Start
     _has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
-    _piston_began: float = 0.0  # when the piston left its start in that simulation [time]
+    _piston_from: tuple[float, float | None] = (0.0, None)  # time and place at which it got its speed there
+    _is_changed: bool = False  # there, and not checked as a whole since, as a scene is when it is made
     _redraw: Callable[[int], Scene] | None = None  # makes another start of it, from a seed
     _capsules: tuple[float, NDArray[np.float64]] | None = None
     _capsule_index: CapsuleIndex | None = None
@@ -176,10 +177,7 @@ class Scene(ReadOnly):
         )
         vars(self).update(check_recommended(duration, settings, picture_interval, measures))
         starts.demand_room(self.largest_radius, self.width, self.height, self.boundary)
-        if self._on_lattice is None:  # whose discs are inside by construction
-            self._check_inside("position", self.position, self.radius)
-        for feature in self._features:
-            feature.check(self)
+        self._check()
 
     # --- discs
 
@@ -260,7 +258,7 @@ class Scene(ReadOnly):
         """
         digest = hashlib.blake2b(digest_size=16)
         made = {"position": self._start.positions, "velocity": self._start.velocities}
-        for name in sorted(self.__getstate__().keys() - {*NAMES, "_start"} | made.keys(), key=_plain):
+        for name in sorted(self.__getstate__().keys() - {*NAMES, "_start", "_is_changed"} | made.keys(), key=_plain):
             digest.update(f"{_plain(name)} ".encode())
             if name in made:
                 digest.update(f"{(self.count, 2)} ".encode())
@@ -402,8 +400,7 @@ class Scene(ReadOnly):
         position = checks.finite_array("position", state.position, (self.count, 2), meaning)[present]
         velocity = checks.finite_array("velocity", state.velocity, (self.count, 2), meaning)[present]
         other = copy.copy(self)
-        for name in ("_has_gaps", "_piston_began"):  # what is absent is left out, and time begins anew
-            vars(other).pop(name, None)
+        other._forget_run()  # what is absent is left out, and time begins anew
         for feature in self._features:
             if state.box is not None:
                 vars(other)[feature.argument] = feature.continued(other, Continuation(state.box, time))
@@ -689,10 +686,35 @@ class Scene(ReadOnly):
             values: by name, of arguments in CHANGEABLE, of which some are checked, others by the caller.
         """
         other = copy.copy(self)
+        other._is_changed = True
         for name, value in values.items():
             check = CHANGEABLE[name]
             vars(other)[name] = value if check is None else check(other, value)
         return other
+
+    def _begun(self) -> Scene:
+        """The scene as a simulation of it begins: all discs are there, and pistons at their starts.
+
+        Raises:
+            InputError: for one that was changed in a simulation, and as it now is has no room for its start.
+        """
+        if not self._is_changed:
+            return self
+        other = copy.copy(self)
+        other._forget_run()
+        other._check()
+        return other
+
+    def _forget_run(self) -> None:
+        for name in ("_has_gaps", "_piston_from", "_is_changed"):
+            vars(self).pop(name, None)
+
+    def _check(self) -> None:
+        """Refuse discs outside the box, and what does not fit the rest of the scene."""
+        if self._on_lattice is None:  # whose discs are inside by construction
+            self._check_inside("position", self.position, self.radius)
+        for feature in self._features:
+            feature.check(self)
 
     def _vary(self, variation: Callable[[], str]) -> None:
         """Give the scene, a copy that nothing else refers to, other random numbers for its run, derived from a text."""

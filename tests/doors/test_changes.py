@@ -439,6 +439,47 @@ def test_all_parameters_are_tried():
     assert str(caught.value).split("What can be changed: ")[1].rstrip(".").split(", ") == list(VALUES)
 
 
+DONE = {
+    "remove": lambda sim: sim.remove([1, 2]),
+    "piston_speed": lambda sim: sim.change(piston_speed=-2.0),
+    "remove_wall": lambda sim: sim.remove_wall(0),
+    "move_wall": lambda sim: sim.move_wall(0, mpsim.Oscillation((0, 0.25), period=1.0)),
+    "change": lambda sim: sim.change(obstacles=[mpsim.FixedDisc((4, 2), 0.25)], gravity=(0, -1), dt=0.05),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", DONE)
+def test_the_scene_of_a_changed_simulation_begins_others_like_any_scene(name, method, tmp_path):
+    """Of it all discs are there, and the piston is where it was at first, beyond discs that it would have passed."""
+    lid = mpsim.Piston("right", -8.0, 5), mpsim.Polyline([(5, 1), (5, 2)], motion=mpsim.Translation((0, 1), stop=2))
+    places = [[2, 2], [2, 8], [4.5, 5], [11, 5]]
+    scene = mpsim.Scene(width=12, height=12, position=places, velocity=-np.ones((4, 2)), radius=0.5, piston=lid[0],
+                        obstacles=lid[1])  # fmt: skip
+    with simulate(scene, method=method, dt=0.0625) as sim:
+        sim.run(frames=12)
+        DONE[name](sim)
+        changed = sim.scene
+    with simulate(changed, method=method) as sim, simulate(changed, method=method) as other:
+        sim.run(frames=10)
+        path, snap = sim.save(tmp_path / "run"), sim.snapshot()
+        sim.run(frames=90)
+        session = sim.journal.save(tmp_path / "session.toml")
+        other.restore(snap)
+        with mpsim.Simulation.resume(path) as again, mpsim.Simulation.replay(session) as third:
+            for each in (other, again, third):
+                each.run(frames=100 - each.frame)
+                assert each.digest() == sim.digest()
+
+
+def test_a_changed_scene_that_has_no_room_for_its_start_is_refused_at_once():
+    with simulate(one_disc((2, 2))) as sim:
+        sim.set(0, position=(8, 8))
+        sim.add_wall(mpsim.Circle((8, 8), 3, inside=True))
+        with pytest.raises(InputError, match=r"position\[0\] must lie inside obstacles\[0\], a Circle"):
+            mpsim.Simulation(sim.scene)
+
+
 def test_a_journal_is_replayed_up_to_a_frame():
     with simulate(gas(20, 0.2)) as sim:
         digests = []
