@@ -30,7 +30,7 @@ class Limits(NamedTuple):
 SCENES = {
     "naive, 100 discs": Limits(48, 11, 4),
     "grid, 1000 discs": Limits(50, 11, 7),
-    "event, 100 discs": Limits(58, 11, 1),
+    "event, 100 discs": Limits(45, 9, 1),
 }
 
 COUNTER = """

@@ -170,17 +170,17 @@ def truth(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def fitting(name: str, array: Floats, precision: str, first: int = 0) -> None:
-    """Refuse values whose squares overflow in the precision of the run; `first`: number of the first row."""
-    largest = float(np.sqrt(np.finfo(precision).max)) / 4
-    bad = np.argwhere(np.abs(array) > largest)
-    if len(bad):
-        at = tuple(int(index) for index in bad[0])
+def fitting(name: str, array: Floats, precision: str, first: int = 0) -> float:
+    """The largest value, unless its square overflows in the precision of the run; `first`: number of the first row."""
+    largest, sizes = float(np.sqrt(np.finfo(precision).max)) / 4, np.abs(array)
+    if (most := float(sizes.max(initial=0.0))) > largest:
+        at = tuple(int(index) for index in np.argwhere(sizes > largest)[0])
         row = [first + at[0], *at[1:]]
         raise InputError(
             f"{name} must be at most {largest:.3g} in {precision}, so that squares fit; {name}{row} is "
             f"{array[at]:g}. {_wider(precision)}"
         )
+    return most
 
 
 def equal(one: NDArray[Any], other: NDArray[Any]) -> bool:

@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks
 from mpsim.core.checks import Floats
 from mpsim.core.columns import EXITS, GIVEN, MASS, SPIN
-from mpsim.engine.feature_arrays import columns_of
-from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Terms
+from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Terms, is_between_frames
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.features import feature
@@ -78,7 +77,7 @@ def _brought(terms: Terms, values: Mapping[str, Any], count: int, how: str) -> d
         value = values.get(column.name)
         if column is MASS or value is None:
             continue
-        if column not in columns_of(terms.scene):
+        if column not in terms.scene._columns:
             raise InputError(
                 f"{column.name} can be {how} only in a scene {column.scenes}, and got {checks.brief(value)}. "
                 f"{column.remedy}"
@@ -403,12 +402,12 @@ def demand_apart(solver: Solver, new: NewDiscs) -> None:
 
 
 def demand_whole_frame(solver: Solver, what: str) -> None:
-    """Refuse a change inside a frame, in which Ctrl-C may leave the exact solver."""
-    end = solver.terms.time_of(solver.frame)
-    if solver.time != end:
+    """Refuse a change inside a frame."""
+    if not is_between_frames(solver):
         raise InputError(
             f"{what} must be called between two frames; got time {solver.time:g}, and frame {solver.frame} ended at "
-            f"{end:g}: an interrupt has left the run inside a frame. Finish it by run(frames=1) before."
+            f"{solver.terms.time_of(solver.frame):g}: an interrupt has left the run inside a frame. Finish it by "
+            "run(frames=1) before."
         )
 
 

@@ -1,4 +1,4 @@
-"""The columns and arrays of a scene, which its features determine."""
+"""Values of columns, and arrays, of a scene, which its features determine."""
 
 import math
 from typing import Any
@@ -6,26 +6,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.columns import IMAGE, Column
 from mpsim.engine.workers.shared import Specs
-from mpsim.features import FEATURES
 from mpsim.features.feature import acceleration_bound, mean_mass, thermal_speed
 from mpsim.features.properties import has_radii
 from mpsim.kernels.records import PADDING, row_of
 from mpsim.scene.scene import Scene
 
-# --- The columns of a scene, which its features determine
-
-
-def columns_of(scene: Scene) -> list[Column]:
-    """The columns that the discs of a scene have."""
-    own = [IMAGE] if any(scene.periodic) else []
-    return own + [column for feature in FEATURES if feature.has_columns(scene) for column in feature.columns]
-
 
 def given_in(scene: Scene) -> dict[str, Any]:
     """What a scene gives of its columns, by name; what it leaves out is zero."""
-    values = {column.name: getattr(scene, column.name, None) for column in columns_of(scene) if column.given}
+    values = {column.name: getattr(scene, column.name, None) for column in scene._columns if column.given}
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -59,7 +49,7 @@ def feature_specs(scene: Scene, capacity: int, precision: str) -> Specs:
     """dtype and shape of every array that only this scene's features need."""
     real = np.dtype(precision)
     specs: Specs = {name: (each.dtype, each.shape) for name, each in _constant_in(scene, real).items()}
-    specs |= {each.name: (each.dtype(real), each.shape(capacity)) for each in columns_of(scene)}
+    specs |= {each.name: (each.dtype(real), each.shape(capacity)) for each in scene._columns}
     if has_radii(scene):
         specs |= {f"{buffer}.radius": (real, (capacity + PADDING,)) for buffer in "ab"}
         specs["giants"] = (real, (1,))

@@ -85,16 +85,14 @@ class RunRecord:
     Attributes:
         averages: averages for its measures; None: it has none.
         count_enabled: whether these need what the solver counts.
-        whole: whether it began between two frames, not inside one.
         guarded: losses of energy that the solver's guard has suppressed.
         done, collisions: frames, and contacts resolved.
         logged: tables of collisions that nobody has taken yet.
     """
 
-    def __init__(self, workers: int, averages: RunAverages | None, whole: bool, logged: list[NDArray[Any]]):
+    def __init__(self, workers: int, averages: RunAverages | None, logged: list[NDArray[Any]]):
         self.averages = averages
         self.count_enabled: bool = averages is not None and averages.counting
-        self.whole: bool = whole
         self.guarded: int = 0
         self.done: int = 0
         self.collisions: int = 0

@@ -64,6 +64,7 @@ from mpsim.engine.solvers.base import (
     Steps,
     Terms,
     digest_of_state,
+    is_between_frames,
     log_collisions,
     resources_of,
     set_substeps,
@@ -530,16 +531,15 @@ class Simulation(ReadOnly):
     def _begin_record(self, names: tuple[str, ...], frames: int, logged: bool, skipped: int) -> RunRecord:
         """Begin the record of a run, with averages for measures of these names but for the first `skipped` frames."""
         solver = self._solver
-        whole = self._can.has_steps or solver.time == solver.terms.time_of(solver.frame)
         averages = None
         if names:  # not of self: a cycle would keep a simulation that is dropped from being closed at once
-            of_discs = functools.partial(_of_discs, solver)
+            of_discs, whole = functools.partial(_of_discs, solver), is_between_frames(solver)
             averages = named(f"{MEASURES}:RunAverages")(names, frames, self.scene, of_discs, whole, skipped)
         if logged != (isinstance(solver, CollisionLog) and solver.logging):
             self._between_frames(lambda: log_collisions(solver, logged))
         if not logged:
             self._logged.clear()
-        self._record = RunRecord(max(solver.choice.workers), averages, whole, self._logged)
+        self._record = RunRecord(max(solver.choice.workers), averages, self._logged)
         return self._record
 
     def _run_frames(
@@ -552,8 +552,9 @@ class Simulation(ReadOnly):
         assert use is not None  # that of `run`
         use.in_callback = True
         if observers is not None:
+            whole = is_between_frames(self._solver)
             observers.begin(self)
-            if record.whole:
+            if whole:
                 observers.observe(self, 0)
         if beside is not None and not frames:
             beside.keep(0, self._open_solver().time, last=True)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +54,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
     checks.fitting("speed of a wall", np.array([wall.speed for wall in scene._moving_walls]), precision)
     fastest = 0.0
     for first, velocity in scene._velocities_in_pieces():
-        checks.fitting("velocity", velocity, precision, first)
-        fastest = max(fastest, float(np.abs(velocity).max(initial=0.0)))
+        fastest = max(fastest, checks.fitting("velocity", velocity, precision, first))
     for name in (*VECTORS, *(column.name for column in GIVEN)):
         if (values := getattr(scene, name, None)) is not None:
             checks.fitting(name, values, precision)
@@ -87,14 +87,8 @@ def spacing_of(scene: Scene, precision: str) -> float:
     return float(np.finfo(precision).eps) * max(scene.width, scene.height)
 
 
-def rms_speed(scene: Scene) -> float:
-    """Root mean square of the speeds at the start; 0 without discs [length/time]."""
-    squares = sum(float((velocity**2).sum(axis=1).sum()) for _, velocity in scene._velocities_in_pieces())
-    return math.sqrt(squares / scene.count) if scene.count else 0.0
-
-
-def coarseness(scene: Scene, settings: Settings) -> str | None:
-    """What the precision of the run loses of a scene: text with numbers and remedy; None if it is little."""
+def coarseness(scene: Scene, settings: Settings, speed: float) -> str | None:
+    """What the precision of the run loses of a scene of this rms speed: text with remedy; None if it is little."""
     precision, spacing, smallest = settings.precision, spacing_of(scene, settings.precision), scene.smallest_radius
     words = []
     if scene.count and spacing > COARSE * smallest:
@@ -110,7 +104,6 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
             "of the distance, so that the time of a contact is wrong by up to the time in which a disc moves its "
             "radius. Use larger discs or a smaller box"
         )
-    speed = rms_speed(scene)
     square = (speed * smallest) ** 2
     if computes_contact_times(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
         words.append(
@@ -287,6 +280,10 @@ class StepLimits:
         other._fast, other._pressed = self._fast, self._pressed
         return other
 
+    @cached_property
+    def _at_start(self) -> Speeds:
+        return speeds_at_start(self._scene)
+
     def _frames_of_moving_walls(self) -> tuple[int, int]:
         """Frames in which a wall takes SQUEEZE of the least room that it leaves, and the last of such looks."""
         walls, dt, room = self._scene._moving_walls, self._settings.dt, self._scene._smallest_sides()
@@ -315,17 +312,15 @@ class StepLimits:
             )
             yield text, FastWarning
         if self.adapts:
-            self.substeps_for(speeds_at_start(scene), 0)
-            return
-        if fast := self._complaint(speeds_at_start(scene), 0):
+            self.substeps_for(self._at_start, 0)
+        elif fast := self._complaint(self._at_start, 0):
             self._refuse_if_wanted(fast)
             yield fast, FastWarning
             self._fast.given = True
 
     def at_resume(self) -> Iterator[tuple[str, type[Warning]]]:
         """What to warn of before a run goes on from a checkpoint: lost digits."""
-        coarse = coarseness(self._scene, self._settings)
-        if coarse:
+        if coarse := coarseness(self._scene, self._settings, self._at_start.mean_speed):
             yield f"in {self._settings.precision} {coarse}", ResolutionWarning
 
     def _lost_at_a_bounce(self) -> float:
@@ -337,7 +332,7 @@ class StepLimits:
         if settings.contact != "push" or is_inelastic(scene) or all(scene.periodic):
             return 0.0
         fall = math.sqrt(2 * self._acceleration * max(sides_at(scene, 0.0)))
-        fastest = math.hypot(speeds_at_start(scene).speed, fall)
+        fastest = math.hypot(self._at_start.speed, fall)
         return self._acceleration * settings.dt / settings.substeps / fastest
 
     @property

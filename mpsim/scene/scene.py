@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.checks import ReadOnly
-from mpsim.core.columns import equal_sizes
+from mpsim.core.columns import IMAGE, Column, equal_sizes
 from mpsim.core.late import view
 from mpsim.core.state import Box, State, moved_into, no_state
 from mpsim.errors import InputError
@@ -736,6 +736,12 @@ class Scene(ReadOnly):
     def _features(self) -> tuple[Feature, ...]:
         """The features that it has."""
         return tuple(each for each in FEATURES if each.is_in(self))
+
+    @functools.cached_property
+    def _columns(self) -> list[Column]:
+        """The columns that its discs have."""
+        own = [IMAGE] if any(self.periodic) else []
+        return own + [column for feature in FEATURES if feature.has_columns(self) for column in feature.columns]
 
     @functools.cached_property
     def _moving_walls(self) -> tuple[MovingWall, ...]:

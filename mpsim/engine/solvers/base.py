@@ -784,6 +784,11 @@ class Solver(ABC):
         return []
 
 
+def is_between_frames(solver: Solver) -> bool:
+    """Whether no frame is in hand: Ctrl-C may leave the exact solver inside one."""
+    return solver.time == solver.terms.time_of(solver.frame)
+
+
 def digest_of_state(solver: Solver) -> str:
     """`State.digest` of the present state, which on ranks the first one reads in chunks."""
     if solver.ranks is ALONE:

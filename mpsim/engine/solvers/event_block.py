@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.columns import Column
 from mpsim.core.state import State
-from mpsim.engine.feature_arrays import columns_of
 from mpsim.engine.solvers import base
 from mpsim.engine.solvers.base import (
     NewDiscs,
@@ -266,7 +265,7 @@ _SAVED_AS = {"image": "winding"}
 
 def columns_in(scene: Scene) -> list[Column]:
     """Columns of the exact solver's discs, which lie in its block in the order of its own numbers."""
-    return [Column("radius", "radius", kept=False, in_state=False)] * has_radii(scene) + columns_of(scene)
+    return [Column("radius", "radius", kept=False, in_state=False)] * has_radii(scene) + scene._columns
 
 
 def column_shapes(scene: Scene, count: int) -> Specs:

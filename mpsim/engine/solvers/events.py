@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mpsim.core.columns import MASS, kept_sizes
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State, part_of
-from mpsim.engine.feature_arrays import columns_of, given_in
+from mpsim.engine.feature_arrays import given_in
 from mpsim.engine.solvers import base, event_block
 from mpsim.engine.solvers.base import (
     MOST_COUNTED,
@@ -97,7 +97,8 @@ class EventSolver(Solver, CollisionLog):
     # --- frames
 
     def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
-        (contacts, guarded), seen = self._collisions_so_far(), records.numbers(self._seen).copy()
+        contacts, guarded = self._collisions_so_far()
+        seen = records.numbers(self._seen).copy() if count_enabled else None
         times = np.zeros((1 + self._plan.workers, frames), np.int64)
         totals = np.zeros(frames if count_enabled else 0, records.TOTALS)
         done = self._run_kernel(times, totals, stop - self._origin.time)
@@ -108,7 +109,7 @@ class EventSolver(Solver, CollisionLog):
             by_phase[:, :, stepped.MOVE] = times[1:, :done]
             by_phase[:, :, stepped.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
         # What was done of an unfinished frame counts for the call in which it ends.
-        counters = self._counters(totals[:done], seen) if count_enabled else None
+        counters = None if seen is None else self._counters(totals[:done], seen)
         contacts_after, guarded_after = self._collisions_so_far()
         guarded = guarded_after - guarded
         return BatchResult(by_phase, contacts_after - contacts, counters, guarded, logged=self.logging)
@@ -236,7 +237,7 @@ class EventSolver(Solver, CollisionLog):
         now = self.discs()
         places, speeds = np.concatenate([now.position, new.position]), np.concatenate([now.velocity, new.velocity])
         radii, masses = kept_sizes(self.radii, new.radius), kept_sizes(self.masses, new.mass)
-        kept = {each.name: np.concatenate([now.of(each), new.of(each)]) for each in columns_of(self._scene)}
+        kept = {each.name: np.concatenate([now.of(each), new.of(each)]) for each in self._scene._columns}
         everyone = NewDiscs(places, speeds, radii, {**kept, MASS.name: masses})
         self._place_anew(everyone, choice, self.terms, new.velocity)
 
@@ -244,7 +245,7 @@ class EventSolver(Solver, CollisionLog):
         there = self._found()
         now = event_block.state_of(self._scene, self._clock_time, there, self.radii)
         columns = {**there, **vars(now)}
-        kept = {each.name: columns[each.name] for each in columns_of(self._scene) if each.name in columns}
+        kept = {each.name: columns[each.name] for each in self._scene._columns if each.name in columns}
         found = NewDiscs(now.position, now.velocity, self.radii, {**kept, MASS.name: self.masses})
         return found if numbers is None else found.rows(numbers)
 

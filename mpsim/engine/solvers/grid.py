@@ -132,7 +132,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._borders = np.zeros(0)  # fraction of the discs before those of each worker, and 1
         self._pool = self._next_pool = WorkerPool(None)  # the second of a block that is to replace the present one
-        self._block = self._next_block(max(scene.count, 1), self.radii)
+        self._capacity, self._block = max(scene.count, 1), SharedBlock({})
 
     def start(self) -> None:
         scene = self._scene

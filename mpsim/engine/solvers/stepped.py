@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mpsim.core import columns
 from mpsim.core.columns import kept_sizes
 from mpsim.core.state import Box, State
-from mpsim.engine.feature_arrays import columns_of, typical_momentum, wall_limits
+from mpsim.engine.feature_arrays import typical_momentum, wall_limits
 from mpsim.engine.solvers.base import (
     MOST_COUNTED,
     Choice,
@@ -301,7 +301,7 @@ class SteppedSolver(Solver, Steps):
     def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:
         real, count = np.dtype(settings.precision), len(snapshot["radii"])
         shapes: Specs = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
-        kept = [column for column in columns_of(scene) if column.kept]
+        kept = [column for column in scene._columns if column.kept]
         shapes |= {column.name: (column.dtype(real), column.rows(count)) for column in kept}
         check_shapes(snapshot, shapes)
         for name in ("velocity", *(column.name for column in kept if column.in_state or column.given)):

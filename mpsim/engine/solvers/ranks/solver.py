@@ -20,7 +20,7 @@ from mpsim.core import columns
 from mpsim.core.columns import ChunkedArray, kept_sizes, ranges
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.state import State
-from mpsim.engine.feature_arrays import columns_of, given_in
+from mpsim.engine.feature_arrays import given_in
 from mpsim.engine.solvers.base import (
     NO_WORK,
     BatchResult,
@@ -415,7 +415,7 @@ class MpiSolver(SteppedSolver):
     def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
         rows = self._rows(0, self.count)
         position, velocity = rows.pop("position"), rows.pop("velocity")
-        for column in columns_of(self._scene):
+        for column in self._scene._columns:
             if column.name not in rows:  # what stays as it is, which all ranks know
                 rows[column.name] = self._arrays[column.name][..., : self.count].T.copy()
         found = NewDiscs(position, velocity, self.radii, {**rows, columns.MASS.name: self.masses})
@@ -457,7 +457,7 @@ class MpiSolver(SteppedSolver):
             for name, none in self._rows(0, 0).items()
         }
         found |= {"radii": self.radii, "masses": self.masses}
-        for column in columns_of(self._scene):
+        for column in self._scene._columns:
             if column.kept and column.name not in found:
                 found[column.name] = column.take(self._arrays[column.name], self.count)
         found["progress"] = np.array([self._control.done, self._control.steps])
@@ -470,7 +470,7 @@ class MpiSolver(SteppedSolver):
         self.choice: Choice = choice
         self._leave_part()
         progress = self._begin_from(snapshot)
-        names = [column.name for column in columns_of(self._scene) if column.name in snapshot]
+        names = [column.name for column in self._scene._columns if column.name in snapshot]
         given = {name: np.asarray(snapshot[name]) for name in names}
         position, velocity = snapshot["position"], snapshot["velocity"]
         self._enter_all(lambda first, last: (position[first:last], velocity[first:last]), given, progress)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.engine.feature_arrays import columns_of, feature_specs, fill_features, giant_radius
+from mpsim.engine.feature_arrays import feature_specs, fill_features, giant_radius
 from mpsim.engine.solvers.base import NewDiscs, work_specs
 from mpsim.engine.solvers.stepped import Grid, block_arrays
 from mpsim.engine.workers.shared import SharedBlock, remove_stale_blocks
@@ -123,7 +123,7 @@ class Subdomain:
 
     def __init__(self, scene: Scene, settings: Settings):
         self._scene, self._settings = scene, settings
-        names = [column.name for column in columns_of(scene)]
+        names = [column.name for column in scene._columns]
         has_spins, has_images = columns.SPIN.name in names, columns.IMAGE.name in names
         self._record = records.message_in(settings.precision, has_radii(scene), has_spins, has_images)
         self._travelling = [columns.SPIN.name] * has_spins + [columns.IMAGE.name] * has_images
@@ -198,7 +198,7 @@ class Subdomain:
             x, y = (live.x, live.y) if which == "position" else (live.vx, live.vy)
             return np.concatenate([np.stack([x[slots], y[slots]], axis=1), of_absorbed[which].T.astype(x.dtype)])
 
-        of_scene = columns_of(self._scene)  # true of own discs alone, and of those absorbed here
+        of_scene = self._scene._columns  # true of own discs alone, and of those absorbed here
         changing = [each.name for each in of_scene if each.in_state or (each.kept and not each.given)]
         return numbers, {each: rows(each) for each in ([*of_absorbed, *changing] if name is None else [name])}
 
