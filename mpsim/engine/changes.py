@@ -30,7 +30,7 @@ from mpsim.features.piston import Piston
 from mpsim.features.properties import friction_coefficient, has_masses, has_radii
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.scene.starts import GAP, pushed_aside
+from mpsim.scene.starts import GAP, Room, pushed_aside
 
 if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation
@@ -164,7 +164,7 @@ def room_for(sim: Simulation, capsules: Floats) -> list[tuple[NDArray[np.int64],
         near = gap < reach
         fixed, around = (~near & (gap < reach + layer * largest) for layer in (BARRIER, 3 * BARRIER))
         others = np.concatenate([solid, of_discs(position[fixed], radius[fixed])])
-        found = pushed_aside(position[near], radius[near], (width, height), scene.periodic, others, scale)
+        found = pushed_aside(position[near], radius[near], Room((width, height), scene.periodic, others), scale)
         if found is not None:
             moved = (found != position[near]).any(axis=1)
             apart = scene._to_nearest_image(found[moved, None] - position[around])

@@ -19,7 +19,7 @@ from mpsim.features.feature import acceleration_bound, is_inelastic
 from mpsim.features.obstacles import OBSTACLES, surfaces_near
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.scene.starts import overlaps
+from mpsim.scene.starts import Room, overlaps
 
 # --- Checks whether the floating-point precision is sufficient for a scene; refuses it or warns
 
@@ -163,7 +163,7 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     steps = solver.substeps if isinstance(solver, Steps) else 1
     moved = np.hypot(*state.velocity[here].T.astype(np.float64)) * settings.dt / steps
     mean = float(np.sqrt((moved**2).mean()))
-    pairs, found = overlaps(position, radius, (scene.width, scene.height), scene.periodic), []
+    pairs, found = overlaps(position, radius, Room((scene.width, scene.height), scene.periodic)), []
     if pairs.worst:
         i, j = pairs.worst
         found.append(([i, j], pairs.largest, f"discs {here[i]} and {here[j]} overlap by {pairs.largest:.3g}"))

@@ -28,7 +28,7 @@ from mpsim.core.state import Box, Discs, State, count_of, parts_of, present_in
 from mpsim.errors import InputError, NotMeasurableError
 from mpsim.features.feature import is_heated
 from mpsim.scene.scene import Scene
-from mpsim.scene.starts import TOUCHING, Overlap, overlaps
+from mpsim.scene.starts import TOUCHING, Overlap, Room, overlaps
 
 # --- Sums over discs in float64, in chunks, so that no process has to hold all discs
 #
@@ -395,7 +395,7 @@ def overlap(state: State, scene: Scene, radii: Floats | None = None) -> Overlap:
         each = one_of_each("overlap", "radius", checks.finite_array("radii", radii, (None,), "(N,)"), inside)
     discs, (x, y) = Chunk(slice(None), inside), sides_of(inside.box or scene.box)
     size = x if scene.periodic[0] else scene.width, y if scene.periodic[1] else scene.height
-    found = overlaps(discs.position, discs.of(each), size, scene.periodic, rounding)
+    found = overlaps(discs.position, discs.of(each), Room(size, scene.periodic), rounding)
     if found.worst is None:
         return found
     i, j = np.flatnonzero(inside.present)[list(found.worst)].tolist()

@@ -516,8 +516,8 @@ class Scene(ReadOnly):
         solid = check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
         region = None if inside is None else starts.check_region("inside", inside)
-        capsules, size = capsules_of(solid, 0.0), (width, height)
-        position = starts.random_places(radius, count, size, region, capsules, rng, wraps_of(edges))
+        room = starts.Room((width, height), wraps_of(edges), capsules_of(solid, 0.0))
+        position = starts.random_places(radius, count, room, region, rng)
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": solid, **others}
         made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)

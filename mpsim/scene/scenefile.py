@@ -864,7 +864,8 @@ def _placed(
     count = len(position) if position is not None else group["count"]
     own = {name: _each(name, group[name], count) for name in ("velocity", *PER_DISC) if name in group}
     if position is None:
-        position = starts.random_places(radius, count, box, region, np.concatenate(taken), rng, periodic)
+        room = starts.Room(box, periodic, np.concatenate(taken))
+        position = starts.random_places(radius, count, room, region, rng)
     if "temperature" in group:
         own["velocity"] = starts.thermal_velocities(count, group["temperature"], group.get("mass"), rng)
     taken.append(of_discs(position, radius))

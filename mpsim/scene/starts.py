@@ -30,8 +30,7 @@ def overlaps_in_words(scene: Any) -> str:
     if scene._on_lattice is not None:  # displacements are shorter than half of the gaps; there are no obstacles
         return ""
     words: list[str] = []
-    size = scene.width, scene.height
-    pairs = overlaps(scene.position, scene.radius, size, scene.periodic)
+    pairs = overlaps(scene.position, scene.radius, Room((scene.width, scene.height), scene.periodic))
     if pairs.worst:
         discs = "discs {} and {}".format(*pairs.worst)
         words.append(
@@ -85,6 +84,18 @@ def is_in(region: Region | Obstacle, position: Floats) -> NDArray[np.bool_]:
         return distance(position, np.abs(capsules_of((region,))[0])) <= 0
     low, high = np.reshape(np.asarray(region), (2, 2))
     return np.asarray(((position >= low) & (position <= high)).all(axis=1), np.bool_)
+
+
+class Room(NamedTuple):
+    """A box, and what is in it where discs are placed.
+
+    size: width and height [length]. periodic: whether x, and whether y, is. capsules: obstacles, and discs as capsules
+    of length 0, shape (K, ROW).
+    """
+
+    size: tuple[float, float]
+    periodic: tuple[bool, bool] = (False, False)
+    capsules: Floats = np.zeros((0, ROW))
 
 
 def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:
@@ -299,17 +310,9 @@ PUSHES, PUSH_ROUNDS = 6, 60
 CANDIDATES = 16
 """Positions tried for a small disc, of which the one with least overlap is taken."""
 
-WALLS = (False, False)
-
 
 def random_places(
-    radius: float | Floats,
-    count: int,
-    box: tuple[float, float],
-    region: Region | Obstacle | None,
-    capsules: Floats,
-    rng: np.random.Generator,
-    periodic: tuple[bool, bool] = (False, False),
+    radius: float | Floats, count: int, room: Room, region: Region | Obstacle | None, rng: np.random.Generator
 ) -> Floats:
     """Random centres of discs that overlap neither each other nor what is in the box, shape (count, 2) [length].
 
@@ -317,11 +320,10 @@ def random_places(
 
     Args:
         radius: of all, or of each, shape (count,) [length], > 0.
-        box: width and height [length].
         region: that contains the centres, or a shape around the discs; None: the box, or what containers leave of it.
-        capsules: obstacles in the box, and discs as capsules of length 0, shape (K, ROW).
     """
     area_of_discs(radius, count)  # which refuses extreme radii
+    box, periodic, capsules = room
     corner, (width, height), largest = np.zeros(2), box, float(np.max(radius, initial=0.0))
     wraps, margin = periodic, float(np.min(radius, initial=math.inf)) if count else 0.0
     shape = None
@@ -344,8 +346,8 @@ def random_places(
             f"radius must be at most half the room, {min(width, height) / 2:g} here; got {largest!r}. "
             "Use smaller discs."
         )
-    room = corner[0], corner[1], corner[0] + width, corner[1] + height
-    near = _near(capsules, room, box, (False, False) if region is None else periodic, 2 * largest)
+    part = corner[0], corner[1], corner[0] + width, corner[1] + height
+    near = _near(Room(box, (False, False) if region is None else periodic, capsules), part, 2 * largest)
     radii = np.broadcast_to(radius, count)
     packing = math.pi * float((radii**2).sum()) / _area(width, height, near)
     if packing > LARGEST_PACKING:
@@ -354,18 +356,16 @@ def random_places(
             "Use fewer or smaller discs, or a larger box, which Scene.compressed makes smaller."
         )
     if isinstance(radius, float) and not len(near) and not any(wraps):
-        return _random_equal(count, width, height, radius, rng) + corner
-    near = shifted(near, -corner)
-    return _random_polydisperse(radii.astype(np.float64), width, height, rng, wraps, near) + corner
+        return _random_equal(count, radius, Room((width, height)), rng) + corner
+    rest = Room((width, height), wraps, shifted(near, -corner))
+    return _random_polydisperse(radii.astype(np.float64), rest, rng) + corner
 
 
-def _near(
-    capsules: Floats, room: Region, size: tuple[float, float], periodic: tuple[bool, bool], reach: float
-) -> Floats:
+def _near(room: Room, region: Region, reach: float) -> Floats:
     """Capsules, and images of them, that reach into a region, shape (K, ROW); polygons as a whole."""
-    every, _, shift = with_images(capsules, size, periodic, reach)
+    every, _, shift = with_images(room.capsules, room.size, room.periodic, reach)
     every[shift.any(axis=1), POLYGON] = 0  # what is in the box is in no image
-    (ax, ay, bx, by), radius, (x_low, y_low, x_high, y_high) = every[:, ENDS].T, every[:, RADIUS], room
+    (ax, ay, bx, by), radius, (x_low, y_low, x_high, y_high) = every[:, ENDS].T, every[:, RADIUS], region
     apart_x = (np.maximum(ax, bx) + radius < x_low) | (np.minimum(ax, bx) - radius > x_high)
     apart_y = (np.maximum(ay, by) + radius < y_low) | (np.minimum(ay, by) - radius > y_high)
     return every[~(apart_x | apart_y) | (radius < 0) | (every[:, POLYGON] != 0)]
@@ -390,7 +390,7 @@ def _area(width: float, height: float, capsules: Floats) -> float:
     return min([width * height, *(math.pi * radius**2 for radius in capsules[:, RADIUS] if radius < 0)])
 
 
-def _random_equal(count: int, width: float, height: float, radius: float, rng: np.random.Generator) -> Floats:
+def _random_equal(count: int, radius: float, room: Room, rng: np.random.Generator) -> Floats:
     """Random centres of equal discs without overlap, shape (count, 2), between four walls.
 
     Raises:
@@ -398,15 +398,15 @@ def _random_equal(count: int, width: float, height: float, radius: float, rng: n
     """
     if count == 0:
         return np.empty((0, 2))
-    radii = np.full(count, radius)
+    radii, (width, height) = np.full(count, radius), room.size
     packing = count * math.pi * radius**2 / (width * height)
     if count * math.pi * radius**2 <= SPARSE_PACKING * width * height:  # not `packing`, which is rounded once more
-        discs = _by_size(np.zeros(count), np.zeros(count), radii, (width, height), WALLS)
+        discs = _crowd(np.zeros((count, 2)), radii, room)
         if _add_all(discs, rng):
             return np.column_stack([discs.x, discs.y])
     sites = _lattice(count, width, height, 2 * radius)
     chosen = sites[np.sort(rng.permutation(len(sites))[:count])]
-    discs = _crowd(chosen, radii, (width, height), WALLS)
+    discs = _crowd(chosen, radii, room)
     longest = 2 * radius * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
     for _ in range(SWEEPS):
         placement.shuffle(discs, rng.uniform(-longest, longest, (count, 2)), 1.0)
@@ -442,24 +442,17 @@ def _lattice(count: int, width: float, height: float, diameter: float) -> Floats
     return np.column_stack([column * step_x, row * step_y]).astype(np.float64) + diameter / 2
 
 
-def _random_polydisperse(
-    radius: Floats,
-    width: float,
-    height: float,
-    rng: np.random.Generator,
-    periodic: tuple[bool, bool] = WALLS,
-    capsules: Floats | None = None,
-) -> Floats:
-    """Random centres of discs of any radii without overlap, shape (N, 2), in a box that may be periodic.
+def _random_polydisperse(radius: Floats, room: Room, rng: np.random.Generator) -> Floats:
+    """Random centres of discs of any radii without overlap, shape (N, 2).
 
     Up to SPARSE_PACKING, discs are placed by random sequential addition, the largest first. Denser arrangements start
     from a jittered lattice; overlaps are removed pair by pair, and Monte Carlo steps follow. The same seed gives the
-    same positions. radius: of each disc, shape (N,) [length]. capsules: obstacles, shape (K, ROW).
+    same positions. radius: of each disc, shape (N,) [length].
     """
     count = len(radius)
     if count == 0:
         return np.empty((0, 2))
-    discs = _by_size(np.zeros(count), np.zeros(count), radius, (width, height), periodic, capsules)
+    discs, (width, height) = _crowd(np.zeros((count, 2)), radius, room), room.size
     packing = math.pi * float((radius**2).sum()) / _area(width, height, discs.capsule)
     if not (packing <= SPARSE_PACKING and _add_all(discs, rng)):
         if not any(_remove_overlaps(discs, packing, overshoot, rng) for overshoot in OVERSHOOT):
@@ -476,6 +469,7 @@ def _random_polydisperse(
 
 def _add_all(discs: placement.Crowd, rng: np.random.Generator) -> bool:
     """Random sequential addition, the largest first; False if not all discs could be placed."""
+    discs.head[:] = placement.EMPTY
     order = np.argsort(-discs.radius, kind="stable")
     placed, attempts = 0, 0
     while placed < len(order) and attempts < 200 * len(order) + 1000:
@@ -547,55 +541,34 @@ class Overlap:
     worst: tuple[int, int] | None
 
 
-def overlaps(
-    position: Floats,
-    radius: float | Floats,
-    size: tuple[float, float],
-    periodic: tuple[bool, bool] = WALLS,
-    rounding: float | None = None,
-) -> Overlap:
+def overlaps(position: Floats, radius: float | Floats, room: Room, rounding: float | None = None) -> Overlap:
     """The overlapping pairs of discs at positions, shape (N, 2). O(N).
 
     radius: of all discs, or of each, shape (N,) [length]. rounding: depth up to which discs touch [length]; None: that
     of float64 coordinates in the box.
     """
-    slack = TOUCHING * float(np.finfo(np.float64).eps) * max(size) if rounding is None else rounding
+    slack = TOUCHING * float(np.finfo(np.float64).eps) * max(room.size) if rounding is None else rounding
     worst = np.zeros(2, np.int64)
-    discs = _crowd(position, np.broadcast_to(np.asarray(radius, np.float64), len(position)), size, periodic)
+    discs = _crowd(position, np.broadcast_to(np.asarray(radius, np.float64), len(position)), room)
     pairs, largest, total = placement.count_overlaps(discs, slack, worst)
     i, j = worst.tolist()
     return Overlap(int(pairs), float(largest), float(total) / max(pairs, 1), (i, j) if pairs else None)
 
 
-def displaced(
-    position: Floats,
-    radius: Floats,
-    size: tuple[float, float],
-    periodic: tuple[bool, bool],
-    capsules: Floats,
-    moves: Floats,
-) -> Floats:
+def displaced(position: Floats, radius: Floats, room: Room, moves: Floats) -> Floats:
     """Centres after moving each disc along x, then along y, shape (N, 2).
 
     A move that leads to an overlap or out of the box is rejected. moves: displacements, shape (N, 2) [length].
-    capsules: obstacles, shape (K, ROW).
     """
     if not len(position):
         return position
-    discs = _crowd(position, radius, size, periodic, capsules)
+    discs = _crowd(position, radius, room)
     for axis in (0, 1):
         placement.shuffle(discs, moves * (np.arange(2) == axis), 1 + GAP)
     return np.column_stack([discs.x, discs.y])
 
 
-def pushed_aside(
-    position: Floats,
-    radius: Floats,
-    size: tuple[float, float],
-    periodic: tuple[bool, bool],
-    capsules: Floats,
-    scale: float,
-) -> Floats | None:
+def pushed_aside(position: Floats, radius: Floats, room: Room, scale: float) -> Floats | None:
     """Centres of discs after moving those apart that overlap each other or capsules, shape (N, 2); None: no room.
 
     A disc that is trapped between capsules and walls begins again from a random place beside its own.
@@ -603,43 +576,26 @@ def pushed_aside(
     The arguments are those of `displaced`; scale: factor of the radii, a little above 1, for which there must be room.
     """
     rng, places = np.random.default_rng(0), position
-    edge = np.where(periodic, 0.0, radius[:, None])
+    edge = np.where(room.periodic, 0.0, radius[:, None])
     for attempt in range(PUSHES):
-        discs = _crowd(places, radius, size, periodic, capsules)
+        discs = _crowd(places, radius, room)
         for _ in range(PUSH_ROUNDS):
             if not placement.crowded(discs, scale):
                 return np.column_stack([discs.x, discs.y])
             placement.part(discs, scale * (1 + ROOM), 0.0)
         places = np.column_stack([discs.x, discs.y])
-        trapped = gaps(places[:, None], radius[:, None], capsules).min(axis=1, initial=np.inf)[:, None] < 0
+        trapped = gaps(places[:, None], radius[:, None], room.capsules).min(axis=1, initial=np.inf)[:, None] < 0
         jumps = (1 + attempt / 2) * radius[:, None] * rng.uniform(-1, 1, places.shape)
-        places = np.clip(places + trapped * jumps, edge, np.array(size) - edge)
+        places = np.clip(places + trapped * jumps, edge, np.array(room.size) - edge)
     return None
 
 
-def _crowd(
-    position: NDArray[np.floating],
-    radius: Floats,
-    size: tuple[float, float],
-    periodic: tuple[bool, bool],
-    capsules: Floats | None = None,
-) -> placement.Crowd:
-    """Discs at copies of these centres, shape (N, 2), as `_by_size`, in the lists of their cells."""
-    x, y = np.array(position.T, np.float64, order="C")
-    discs = _by_size(x, y, radius, size, periodic, capsules)
-    placement.link(discs)
-    return discs
+def _crowd(position: NDArray[np.floating], radius: Floats, room: Room) -> placement.Crowd:
+    """Discs at copies of these centres, shape (N, 2), in the lists of their cells.
 
-
-def _by_size(
-    x: Floats,
-    y: Floats,
-    radius: Floats,
-    size: tuple[float, float],
-    periodic: tuple[bool, bool],
-    capsules: Floats | None = None,
-) -> placement.Crowd:
-    """Discs as `overlap_removal` takes them: radii within a factor of two share a level and its grid."""
+    Radii within a factor of two share a level and its grid.
+    """
+    (x, y), size = np.array(position.T, np.float64, order="C"), room.size
     binary = np.frexp(radius)[1]
     present, level = np.unique(binary, return_inverse=True)
     largest = np.array([radius[binary == power].max() for power in present], np.float64)
@@ -647,11 +603,13 @@ def _by_size(
     side = np.maximum(2 * largest, np.sqrt(size[0] * size[1] / np.maximum(counts, 1)))
     # In a thin box, too, no level has more cells than about one per disc.
     columns, rows = (np.clip(length / side, 1, np.maximum(counts, 1)).astype(np.int64) for length in size)
-    cells, solid = columns * rows, np.zeros((0, ROW)) if capsules is None else capsules
-    images = with_images(solid, size, periodic, REACH * float(largest.max(initial=0.0)))
-    seen = solid[images.source]
+    cells, images = (
+        columns * rows,
+        with_images(room.capsules, size, room.periodic, REACH * float(largest.max(initial=0.0))),
+    )
+    seen = room.capsules[images.source]
     seen[images.shift.any(axis=1), POLYGON] = 0  # what is in the box is in no image
-    return placement.Crowd(
+    discs = placement.Crowd(
         x,
         y,
         np.ascontiguousarray(radius, dtype=np.float64),
@@ -664,11 +622,13 @@ def _by_size(
         largest,
         float(size[0]),
         float(size[1]),
-        bool(periodic[0]),
-        bool(periodic[1]),
+        bool(room.periodic[0]),
+        bool(room.periodic[1]),
         seen,
         images.shift,
     )
+    placement.link(discs)
+    return discs
 
 
 # --- Equal discs on a lattice that fills the box; each is computed from its number alone

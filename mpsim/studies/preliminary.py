@@ -118,9 +118,8 @@ def varied(scene: Scene, seed: int) -> Scene:
     moves = rng.uniform(-1, 1, (scene.count, 2)) * (VARIATION * 2 * scene.smallest_radius)
     low, high = scene.limits(scene.radii)  # a moving wall may start inside of the box
     moves *= (scene.position + moves >= low) & (scene.position + moves <= high) | scene.periodic
-    position = starts.displaced(
-        scene.position, scene.radii, (scene.width, scene.height), scene.periodic, scene._capsules_at(0.0), moves
-    )
+    room = starts.Room((scene.width, scene.height), scene.periodic, scene._capsules_at(0.0))
+    position = starts.displaced(scene.position, scene.radii, room, moves)
     velocity = scene.velocity * (1 + VARIATION * rng.normal(size=scene.velocity.shape))
     masses = 1.0 if scene.mass is None else scene.mass[:, None]
     squares = float((masses * velocity**2).sum())
