@@ -18,10 +18,6 @@ from mpsim.core.archive import save_arrays
 from mpsim.core.columns import ChunkedArray, chunks_of, ranges
 from mpsim.errors import InputError
 
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
-
-
 Box = tuple[float, float, float, float]
 """Where the walls are: x_low, x_high, y_low, y_high [length]."""
 

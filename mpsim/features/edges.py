@@ -1,8 +1,5 @@
 """The boundaries of the box: their kinds, the edges, and walls that move."""
 
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
-
 from collections.abc import Iterable
 from typing import Any, Literal, NamedTuple, cast
 

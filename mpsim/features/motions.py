@@ -1,8 +1,5 @@
 """Motions of obstacles: their places and velocities as functions of time. Checked when made; immutable."""
 
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
-
 from __future__ import annotations
 
 import math

@@ -3,9 +3,6 @@
 # pyright: reportPrivateUsage=false
 # Names of Scene that begin with an underscore are for all of mpsim.
 
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
-
 from __future__ import annotations
 
 import dataclasses

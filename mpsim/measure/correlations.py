@@ -15,9 +15,6 @@ Source: Ramirez, Sukumaran, Vorselaars & Likhtman, J. Chem. Phys. 133, 154103 (2
 correlators of light scattering (Schaetzel, 1985).
 """
 
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
-
 from __future__ import annotations
 
 import math

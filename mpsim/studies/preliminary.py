@@ -1,9 +1,5 @@
 """The preliminary run of a trade-off study, and its independent starts."""
 
-# pyright: reportPrivateUsage=false, reportUnnecessaryIsInstance=false
-# Names of Scene that begin with an underscore are for all of mpsim. Arguments are checked when the program runs as
-# well, for callers without a type checker.
-
 import dataclasses
 import math
 import re
