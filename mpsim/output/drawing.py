@@ -208,7 +208,6 @@ def draw_discs(
     scene: Scene,
     colours: Any = DISC_COLOUR,
     radii: NDArray[np.floating] | None = None,
-    theme: Theme = LIGHT,
     corner: tuple[float, float] = (0.0, 0.0),
     time: float = 0.0,
 ) -> EllipseCollection:
@@ -220,9 +219,9 @@ def draw_discs(
     """
     if not axes.collections:
         _draw_box(axes, scene, corner)
-        draw_obstacles(axes, scene, scene._capsules_at(time), theme)
+        draw_obstacles(axes, scene, scene._capsules_at(time), LIGHT)
     radii = np.asarray(scene.radii if radii is None else radii)
-    return ellipses(axes, with_images(position, scene) + corner, radii, colours, theme)
+    return ellipses(axes, with_images(position, scene) + corner, radii, colours, LIGHT)
 
 
 def ellipses(
@@ -509,9 +508,9 @@ def draw(
     return axes.figure.figure
 
 
-def _own_axes(scene: Scene) -> Axes:
-    longer = max(scene.width, scene.height)
-    width, height = (INCHES * side / longer for side in (scene.width, scene.height))
+def _own_axes(scene: Scene, longer: float = INCHES) -> Axes:
+    """Axes in a figure of their own; longer: side of the box [inch]."""
+    width, height = (longer * side / max(scene.width, scene.height) for side in (scene.width, scene.height))
     size = max(width, 1.6), max(height, 0.5)
     return figure_around(scene, size, beside=(1.3, 0.6), below=(0.0, 1.4)).add_subplot()
 
@@ -584,28 +583,17 @@ def _numbers(colour: Any, shown: Shown) -> tuple[NDArray[np.float64] | None, str
 
 # --- A still of a scene, for a notebook
 
-STILL = 3.2  # longer side of a still
+STILL = 3.0  # longer side of the box in a still
 STILL_COLOURS = 48  # colours of a still: more hardly show, and fewer make it small
 
 
 def scene_png(scene: Scene) -> bytes:
-    """A scene as a PNG of less than 100 kB, coloured by speed; of very many discs, only some are drawn."""
-    step = max(math.ceil(scene.count / MOST_DISCS), 1)
-    speeds = speeds_of(scene.velocity[::step])
+    """A scene as `draw` shows it, as a PNG of less than 100 kB."""
     with matplotlib.rc_context(fname=STYLE):
-        longer = max(scene.width, scene.height)
-        figure = new_figure(max(STILL * scene.width / longer, 1), max(STILL * scene.height / longer, 0.6) + 0.3)
-        axes = figure.add_subplot()
-        discs = draw_discs(axes, scene.position[::step], scene, radii=scene.radii[::step])
-        discs.set_array(speeds)
-        discs.set_cmap("viridis")
-        if step > 1 or len(speeds) > 5000:
-            discs.set_linewidth(0)
-        words = f"{scene.count:,} discs" if step == 1 else f"{len(speeds):,} of {scene.count:,} discs"
-        axes.set_title(f"{words}, packing {scene.packing:.3g}", fontsize=9)
-        file = io.BytesIO()
+        axes = _own_axes(scene, STILL)
+        figure, file, small = draw(scene, ax=axes), io.BytesIO(), io.BytesIO()
+        axes.set_title(f"{axes.get_title()}, packing {scene.packing:.3g}", fontsize=9)
         figure.savefig(file, dpi=90, format="png")
-    small = io.BytesIO()
     with Image.open(file) as picture:
         picture.convert("RGB").quantize(STILL_COLOURS).save(small, format="PNG", optimize=True)
     return small.getvalue()
