@@ -14,13 +14,12 @@ import matplotlib
 import numpy as np
 from harness import DOCS, make_folder, parser_of
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Rectangle
 
 import mpsim
 from mpsim.engine.solvers.stepped import Grid, grid_for
-from mpsim.output.animation import DPI, Picture
+from mpsim.output.animation import DPI
 from mpsim.output.drawing import STYLE, draw_discs, new_figure
 from mpsim.scene.scenefile import load
 
@@ -120,10 +119,7 @@ def funnel(path: Path) -> None:
         found = load(source)
     with mpsim.Simulation(found.scene) as sim:
         sim.run(until=float(until[1]))
-        picture = Picture(sim, 400)
-        picture.update()
-        figure: Figure = picture.figure
-        figure.savefig(path, dpi=DPI)
+        mpsim.draw(sim).savefig(path, dpi=DPI)
 
 
 def poured(friction: float) -> mpsim.Scene:

@@ -21,7 +21,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 import mpsim
-from mpsim.output.animation import Picture, image_of
+from mpsim.output.animation import Picture, image_of, moment_of
 from mpsim.output.drawing import LIGHT, STYLE, ColourScale, percentile_scale, sampled, speeds_of
 from mpsim.scene.scene import frames_between_pictures, settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
@@ -179,7 +179,7 @@ def show(found: SceneFile, folder: Path) -> None:
     scale = scale_of_run(found, number, every)
     images: list[Image.Image] = []
     with mpsim.Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE):
-        film, large = (Picture(sim, pixels, scale=scale) for pixels in (PIXELS, STILL_PIXELS))
+        film, large = (Picture(scene, pixels, scale) for pixels in (PIXELS, STILL_PIXELS))
         if scene.height < scene.width * 0.6:
             film.figure.axes[-1].set_ylabel("speed")  # there is no room for the dimension
         for shown in range(number):
@@ -194,7 +194,7 @@ def show(found: SceneFile, folder: Path) -> None:
 
 def drawn(picture: Picture, sim: mpsim.Simulation, promise: Promise | None, mark: Mark | None) -> Image.Image:
     """The picture of this moment, with its mark."""
-    picture.update()
+    picture.show(moment_of(sim, coloured=True))
     over = mark(picture.axes, sim, promise) if mark and promise and sim.frame else []
     image = image_of(picture.figure)
     for each in over:

@@ -52,9 +52,6 @@ def view(
     browser: bool,
     paused: bool,
     beside: str | None,
-    box: str | None,
-    boundary: str | None,
-    radius: float | None,
     **options: Any,
 ) -> None:
     """Show SCENE (default: gas) in the browser while it runs, until Ctrl-C.
@@ -69,8 +66,8 @@ def view(
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
     where: dict[str, Any] = {"host": host, "port": port, "browser": browser, "playing": not paused}
-    given = {"box": box, "boundary": boundary, "radius": radius}
-    given = {name: value for name, value in given.items() if value is not None}
+    own = {name: options.pop(name) for name in ("box", "boundary", "radius")}
+    given = {name: value for name, value in own.items() if value is not None}
     is_link = share_url.is_link(scene)
     if given and (is_link or not _is_recording(scene)):
         raise click.UsageError(f"--{next(iter(given))} can be given only with the file of a trajectory. Leave it out.")

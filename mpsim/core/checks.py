@@ -1,4 +1,4 @@
-"""Checks of user input, objects that refuse assignments, and observers that refuse other simulations."""
+"""Checks of user input, objects that refuse assignments or are closed, and observers that refuse other simulations."""
 
 import difflib
 import functools
@@ -8,7 +8,7 @@ import numbers
 import reprlib
 import weakref
 from collections.abc import Callable, Iterable
-from typing import Any, ClassVar, NoReturn, TypeVar
+from typing import Any, ClassVar, NoReturn, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -299,7 +299,7 @@ def point(name: str, value: object) -> tuple[float, float]:
     return x, y
 
 
-# --- Objects that refuse assignments, which would be ignored or leave them unchecked
+# --- Objects that a block closes, and those that refuse assignments, which would be ignored or leave them unchecked
 
 
 def keep_fields(thing: Any, **rules: Callable[[str, Any], Any] | str) -> None:
@@ -322,6 +322,19 @@ def of_a(kind: type[Any]) -> str:
     """An object of a class in words, such as "an Emitter"."""
     name = kind.__name__
     return name if name.endswith("s") else f"{'an' if name[0] in 'AEIO' else 'a'} {name}"
+
+
+class Closable:
+    """An object that a `with` block closes."""
+
+    def close(self) -> None:
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
 
 
 class ReadOnly:

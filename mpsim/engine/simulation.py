@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
-from mpsim.core.checks import ReadOnly
+from mpsim.core.checks import Closable, ReadOnly
 from mpsim.core.columns import GivenColumns
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.late import named
@@ -109,7 +109,7 @@ class Memory(NamedTuple):
     resources: tuple[tuple[int, ...], int]
 
 
-class Simulation(ReadOnly):
+class Simulation(ReadOnly, Closable):
     """A scene being simulated. Use it in a `with` block: leaving it stops the workers and frees the shared memory.
 
     Args:
@@ -201,12 +201,6 @@ class Simulation(ReadOnly):
             with interrupts_held_back():
                 self._closing()
             raise
-
-    def __enter__(self) -> Simulation:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Stop the workers and free the shared memory. May be repeated; a call in a fork does not affect the parent.

@@ -85,29 +85,18 @@ def moment_of(sim: Simulation, coloured: bool) -> Shot:
 
 
 class Picture:
-    """The figure of a simulation, updated before each frame of an animation; absorbed discs are hidden.
+    """The figure of a scene, in which each moment of an animation is shown; absorbed discs are hidden.
 
-    The arguments are those of `animate`; scale: of the speeds; None: that of the speeds now.
+    scale: of the speeds; None: one colour.
     """
 
-    def __init__(
-        self,
-        sim: Simulation,
-        pixels: int = PIXELS,
-        colour: str | None = "speed",
-        scale: ColourScale | None = None,
-        theme: Theme = LIGHT,
-    ):
-        scene = self._scene = sim.scene
-        self._sim, self._coloured = sim, colour is not None
-        if colour is not None and scale is None:
-            scale = percentile_scale(speeds_of(sim.state.velocity)[~sim.absorbed])
+    def __init__(self, scene: Scene, pixels: int, scale: ColourScale | None, theme: Theme = LIGHT):
+        self._scene = scene
         inches = pixels / DPI / max(scene.width, scene.height)
         size = scene.width * inches, scene.height * inches
         with matplotlib.rc_context(theme.style, fname=STYLE):
             self.figure: Figure = figure_around(scene, size, beside=(1.2, 0.5), below=(0.4, 1.4), theme=theme)
             self.axes: Axes = self.figure.add_subplot()
-            scale = scale if self._coloured else None
             self._moving = MovingDiscs(self.axes, scene, scene.position, scene.radii, scale, theme=theme)
             if scale is not None:
                 colour_bar(self.axes, self._moving.discs, scene, SPEED, scale.outside)
@@ -116,12 +105,8 @@ class Picture:
         # The layout is found once; solving it again for each picture would take most of the time.
         self.figure.set_layout_engine("none")
 
-    def update(self) -> None:
-        """Show the simulation as it is now."""
-        self.show(moment_of(self._sim, self._coloured))
-
     def show(self, moment: Shot) -> None:
-        """Show a moment of the simulation."""
+        """Show a moment."""
         capsules = self._scene._capsules_at(moment.time)
         self._moving.show(moment.position, moment.radius, moment.values, moment.walls, capsules)
         number = int(np.count_nonzero(moment.present))
@@ -287,7 +272,7 @@ def animate(
         _moments(sim, frames, every, colour, scale) as (moments, found),
         files.atomic_write(target) as file,
     ):
-        picture = Picture(sim, pixels, colour, found, look)
+        picture = Picture(scene, pixels, found, look)
 
         def images() -> Iterator[Image.Image]:
             for number, moment in enumerate(moments, start=1):

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mpsim.core import files
-from mpsim.core.checks import refusal
+from mpsim.core.checks import Closable, refusal
 from mpsim.core.state import State
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
@@ -45,7 +45,7 @@ per disc and time since the row before, or since the run was continued [1/time],
 Absorbed discs are not counted."""
 
 
-class Recorder:
+class Recorder(Closable):
     """An observer of one simulation that writes a table row by row, flushing each.
 
     A table of the same run is continued; rows later than the simulation's frame are written again.
@@ -77,12 +77,6 @@ class Recorder:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    def __enter__(self) -> "Recorder":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 def row_of(sim: Simulation, state: State, frames: int, met: int) -> list[float]:

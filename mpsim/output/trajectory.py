@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks, files
-from mpsim.core.checks import Binding
+from mpsim.core.checks import Binding, Closable
 from mpsim.core.files import FileLock
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
@@ -168,7 +168,7 @@ def _walls(corners: NDArray[np.float64]) -> str:
 # --- Files that are read, and written while a run goes on
 
 
-class Trajectory:
+class Trajectory(Closable):
     """A trajectory to read: a sequence of frames, each read from the file when it is needed.
 
     Args:
@@ -249,12 +249,6 @@ class Trajectory:
     def __iter__(self) -> Iterator[Frame]:
         return map(self.__getitem__, range(len(self)))
 
-    def __enter__(self) -> Trajectory:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
     def refresh(self) -> int:
         """Look for frames that another process, or a writer in this one, has written since; returns how many there are.
 
@@ -321,7 +315,7 @@ class Trajectory:
         return TrajectoryWriter(path, every, mode=mode, comm=comm)
 
 
-class TrajectoryWriter:
+class TrajectoryWriter(Closable):
     """Writes frames of a run to a file; made by `Trajectory.write`, and used in a `with` block.
 
     It belongs to the first simulation that it observes: another one is refused by an OutputError, and after `close`
@@ -458,12 +452,6 @@ class TrajectoryWriter:
         rule = "be in a folder that can be written to, with room on its disk"
         instead = "What was written before is complete. Choose another place, or make room."
         return files.writable("a trajectory", self.path, rule, instead)
-
-    def __enter__(self) -> TrajectoryWriter:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the file. May be called again."""

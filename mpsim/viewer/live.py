@@ -7,12 +7,12 @@ import os
 import sys
 import webbrowser
 from multiprocessing.util import Finalize
-from typing import Any
 from urllib.parse import urlencode
 
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
+from mpsim.core.checks import Closable
 from mpsim.engine.access import END_PRIORITY
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
@@ -139,7 +139,7 @@ def view(
     return shown
 
 
-class View:
+class View(Closable):
     """A page that shows a simulation. `mpsim.view` makes it; leaving a `with` block closes it.
 
     Args:
@@ -207,12 +207,6 @@ class View:
         if self._at_end is not None:
             self._at_end.cancel()
             self._at_end = None
-
-    def __enter__(self) -> View:
-        return self
-
-    def __exit__(self, *exception: Any) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<View: {self.address}>"

@@ -10,6 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
+from mpsim.core.checks import Closable
 from mpsim.core.late import imported
 from mpsim.errors import InputError
 from mpsim.scene.settings import Settings
@@ -69,7 +70,7 @@ def live(
     return Live(NotebookPages(widget(height=height), shown), str(name))
 
 
-class Live:
+class Live(Closable):
     """A page in a notebook that shows a simulation. `mpsim.live` makes it; leaving a `with` block closes it.
 
     Attributes:
@@ -86,12 +87,6 @@ class Live:
         """Close the simulation, unless it is yours, and remove the page from the notebook. May be called again."""
         self._pages.close()
         self.widget.close()
-
-    def __enter__(self) -> Live:
-        return self
-
-    def __exit__(self, *exception: Any) -> None:
-        self.close()
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """For Jupyter."""
