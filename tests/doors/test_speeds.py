@@ -317,6 +317,21 @@ def test_a_disc_is_named_with_both_surfaces_before_they_press_it_through_one(nam
         assert x - 1 + room - 1.5 < sim.state.position[0, 0] < x - 1 + room
 
 
+@pytest.mark.parametrize("contact", ["impact", "push"])
+@pytest.mark.parametrize("other", [Polyline([(11, 2), (11, 8)], 0.1), PINCHES["container"][0]], ids=["line", "circle"])
+def test_a_disc_between_a_piston_and_what_is_at_rest_is_named_before_it_is_through(other, contact):
+    scene = one((9, 5), obstacles=other, wall_restitution=0.8, piston=Piston("left", 2, 17, start=8))
+    why, _ = refused(scene, 300, method="naive", dt=0.02, contact=contact)
+    assert re.search(r"disc 0 is pinched between obstacles.0. and the left wall in frame 5", why or "")
+
+
+def test_a_fast_disc_that_a_contact_has_put_on_a_surface_is_not_pinched():
+    """Where it lies is in or out of it by rounding."""
+    peg = FixedDisc((13, 5), 2, motion=Translation((-1, 0), stop=4))
+    scenes = [one((9, 5 + k / 10), (21.5, 0), obstacles=peg) for k in range(5)]
+    assert [refused(scene, 20, dt=0.02, contact="push") for scene in scenes] == [(None, 20)] * 5
+
+
 def test_a_pinched_disc_is_warned_of_once_and_on_any_workers_in_the_same_frame(tmp_path):
     scene, told = between(PINCHES["at rest"][0], 3, wall_restitution=0.5), []
     for method, workers in (("naive", None), ("grid", None), ("parallel", 2)):

@@ -27,7 +27,7 @@ from mpsim.kernels.features.collisions import WALLS, add_work, on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.geometry import OWNER, RADIUS, concerns
-from mpsim.kernels.records import IMPACT, PINCHED, Field, real, record_of
+from mpsim.kernels.records import BOTTOM, IMPACT, PINCHED, Field, real, record_of
 
 # --- Motions: displacement, angle and velocities at a time
 
@@ -375,7 +375,8 @@ def is_pinched(discs, i, number, radius, features, parameters):
     another's. As no disc moves more than its radius in a step, it has not been past it before.
     """
     dt, bodies = np.float64(parameters.dt), features.bodies
-    past = goes_past_capsules(features.capsules, discs, i, radius, dt)
+    push = farthest_push(features.moving_wall, dt)
+    past = goes_past_capsules(features.capsules, discs, i, radius, push, dt)
     x, y, vx, vy = np.float64(discs.x[i]), np.float64(discs.y[i]), np.float64(discs.vx[i]), np.float64(discs.vy[i])
     for other in range(number + 1):
         body = bodies.body[other]
@@ -387,7 +388,7 @@ def is_pinched(discs, i, number, radius, features, parameters):
             k = bodies.index[entry]
             if overlap(body, bodies, k, radius, own_x, own_y, pose):
                 touch = touch_at(body, bodies, k, radius, own_x, own_y, body.now, pose)
-                past |= goes_past(-touch.gap, touch.nx, touch.ny, vx - touch.wx, vy - touch.wy, radius, dt)
+                past |= goes_past(-touch.gap, touch.nx, touch.ny, vx - touch.wx, vy - touch.wy, radius, push, dt)
     return past
 
 
@@ -397,6 +398,34 @@ def note_pinched(disc, control, mine):
     if mine.fastest < PINCHED or disc < mine.fastest_disc:
         mine.fastest, mine.fastest_disc = PINCHED, disc
     control.frames = mine.frame + 1  # as `motion.end_where_fast`
+
+
+@inlined
+def farthest_push(moving_wall, dt):
+    """The longest way of a wall in this step, of dt [length]."""
+    way = 0.0
+    if moving_wall is not None:
+        for edge in range(4):
+            way = max(way, abs(np.float64(moving_wall.wall[edge].velocity)) * dt)
+    return way
+
+
+@linked
+def look_beside_walls(moving_wall, discs, low, high, features, parameters, control, mine):
+    """Report the discs of a slice that a wall presses through what is at rest, when their contacts are done."""
+    if moving_wall is None:
+        return
+    half, dt = parameters.diameter / discs.x.dtype.type(2), np.float64(parameters.dt)
+    push = farthest_push(moving_wall, dt)
+    for edge in range(4):
+        if (moving_wall.wall[edge].moves == 0) | (parameters.fast == math.inf):
+            continue
+        place, wall = discs.x if edge < BOTTOM else discs.y, parameters.limit[edge]
+        for i in range(low, high):
+            radius = np.float64(value_or(discs.radius, i, half))
+            near = abs(place[i] - wall) < 2.0 * radius and not is_absent(features.exits, discs.id[i])
+            if near and goes_past_capsules(features.capsules, discs, i, radius, push, dt):
+                note_pinched(discs.id[i], control, mine)
 
 
 @inlined

@@ -303,18 +303,21 @@ def after_move(capsules, discs, low, high, features, parameters, control):
 PAST = 0.875
 """Depth, in radii, from which on the side on which a centre lies is uncertain: at 1 it lies on the surface."""
 
+ROUNDING = 1e-3
+"""Depth, in radii, up to which a disc has been put on the surface."""
+
 
 @inlined
-def goes_past(depth, nx, ny, vx, vy, radius, dt):
+def goes_past(depth, nx, ny, vx, vy, radius, push, dt):
     """Whether the centre of a disc `depth` in a surface may be at it after one more step of dt.
 
-    v: relative to the surface; in that step a wall may turn the disc round.
+    v: relative to the surface; in that step a wall may turn the disc round, and push it so far.
     """
-    return (depth > 0.0) & (depth + abs(vx * nx + vy * ny) * dt > PAST * radius)
+    return (depth > ROUNDING * radius) & (depth + abs(vx * nx + vy * ny) * dt + push > PAST * radius)
 
 
 @linked
-def goes_past_capsules(capsules, discs, i, radius, dt):
+def goes_past_capsules(capsules, discs, i, radius, push, dt):
     """`goes_past`, of the disc in slot i and any capsule or container; capsules: None if nothing is at rest."""
     if capsules is None:
         return False
@@ -328,12 +331,12 @@ def goes_past_capsules(capsules, discs, i, radius, dt):
             rx, ry = np.float64(offset_x), np.float64(offset_y)
             distance = np.sqrt(rx * rx + ry * ry)
             nx, ny = normal_of(rx, ry, distance, capsules.capsule, k)
-            past |= goes_past(radius + capsules.capsule[k, RADIUS] - distance, nx, ny, vx, vy, radius, dt)
-    return past | goes_past_containers(capsules.around, discs, i, capsules, radius, dt)
+            past |= goes_past(radius + capsules.capsule[k, RADIUS] - distance, nx, ny, vx, vy, radius, push, dt)
+    return past | goes_past_containers(capsules.around, discs, i, capsules, radius, push, dt)
 
 
 @inlined
-def goes_past_containers(around, discs, i, capsules, radius, dt):
+def goes_past_containers(around, discs, i, capsules, radius, push, dt):
     """`goes_past`, of the disc in slot i and any container; around: None if there is none."""
     past = False
     if around is not None:
@@ -343,5 +346,5 @@ def goes_past_containers(around, discs, i, capsules, radius, dt):
             depth = radius + capsules.capsule[k, RADIUS] + distance
             vx, vy = np.float64(discs.vx[i]), np.float64(discs.vy[i])
             if concerns(capsules.capsule, k, radius):
-                past |= goes_past(depth, -rx / distance, -ry / distance, vx, vy, radius, dt)
+                past |= goes_past(depth, -rx / distance, -ry / distance, vx, vy, radius, push, dt)
     return past

@@ -57,6 +57,7 @@ def after_move(discs, low, high, features, parameters, control, mine):
     """When all discs of the slice are known to be finite: contacts of single discs, in any order of discs."""
     capsules.after_move(features.capsules, discs, low, high, features, parameters, control)
     bodies.resolve_bodies(features.bodies, discs, low, high, features, parameters, control, mine)
+    bodies.look_beside_walls(features.moving_wall, discs, low, high, features, parameters, control, mine)
 
 
 @inlined
