@@ -99,7 +99,7 @@ class ChunkedArray:
 
     def chunks(self) -> Iterator[NDArray[Any]]:
         """All of it in the order of C, in contiguous arrays."""
-        yield from (np.ascontiguousarray(self._read(*each)) for each in ranges(len(self)))
+        yield from (np.ascontiguousarray(self[first:last]) for first, last in ranges(len(self)))
 
 
 Array = NDArray[Any] | ChunkedArray

@@ -55,7 +55,8 @@ class Snapshot:
     """Copies of all that the next frame of a simulation depends on, by `Simulation.snapshot`.
 
     `Simulation.restore` goes back to it, any number of times, and `Simulation.from_snapshot` starts another simulation
-    from it. It stays valid when its simulation is closed, and is freed like any other object.
+    from it. It stays valid when its simulation is closed, is freed like any other object, and can be pickled, for other
+    processes with the same version of mpsim.
 
     Attributes:
         frame, time: number of frames since the start, and simulated time [time].
@@ -86,6 +87,9 @@ class Snapshot:
         for array in self.arrays.values():
             if isinstance(array, np.ndarray):
                 array.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Snapshot, tuple(vars(self).values())  # arrays that a pickle holds come back writable
 
     @property
     def count(self) -> int:

@@ -1,5 +1,8 @@
 """Snapshots in memory: the same bits after going back, whatever was done since; branches; what is refused."""
 
+import pickle
+import weakref
+
 import numpy as np
 import pytest
 from support.goldens import SCENES as PINNED
@@ -223,3 +226,20 @@ def test_a_snapshot_holds_copies_that_nobody_can_write():
         assert 32 * 400 <= snap.nbytes <= 80 * 400
         assert repr(snap) == f"<Snapshot: 400 discs, frame 3, time {sim.time:g}>"
         assert all(not array.flags.writeable for array in snap.arrays.values() if isinstance(array, np.ndarray))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_snapshot_is_freed_at_once_and_a_pickle_of_it_is_one_of_an_equal_scene(method):
+    with simulate(gas(20, 0.3), method=method) as sim, simulate(gas.__wrapped__(20, 0.3), method=method) as other:
+        sim.run(frames=5)
+        sim.remove(3)
+        snap = sim.snapshot()
+        freed = [weakref.ref(each) for name, each in snap.arrays.items() if name not in ("radii", "masses")]
+        sent = pickle.dumps(snap)
+        del snap
+        assert [each() for each in freed] == [None] * len(freed)
+        other.restore(received := pickle.loads(sent))
+        assert all(not array.flags.writeable for array in received.arrays.values() if isinstance(array, np.ndarray))
+        for each in (sim, other):
+            each.run(frames=20)
+        assert kept(other) == kept(sim)

@@ -71,11 +71,15 @@ class AsTheyLay(ChunkedArray):
     """
 
     def __init__(self, x: NDArray[np.floating], y: NDArray[np.floating], numbers: NDArray[np.int32]):
-        super().__init__(x.dtype, (len(x), 2), lambda first, last: self._in_order[first:last])
+        self.dtype: np.dtype[Any] = x.dtype  # and no function that reads, which would keep this alive
+        self.shape: tuple[int, ...] = len(x), 2
         self.x: NDArray[np.floating] = x
         self.y: NDArray[np.floating] = y
         self.numbers: NDArray[np.int32] = numbers
         self.nbytes: int = x.nbytes + y.nbytes
+
+    def __getitem__(self, rows: slice) -> NDArray[np.floating]:
+        return self._in_order[rows]
 
     @cached_property
     def _in_order(self) -> NDArray[np.floating]:
