@@ -11,8 +11,10 @@ there are two processes, each with folders of its own, so that some compute whil
 and sockets, as tests of faults and pages do half of their time. Each process collects its own files alone.
 """
 
+import fcntl
 import os
 import re
+import tempfile
 from pathlib import Path
 
 from xdist.scheduler import EachScheduling
@@ -46,6 +48,21 @@ def variables() -> dict[str, str]:
     """Variables of this process, to be set before Numba is imported: a plain one compiles nothing."""
     share = mine()
     return {"NUMBA_DISABLE_JIT": "1"} if share and share[0] == "plain" else {}
+
+
+def pytest_sessionstart() -> None:
+    """Compile what most compiled files need in one process at a time; the other loads it from the cache."""
+    share = mine()
+    if share is None or share[0] == "plain":
+        return
+    import mpsim
+
+    with (Path(tempfile.gettempdir()) / "mpsim-tests-compile").open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)  # until it is closed
+        scene = mpsim.Scene.random(count=9, packing=0.1, radius=0.5)
+        for method in ("naive", "grid", "event"):
+            with mpsim.Simulation(scene, mpsim.Settings(method=method)) as sim:
+                sim.run(frames=1)
 
 
 def share_of(path: Path) -> tuple[str, bool]:
