@@ -55,7 +55,7 @@ def pytest_sessionstart() -> None:
     share = mine()
     if share is None or share[0] == "plain":
         return
-    import mpsim
+    import mpsim  # noqa: PLC0415 - which imports Numba, after the variables are set
 
     with (Path(tempfile.gettempdir()) / "mpsim-tests-compile").open("w") as turn:
         fcntl.flock(turn, fcntl.LOCK_EX)  # until it is closed
