@@ -183,6 +183,13 @@ def made_by(machine_now: dict[str, Any] | None = None) -> str:
     )
 
 
+def publish(page: Path, text: str) -> None:
+    """Print a table with where it was made, and renew the block `table` of a page with both."""
+    text = f"{text}\n\n{made_by()}"
+    say(text)
+    fill_page(page, {"table": text})
+
+
 def fill_page(page: Path, blocks: Mapping[str, str], pictures: Mapping[str, Path] | None = None) -> None:
     """Renew what stands between `<!-- SCRIPT: NAME -->` and `<!-- end -->`.
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-from harness import DOCS, by_turns, exit_code, fill_page, made_by, parser_of, say, table, with_quartiles
+from harness import DOCS, by_turns, exit_code, parser_of, publish, table, with_quartiles
 from numpy.typing import NDArray
 
 import mpsim
@@ -78,9 +78,7 @@ def main() -> None:
     parser.add_argument("--page", type=Path, default=DOCS / "exact.md")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    text = f"{rates(options.discs, options.workers)}\n\n{made_by()}"
-    say(text)
-    fill_page(options.page, {"table": text})
+    publish(options.page, rates(options.discs, options.workers))
 
 
 if __name__ == "__main__":

@@ -21,8 +21,8 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 import mpsim
-from mpsim.output.animation import Picture, image_of, moment_of
-from mpsim.output.drawing import LIGHT, STYLE, ColourScale, percentile_scale, sampled, speeds_of
+from mpsim.output.animation import Picture, image_of, moment_of, moments_of
+from mpsim.output.drawing import LIGHT, STYLE, ColourScale
 from mpsim.scene.scene import frames_between_pictures, settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
 from mpsim.studies.findings import PROMISES, Compression, Cooling, Galton, Hopper, Promise
@@ -153,16 +153,14 @@ MARKS: dict[str, Mark] = {
 # --- pictures
 
 
-def scale_of_run(found: SceneFile, pictures: int, every: int) -> ColourScale:
-    """The scale of the speeds of all pictures, with a number of frames between two: the run is simulated for it."""
-    speeds: list[np.ndarray] = []
-    with mpsim.Simulation(found.scene, settings_for(found.scene, None)) as sim:
-        for number in range(pictures):
-            if number:
-                sim.run(frames=every)
-            state = sim.state
-            speeds.append(sampled(speeds_of(state.velocity[state.present])))
-    return percentile_scale(np.concatenate(speeds), "log" if found.name in LOGARITHMIC else "linear")
+def scale_of_run(found: SceneFile, pictures: int, every: int) -> ColourScale | None:
+    """The scale of the speeds of all pictures, with a number of frames between two."""
+    kind = "log" if found.name in LOGARITHMIC else "linear"
+    with (
+        mpsim.Simulation(found.scene, settings_for(found.scene, None)) as sim,
+        moments_of(sim, pictures, every, "speed", kind) as (_, scale),
+    ):
+        return scale
 
 
 def show(found: SceneFile, folder: Path) -> None:

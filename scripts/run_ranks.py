@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from harness import DOCS, by_turns, exit_code, fill_page, made_by, parser_of, say, table, with_quartiles
+from harness import DOCS, by_turns, exit_code, parser_of, publish, table, with_quartiles
 
 import mpsim
 from mpsim.engine.solvers.ranks.messages import MpiRanks
@@ -144,7 +144,6 @@ def report(sizes: list[int]) -> str:
         f"minus grid); {model.exchange * 1e6:.0f} µs per exchange for calls (two ranks minus everything else); "
         f"{LATENCY * 1e6:g} µs per message and {BANDWIDTH / 1e9:g} GB/s (assumed). Efficiency:",
         model_table(model),
-        made_by(),
     ])  # fmt: skip
 
 
@@ -158,9 +157,7 @@ def main() -> None:
     if options.one:
         tell_one(options.one)
         return
-    text = report(options.discs)
-    say(text)
-    fill_page(options.page, {"table": text})
+    publish(options.page, report(options.discs))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from harness import DOCS, by_turns, exit_code, fill_page, made_by, parser_of, say, table
+from harness import DOCS, by_turns, exit_code, parser_of, publish, table
 
 import mpsim
 from mpsim.core.machine import usable_cores
@@ -81,9 +81,7 @@ def main() -> None:
         seconds, wait = time_frames(EACH * number, [number])[number]
         one = one or seconds
         weak.append(row(EACH * number, number, one * number, seconds, wait))
-    text = f"Strong scaling:\n\n{table(HEADS, strong)}\n\nWeak scaling:\n\n{table(HEADS, weak)}\n\n{made_by()}"
-    say(text)
-    fill_page(options.page, {"table": text})
+    publish(options.page, f"Strong scaling:\n\n{table(HEADS, strong)}\n\nWeak scaling:\n\n{table(HEADS, weak)}")
 
 
 if __name__ == "__main__":

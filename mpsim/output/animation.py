@@ -269,7 +269,7 @@ def animate(
         files.writable("an animation", target, "be a file with room on its disk", "Make room, or choose another path."),
         simulated as sim,
         seen as show,
-        _moments(sim, frames, every, colour, scale) as (moments, found),
+        moments_of(sim, frames, every, colour, scale) as (moments, found),
         files.atomic_write(target) as file,
     ):
         picture = Picture(scene, pixels, found, look)
@@ -293,7 +293,7 @@ def _instead_of(target: Path) -> str:
 
 
 @contextlib.contextmanager
-def _moments(
+def moments_of(
     sim: Simulation, frames: int, every: int, colour: str | None, scale: ScaleName
 ) -> Iterator[tuple[Iterator[Shot], ColourScale | None]]:
     """The moments of an animation, and the scale of their colours; by speed, all of them have been simulated.
