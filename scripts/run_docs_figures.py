@@ -33,7 +33,7 @@ HEAP_TIME = 20.0
 def dense_gas() -> tuple[mpsim.Scene, Grid]:
     """A small dense gas, and the cells that mpsim sorts it into."""
     scene = mpsim.Scene.random(count=36, width=9.0, height=5.5, radius=0.5, seed=4)
-    return scene, grid_for(scene.count, scene.width, scene.height, 2 * scene.largest_radius, "float64")
+    return scene, grid_for(scene, scene.count, scene.largest_radius, "float64")
 
 
 def swatch(colour: str) -> Rectangle:

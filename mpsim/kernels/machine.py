@@ -8,6 +8,7 @@ address that ctypes would give cannot be cached.
 # pyright: reportCallIssue=false, reportAttributeAccessIssue=false
 # Types of Numba have attributes that it declares nowhere.
 
+import functools
 import os
 import platform
 import time
@@ -29,11 +30,17 @@ _HINT = {"x86_64": ("llvm.x86.sse2.pause", []), "aarch64": ("llvm.aarch64.hint",
 """LLVM's name of the spin-loop hint on this processor, with its operands; None where there is none."""
 
 
-def instruction(plain):
-    """Give compiled callers of a plain function the code of the decorated one, written as for `intrinsic`."""
+def instruction(plain, typed):
+    """Give compiled callers of a plain function what the decorated one builds, as for `intrinsic`.
 
-    def give(typed):
-        code = intrinsic(typed)
+    typed: called with the context and the types of its arguments, gives the signature.
+    """
+
+    def give(codegen):
+        @intrinsic
+        @functools.wraps(typed)
+        def code(*arguments):
+            return typed(*arguments), codegen
 
         @overload(plain)
         def compile_for(*arguments):
@@ -68,15 +75,17 @@ def _vector(context, signature, lanes=LANES):
     return ir.VectorType(context.get_value_type(signature.args[0].dtype), lanes)
 
 
+def _address(context, builder, array_type, array, index):
+    return builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
+
+
 def _load(context, builder, array_type, array, start, vector):
-    data = context.make_array(array_type)(context, builder, array).data
-    pointer = builder.bitcast(builder.gep(data, [start]), vector.as_pointer())
+    pointer = builder.bitcast(_address(context, builder, array_type, array, start), vector.as_pointer())
     return builder.load(pointer, align=array_type.dtype.bitwidth // 8)
 
 
 def _store(context, builder, array_type, array, start, values):
-    data = context.make_array(array_type)(context, builder, array).data
-    pointer = builder.bitcast(builder.gep(data, [start]), values.type.as_pointer())
+    pointer = builder.bitcast(_address(context, builder, array_type, array, start), values.type.as_pointer())
     builder.store(values, pointer, align=array_type.dtype.bitwidth // 8)
 
 
@@ -86,22 +95,22 @@ def _broadcast(builder, scalar, vector):
     return builder.shuffle_vector(lane, lane, zeros)
 
 
-@instruction(overlap_lanes)
-def _overlap_lanes(typing_context, x, y, radius, start, xi, yi, reach):
-    def codegen(context, builder, signature, args):
-        vector = _vector(context, signature)
-        load = lambda k: _load(context, builder, signature.args[k], args[k], args[3], vector)  # noqa: E731
-        dx = builder.fsub(load(0), _broadcast(builder, args[4], vector))
-        dy = builder.fsub(load(1), _broadcast(builder, args[5], vector))
-        limit = _broadcast(builder, args[6], vector)
-        if not isinstance(radius, types.NoneType):
-            contact = builder.fadd(load(2), limit)
-            limit = builder.fmul(contact, contact)
-        distance_squared = builder.fadd(builder.fmul(dx, dx), builder.fmul(dy, dy))
-        overlap = builder.fcmp_ordered("<", distance_squared, limit)
-        return builder.zext(builder.bitcast(overlap, ir.IntType(LANES)), _WORD)
-
-    return types.int64(x, y, radius, types.int64, x.dtype, x.dtype, x.dtype), codegen
+@instruction(
+    overlap_lanes,
+    lambda _, x, y, radius, start, xi, yi, reach: types.int64(x, y, radius, types.int64, x.dtype, x.dtype, x.dtype),
+)
+def _overlap_lanes(context, builder, signature, args):
+    vector = _vector(context, signature)
+    load = lambda k: _load(context, builder, signature.args[k], args[k], args[3], vector)  # noqa: E731
+    dx = builder.fsub(load(0), _broadcast(builder, args[4], vector))
+    dy = builder.fsub(load(1), _broadcast(builder, args[5], vector))
+    limit = _broadcast(builder, args[6], vector)
+    if not isinstance(signature.args[2], types.NoneType):
+        contact = builder.fadd(load(2), limit)
+        limit = builder.fmul(contact, contact)
+    distance_squared = builder.fadd(builder.fmul(dx, dx), builder.fmul(dy, dy))
+    overlap = builder.fcmp_ordered("<", distance_squared, limit)
+    return builder.zext(builder.bitcast(overlap, ir.IntType(LANES)), _WORD)
 
 
 def lowest_bit(mask):
@@ -110,12 +119,9 @@ def lowest_bit(mask):
     return (mask & -mask).bit_length() - 1
 
 
-@instruction(lowest_bit)
-def _lowest_bit(typing_context, mask):
-    def codegen(context, builder, signature, args):
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.int64(types.int64), codegen
+@instruction(lowest_bit, lambda _, mask: types.int64(types.int64))
+def _lowest_bit(context, builder, signature, args):
+    return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
 
 def nonnegative(index):
@@ -123,14 +129,11 @@ def nonnegative(index):
     return index
 
 
-@instruction(nonnegative)
-def _nonnegative(typing_context, index):
-    def codegen(context, builder, signature, args):
-        assume = builder.module.declare_intrinsic("llvm.assume", (), ir.FunctionType(ir.VoidType(), [ir.IntType(1)]))
-        builder.call(assume, [builder.icmp_signed(">=", args[0], ir.Constant(_WORD, 0))])
-        return args[0]
-
-    return types.int64(types.int64), codegen
+@instruction(nonnegative, lambda _, index: types.int64(types.int64))
+def _nonnegative(context, builder, signature, args):
+    assume = builder.module.declare_intrinsic("llvm.assume", (), ir.FunctionType(ir.VoidType(), [ir.IntType(1)]))
+    builder.call(assume, [builder.icmp_signed(">=", args[0], ir.Constant(_WORD, 0))])
+    return args[0]
 
 
 def changed_lanes(before, after, start):
@@ -142,15 +145,12 @@ def changed_lanes(before, after, start):
     return mask
 
 
-@instruction(changed_lanes)
-def _changed_lanes(typing_context, before, after, start):
-    def codegen(context, builder, signature, args):
-        vector = _vector(context, signature)
-        one, other = (_load(context, builder, signature.args[k], args[k], args[2], vector) for k in (0, 1))
-        differ = builder.icmp_signed("!=", one, other)
-        return builder.zext(builder.bitcast(differ, ir.IntType(LANES)), _WORD)
-
-    return types.int64(before, after, types.int64), codegen
+@instruction(changed_lanes, lambda _, before, after, start: types.int64(before, after, types.int64))
+def _changed_lanes(context, builder, signature, args):
+    vector = _vector(context, signature)
+    one, other = (_load(context, builder, signature.args[k], args[k], args[2], vector) for k in (0, 1))
+    differ = builder.icmp_signed("!=", one, other)
+    return builder.zext(builder.bitcast(differ, ir.IntType(LANES)), _WORD)
 
 
 def copy_lanes(source, first, target, slot):
@@ -158,15 +158,12 @@ def copy_lanes(source, first, target, slot):
     target[slot : slot + RUN] = source[first : first + RUN]
 
 
-@instruction(copy_lanes)
-def _copy_lanes(typing_context, source, first, target, slot):
-    def codegen(context, builder, signature, args):
-        vector = _vector(context, signature, RUN)
-        values = _load(context, builder, signature.args[0], args[0], args[1], vector)
-        _store(context, builder, signature.args[2], args[2], args[3], values)
-        return context.get_dummy_value()
-
-    return types.void(source, types.int64, target, types.int64), codegen
+@instruction(copy_lanes, lambda _, source, first, target, slot: types.void(source, types.int64, target, types.int64))
+def _copy_lanes(context, builder, signature, args):
+    vector = _vector(context, signature, RUN)
+    values = _load(context, builder, signature.args[0], args[0], args[1], vector)
+    _store(context, builder, signature.args[2], args[2], args[3], values)
+    return context.get_dummy_value()
 
 
 def add_to_lanes(array, start, number, value):
@@ -174,27 +171,22 @@ def add_to_lanes(array, start, number, value):
     array[start : start + min(number, RUN)] += value
 
 
-@instruction(add_to_lanes)
-def _add_to_lanes(typing_context, array, start, number, value):
-    def codegen(context, builder, signature, args):
-        vector = _vector(context, signature, RUN)
-        element = vector.element
-        lanes = ir.Constant(vector, [ir.Constant(element, k) for k in range(RUN)])
-        number = _broadcast(builder, builder.trunc(args[2], element), vector)
-        value = _broadcast(builder, builder.trunc(args[3], element), vector)
-        added = builder.select(builder.icmp_signed("<", lanes, number), value, ir.Constant(vector, None))
-        values = _load(context, builder, signature.args[0], args[0], args[1], vector)
-        _store(context, builder, signature.args[0], args[0], args[1], builder.add(values, added))
-        return context.get_dummy_value()
-
-    return types.void(array, types.int64, types.int64, types.int64), codegen
+@instruction(
+    add_to_lanes, lambda _, array, start, number, value: types.void(array, types.int64, types.int64, types.int64)
+)
+def _add_to_lanes(context, builder, signature, args):
+    vector = _vector(context, signature, RUN)
+    element = vector.element
+    lanes = ir.Constant(vector, [ir.Constant(element, k) for k in range(RUN)])
+    number = _broadcast(builder, builder.trunc(args[2], element), vector)
+    value = _broadcast(builder, builder.trunc(args[3], element), vector)
+    added = builder.select(builder.icmp_signed("<", lanes, number), value, ir.Constant(vector, None))
+    values = _load(context, builder, signature.args[0], args[0], args[1], vector)
+    _store(context, builder, signature.args[0], args[0], args[1], builder.add(values, added))
+    return context.get_dummy_value()
 
 
 # --- atomics on one int64 word ------------------------------------------------------------------------------------
-
-
-def _word_pointer(context, builder, array_type, array, index):
-    return builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
 
 
 def atomic_load(words, index):
@@ -202,13 +194,10 @@ def atomic_load(words, index):
     return words[index]
 
 
-@instruction(atomic_load)
-def _atomic_load(typing_context, words, index):
-    def codegen(context, builder, signature, args):
-        pointer = _word_pointer(context, builder, signature.args[0], args[0], args[1])
-        return builder.load_atomic(pointer, "seq_cst", 8)
-
-    return types.int64(words, types.int64), codegen
+@instruction(atomic_load, lambda _, words, index: types.int64(words, types.int64))
+def _atomic_load(context, builder, signature, args):
+    pointer = _address(context, builder, signature.args[0], args[0], args[1])
+    return builder.load_atomic(pointer, "seq_cst", 8)
 
 
 def atomic_store(words, index, value):
@@ -216,14 +205,11 @@ def atomic_store(words, index, value):
     words[index] = value
 
 
-@instruction(atomic_store)
-def _atomic_store(typing_context, words, index, value):
-    def codegen(context, builder, signature, args):
-        pointer = _word_pointer(context, builder, signature.args[0], args[0], args[1])
-        builder.store_atomic(args[2], pointer, "seq_cst", 8)
-        return context.get_dummy_value()
-
-    return types.void(words, types.int64, types.int64), codegen
+@instruction(atomic_store, lambda _, words, index, value: types.void(words, types.int64, types.int64))
+def _atomic_store(context, builder, signature, args):
+    pointer = _address(context, builder, signature.args[0], args[0], args[1])
+    builder.store_atomic(args[2], pointer, "seq_cst", 8)
+    return context.get_dummy_value()
 
 
 def atomic_add(words, index, value):
@@ -233,13 +219,10 @@ def atomic_add(words, index, value):
     return before
 
 
-@instruction(atomic_add)
-def _atomic_add(typing_context, words, index, value):
-    def codegen(context, builder, signature, args):
-        pointer = _word_pointer(context, builder, signature.args[0], args[0], args[1])
-        return builder.atomic_rmw("add", pointer, args[2], "seq_cst")
-
-    return types.int64(words, types.int64, types.int64), codegen
+@instruction(atomic_add, lambda _, words, index, value: types.int64(words, types.int64, types.int64))
+def _atomic_add(context, builder, signature, args):
+    pointer = _address(context, builder, signature.args[0], args[0], args[1])
+    return builder.atomic_rmw("add", pointer, args[2], "seq_cst")
 
 
 # --- time: clock, pause, yield, sleep -----------------------------------------------------------------------------
@@ -296,14 +279,11 @@ def pause():
     """Tell the core that this is a spin loop (x86 `pause`, Arm `yield`)."""
 
 
-@instruction(pause)
-def _pause(typing_context):
-    def codegen(context, builder, signature, args):
-        if _HINT is not None:
-            name, operands = _HINT
-            signature = ir.FunctionType(ir.VoidType(), [ir.IntType(32) for _ in operands])
-            hint = cgutils.get_or_insert_function(builder.module, signature, name)
-            builder.call(hint, [ir.Constant(ir.IntType(32), operand) for operand in operands])
-        return context.get_dummy_value()
-
-    return types.void(), codegen
+@instruction(pause, lambda _: types.void())
+def _pause(context, builder, signature, args):
+    if _HINT is not None:
+        name, operands = _HINT
+        signature = ir.FunctionType(ir.VoidType(), [ir.IntType(32) for _ in operands])
+        hint = cgutils.get_or_insert_function(builder.module, signature, name)
+        builder.call(hint, [ir.Constant(ir.IntType(32), operand) for operand in operands])
+    return context.get_dummy_value()

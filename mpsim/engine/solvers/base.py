@@ -495,39 +495,6 @@ def set_substeps(solver: "Solver", substeps: int) -> None:
         solver.set_substeps(substeps)
 
 
-class CollisionLog:
-    """The part of a solver that logs collisions. Attribute logging: whether it does now; may be set before `start`."""
-
-    logging: bool = False
-
-    def log_collisions(self, enabled: bool) -> None:
-        """Log collisions from now on, or not.
-
-        Raises:
-            ResourceError, WorkerDiedError, WorkerStalledError: as `Solver.start`.
-        """
-        raise NotImplementedError
-
-    def take_collisions(self) -> NDArray[Any]:
-        """The collisions since the last call, those of a frame in hand included, in order: TABLE."""
-        raise NotImplementedError
-
-
-def log_collisions(solver: "Solver", enabled: bool) -> None:
-    """Have a solver log collisions from now on, or not.
-
-    Raises:
-        InputError: if they are wanted, and the method does not log them.
-    """
-    if isinstance(solver, CollisionLog):
-        solver.log_collisions(enabled)
-    elif enabled:
-        raise InputError(
-            f"method={solver.choice.method!r} does not log collisions, for which observe asks. Use method='event', "
-            "'parallel', 'grid' or 'naive'."
-        )
-
-
 class Solver(ABC):
     """Runs the frames of a scene by one method.
 
@@ -787,6 +754,45 @@ class Solver(ABC):
 def is_between_frames(solver: Solver) -> bool:
     """Whether no frame is in hand: Ctrl-C may leave the exact solver inside one."""
     return solver.time == solver.terms.time_of(solver.frame)
+
+
+class CollisionLog(Solver):
+    """A solver that logs collisions. Attribute logging: whether it does now."""
+
+    logging: bool = False
+
+    def log_collisions(self, enabled: bool) -> None:
+        """Log collisions from now on, or not.
+
+        Raises:
+            ResourceError, WorkerDiedError, WorkerStalledError: as `start`.
+        """
+        if enabled != self.logging:
+            self.logging = enabled
+            try:
+                self.restore(self.snapshot(), self.choice, self.terms, new_workers=False)
+            except BaseException:
+                self.logging = not enabled
+                raise
+
+    @abstractmethod
+    def take_collisions(self) -> NDArray[Any]:
+        """The collisions since the last call, those of a frame in hand included, in order: TABLE."""
+
+
+def log_collisions(solver: Solver, enabled: bool) -> None:
+    """Have a solver log collisions from now on, or not.
+
+    Raises:
+        InputError: if they are wanted, and the method does not log them.
+    """
+    if isinstance(solver, CollisionLog):
+        solver.log_collisions(enabled)
+    elif enabled:
+        raise InputError(
+            f"method={solver.choice.method!r} does not log collisions, for which observe asks. Use method='event', "
+            "'parallel', 'grid' or 'naive'."
+        )
 
 
 def digest_of_state(solver: Solver) -> str:

@@ -19,7 +19,6 @@ from mpsim.engine.solvers.base import (
     Choice,
     CollisionLog,
     NewDiscs,
-    Solver,
     SolverState,
     Terms,
     count_in,
@@ -55,7 +54,7 @@ VIRIALS = {"virial": records.VIRIAL, "virial_xx": records.VIRIAL_XX, "virial_xy"
 """Entries of a tally, by name in COUNTS."""
 
 
-class EventSolver(Solver, CollisionLog):
+class EventSolver(CollisionLog):
     """Runs a scene by `event`: from collision to collision, exact but for the rounding of float64.
 
     Raises:
@@ -175,11 +174,9 @@ class EventSolver(Solver, CollisionLog):
         return tally
 
     def log_collisions(self, enabled: bool) -> None:
-        if enabled != self.logging:
-            stopped = self._stopped
-            self._go_to(self.snapshot(), self.choice, self.terms, enabled, new_workers=True)
-            self.logging: bool = enabled
-            self._stopped = stopped
+        stopped = self._stopped
+        super().log_collisions(enabled)
+        self._stopped = stopped
 
     def take_collisions(self) -> NDArray[Any]:
         arrays = self._block.arrays
@@ -389,15 +386,11 @@ class EventSolver(Solver, CollisionLog):
         return {"progress": self._progress, "seen": self._seen}
 
     def restore(self, snapshot: SolverState, choice: Choice, terms: Terms, new_workers: bool = True) -> None:
-        self._go_to(snapshot, choice, terms, self.logging, new_workers)
-
-    def _go_to(self, snapshot: SolverState, choice: Choice, terms: Terms, logging: bool, new_workers: bool) -> None:
-        """`restore`, to a block with or without a log of collisions."""
         refuse_what_is_not_exact(terms.scene, terms.settings)
         impulse, virial = snapshot["units"].tolist()
         kept, workers = snapshot.get(event_block.CRUSHING_SPEED), max(choice.workers)
         crushing = None if kept is None else float(kept[0])
-        plan = BlockPlan(terms, (impulse, virial), self._plan.contact_time, crushing, workers, logging)
+        plan = BlockPlan(terms, (impulse, virial), self._plan.contact_time, crushing, workers, self.logging)
         block = plan.room(count_in(snapshot))
         with block.closed_on_error():
             block.create()

@@ -240,15 +240,6 @@ class GridSolver(SteppedSolver, CollisionLog):
             arrays["tally"][:, :frames] = 0
         self._begun = control.done
 
-    def log_collisions(self, enabled: bool) -> None:
-        if enabled != self.logging:
-            self.logging: bool = enabled
-            try:
-                self._continue(self.snapshot(), self.choice, self.terms, self._capacity, self.radii)
-            except BaseException:
-                self.logging = not enabled
-                raise
-
     def take_collisions(self) -> NDArray[Any]:
         tables, self._tables = self._tables, []
         return base.in_order(base.joined(tables))
@@ -461,10 +452,13 @@ class GridSolver(SteppedSolver, CollisionLog):
                 fill_features(old.arrays, self._scene)
             else:
                 with block.closed_on_error():
-                    self._fill(block)
+                    block.create()
+                    block.arrays["team"]["bad_slot"] = -1
+                    fill_features(block.arrays, self._scene)
                     self._load_kernels(block)
                     if new_workers:
-                        self._start_workers(block)
+                        self._next_pool = WorkerPool(choice.processes.start_method)
+                        self._next_pool.start(block, self._most_workers)
         except BaseException:
             self._set_terms(before[0])
             _, self.choice, self._capacity = before
@@ -477,9 +471,10 @@ class GridSolver(SteppedSolver, CollisionLog):
             try:
                 self._enter(snapshot)
                 if new_workers:
-                    self._take_workers()
+                    self._pool, self._next_pool = self._next_pool, self._pool
+                    self._next_pool.stop()
                 else:
-                    self._pool.move_to(self._block)
+                    self._pool.move_to(block)
             finally:
                 old.close()
         self._moving = False
@@ -506,20 +501,6 @@ class GridSolver(SteppedSolver, CollisionLog):
     def pids(self) -> list[int]:
         return [*self._pool.pids]
 
-    def _start_workers(self, block: SharedBlock) -> None:
-        """Start the workers of a block, if there are any; if they are refused, nothing has changed."""
-        self._next_pool = WorkerPool(self.choice.processes.start_method)
-        try:
-            self._next_pool.start(block, self._most_workers)
-        except BaseException:
-            self._next_pool.stop()
-            raise
-
-    def _take_workers(self) -> None:
-        """Stop the present workers; those that were started last take their place."""
-        self._pool, self._next_pool = self._next_pool, self._pool
-        self._next_pool.stop()
-
     def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""
         precision = self._settings.precision
@@ -529,12 +510,6 @@ class GridSolver(SteppedSolver, CollisionLog):
         arrays = block_arrays(capacity, grid, self._most_workers, precision, features)
         arrays |= base.specs_of(capacity, self._most_workers, self._least_log) if self.logging else {}
         return SharedBlock(arrays, alone=self._most_workers == 1)
-
-    def _fill(self, block: SharedBlock) -> None:
-        """Make a block, and fill it with what the scene has."""
-        block.create()
-        block.arrays["team"]["bad_slot"] = -1
-        fill_features(block.arrays, self._scene)
 
     def _load_kernels(self, block: SharedBlock) -> None:
         """Compile or load what will run on a block, before workers start, which then find the machine code.

@@ -2,7 +2,7 @@
 
 import logging
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 from mpsim.core.checks import refusal
 from mpsim.core.late import named
@@ -90,20 +90,11 @@ def in_one_process(settings: Settings, what: str) -> Settings:
     return settings
 
 
-def number_of_ranks(comm: Any) -> int:
-    """Of a communicator of mpi4py; None: of all that were started.
-
-    Raises:
-        InputError: if it is no communicator, or there is no MPI.
-    """
-    return named(f"{RANKS}:ranks_of")(comm)
-
-
 def check_processes(settings: Settings, processes: Processes) -> None:
     """Refuse a communicator that is none, and arguments that the method has no use for."""
     method, can = settings.method, capabilities_of(settings)
     if can.on_ranks:
-        number_of_ranks(processes.comm)
+        named(f"{RANKS}:ranks_of")(processes.comm)
         if settings.workers not in (None, 1):
             raise InputError(
                 f"workers must be 1 with method={method!r}, where each rank is one process; got {settings.workers}. "
@@ -126,7 +117,7 @@ def choose(count: int, settings: Settings, processes: Processes = Processes()) -
     if method == "auto":
         method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
     if on_ranks(method):
-        return Choice(method, (number_of_ranks(processes.comm),), processes=processes)
+        return Choice(method, (named(f"{RANKS}:ranks_of")(processes.comm),), processes=processes)
     if not METHODS[method].workers:
         return Choice(method, (1,), processes=processes)
     workers = settings.workers or (1 if method == "event" and count < EVENT_FROM else usable_cores())

@@ -27,7 +27,7 @@ from mpsim.engine.solvers.base import (
 )
 from mpsim.engine.solvers.speeds import Fastest, SpeedLimit, Speeds
 from mpsim.engine.workers.shared import MOST_FRAMES, Specs
-from mpsim.features.edges import EDGES, WALLED, wraps_of
+from mpsim.features.edges import EDGES
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.features.edges import wrap_places
@@ -62,31 +62,25 @@ class Grid:
         return (self.columns + 1 + self.outside) * (self.rows + 2) + 1
 
 
-def grid_for(
-    count: int,
-    width: float,
-    height: float,
-    diameter: float,
-    precision: str,
-    boundary: tuple[str, str] = WALLED,
-    outside: bool = False,
-) -> Grid:
-    """The grid of a scene: cells of one diameter, larger where there are fewer discs than cells / CELLS_PER_DISC.
+def grid_for(scene: Scene, count: int, largest: float, precision: str) -> Grid:
+    """The grid of a scene for so many discs, of which those above a radius, `largest`, are not in it [length].
+
+    Its cells are of one diameter, larger where there are fewer discs than cells / CELLS_PER_DISC.
 
     A cell is wider than a diameter by the rounding of a coordinate times the number of cells, so that discs two cells
     apart can never overlap. Along an axis that wraps there are two or more, and along x an even number: the last column
     is odd, and meets the first in the odd pass, in which no other column touches either.
     """
+    width, height, (wraps_x, wraps_y) = scene.width, scene.height, scene.periodic
     rounding = 8 * float(np.finfo(precision).eps) * max(width, height)
-    side = max(diameter + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
-    wraps_x, wraps_y = wraps_of(boundary)
+    side = max(2 * largest + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
     fewest_columns, fewest_rows = 1 + wraps_x, 1 + wraps_y
     columns, rows = max(int(width / side), fewest_columns), max(int(height / side), fewest_rows)
     # In a box so thin that it has one row (or column), as many cells along it as elsewhere: their number must not grow
     # with the aspect of the box.
     most = CELLS_PER_DISC * max(count, 1)
     columns, rows = min(columns, max(most // rows, fewest_columns)), min(rows, max(most // columns, fewest_rows))
-    return Grid(columns - columns % 2 if wraps_x else columns, rows, outside)
+    return Grid(columns - columns % 2 if wraps_x else columns, rows, scene._loses_discs or has_radii(scene))
 
 
 def block_arrays(capacity: int, grid: Grid, workers: int, precision: str, features: Specs) -> Specs:
@@ -279,12 +273,8 @@ class SteppedSolver(Solver, Steps):
 
     def _grid_of(self, count: int, giant: float | None = None) -> Grid:
         """The grid for so many discs; giant: radius above which discs are kept out of it."""
-        scene = self._scene
-        largest = scene.largest_radius if giant is None else giant
-        outside = scene._loses_discs or has_radii(scene)
-        return grid_for(
-            count, scene.width, scene.height, 2 * largest, self._settings.precision, scene.boundary, outside
-        )
+        largest = self._scene.largest_radius if giant is None else giant
+        return grid_for(self._scene, count, largest, self._settings.precision)
 
     # --- snapshots
 

@@ -83,7 +83,7 @@ class WorkerPool:
         self._watcher = threading.Thread(target=self._watch, name="mpsim-watcher", daemon=True)
 
     def start(self, block: SharedBlock, workers: int) -> None:
-        """Start the workers, if any, and wait until they are ready. Whatever stops this, `stop` ends what was started.
+        """Start the workers, if any, and wait until they are ready. Whatever stops this, then there are none.
 
         Raises:
             WorkerDiedError, WorkerStalledError: if a worker ends or fails before it is ready.
@@ -94,16 +94,20 @@ class WorkerPool:
             return
         if self._context.get_start_method() == "forkserver":
             self._context.set_forkserver_preload(["mpsim.engine.workers.pool", self._program.load.__module__])
-        for worker in range(1, workers):
-            self._start(worker)
-        for worker in range(1, workers):
-            self._await_ready(worker)
-        with interrupts_held_back():
-            try:
-                self._watch_end, self._watched_end = os.pipe()
-                self._watcher.start()
-            except (OSError, RuntimeError) as error:
-                raise refusal_of_process("the thread that watches the workers", error) from error
+        try:
+            for worker in range(1, workers):
+                self._start(worker)
+            for worker in range(1, workers):
+                self._await_ready(worker)
+            with interrupts_held_back():
+                try:
+                    self._watch_end, self._watched_end = os.pipe()
+                    self._watcher.start()
+                except (OSError, RuntimeError) as error:
+                    raise refusal_of_process("the thread that watches the workers", error) from error
+        except BaseException:
+            self.stop()
+            raise
 
     def _attach(self, block: SharedBlock) -> None:
         self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
