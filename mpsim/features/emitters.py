@@ -143,9 +143,6 @@ class Absorption(Feature):
         ),
     )
 
-    def has_columns(self, scene: Scene) -> bool:
-        return scene._loses_discs
-
     def description(self, scene: Scene) -> str:
         return ", ".join(scene.absorbing)
 

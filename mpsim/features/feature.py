@@ -84,7 +84,7 @@ class Continuation(NamedTuple):
 class Feature:
     """One optional argument of Scene.
 
-    Questions with a scene are asked where the scene has it, except `of`, `is_in`, `has_columns` and `brief`.
+    Questions with a scene are asked where the scene has it, except `of`, `is_in` and `brief`.
 
     Attributes:
         argument: its name, also the key in scene files and checkpoints.
@@ -139,10 +139,6 @@ class Feature:
         """Whether the scene has it."""
         value = self.of(scene)
         return value is not None and not (isinstance(value, tuple) and not value)
-
-    def has_columns(self, scene: Scene) -> bool:
-        """Whether the discs of the scene have its columns."""
-        return self.is_in(scene)
 
     # --- the scene
 

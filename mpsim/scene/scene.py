@@ -741,7 +741,8 @@ class Scene(ReadOnly):
     def _columns(self) -> list[Column]:
         """The columns that its discs have."""
         own = [IMAGE] if any(self.periodic) else []
-        return own + [column for feature in FEATURES if feature.has_columns(self) for column in feature.columns]
+        there = [each for each in FEATURES if each.is_in(self) or (self._has_gaps and each.removes_discs)]
+        return own + [column for feature in there for column in feature.columns]
 
     @functools.cached_property
     def _moving_walls(self) -> tuple[MovingWall, ...]:

@@ -517,6 +517,8 @@ class Solver(ABC):
         terms: scene and settings in force.
     """
 
+    _block: SharedBlock
+
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         """Check that the method can do the scene, and plan."""
@@ -741,9 +743,9 @@ class Solver(ABC):
         """Momenta whose sum is larger make impulses that its counts cannot hold [mass length/time]."""
 
     @property
-    @abstractmethod
     def block(self) -> SharedBlock:
         """The block of this process."""
+        return self._block
 
     @property
     def pids(self) -> list[int]:

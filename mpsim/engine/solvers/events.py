@@ -345,10 +345,6 @@ class EventSolver(CollisionLog):
         return MOST_COUNTED * self._plan.units[0]
 
     @property
-    def block(self) -> SharedBlock:
-        return self._block
-
-    @property
     def pids(self) -> list[int]:
         windows = self._windows  # which may just be replaced
         return [] if windows is None else windows.pids

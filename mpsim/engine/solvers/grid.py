@@ -482,10 +482,6 @@ class GridSolver(SteppedSolver, CollisionLog):
     # --- the block
 
     @property
-    def block(self) -> SharedBlock:
-        return self._block
-
-    @property
     def _arrays(self) -> dict[str, Any]:
         return self._block.arrays
 

@@ -452,12 +452,14 @@ def read_out(store, box, features, until, columns=()):
 
     `until` is the time that `solver.advance` has reached. The state is not touched.
     """
-    disc = store.disc
+    place = np.empty_like(store.order)
+    place[store.order[store.event["number"]]] = np.arange(len(place))
+    disc = store.disc.take(place)
     flight = (until - store.clock.origin) - disc["last_update"]
     if features.exits is not None:
-        flight[features.exits[:, 0] != 0] = 0.0
-    radius = box.radius if features.radius is None else features.radius
-    found = {name: getattr(features, name).copy() for name in columns}
+        flight[features.exits[place, 0] != 0] = 0.0
+    radius = box.radius if features.radius is None else features.radius[place]
+    found = {name: getattr(features, name)[place] for name in columns}
     found |= {"position": np.empty((len(disc), 2)), "velocity": np.empty((len(disc), 2))}
     for axis in range(2):
         speed = disc["velocity"][:, axis]
@@ -467,6 +469,4 @@ def read_out(store, box, features, until, columns=()):
         found["velocity"][:, axis] = speed + gain
         if "image" in found:
             found["image"][:, axis] += periods
-    place = np.empty_like(store.order)
-    place[store.order[store.event["number"]]] = np.arange(len(disc))
-    return {name: values[place] for name, values in found.items()}
+    return found
