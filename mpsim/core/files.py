@@ -198,14 +198,9 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a UTF-8 text file by `atomic_write`."""
-    write_bytes(path, text.encode())
-
-
-def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file by `atomic_write`."""
+    """Write a UTF-8 text file by `atomic_write`; a lone surrogate, as in names of files, is written as its number."""
     with atomic_write(path) as file:
-        file.write(content)
+        file.write(text.encode("utf-8", "backslashreplace"))
 
 
 @contextlib.contextmanager
@@ -302,5 +297,5 @@ def written(text: str, path: str | os.PathLike[str] | None, table: str) -> str:
         rule = "be a file that ends in .csv or .txt here"
         raise checks.refusal(table, rule, repr(str(target)), f"Use {target.stem + '.csv'!r}.")
     with writable(table, target):
-        write_bytes(target, text.encode("utf-8", "backslashreplace"))  # a lone surrogate, as in names of files
+        write_text(target, text)
     return text

@@ -145,8 +145,7 @@ class ThermalWalls:
         checks.keep_fields(self, **dict.fromkeys(EDGES, "[mass length^2/time^2]"), seed=check_seed)
         if not self.temperatures:
             raise InputError(
-                "ThermalWalls must have a temperature for left, right, bottom or top; got none. Give at least one, or "
-                "leave them out."
+                "ThermalWalls must have a temperature for left, right, bottom or top; got none. Give one, or no walls."
             )
 
     @property

@@ -109,9 +109,7 @@ class Emitters(Feature):
         for name, common in (("radius", np.ndim(scene.radius) == 0), ("mass", scene.mass is None)):
             lacking = [] if common else [index for index, each in enumerate(emitters) if getattr(each, name) is None]
             if lacking:
-                raise InputError(
-                    f"emitters[{lacking[0]}] must have a {name}, as the discs of this scene have one each; got None."
-                )
+                raise InputError(f"emitters[{lacking[0]}] must have a {name}, as each disc of the scene; got None.")
         position = np.array([each.position for each in emitters])
         radius = np.array([scene.radius if each.radius is None else each.radius for each in emitters])
         scene._check_inside("the position of emitters", position, radius)

@@ -205,7 +205,7 @@ class Feature:
 
     def description(self, scene: Scene) -> str:
         """Description in words for a scene that has it; "" if the description of the discs includes it."""
-        return str(self.of(scene))
+        return ""
 
 
 # --- What changes the number of discs in a scene, or their energy: fields, losses, heat baths, moving surfaces

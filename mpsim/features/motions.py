@@ -221,13 +221,10 @@ class Path(Movement):
         super().__post_init__()
         times = checks.finite_array("times of a Path", self.times, (None,), "(K,)")
         if len(times) < 2 or (np.diff(times) <= 0).any():
-            raise InputError(
-                f"times of a Path must be at least two, each later than the one before; got {checks.brief(self.times)}."
-                " Sort them."
-            )
-        places = checks.finite_array(
-            "displacements of a Path", self.displacements, (len(times), 2), f"({len(times)}, 2)"
-        )
+            got = checks.brief(self.times)
+            raise InputError(f"times of a Path must be at least two, each later than the last; got {got}. Sort them.")
+        shape = (len(times), 2)
+        places = checks.finite_array("displacements of a Path", self.displacements, shape, f"{shape}")
         object.__setattr__(self, "times", tuple(times.tolist()))
         object.__setattr__(self, "displacements", tuple((x, y) for x, y in places.tolist()))
 

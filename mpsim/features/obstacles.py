@@ -525,8 +525,7 @@ def _check_contents(name: str, shape: Obstacle, scene: Scene) -> None:
         disc = int(wrong.argmax())
         raise InputError(
             f"position[{disc}] must lie {where} {name}, a {type(shape).__name__}; got "
-            f"{tuple(scene.position[disc].tolist())} (such discs: {int(wrong.sum())}). Move the disc; Scene.random "
-            "places discs where they may be."
+            f"{tuple(scene.position[disc].tolist())} (such discs: {int(wrong.sum())}). Move it, or use Scene.random."
         )
 
 

@@ -58,9 +58,6 @@ class Radii(Feature):
     def brief(self, scene: Scene) -> str:
         return ""
 
-    def description(self, scene: Scene) -> str:
-        return ""
-
 
 # --- Fields: gravity, one acceleration for all discs, and an acceleration of each disc
 
@@ -133,9 +130,6 @@ class Masses(Feature):
 
     def brief(self, scene: Scene) -> str:
         return "" if scene.mass is None else "mass"
-
-    def description(self, scene: Scene) -> str:
-        return ""
 
 
 # --- Restitution: the fraction of the normal velocity that remains after a contact
@@ -214,7 +208,5 @@ def friction_coefficient(name: str, value: object) -> float:
     """A number >= 0, or infinity for contacts that never slide."""
     number = checks.number(name, value, "a number >= 0")
     if math.isnan(number) or number < 0:
-        raise InputError(
-            f"{name} must be a number >= 0, or infinity for contacts that never slide; got {checks.brief(value)}."
-        )
+        raise checks.refusal(name, "be a number >= 0, or infinity for contacts that never slide", checks.brief(value))
     return number

@@ -467,8 +467,7 @@ class Correlations:
         """Data at the first sample."""
         if self._discs is None and (adds_discs(sim.scene) or removes_discs(sim.scene)):
             raise InputError(
-                "discs of Correlations must be given for a scene in which discs enter or leave; got None. Give the "
-                "numbers of those that stay."
+                "discs of Correlations must be given where discs enter or leave; got None. Give some that stay."
             )
         discs = np.arange(sim.count) if self._discs is None else self._discs
         if not len(discs) or discs.max() >= sim.count:
@@ -483,8 +482,7 @@ class Correlations:
         if needed > MOST_BYTES:
             raise InputError(
                 f"Correlations may keep {MOST_BYTES:,} bytes at most; {len(discs):,} discs at lags up to "
-                f"{2 ** (levels - 1) * (self._points - 1) * interval:g} need {needed:,}. Follow fewer by discs=..., or "
-                "give longest=..."
+                f"{2 ** (levels - 1) * (self._points - 1) * interval:g} need {needed:,}. Give discs=... or longest=..."
             )
         constant = len(discs) == sim.count and sim.scene.mass is None and conserves_energy(sim.scene)
         square = float(np.square(sim.state.velocity, dtype=np.float64).mean())
@@ -625,9 +623,8 @@ class Correlations:
                 found = {name: arrays.read(name) for name in arrays.names}
             again = cls._restored({name: each if each.ndim else each.item() for name, each in found.items()})
         except (OSError, *DAMAGE) as error:
-            raise InputError(
-                f"a file of Correlations must be one that mpsim has written; {str(source)!r}: {reason_of(error):.200}."
-            ) from None
+            why = f"{str(source)!r} ({reason_of(error):.200})"
+            raise checks.refusal("a file of Correlations", "be one that mpsim has written", why) from None
         again.path = source
         return again
 
@@ -673,8 +670,7 @@ def _sample(sim: Simulation, motion: Motion) -> Floats:
     if not (here := state.present[motion.discs]).all():
         gone = int(motion.discs[int((~here).argmax())])
         raise InputError(
-            f"discs of Correlations must stay in the box; disc {gone} has left it by frame {sim.frame}. Follow discs "
-            "that stay, by discs=..."
+            f"discs of Correlations must stay in the box; disc {gone} has left it by frame {sim.frame}. Follow others."
         )
     return np.stack([state.unwrapped[motion.discs], np.asarray(state.velocity[motion.discs], np.float64)])
 

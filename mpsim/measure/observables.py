@@ -88,9 +88,7 @@ SAME_BOX = 1e-4
 def demand_scene(scene: object, discs: Discs) -> None:
     """Refuse, naming it, what is no scene, such as a state, and a scene in whose box the discs are not."""
     if not isinstance(scene, Scene):
-        raise InputError(
-            f"scene must be a Scene; got {type(scene).__name__}. Use sim.scene of a Simulation; the state comes first."
-        )
+        raise InputError(f"scene must be a Scene; got {type(scene).__name__}. Use sim.scene; the state comes first.")
     if (box := getattr(discs, "box", None)) is None:
         return
     fixed = [axis for axis in (0, 1) if all(wall.axis != axis for wall in scene._moving_walls)]
@@ -546,8 +544,7 @@ def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
         import freud  # noqa: PLC0415  # pyright: ignore[reportMissingTypeStubs]
     except ImportError as error:
         raise NotMeasurableError(
-            f"to_freud needs the package freud-analysis, which cannot be imported ({error}). Install it by pip install "
-            "freud-analysis."
+            f"to_freud needs freud-analysis, which cannot be imported ({error}). Run pip install freud-analysis."
         ) from None
     x_low, x_high, y_low, y_high = scene.box if state.box is None else state.box
     box = freud.box.Box(Lx=x_high - x_low, Ly=y_high - y_low, is2D=True)

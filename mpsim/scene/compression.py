@@ -57,9 +57,8 @@ def compressed(scene: Scene, packing: float, rate: float) -> Scene:
     for length, kind in zip((width, height), (BOUNDARIES[word] for word in scene.boundary), strict=True):
         if length < 2 * kind.least_diameters * scene.largest_radius:
             raise InputError(
-                f"packing must leave a box with room for its largest disc, {kind.least_diameters} of them along "
-                f"each axis here; at {packing:g} it would be {width:.6g} x {height:.6g}. Use a lower one or more "
-                "discs."
+                f"packing must leave the largest disc room, {kind.least_diameters} of them along each axis here; at "
+                f"{packing:g} the box would be {width:.6g} x {height:.6g}. Use a lower one or more discs."
             )
     grown, velocity = _grown(scene, shrink, rate)
     made = copy.copy(scene)

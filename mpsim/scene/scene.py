@@ -221,14 +221,15 @@ class Scene(ReadOnly):
     @functools.cached_property
     def largest_radius(self) -> float:
         """Radius of the largest disc, emitters' discs included [length]."""
-        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
-        return float(radii.max(initial=0.0))
+        return float(self._every_radius().max(initial=0.0))
 
     @functools.cached_property
     def smallest_radius(self) -> float:
         """Radius of the smallest disc, emitters' discs included [length]."""
-        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
-        return float(radii.min(initial=self.largest_radius))
+        return float(self._every_radius().min(initial=self.largest_radius))
+
+    def _every_radius(self) -> NDArray[np.float64]:
+        return np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
 
     @property
     def radii(self) -> NDArray[np.float64]:

@@ -279,8 +279,7 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
     version = tables.get("schema", SCHEMA)
     if type(version) is not int or version != SCHEMA:  # then nothing else can be judged
         raise SceneFileError(label, [
-            f"schema must be {SCHEMA}, the version of scene files that this mpsim reads; got {checks.brief(version)}. "
-            "A newer mpsim may read it."
+            f"schema must be {SCHEMA}, which this mpsim reads; got {checks.brief(version)}. A newer mpsim may read it."
         ])  # fmt: skip
     return tables
 
@@ -355,48 +354,38 @@ def _from_npy(name: str, path: Path, file: BinaryIO, length: int) -> NDArray[Any
         return read_array(file, length, path.name, REAL)  # which refuses pickles, as they could execute code
     except ValueError as error:
         raise InputError(
-            f"{name} must be an array of real numbers as numpy.save writes it; {path.name} is not ({error!s:.200}). "
-            "Save it anew."
+            f"{name} must be real numbers as numpy.save writes them; {path.name} is not ({error!s:.200}). Save it anew."
         ) from None
 
 
 def _from_csv(name: str, path: Path) -> Numbers:
     """One row per line, after an optional line of headings."""
-    lines: dict[int, str] = {}
     try:
-        every = files.content(path, MOST_CSV).decode("utf-8-sig").splitlines()
-        lines = {number: line for number, line in enumerate(every, 1) if line.strip(" ,\t")}
-        first = next(iter(lines), 0)
-        if not any(_is_number(cell) or cell.strip(' "+-.')[:1].isdigit() for cell in lines.get(first, "0").split(",")):
-            del lines[first]
-        rows = [*lines.values()]
-        numbers = np.loadtxt(rows, delimiter=",", quotechar='"', comments=None, ndmin=2) if rows else np.zeros((0, 1))
+        text = files.content(path, MOST_CSV).decode("utf-8-sig").splitlines()
+        lines = [(number, line.split(",")) for number, line in enumerate(text, 1) if line.strip(" ,\t")]
+        if lines and all(_number_in(each) is None and not each.strip(' "+-.')[:1].isdigit() for each in lines[0][1]):
+            del lines[0]
+        rows = [[_number_in(cell) for cell in cells] for _, cells in lines]
+        for (number, cells), row in zip(lines, rows, strict=True):
+            if None in row:
+                raise ValueError(f"line {number} has {checks.brief(cells[row.index(None)])}")
+            if len(row) != len(rows[0]):
+                raise ValueError(f"line {number} has {len(row)}, and line {lines[0][0]} has {len(rows[0])}")
     except ValueError as error:  # of bytes that are no text, too
-        why = _wrong_line(lines) or str(error)
         raise InputError(
-            f"{name} must be lines of numbers with commas between them, as many in each; {path.name} is not: {why}."
+            f"{name} must be lines of numbers with commas between them, as many in each; {path.name} is not: {error}."
         ) from None
+    numbers = np.array(rows or np.zeros((0, 1)), np.float64)
     return numbers[:, 0] if numbers.shape[1] == 1 else numbers
 
 
-def _wrong_line(lines: dict[int, str]) -> str:
-    """What is wrong in the first line, of those by number, that differs from the others; "" if none does."""
-    widths = {number: line.count(",") + 1 for number, line in lines.items()}
-    for number, line in lines.items():
-        wrong = next((cell for cell in line.split(",") if not _is_number(cell.strip(' "'))), None)
-        if wrong is not None:
-            return f"line {number} has {checks.brief(wrong)}"
-        if widths[number] != (usual := next(iter(widths.values()))):
-            return f"line {number} has {widths[number]}, and line {next(iter(widths))} has {usual}"
-    return ""
-
-
-def _is_number(cell: str) -> bool:
+def _number_in(cell: str) -> float | None:
+    """The number in a cell, perhaps in quotation marks; None if there is none."""
+    text = cell.strip()
     try:
-        float(cell)
+        return float(text[1:-1] if text[:1] == text[-1:] == '"' else text)
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _numbers(name: str, value: Any, meaning: str) -> Numbers:
@@ -824,8 +813,7 @@ def _columns(common: dict[str, Any], example: Any) -> dict[str, list[Any]]:
     count = len(columns.get(first, [None]))
     if wrong := [name for name, column in columns.items() if len(column) != count]:
         raise InputError(
-            f"{wrong[0]} must be one for all or {count}, one per row of {first}; got {len(columns[wrong[0]])}. Give as "
-            "many."
+            f"{wrong[0]} must be one for all or {count}, as {first} has; got {len(columns[wrong[0]])}. Give as many."
         )
     return columns
 
@@ -840,8 +828,7 @@ def _sites(values: dict[str, Any]) -> Numbers:
     )
     if len(sites) > MOST_VALUES:
         raise InputError(
-            f"spacing must leave at most {MOST_VALUES:,} obstacles in the region; got {len(sites):,}. Use a larger "
-            "spacing or a smaller region."
+            f"spacing must leave at most {MOST_VALUES:,} obstacles in the region; got {len(sites):,}. Use a larger one."
         )
     return sites
 
@@ -963,7 +950,7 @@ def save(
     except (OSError, UnicodeEncodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise OutputError(
-            f"path must be a place where files can be written; got {os.fspath(path)!r} ({reason}). Choose another."
+            f"path must be a place that can be written; got {os.fspath(path)!r} ({reason}). Choose another."
         ) from None
 
 

@@ -157,12 +157,10 @@ def box_for(
 
 def fraction_of_the_area(given: float | None) -> float:
     """A packing, checked; 40, meant as per cent, is answered as such."""
-    packing = checks.positive("packing", given, "(a fraction of the area)")
-    if 1 < packing < 100:
-        raise InputError(
-            f"packing must be a fraction of the area; got {packing:g}. {packing:g} % is {packing / 100:g}."
-        )
-    return packing
+    part = checks.positive("packing", given, "(a fraction of the area)")
+    if 1 < part < 100:
+        raise InputError(f"packing must be a fraction of the area; got {part:g}. {part:g} % is {part / 100:g}.")
+    return part
 
 
 # --- Sites of a lattice
@@ -431,8 +429,7 @@ def _lattice(count: int, width: float, height: float, diameter: float) -> Floats
         raise InputError(
             f"{count} discs of radius {diameter / 2:g} do not fit a box of {width:g} x {height:g} in regular rows "
             f"(the best rows leave {best_gap:.6g} between centres, {diameter:g} is needed). "
-            "Use fewer or smaller discs, or a larger box, which Scene.compressed can shrink; walls take up space in "
-            "small boxes."
+            "Use fewer or smaller discs, or a larger box, which Scene.compressed can shrink."
         )
     rows, columns, stagger = best
     row = np.repeat(np.arange(rows), columns)
@@ -458,8 +455,7 @@ def _random_polydisperse(radius: Floats, room: Room, rng: np.random.Generator) -
         if not any(_remove_overlaps(discs, packing, overshoot, rng) for overshoot in OVERSHOOT):
             raise InputError(
                 f"{count} discs of packing {packing:.3g} could not be placed in a box of {width:g} x {height:g} "
-                f"without overlap in {len(OVERSHOOT)} attempts. Use fewer or smaller discs, or a larger box, which "
-                "Scene.compressed can shrink; walls and obstacles take up space in small boxes."
+                "without overlap. Use fewer or smaller discs, or a larger box, which Scene.compressed can shrink."
             )
         longest = 2 * radius * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
         for _ in range(SWEEPS):

@@ -393,9 +393,7 @@ def _depth(depths: NDArray[np.float64], met: NDArray[np.float64], least: int | N
     least: first piece that may be stationary; None for steps so long that the few pieces are one window.
     """
     if not met.any():
-        return Deviation.unknown(
-            "no overlaps occurred in any run. Ask for longer runs (until=...), or another measure."
-        )
+        return Deviation.unknown("no overlap occurred in any run. Ask for longer runs (until=...), or another measure.")
     pieces = met.shape[1]
     whole = Spans(((0, pieces),), pieces, stationary=True)
     spans = whole if least is None else spans_of(depths, least, there=met)
@@ -453,8 +451,7 @@ def short_deviations(found: Sequence[dict[str, Any]], measures: Sequence[str]) -
         results["trajectory"] = _mean(distances[:, None])
         if not total and distances.max() < SAME_TRAJECTORY:
             results["trajectory"] = Deviation.unknown(
-                f"no collisions occurred in {len(found)} short runs, so that no step is too long. Ask for a denser "
-                "scene."
+                f"no collisions occurred in {len(found)} short runs: no step is too long. Ask for a denser scene."
             )
     if "missed_collisions" in measures:
         missed = (exact - met) * len(found) / total if total else np.zeros(len(found))

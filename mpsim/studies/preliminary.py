@@ -396,9 +396,8 @@ def preliminary_run(
     except (MpsimError, RunTooLong) as error:
         if contact_time is not None:
             raise InputError(
-                f"contact_time must be one with which {EXACT} reaches the end of a run; with {contact_time:g} it does "
-                f"not ({error}). Give a longer one, more time (seconds=...), a shorter run (until=...), or none, for a "
-                "stepped reference."
+                f"contact_time must let {EXACT} reach the end of a run; got {contact_time:g} ({error}). Give a longer "
+                "one, more time (seconds=...), a shorter run (until=...), or none, for a stepped reference."
             ) from error
         reason = str(error)
         if isinstance(error, RunTooLong) and has_body_force(scene) and has_losses(scene):
@@ -449,8 +448,7 @@ def _stepped_reference(
     except RunTooLong:
         raise InputError(
             f"a trade-off study needs a scene whose preliminary run takes less than {STEPPED_SECONDS:g} s; that of "
-            f"{scene!r} takes longer. Take a smaller scene of the same kind: errors hardly depend on the number of "
-            "discs."
+            f"{scene!r} takes longer. Take a smaller scene of the same kind: errors hardly depend on its size."
         ) from None
     speed = _speed_seen(scene, found, crossing)
     own = 2 * scene.smallest_radius / speed

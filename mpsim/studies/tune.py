@@ -206,9 +206,7 @@ class Search:
         try:
             run.demand_measurable(self._budgets)
         except CandidateFailed as failed:
-            raise NotMeasurableError(
-                f"nothing is measurable here: {failed}. Ask for shorter runs (until=...)."
-            ) from None
+            raise NotMeasurableError(f"nothing is measurable: {failed}. Ask for shorter runs (until=...).") from None
         self._choose_replicas()  # now that the true time of runs is known
         self._end = max(self._end, time.monotonic() + LEAST_SEARCH * self._seconds)
 
@@ -388,8 +386,7 @@ class Search:
         if not rows:
             reasons = [f"{trial.label}: {trial.verdict}" for trial in self._trials.values()]
             return BudgetError(
-                f"no candidate could run this scene for max_error {wanted}: {'; '.join(reasons)}. Choose other "
-                "candidates."
+                f"no candidate could run this scene for max_error {wanted}: {'; '.join(reasons)}. Choose others."
             )
         best = min(rows, key=lambda row: _worst(row, self._budgets))
         reached = ", ".join(f"{name} {best.errors[name].bound:.3g}" for name in self._budgets)

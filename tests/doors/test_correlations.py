@@ -278,7 +278,7 @@ def test_runs_that_cannot_be_gathered_are_refused_and_can_go_on():
     cases = (
         (TORUS, Correlations(discs=[8]), "must be at least one, below 8, the number of discs"),
         (TORUS, Correlations(longest=1e13), r"longest must be at most 1e\+12 sampling intervals"),
-        (leaky, Correlations(), "must be given for a scene in which discs enter or leave; got None"),
+        (leaky, Correlations(), "must be given where discs enter or leave; got None"),
         (leaky, Correlations(discs=range(8)), r"disc \d+ has left it by frame \d+"),
     )
     for scene, observer, words in cases:

@@ -200,8 +200,8 @@ def test_an_emitter_that_the_piston_has_passed_waits_for_good_and_says_so():
 @pytest.mark.parametrize(
     ("features", "text"),
     [
-        ({"radius": [0.5, 0.25]}, r"emitters\[0\] must have a radius, as the discs of this scene have one each; got N"),
-        ({"radius": 0.5, "mass": [1, 2]}, r"emitters\[0\] must have a mass, as the discs of this scene have one each"),
+        ({"radius": [0.5, 0.25]}, r"emitters\[0\] must have a radius, as each disc of the scene; got N"),
+        ({"radius": 0.5, "mass": [1, 2]}, r"emitters\[0\] must have a mass, as each disc of the scene"),
         ({"radius": 3.5}, r"the position of emitters\[0\] must lie in \[3.5, 6.5\] x \[3.5, 6.5\]"),
     ],
 )

@@ -107,7 +107,7 @@ def test_overlaps_are_means_over_pairs_and_not_over_pieces(errors_of):
         lambda n: {"overlap": np.zeros(PIECES), "met": np.zeros(PIECES, int)},
     )
     assert (found.value, early.value) == (pytest.approx(0.15), pytest.approx(0.3))
-    assert "no overlaps occurred in any run" in never.reason
+    assert "no overlap occurred in any run" in never.reason
 
 
 def test_the_largest_overlap_is_the_largest_of_all_runs_and_its_error_their_scatter(errors_of):

@@ -86,7 +86,7 @@ REFUSED = [
     (lambda: Rotation((1, 1), 0), "rate of a Rotation must not be 0"),
     (lambda: Rotation((1, 1), 1, stop=-1), "stop of a Rotation must be a finite number > 0 [radians]; got -1"),
     (lambda: Rotation((1, 1), 1, start=math.inf), "start of a Rotation must be"),
-    (lambda: Path([0], [(0, 0)]), "times of a Path must be at least two, each later than the one before; got [0]"),
+    (lambda: Path([0], [(0, 0)]), "times of a Path must be at least two, each later than the last; got [0]"),
     (lambda: Path([0, 0], [(0, 0), (1, 1)]), "times of a Path must be at least two, each later"),
     (lambda: Path([0, 1], [(0, 0)]), "displacements of a Path must have shape (2, 2); got shape (1, 2)"),
     (lambda: Polyline(LINE, motion=3), "motion of a Polyline must be one of mpsim.Translation, mpsim.Oscillation"),

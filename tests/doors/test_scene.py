@@ -134,7 +134,7 @@ COMPRESSED = {
     "obstacles": (lambda: few(packing=0.2, obstacles=FixedDisc((2, 2), 0.1)).compressed(0.7), ["with obstacles"]),
     "emitters": (lambda: few(packing=0.2, emitters=Emitter((1, 1), (1, 0), interval=1)).compressed(0.7), ["emitters"]),
     "a periodic box too small": (lambda: few(count=4, packing=0.4, boundary="periodic").compressed(0.85),
-                                 ["packing must leave a box with room for its largest disc, 2 of them", "more discs"]),
+                                 ["packing must leave the largest disc room, 2 of them", "more discs"]),
 }  # fmt: skip
 
 

@@ -362,7 +362,7 @@ WRONG = [
     ("", "schema must be given; got nothing. Write 'schema = 1' at the top."),
     ("schema = 1\nwidth = 3", "the box must be given either by packing or by width and height; got packing=None, wi"),
     ("schema = 1\npacking = 0.3\n" + SQUARE + "spacing = 1.0", "discs[0].count must be given where packing makes th"),
-    ("schema = 2\nnonsense = 3", "schema must be 1, the version of scene files that this mpsim reads; got 2."),
+    ("schema = 2\nnonsense = 3", "schema must be 1, which this mpsim reads; got 2."),
     (HEAD.replace("10.0", "1" + "0" * 400), "width must be a finite number > 0 [length], finite in float64; got a wh"),
     (HEAD + f"gravity = [1, 1{'0' * 400}]", "gravity[1] must be finite in float64; got a whole number of 401 digits."),
     (HEAD + "[discs]\nradius = 3", "discs must be a list of tables, [[discs]] for each; got {'radius': 3}."),
@@ -407,7 +407,7 @@ def write(content):
 
 
 NO_ROWS = "must be lines of numbers with commas between them, as many in each; {} is not: "
-NOT_NUMPY = "must be an array of real numbers as numpy.save writes it; {} is not ("
+NOT_NUMPY = "must be real numbers as numpy.save writes them; {} is not ("
 FILES = {
     "none.npy": (lambda path: None, "must be a file that exists; got 'none.npy': no such file in "),
     "text.npy": (write(b"hello"), NOT_NUMPY),

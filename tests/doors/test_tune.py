@@ -233,7 +233,7 @@ def test_a_measure_that_means_nothing_in_any_run_is_not_a_budget_out_of_reach(as
     def law(each, number):
         return {"overlap": [0.0] * PIECES, "met": [10 * (each.method == "event")] * PIECES}
 
-    with pytest.raises(mpsim.errors.NotMeasurableError, match=r"overlap is not measurable here: no overlaps occurred"):
+    with pytest.raises(mpsim.errors.NotMeasurableError, match=r"overlap is not measurable here: no overlap occurred"):
         ask({"overlap": 0.01}, [IMPACT, PUSH], law=law)
     assert len({each for each, _ in ask.runs}) == 3, "no search goes on for it"
 

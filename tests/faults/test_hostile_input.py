@@ -270,7 +270,7 @@ def test_an_array_in_a_file_holds_what_it_declares_and_nothing_is_allocated_or_e
     run = saved(tmp_path / "run")
     whole = run.read_bytes()
     (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.npy'\n")
-    rule = "must be an array of real numbers as numpy.save writes it"
+    rule = "must be real numbers as numpy.save writes them"
     for content in NO_ARRAYS.values():
         (tmp_path / "a.npy").write_bytes(content)
         refused(scenefile.load, tmp_path / "scene.toml", match=rule)
