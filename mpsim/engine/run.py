@@ -40,7 +40,7 @@ def frames_wanted(frames: int | None, until: float | None, terms: Terms, frame: 
     if frames is not None:
         return checks.whole("frames", frames, 0, base.MOST_FRAMES_OF_A_RUN, "Ask for 0 or more frames.")
     until = checks.non_negative("until", until, "[time]")
-    if until < time:
+    if until < time * (1 - 1e-12):  # as far as rounding can reach
         raise InputError(f"until must not lie in the past: the time is {time:g}; got {until!r}.")
     return max(terms.frame_at(until) - frame, 0)
 

@@ -233,6 +233,19 @@ def test_a_disc_falls_as_gravity_is_changed(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_rounding_of_a_time_neither_refuses_it_nor_costs_a_frame(method):
+    """3 * 0.1 is more than 0.3. And 1000.1 - 1000 more than 2 * 0.05, which an emitter must not take for a frame."""
+    with simulate(one_disc(), method=method, dt=0.1) as sim:
+        assert [sim.run(until=time).frames for time in (0.3, 0.3, 0.7)] == [3, 0, 4]
+    jet = mpsim.Emitter((2, 2), (1, 0), interval=1000.1, limit=1)
+    with simulate(one_disc(emitters=jet), method=method, dt=1000) as sim:
+        sim.run(frames=1)
+        sim.change(dt=0.05)
+        assert (sim.run(until=1000.1).frames, sim.count) == (2, 2)
+        assert [sim.run(until=time).frames for time in (1000.15, 1001.3, 1001.3)] == [1, 23, 0]
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_the_rate_of_an_emitter_is_changed_within_its_interval(method):
     """A quarter of the first interval is left: a quarter of the new one remains."""
     emitter = mpsim.Emitter((1.0, 2.0), (4.0, 0.0), interval=1.0)

@@ -29,8 +29,8 @@ from mpsim.scene.settings import MethodName, Settings
 MOST_FRAMES_OF_A_RUN = 10**12
 
 
-def frames_until(until: float, dt: float, name: str = "until") -> int:
-    """Frames from the start to the first that reaches a time; one that ends within rounding of it does.
+def frames_until(until: float, dt: float, name: str = "until", origin: float = 0.0) -> int:
+    """Frames from the start, or from a time `origin`, to the first that reaches a time, to within its rounding.
 
     >>> frames_until(2.1, 0.3), frames_until(2.2, 0.3)  # 2.1 / 0.3 is 7.000000000000001
     (7, 8)
@@ -38,7 +38,7 @@ def frames_until(until: float, dt: float, name: str = "until") -> int:
     Raises:
         InputError: for more than MOST_FRAMES_OF_A_RUN.
     """
-    frames = until / dt * (1 - 1e-12)
+    frames = (until * (1 - 1e-12) - origin) / dt
     if frames > MOST_FRAMES_OF_A_RUN:
         raise InputError(
             f"{name} must be at most {MOST_FRAMES_OF_A_RUN:,} frames of {dt:g}; got {until:g}. Give an earlier time."
@@ -367,7 +367,7 @@ class Terms(NamedTuple):
 
     def frame_at(self, time: float, name: str = "until") -> int:
         """The first frame that reaches a time [time]; name: of that argument, for the error of `frames_until`."""
-        return self.origin.frame + frames_until(time - self.origin.time, self.settings.dt, name)
+        return self.origin.frame + frames_until(time, self.settings.dt, name, self.origin.time)
 
     def time_of(self, frame: int) -> float:
         """The time at the end of a frame that is done under these terms, or is to come [time]."""

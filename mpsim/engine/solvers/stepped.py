@@ -22,7 +22,6 @@ from mpsim.engine.solvers.base import (
     check_periods,
     check_shapes,
     demand,
-    frames_until,
     state_of,
 )
 from mpsim.engine.solvers.speeds import Fastest, SpeedLimit, Speeds
@@ -218,13 +217,12 @@ class SteppedSolver(Solver, Steps):
         return self.frame - self._origin.frame
 
     def reached(self, time: float) -> bool:
-        frames, dt, time = self._frames, self._settings.dt, time - self._origin.time
-        return time < (frames + 1) * dt and frames_until(time, dt) <= frames
+        return time < self.terms.time_of(self.frame + 1) and self.terms.frame_at(time) <= self.frame
 
     def _frames_to(self, stop: float, most: int) -> int:
         """Number of frames to reach the time `stop`, clipped to [1, most]."""
-        frames, dt, stop = self._frames, self._settings.dt, stop - self._origin.time
-        return min(most, max(frames_until(stop, dt) - frames, 1)) if stop < (frames + most) * dt else most
+        frame, terms = self.frame, self.terms
+        return min(most, max(terms.frame_at(stop) - frame, 1)) if stop < terms.time_of(frame + most) else most
 
     @property
     def _box(self) -> Box:
