@@ -7,7 +7,6 @@ import inspect
 import math
 import numbers
 from collections.abc import Iterable, Mapping, Sequence
-from decimal import Decimal
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
@@ -322,23 +321,6 @@ def _one_for_each(name: str, value: Any, count: int, of: str, all_have_one: bool
     return list(value)
 
 
-def plain(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters as a journal holds them: plain numbers, words and lists of these; what is neither, as it is."""
-    return {name: _plain(value) for name, value in given.items()}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    if isinstance(value, bool):
-        return value
-    if isinstance(value, numbers.Integral):
-        return int(value)
-    return float(value) if isinstance(value, numbers.Real | Decimal) else value
-
-
 # --- Changes of discs between two frames: checked, then applied to a copy
 #
 # A change is a plain record of what was asked for, once that has passed the gate. The same record is applied, kept in
@@ -464,10 +446,11 @@ def check_momentum(solver: Solver, name: str, velocity: NDArray[np.floating], ma
 
 def checked_parameters(solver: Solver, start: Scene, given: Mapping[str, Any]) -> Change:
     """`Simulation.change`, checked but for speeds, and for what `in_force` checks."""
+    values = {name: value if name == "obstacles" else feature.plain(value) for name, value in given.items()}
     if "obstacles" not in given:
-        return made(solver, PARAMETERS, plain(given))
-    there = [each for each in listed(given["obstacles"]) if not isinstance(each, Removed)]
-    return _checked_obstacles(solver, start, PARAMETERS, plain({**given, "obstacles": there}))
+        return made(solver, PARAMETERS, values)
+    values["obstacles"] = [each for each in listed(given["obstacles"]) if not isinstance(each, Removed)]
+    return _checked_obstacles(solver, start, PARAMETERS, values)
 
 
 def checked_wall(

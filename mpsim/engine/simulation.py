@@ -32,7 +32,7 @@ from mpsim.core.late import named
 from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import Discs, State, StateInChunks
 from mpsim.engine import changes, checkpoint
-from mpsim.engine.access import Access, Closing, Once, exclusive, reading, warn
+from mpsim.engine.access import Access, Closing, Notices, Once, exclusive, reading
 from mpsim.engine.changes import REMOVE, Change, Parameters, edited, terms_after
 from mpsim.engine.checkpoint import Snapshot, checked_place
 from mpsim.engine.emission import Emission
@@ -157,7 +157,7 @@ class Simulation(ReadOnly, Closable):
         chosen = scene.settings if settings is None and isinstance(scene, Scene) else settings
         with _collective(chosen, comm):
             self._set_up(scene, settings, Processes(comm, start_method, on_worker_death, unguarded))
-        self._begin(self._step_limits.at_start(), self._solver.start)
+        self._begin(self._step_limits.at_start, self._solver.start)
 
     def _set_up(self, scene: Scene, settings: Settings | None, processes: Processes) -> None:
         """All that comes before the solver is started."""
@@ -187,13 +187,16 @@ class Simulation(ReadOnly, Closable):
         self._solver: Solver = methods.solver_of(choice.method)(scene, settings, choice)
         self._closing = Closing(self, self._solver, self._access)  # before there is anything to close
 
-    def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
+    def _begin(self, look: Callable[[Notices], None], start: Callable[[], None]) -> None:
+        notices = self._access.notices
         try:
             with _collective(self._start[1], self._processes.comm):
-                for text, kind in warned_of:
-                    warn(text, kind)
-            methods.note_remark(self._solver.choice, None, self._access.notices)
-            self._access.notices.give()
+                try:
+                    look(notices)
+                finally:
+                    notices.give()
+            methods.note_remark(self._solver.choice, None, notices)
+            notices.give()
             with self._access.state_lock, refusals_named():  # the end of the program waits until it can be closed
                 start()
                 self._step_limits.set_limit(self._solver)
@@ -1300,7 +1303,7 @@ class Simulation(ReadOnly, Closable):
             sim._step_limits = sim._step_limits.under(*terms)
         sim._changes = list(moment.changes)
         to = dataclasses.replace(moment, terms=terms)
-        sim._begin(sim._step_limits.at_resume(), lambda: sim._go_on_from(to))
+        sim._begin(sim._step_limits.at_resume, lambda: sim._go_on_from(to))
         return sim
 
     def _moment(self) -> Snapshot:

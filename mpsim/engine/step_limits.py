@@ -1,7 +1,6 @@
 """What a scene and its time step must fulfil: precision, room, speeds, collision rates."""
 
 import math
-from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -293,14 +292,14 @@ class StepLimits:
         last = self._origin.frame + (max(wall.rests for wall in walls) - self._origin.time) / dt
         return every, every * math.ceil(min(last / every, 1e18))
 
-    def at_start(self) -> Iterator[tuple[str, type[Warning]]]:
-        """What to warn of before anything is run: overlaps, lost digits, speeds, unless these are refused."""
+    def at_start(self, notices: Notices) -> None:
+        """Warn, before anything is run, of overlaps, lost digits, and speeds, unless these are refused."""
         scene = self._scene
         overlaps = scene.overlaps_at_start() if self._has_steps else ""  # which are refused without steps
         if overlaps:
             text = "The first frames push them apart. To avoid this, give positions that leave room for the discs."
-            yield f"{overlaps}. {text}", OverlapWarning
-        yield from self.at_resume()
+            notices.warn(f"{overlaps}. {text}", OverlapWarning)
+        self.at_resume(notices)
         if not self._has_steps:
             return
         lost = self._lost_at_a_bounce() if self._acceleration else 0.0
@@ -310,18 +309,16 @@ class StepLimits:
                 "acceleration, on average (g dt / speed), though the restitution is 1. Use contact='impact', which "
                 "keeps the energy, or a smaller dt."
             )
-            yield text, FastWarning
+            notices.warn(text, FastWarning)
         if self.adapts:
             self.substeps_for(self._at_start, 0)
-        elif fast := self._complaint(self._at_start, 0):
-            self._refuse_if_wanted(fast)
-            yield fast, FastWarning
-            self._fast.given = True
+        else:
+            self._tell_of_fast(self._at_start, 0, notices)
 
-    def at_resume(self) -> Iterator[tuple[str, type[Warning]]]:
-        """What to warn of before a run goes on from a checkpoint: lost digits."""
+    def at_resume(self, notices: Notices) -> None:
+        """Warn, before a run goes on from a checkpoint, of lost digits."""
         if coarse := coarseness(self._scene, self._settings, self._at_start.mean_speed):
-            yield f"in {self._settings.precision} {coarse}", ResolutionWarning
+            notices.warn(f"in {self._settings.precision} {coarse}", ResolutionWarning)
 
     def _lost_at_a_bounce(self) -> float:
         """Fraction of its energy that the fastest disc loses at a bounce by `push`, where no restitution takes any.
@@ -400,28 +397,25 @@ class StepLimits:
         speeds = solver.speeds(new, None if self.adapts else changed)
         if speeds.pinched >= 0:
             text = solver.ranks.on_root(lambda: pinched(solver, self._scene, speeds.pinched))
-            self._tell_of_pressed(text, notices)
+            self._tell(text, notices, self._pressed)
         if self.adapts:
             self.set_limit(solver)
             return self.substeps_for(speeds, frame)
-        text = self._complaint(speeds, frame)
-        if text:
-            self._refuse_if_wanted(text)
-            notices.warn(text, FastWarning, self._fast)
+        self._tell_of_fast(speeds, frame, notices)
         return usual
 
     def look_for_pressed(self, solver: Solver, notices: Notices) -> None:
         """Look for discs that are pressed into each other, after frames that are checked; warn, or refuse."""
-        if not self._is_look(solver.frame, solver.count):
-            return
-        text = solver.ranks.on_root(lambda: pressed(solver, self._scene, self._settings))
-        if text:
-            self._tell_of_pressed(text, notices)
+        if self._is_look(solver.frame, solver.count):
+            text = solver.ranks.on_root(lambda: pressed(solver, self._scene, self._settings))
+            if text:
+                self._tell(text, notices, self._pressed)
 
-    def _tell_of_pressed(self, text: str, notices: Notices) -> None:
-        """Refuse to go on with discs that have no room, or warn of them once."""
-        self._refuse_if_wanted(f"{text} on_fast='warn' runs it anyway.")
-        notices.warn(text, FastWarning, self._pressed)
+    def _tell(self, text: str, notices: Notices, once: Once, otherwise: str = "") -> None:
+        """Refuse to go on, or warn once; otherwise: what is said besides then."""
+        if self._settings.on_fast == "error":
+            raise TooFastError(f"{text} on_fast='warn' runs it anyway.")
+        notices.warn(text + otherwise, FastWarning, once)
 
     def substeps_for(self, speeds: Speeds, frame: int) -> int:
         """Sub-steps that keep speeds and collisions at AIM of their bounds, and below these until the next look."""
@@ -454,31 +448,25 @@ class StepLimits:
         push = 2 * (speed or self._surface)
         return self._acceleration * self._settings.dt * frames + push
 
-    def _complaint(self, speeds: Speeds, frame: int) -> str | None:
-        """The warning about the fastest disc; None if it is slow enough."""
+    def _tell_of_fast(self, speeds: Speeds, frame: int, notices: Notices) -> None:
+        """Refuse the fastest disc, or warn of it once, unless it is slow enough."""
         settings = self._settings
         dt = settings.dt / settings.substeps
         fraction, collisions = self._fraction(speeds, dt) / BOUND, speeds.collision_rate * dt / COLLISIONS
         if fraction <= 1 and collisions <= 1:
-            return None
+            return
         needed = settings.substeps * max(fraction, collisions) / AIM
         remedy = "Use a larger box"
         if math.isfinite(needed):
             remedy = f"Use dt={settings.dt * settings.substeps / needed:.2g}"
             remedy += f", substeps={math.ceil(needed)}" if needed <= MOST_SUBSTEPS else ""
             remedy += " or on_fast='substep'"
-        text = f"{self._words(speeds, frame)} {remedy}"
-        if settings.on_fast == "error":
-            return f"{text}; on_fast='warn' runs it anyway."
-        return f"{text}; method='event' has no such limit."
+        text = f"{self._words(speeds, frame)} {remedy};"
+        self._tell(text, notices, self._fast, " method='event' has no such limit.")
 
     def _fraction(self, speeds: Speeds, dt: float) -> float:
         """Distance by which the fastest disc and an obstacle can near each other in dt, as a fraction of its limit."""
         return speeds.fraction(dt) + self._surface * dt / speeds.limit
-
-    def _refuse_if_wanted(self, text: str) -> None:
-        if self._settings.on_fast == "error":
-            raise TooFastError(text)
 
     def _words(self, speeds: Speeds, frame: int) -> str:
         dt = self._settings.dt / self._settings.substeps

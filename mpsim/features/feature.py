@@ -13,6 +13,7 @@ import dataclasses
 import json
 import numbers
 from collections.abc import Callable, Iterable
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
@@ -322,14 +323,18 @@ def chosen(value: Any) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """A dataclass as its name and its fields, an array or a tuple as a list; what is none of them, as it is."""
+    """A dataclass as its name and its fields, an array or a tuple as a list, numbers as Python's; all else as it is."""
     if isinstance(value, np.ndarray | np.generic):
-        return cast(Any, value.tolist())
+        value = cast(Any, value.tolist())
     if isinstance(value, list | tuple):
         return [plain(each) for each in cast(Any, value)]
     if dataclasses.is_dataclass(value):
         return [type(value).__name__, {name: plain(each) for name, each in chosen(value).items()}]
-    return value
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    return float(value) if isinstance(value, numbers.Real | Decimal) else value
 
 
 def restored(values: Any, kinds: Iterable[type[Any]]) -> Any:

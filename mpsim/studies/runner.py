@@ -10,6 +10,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
 from mpsim.core import files
+from mpsim.core.checks import Closable
 from mpsim.core.files import FileLock
 from mpsim.core.machine import usable_cores
 from mpsim.errors import InputError, OutputError, reason_of
@@ -29,7 +30,7 @@ class Stopped(Exception):  # noqa: N818 - not an error
     """The run is no longer needed."""
 
 
-class Runner(Generic[Key]):
+class Runner(Closable, Generic[Key]):
     """Runs tasks. Use it in a `with` block, which ends its threads.
 
     Args:
@@ -49,10 +50,8 @@ class Runner(Generic[Key]):
         self._pending: dict[Future[Any], Key] = {}
         self._finished: SimpleQueue[Future[Any]] = SimpleQueue()
 
-    def __enter__(self) -> "Runner[Key]":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
+        """End its threads."""
         if self._threads is not None:
             self._stop.set()
             self._threads.shutdown(cancel_futures=True)

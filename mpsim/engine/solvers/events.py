@@ -96,7 +96,8 @@ class EventSolver(CollisionLog):
     # --- frames
 
     def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
-        contacts, guarded = self._collisions_so_far()
+        counter = self._system.store.counter
+        contacts, guarded = int(counter["pairs"]), int(counter["guarded"])
         seen = records.numbers(self._seen).copy() if count_enabled else None
         times = np.zeros((1 + self._plan.workers, frames), np.int64)
         totals = np.zeros(frames if count_enabled else 0, records.TOTALS)
@@ -109,14 +110,8 @@ class EventSolver(CollisionLog):
             by_phase[:, :, stepped.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
         # What was done of an unfinished frame counts for the call in which it ends.
         counters = None if seen is None else self._counters(totals[:done], seen)
-        contacts_after, guarded_after = self._collisions_so_far()
-        guarded = guarded_after - guarded
-        return BatchResult(by_phase, contacts_after - contacts, counters, guarded, logged=self.logging)
-
-    def _collisions_so_far(self) -> tuple[int, int]:
-        """Collisions of two discs, and those in which the guard has acted."""
-        counter = self._system.store.counter
-        return int(counter["pairs"]), int(counter["guarded"])
+        contacts, guarded = int(counter["pairs"]) - contacts, int(counter["guarded"]) - guarded
+        return BatchResult(by_phase, contacts, counters, guarded, logged=self.logging)
 
     def _run_kernel(self, times: NDArray[np.int64], totals: NDArray[Any], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""

@@ -369,23 +369,20 @@ def _make_private(memory: SharedMemory) -> None:
         raise OSError(ctypes.get_errno(), "the block of the parent cannot be unmapped in a fork")
 
 
-class _Private(SharedMemory):
+class _Attached(SharedMemory):
+    """A block in a worker. SharedMemory takes a name away if it cannot be mapped, whoever made it."""
+
+    def unlink(self) -> None:
+        """Nothing: the coordinator alone does."""
+
+
+class _Private(_Attached):
     """Memory of this process alone, which needs no /dev/shm, descriptor or resource tracker."""
 
     def __init__(self, size: int):
         self._name, self._size = "private", size
         self._mmap = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         self._buf = memoryview(self._mmap)
-
-    def unlink(self) -> None:
-        """Nothing: it has no name."""
-
-
-class _Attached(SharedMemory):
-    """A block in a worker. SharedMemory takes a name away if it cannot be mapped, whoever made it."""
-
-    def unlink(self) -> None:
-        """Nothing: the coordinator alone does."""
 
 
 @contextmanager
