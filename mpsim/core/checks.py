@@ -371,7 +371,7 @@ class ReadOnly:
     def _may_set(self, name: str) -> bool:
         if name in self._set_once:
             return name not in vars(self)
-        own = next(each for each in type(self).__mro__ if each.__module__.startswith("mpsim."))
+        own, *_ = (each for each in type(self).__mro__ if each.__module__.startswith("mpsim."))
         return type(self) is not own and not hasattr(own, name)
 
     def _refuse(self, name: str, what: str) -> NoReturn:

@@ -73,7 +73,7 @@ class EventSolver(CollisionLog):
         self._system: Any = None
         self._played: Any = None  # the system for whose types `_player` is
         self._windows: Windows | None = None
-        self._block = self._plan.room(scene.count)
+        self._block, self._spare = self._plan.room(scene.count), self._plan.room(scene.count)
 
     def start(self) -> None:
         columns = {**given_in(self._scene), MASS.name: self.masses}
@@ -269,7 +269,7 @@ class EventSolver(CollisionLog):
         crushing = crushing_speed_of(scene, velocity, self._plan.crushing_speed)
         plan = self._plan._replace(terms=terms, workers=max(choice.workers), crushing_speed=crushing)
         begins = origin != self._origin
-        block, work = plan.room(len(discs.position)), self._work_sums()
+        block, work = self._room(plan, len(discs.position)), self._work_sums()
         with block.closed_on_error():
             present = 0.0 if begins else self._present
             system = plan.placed(block, discs, present)
@@ -279,7 +279,7 @@ class EventSolver(CollisionLog):
             solver.write_totals(counted, self._system.store)
             seen = records.of_numbers(records.TOTALS, records.numbers(self._seen) - records.numbers(counted))
             windows = self._windows_on(block, system, choice)
-        self._take(plan, choice, block, system, windows)
+        self._take(plan, choice, system, windows)
         self._count_work_from(work, self._work_unit)
         self.radii, self.masses, self._seen = discs.radius, discs.mass, seen
         if begins:
@@ -311,23 +311,22 @@ class EventSolver(CollisionLog):
             raise
         return windows
 
-    def _take(
-        self,
-        plan: BlockPlan,
-        choice: Choice,
-        block: SharedBlock,
-        system: System,
-        windows: Windows | None,
-    ) -> None:
-        """Continue in another block, which is filled, and close the old one; one of them is owned at every moment."""
-        old, before = self._block, self._windows
-        self._system, self._block, self._windows, self._plan = system, block, windows, plan
+    def _room(self, plan: BlockPlan, count: int) -> SharedBlock:
+        """Another block, still to be made: the spare one, so that `close` knows of it at every moment."""
+        self._spare.close()  # of a change that was interrupted
+        self._spare = plan.room(count)
+        return self._spare
+
+    def _take(self, plan: BlockPlan, choice: Choice, system: System, windows: Windows | None) -> None:
+        """Continue in the spare block, which is filled, and close the old one."""
+        before, self._spare, self._block = self._windows, self._block, self._spare
+        self._system, self._windows, self._plan = system, windows, plan
         self.count: int = len(system.store.order)
         self.choice: Choice = choice
         self._set_terms(plan.terms)
         if before is not None and before is not windows:
             before.close()
-        old.close()
+        self._spare.close()
 
     @property
     def contact_time(self) -> float:
@@ -353,6 +352,7 @@ class EventSolver(CollisionLog):
         if windows is not None:
             windows.close()
         self._system = self._played = self._seen = self._clock = None
+        self._spare.close()
         self._block.close()
 
     def _work_counted(self) -> list[NDArray[np.int64]]:
@@ -382,7 +382,7 @@ class EventSolver(CollisionLog):
         kept, workers = snapshot.get(event_block.CRUSHING_SPEED), max(choice.workers)
         crushing = None if kept is None else float(kept[0])
         plan = BlockPlan(terms, (impulse, virial), self._plan.contact_time, crushing, workers, self.logging)
-        block = plan.room(count_in(snapshot))
+        block = self._room(plan, count_in(snapshot))
         with block.closed_on_error():
             block.create()
             event_block.put_back(terms.scene, block.arrays, snapshot)
@@ -390,7 +390,7 @@ class EventSolver(CollisionLog):
             solver.run_task(solver.RELINK, *system)
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
             windows = None if new_workers else self._windows_on(block, system, choice)
-        self._take(plan, choice, block, system, windows)
+        self._take(plan, choice, system, windows)
         self._restore_work(snapshot)
         self.radii: NDArray[np.float64] = radii
         self.masses: NDArray[np.float64] = masses

@@ -135,8 +135,9 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._borders = np.zeros(0)  # fraction of the discs before those of each worker, and 1
-        self._pool = self._next_pool = WorkerPool(None)  # the second of a block that is to replace the present one
-        self._capacity, self._block = max(scene.count, 1), SharedBlock({})
+        self._pool = self._next_pool = WorkerPool(None)  # the second of the spare block: one to replace the present one
+        self._capacity = max(scene.count, 1)
+        self._block = self._spare = SharedBlock({})
 
     def start(self) -> None:
         scene = self._scene
@@ -145,7 +146,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self.restore(start, self.choice, self.terms)
 
     def close(self) -> None:
-        self._next_pool.stop()
+        self._drop_spare()
         self._pool.stop()
         self._block.close()
 
@@ -442,24 +443,24 @@ class GridSolver(SteppedSolver, CollisionLog):
             new_workers: whether others are started, as if `choice` were another.
         """
         before = self.terms, self.choice, self._capacity
-        old, new_workers = self._block, new_workers or choice != self.choice
+        new_workers = new_workers or choice != self.choice
         try:
             self._set_terms(terms)
             self.choice: Choice = choice
-            block = self._next_block(capacity, radii)
-            stays = not new_workers and block.specs == old.specs
+            self._spare = block = self._next_block(capacity, radii)
+            stays = not new_workers and block.specs == self._block.specs
             if stays:
-                fill_features(old.arrays, self._scene)
+                fill_features(self._arrays, self._scene)
             else:
-                with block.closed_on_error():
-                    block.create()
-                    block.arrays["team"]["bad_slot"] = -1
-                    fill_features(block.arrays, self._scene)
-                    self._load_kernels(block)
-                    if new_workers:
-                        self._next_pool = WorkerPool(choice.processes.start_method)
-                        self._next_pool.start(block, self._most_workers)
+                block.create()
+                block.arrays["team"]["bad_slot"] = -1
+                fill_features(block.arrays, self._scene)
+                self._load_kernels(block)
+                if new_workers:
+                    self._next_pool = WorkerPool(choice.processes.start_method)
+                    self._next_pool.start(block, self._most_workers)
         except BaseException:
+            self._drop_spare()
             self._set_terms(before[0])
             _, self.choice, self._capacity = before
             raise
@@ -467,16 +468,15 @@ class GridSolver(SteppedSolver, CollisionLog):
         if stays:
             self._enter(snapshot)
         else:
-            self._block = block
+            self._block, self._spare = block, self._block
             try:
                 self._enter(snapshot)
                 if new_workers:
                     self._pool, self._next_pool = self._next_pool, self._pool
-                    self._next_pool.stop()
                 else:
                     self._pool.move_to(block)
             finally:
-                old.close()
+                self._drop_spare()
         self._moving = False
 
     # --- the block
@@ -496,6 +496,11 @@ class GridSolver(SteppedSolver, CollisionLog):
     @property
     def pids(self) -> list[int]:
         return [*self._pool.pids]
+
+    def _drop_spare(self) -> None:
+        """Stop the workers, and close the block, that are to replace the present ones, or were replaced."""
+        self._next_pool.stop()
+        self._spare.close()
 
     def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""
