@@ -9,7 +9,7 @@ import sys
 import pytest
 from support.pages import ROOT
 
-pytestmark = [pytest.mark.compiled, pytest.mark.slow]
+pytestmark = [pytest.mark.compiled, pytest.mark.slow, pytest.mark.timeout(660)]
 
 
 def run(name, *words, code=0, folder=None, **env):
@@ -17,7 +17,7 @@ def run(name, *words, code=0, folder=None, **env):
     command = [sys.executable, "-W", "ignore", ROOT / "scripts" / f"{name}.py", *map(str, words)]
     variables = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "160"} | env
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=170, env=variables, cwd=folder or ROOT
+        command, capture_output=True, text=True, check=False, timeout=600, env=variables, cwd=folder or ROOT
     )
     assert done.returncode == code, f"{done.stdout}\n{done.stderr}"
     return done.stdout + done.stderr
