@@ -69,12 +69,7 @@ class ChunkedArray:
     (array([ 4,  9, 16]), 10, 285)
     """
 
-    def __init__(
-        self,
-        dtype: np.dtype[Any],
-        shape: tuple[int, ...],
-        read: Callable[[int, int], NDArray[Any]],
-    ):
+    def __init__(self, dtype: np.dtype[Any], shape: tuple[int, ...], read: Callable[[int, int], NDArray[Any]]):
         self.dtype: np.dtype[Any] = dtype
         self.shape: tuple[int, ...] = shape
         self._read = read

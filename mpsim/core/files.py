@@ -21,12 +21,7 @@ from mpsim.errors import MpsimError, OutputError
 
 # --- Opens files of unknown origin: checks kind and size before it reads the content
 
-_KINDS = {
-    stat.S_IFIFO: "a named pipe",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFSOCK: "a socket",
-}
+_KINDS = {stat.S_IFIFO: "a named pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
 
 
 def opened(path: str | os.PathLike[str]) -> BinaryIO:

@@ -50,9 +50,11 @@ class Movement:
         """A record of the kernels with the motion, of dtype BODY, and the rows of its path, shape (P, 3)."""
         record = np.zeros(1, bodies.BODY)[0]
         record.start, record.stop, record.fastest = self.start, math.inf, self.fastest(np.zeros((0, ROW)))
-        return record, self._fill(record)
+        knots = self._fill(record)
+        return record, np.zeros((0, 3)) if knots is None else knots
 
-    def _fill(self, record: Any) -> Floats:
+    def _fill(self, record: Any) -> Floats | None:
+        """Write the motion into a record; the rows of a path are returned."""
         raise NotImplementedError
 
     def fastest(self, capsules: Floats) -> float:
@@ -61,6 +63,11 @@ class Movement:
 
     def swept(self, points: Floats) -> tuple[Floats, Floats]:
         """Lower left and upper right corner (x, y) of where points, shape (K, 2), are at any time [length]."""
+        ways = self._displacements()
+        return points.min(axis=0) + ways.min(axis=0), points.max(axis=0) + ways.max(axis=0)
+
+    def _displacements(self) -> Floats:
+        """Displacements (x, y) between which all others lie, shape (P, 2) [length]."""
         raise NotImplementedError
 
 
@@ -94,20 +101,19 @@ class Translation(Movement):
         super().__post_init__()
         checks.keep_fields(self, velocity=_moving, stop="[length]")
 
-    def _fill(self, record: Any) -> Floats:
+    def _fill(self, record: Any) -> None:
         record.kind, record.vector[:] = bodies.TRANSLATION, self.velocity
         record.stop = math.inf if self.stop is None else self.stop / record.fastest
-        return np.zeros((0, 3))
 
     def fastest(self, capsules: Floats) -> float:
         return float(np.hypot(*np.asarray(self.velocity)))
 
-    def swept(self, points: Floats) -> tuple[Floats, Floats]:
+    def _displacements(self) -> Floats:
         velocity = np.asarray(self.velocity)
         with np.errstate(invalid="ignore"):
             way = velocity * (math.inf if self.stop is None else self.stop / np.hypot(*velocity))
         way[velocity == 0] = 0
-        return points.min(axis=0) + np.minimum(way, 0), points.max(axis=0) + np.maximum(way, 0)
+        return np.array([np.zeros(2), way])
 
 
 @dataclass(frozen=True)
@@ -135,18 +141,16 @@ class Oscillation(Movement):
         super().__post_init__()
         checks.keep_fields(self, amplitude=_moving, period="[time]", phase=checks.finite)
 
-    def _fill(self, record: Any) -> Floats:
+    def _fill(self, record: Any) -> None:
         record.kind, record.vector[:] = bodies.OSCILLATION, self.amplitude
         record.rate, record.phase = 1 / self.period, self.phase / TURN
         record.bend = record.fastest * TURN / self.period
-        return np.zeros((0, 3))
 
     def fastest(self, capsules: Floats) -> float:
         return float(np.hypot(*np.asarray(self.amplitude))) * TURN / self.period
 
-    def swept(self, points: Floats) -> tuple[Floats, Floats]:
-        way = np.abs(np.asarray(self.amplitude))
-        return points.min(axis=0) - way, points.max(axis=0) + way
+    def _displacements(self) -> Floats:
+        return np.multiply.outer((-1.0, 1.0), np.asarray(self.amplitude))
 
 
 @dataclass(frozen=True)
@@ -175,10 +179,9 @@ class Rotation(Movement):
         turning = partial(_moving, check=checks.finite, rest=0)
         checks.keep_fields(self, centre=checks.point, rate=turning, stop="[radians]")
 
-    def _fill(self, record: Any) -> Floats:
+    def _fill(self, record: Any) -> None:
         record.kind, record.vector[:], record.rate = bodies.ROTATION, self.centre, self.rate / TURN
         record.stop = math.inf if self.stop is None else self.stop / abs(self.rate)
-        return np.zeros((0, 3))
 
     def fastest(self, capsules: Floats) -> float:
         ends = capsules[:, ENDS].reshape(-1, 2, 2) - np.asarray(self.centre)
@@ -237,9 +240,8 @@ class Path(Movement):
         ways = np.hypot(*np.diff(np.asarray(self.displacements), axis=0).T)
         return float((ways / np.diff(np.asarray(self.times))).max())
 
-    def swept(self, points: Floats) -> tuple[Floats, Floats]:
-        places = np.asarray(self.displacements)
-        return points.min(axis=0) + places.min(axis=0), points.max(axis=0) + places.max(axis=0)
+    def _displacements(self) -> Floats:
+        return np.asarray(self.displacements)
 
 
 MOTIONS: tuple[type[Movement], ...] = (Translation, Oscillation, Rotation, Path)

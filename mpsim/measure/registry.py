@@ -531,13 +531,7 @@ class RunAverages:
     """
 
     def __init__(
-        self,
-        names: tuple[str, ...],
-        frames: int,
-        scene: Scene,
-        of_discs: OfDiscs,
-        whole: bool = True,
-        skipped: int = 0,
+        self, names: tuple[str, ...], frames: int, scene: Scene, of_discs: OfDiscs, whole: bool = True, skipped: int = 0
     ):
         self._names, self._skipped, self._scene, self._of_discs = names, skipped, scene, of_discs
         self.counting: bool = any(name not in SAMPLED for name in names)  # whether the kernels must count

@@ -219,11 +219,7 @@ def energy_in_bath(values: NDArray[np.float64], memory: float, count: int) -> Sl
 
 
 def block_average(
-    series: ArrayLike,
-    *,
-    event: float | None = None,
-    alternation: float = 0.0,
-    constant: bool = False,
+    series: ArrayLike, *, event: float | None = None, alternation: float = 0.0, constant: bool = False
 ) -> Measure:
     """Mean of a correlated series and its standard error, from the spectrum of averages over blocks.
 

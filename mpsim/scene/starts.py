@@ -797,31 +797,25 @@ def demand_sites(lattice: Lattice, packing: float | None) -> None:
 
 def demand_equal_discs(radius: Any, others: dict[str, Any]) -> None:
     """Refuse, by name, arguments of Scene for which discs on a lattice would differ or have no place."""
+    instead = "Use Scene.random, or give the places of the discs."
     if np.ndim(radius):
-        raise InputError(
-            f"radius of discs on a lattice must be one number for all; got an array of shape {np.shape(radius)}. Use "
-            "Scene.random, or give the places of discs of several sizes."
-        )
+        got = f"an array of shape {np.shape(radius)}"
+        raise checks.refusal("radius of discs on a lattice", "be one number for all", got, instead)
     if others.get("mass") is not None:
-        raise InputError(
-            "mass must be left out for discs on a lattice, which have mass 1 each; got one or more. Use Scene.random, "
-            "or give places and velocities of discs of other masses."
-        )
+        rule = "be left out for discs on a lattice, which have mass 1 each"
+        raise checks.refusal("mass", rule, "one or more", instead)
 
 
 def demand_whole_box(scene: Any) -> None:
     """Refuse anything inside the box of a scene with discs on a lattice: capsules, or a wall that starts inside."""
     if len(scene._capsules_at(0.0)):
-        raise InputError(
-            "obstacles must be left out for discs on a lattice, which fills the box; got one or more. Use "
-            "Scene.random, whose discs keep clear of them."
-        )
+        rule = "be left out for discs on a lattice, which fills the box"
+        raise checks.refusal("obstacles", rule, "one or more", "Use Scene.random, whose discs keep clear of them.")
     for wall in scene._moving_walls:
         if (place := wall.place(0.0)) != (0.0, scene.width, 0.0, scene.height)[wall.edge]:
-            raise InputError(
-                f"start of the {wall.name} must be its wall for discs on a lattice, which fills the box; got "
-                f"{place:g}. Leave it out, or give the places of the discs."
-            )
+            rule = "be its wall for discs on a lattice, which fills the box"
+            instead = "Leave it out, or give the places of the discs."
+            raise checks.refusal(f"start of the {wall.name}", rule, f"{place:g}", instead)
 
 
 def _key(*numbers: int) -> NDArray[np.uint64]:

@@ -258,10 +258,7 @@ class Deviation:
 
 
 def deviations(
-    found: Sequence[dict[str, Any]],
-    reference: Sequence[dict[str, Any]],
-    measures: Sequence[str],
-    least: int = 0,
+    found: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]], measures: Sequence[str], least: int = 0
 ) -> dict[str, Deviation]:
     """Errors of long runs for the named measures of registry.LONG.
 

@@ -152,16 +152,13 @@ def long_run(
                 unit = 2 * scene.smallest_radius if OBSERVABLES[name].unit == "diam." else 1.0
                 series[name].append(report.measures[name].value / unit)
             series["met"].append(report.measures["overlap"].samples)
-            series["speed_distribution"].append(_cumulative(sim.state, speed))
+            state = sim.state
+            speeds = np.sort(np.hypot(*state.velocity[state.present].astype(float).T))
+            slower = np.searchsorted(speeds, SPEED_LEVELS * speed) / max(len(speeds), 1)
+            series["speed_distribution"].append(slower.tolist())
             series["centre"].append((before + sim.time) / 2 / until)
             series["seconds"] += float(report.frame_seconds.sum())
     return series
-
-
-def _cumulative(state: State, unit: float) -> list[float]:
-    """Fractions of the discs slower than each of SPEED_LEVELS."""
-    speeds = np.sort(np.hypot(*state.velocity[state.present].astype(float).T))
-    return (np.searchsorted(speeds, SPEED_LEVELS * unit) / max(len(speeds), 1)).tolist()
 
 
 @_attempt

@@ -195,10 +195,7 @@ def typical_speed(scene: Scene) -> float:
 
 
 def divergence(
-    scene: Scene,
-    seed: int = 0,
-    contact_time: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    scene: Scene, seed: int = 0, contact_time: float | None = None, progress: Callable[[int, int], None] | None = None
 ) -> float:
     """Largest Lyapunov exponent [1/time] of the scene, from two exact runs whose velocities differ by 1e-10 at first.
 
@@ -409,12 +406,7 @@ def preliminary_run(
 
 
 def _exact_reference(
-    scene: Scene,
-    until: float | None,
-    crossing: float,
-    seconds: float,
-    contact_time: float | None,
-    earlier: str | None,
+    scene: Scene, until: float | None, crossing: float, seconds: float, contact_time: float | None, earlier: str | None
 ) -> PreliminaryRun:
     """The preliminary run of the exact solver; earlier: the reference of an earlier one.
 
