@@ -489,7 +489,7 @@ class Scene(ReadOnly):
             width, height: the box, instead of packing.
             boundary, obstacles: as for Scene. Discs do not overlap obstacles, whose area packing ignores.
             inside: part of the box for the discs: (x_low, y_low, x_high, y_high) of their centres, or a Circle
-                or a closed Polyline around them.
+                or a closed Polyline around them. None: all of it, between pistons as they start.
             others: further arguments of Scene, such as gravity or duration.
 
         Positions come from random sequential addition up to packing 0.4. Denser scenes start from a hexagonal lattice
@@ -517,7 +517,13 @@ class Scene(ReadOnly):
         solid = check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
         region = None if inside is None else starts.check_region("inside", inside)
-        room = starts.Room((width, height), wraps_of(edges), capsules_of(solid, 0.0))
+        walls = None
+        if others.get("piston") is not None:
+            nobody, largest = np.zeros((0, 2)), float(np.max(radius, initial=0.0)) or 1.0
+            size: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "radius": largest}
+            start = cls(position=nobody, velocity=nobody, piston=others["piston"], **size).box
+            walls = start if start != (0.0, width, 0.0, height) else None
+        room = starts.Room((width, height), wraps_of(edges), capsules_of(solid, 0.0), walls)
         position = starts.random_places(radius, count, room, region, rng)
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": solid, **others}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.checks import Floats
+from mpsim.core.state import Box
 from mpsim.errors import InputError
 from mpsim.features.capsules import distance, gaps, is_within, shifted, with_images
 from mpsim.features.edges import BOUNDARIES
@@ -90,12 +91,13 @@ class Room(NamedTuple):
     """A box, and what is in it where discs are placed.
 
     size: width and height [length]. periodic: whether x, and whether y, is. capsules: obstacles, and discs as capsules
-    of length 0, shape (K, ROW).
+    of length 0, shape (K, ROW). walls: (x_low, x_high, y_low, y_high), if some start inside.
     """
 
     size: tuple[float, float]
     periodic: tuple[bool, bool] = (False, False)
     capsules: Floats = np.zeros((0, ROW))
+    walls: Box | None = None
 
 
 def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:
@@ -318,10 +320,10 @@ def random_places(
 
     Args:
         radius: of all, or of each, shape (count,) [length], > 0.
-        region: that contains the centres, or a shape around the discs; None: the box, or what containers leave of it.
+        region: that contains the centres, or a shape around the discs; None: what walls and containers leave.
     """
     area_of_discs(radius, count)  # which refuses extreme radii
-    box, periodic, capsules = room
+    box, periodic, capsules, walls = room
     corner, (width, height), largest = np.zeros(2), box, float(np.max(radius, initial=0.0))
     wraps, margin = periodic, float(np.min(radius, initial=math.inf)) if count else 0.0
     shape = None
@@ -331,7 +333,7 @@ def random_places(
         if isinstance(region, Circle):
             around[:, [RADIUS, POLYGON]] = -region.radius, 0
         capsules, shape, region = np.concatenate([capsules, around]), region, None
-    region = region or _inside_containers(capsules, box, margin)
+    region = region or _inside(capsules, walls, box, margin)
     if region is not None:
         corner, beyond = np.array(region[:2]) - margin, np.add(region[:2], box) - 2 * largest
         width, height = np.where(periodic, np.minimum(region[2:], beyond), region[2:]) - corner + margin
@@ -369,13 +371,14 @@ def _near(room: Room, region: Region, reach: float) -> Floats:
     return every[~(apart_x | apart_y) | (radius < 0) | (every[:, POLYGON] != 0)]
 
 
-def _inside_containers(capsules: Floats, box: tuple[float, float], radius: float) -> Region | None:
-    """The rectangle in which containers leave room for discs of a radius; None without any."""
+def _inside(capsules: Floats, walls: Box | None, box: tuple[float, float], radius: float) -> Region | None:
+    """The rectangle in which walls and containers leave room for discs of a radius; None: all of the box."""
     circles, polygon = (capsules[capsules[:, column] < 0] for column in (RADIUS, POLYGON))
-    if not len(circles) + len(polygon):
+    if not len(circles) + len(polygon) and walls is None:
         return None
-    low = [*(circles[:, :2] + circles[:, RADIUS, None]), np.zeros(2)]
-    high = [*(circles[:, :2] - circles[:, RADIUS, None]), np.array(box)]
+    x_low, x_high, y_low, y_high = walls or (0.0, box[0], 0.0, box[1])
+    low = [*(circles[:, :2] + circles[:, RADIUS, None]), np.array([x_low, y_low])]
+    high = [*(circles[:, :2] - circles[:, RADIUS, None]), np.array([x_high, y_high])]
     if len(polygon):
         low.append(polygon[:, :2].min(axis=0))
         high.append(polygon[:, :2].max(axis=0))

@@ -262,6 +262,17 @@ def test_random_discs_are_outside_a_filled_polygon_or_inside_a_shape(count, boun
     assert [each.overlaps_at_start() for each in (outside, inside, circle, ring, region)] == [""] * 5
 
 
+@pytest.mark.parametrize("features", [{}, {"inside": mpsim.Circle((8, 5), 4)}, {"boundary": ("walls", "periodic")}])
+def test_random_discs_are_between_pistons_as_they_start(features):
+    pistons = [
+        mpsim.Piston("left", 0.5, 6, start=5),
+        mpsim.Piston("right", motion=mpsim.Oscillation((1, 0), 2), start=9),
+    ]
+    made = mpsim.Scene.random(count=20, width=12, height=10, radius=[0.2, 0.4] * 10, piston=pistons, **features)
+    assert ((made.position[:, 0] >= 5 + made.radius) & (made.position[:, 0] <= 9 - made.radius)).all()
+    assert made.overlaps_at_start() == ""
+
+
 def test_no_disc_starts_or_is_added_in_a_filled_polygon_also_after_it_has_moved():
     box = {"width": 12, "height": 10, "radius": 0.25, "velocity": [(0, 0)]}
     filled = mpsim.Polyline(TRIANGLE, filled=True, motion=mpsim.Translation((0.5, 0), stop=1))
