@@ -254,6 +254,19 @@ def test_walls_are_drawn_dragged_and_removed_by_pointer_and_keys(table):
     assert t.complaints == []
 
 
+def test_a_container_is_dragged_by_its_circle_and_removed(table):
+    ring = mpsim.Circle((10, 6), 4, inside=True)
+    disc = {"position": [[10, 6]], "velocity": [[0, 0]], "radius": 0.5}
+    t = table(mpsim.Scene(width=20, height=12, **disc, obstacles=ring))
+    t.drag((13.9, 6), (14.9, 6))
+    until(lambda: t.last("obstacles")["numbers"] == [1])
+    assert np.allclose(t.last("obstacles")["capsules"][0][:2], (11, 6), atol=0.05)
+    t.keys("x")
+    t.click(11, 2.1)
+    until(lambda: t.last("obstacles")["capsules"] == [])
+    assert t.complaints == []
+
+
 def test_keys_do_what_the_pointer_does_and_fingers_too(table):
     t = table()
     t.keys("k")

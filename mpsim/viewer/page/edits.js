@@ -85,7 +85,8 @@ function wallAt(place, reach) {
   state.obstacles.forEach(([ax, ay, bx, by, radius], k) => {
     const along = [bx - ax, by - ay], square = along[0] ** 2 + along[1] ** 2, from = nearest([place[0] - ax, place[1] - ay]);
     const part = square ? bound((from[0] * along[0] + from[1] * along[1]) / square, 0, 1) : 0;
-    const away = Math.hypot(...nearest(along.map((each, axis) => from[axis] - part * each))) - radius;
+    const centre = Math.hypot(...nearest(along.map((each, axis) => from[axis] - part * each)));
+    const away = radius < 0 ? -radius - centre : centre - radius;  // a container is solid around its circle
     if (away <= least) [found, least] = [state.owners[k], away];
   });
   return found;
@@ -402,9 +403,10 @@ afterDrawing.push(() => {
     mark(c, [5, 2.5], () => c.arc(x, y, radiusOf(gesture.disc) * camera.scale + 3 * ratio, 0, 7));
   }
   const drawn = gesture?.tool === "wall" && state.picture ? drawnWall() : null;
-  for (const [ax, ay, bx, by] of drawn ? [drawn.flat()] : gesture?.tool === "move" ? movedWall().rows : []) {
+  for (const [ax, ay, bx, by, radius] of drawn ? [drawn.flat()] : gesture?.tool === "move" ? movedWall().rows : []) {
     c.lineCap = "round";
-    mark(c, [7, 4], () => { c.moveTo(...camera.pixel(ax, ay)); c.lineTo(...camera.pixel(bx, by)); });
+    const [x, y] = camera.pixel(ax, ay);
+    mark(c, [7, 4], () => { if (radius < 0) c.arc(x, y, -radius * camera.scale, 0, 7); else { c.moveTo(x, y); c.lineTo(...camera.pixel(bx, by)); } });
   }
   if (!cross) return;
   const [x, y] = camera.pixel(...cross), arm = 14 * ratio;
