@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +56,7 @@ class Report:
         compile_seconds: time spent compiling kernels since the previous report of this simulation, or since its
             creation; frame times do not include it [s]. 0 if all kernels were in the cache.
         contact_time: contact time of the exact solver [time]; 0 if there was none.
+        work: that of each moving surface on discs in this run, as `Simulation.work` [mass length^2/time^2].
     """
 
     times: NDArray[np.int64]
@@ -69,6 +70,7 @@ class Report:
     observing_seconds: float = 0.0
     compile_seconds: float = 0.0
     contact_time: float = 0.0
+    work: dict[int | str, float] = field(default_factory=dict[int | str, float])
 
     @property
     def frames(self) -> int:

@@ -90,13 +90,16 @@ class RunRecord:
         logged: tables of collisions that nobody has taken yet.
     """
 
-    def __init__(self, workers: int, averages: RunAverages | None, logged: list[NDArray[Any]]):
+    def __init__(
+        self, workers: int, averages: RunAverages | None, logged: list[NDArray[Any]], work: dict[int | str, float]
+    ):
         self.averages = averages
         self.count_enabled: bool = averages is not None and averages.counting
         self.guarded: int = 0
         self.done: int = 0
         self.collisions: int = 0
         self.logged: list[NDArray[Any]] = logged
+        self._work_before = work
         self._workers = workers
         self._times: list[NDArray[np.int64]] = []
 
@@ -122,6 +125,10 @@ class RunRecord:
         if self.averages is not None:
             self.averages.rewind(mark.gathered)
         self.logged[:] = mark.logged
+
+    def work_since_begin(self, work: dict[int | str, float]) -> dict[int | str, float]:
+        """The work of surfaces in this run, from that since the start."""
+        return {name: done - self._work_before.get(name, 0.0) for name, done in work.items()}
 
     def take_logged(self, frame: int) -> NDArray[Any]:
         """The collisions up to the end of a frame that nobody has taken yet, in order: TABLE. Later ones stay."""

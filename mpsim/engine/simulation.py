@@ -536,7 +536,8 @@ class Simulation(ReadOnly, Closable):
             self._between_frames(lambda: log_collisions(solver, logged))
         if not logged:
             self._logged.clear()
-        self._record = RunRecord(max(solver.choice.workers), averages, self._logged)
+        work = solver.work if solver.work_unit else {}
+        self._record = RunRecord(max(solver.choice.workers), averages, self._logged, work)
         return self._record
 
     def _run_frames(
@@ -698,6 +699,7 @@ class Simulation(ReadOnly, Closable):
             observing_seconds,
             compiled,
             solver.contact_time,
+            record.work_since_begin(solver.work) if solver.work_unit else {},
         )
 
     def _resources(self, solver: Solver) -> tuple[tuple[int, ...], int]:

@@ -530,7 +530,7 @@ class Solver(ABC):
         self.radii: NDArray[np.float64] = kept_sizes(scene.radii)
         self.masses: NDArray[np.float64] = kept_sizes(scene.masses)
         self._work_before: NDArray[np.int64] = NO_WORK  # what was done before the present block was filled
-        self._work_unit = 0.0  # 0: none has been done
+        self.work_unit: float = 0.0  # 0: none has been done
 
     @property
     def terms(self) -> Terms:
@@ -668,7 +668,7 @@ class Solver(ABC):
     def work(self) -> dict[int | str, float]:
         """Work on discs since the start, by wall or number of obstacle: of those that move, and that have done any."""
         scene, sums = self._scene, self._work_sums()
-        energies = (sums[:, 0] + sums[:, 1] / 2.0**log.PART_BITS) * self._work_unit
+        energies = (sums[:, 0] + sums[:, 1] / 2.0**log.PART_BITS) * self.work_unit
         moving = {wall.edge for wall in scene._moving_walls}
         moving |= {log.WALLS + k for k, each in enumerate(scene.obstacles) if each.moves or each.surface_velocity}
         names = (*EDGES, *range(len(sums)))
@@ -688,15 +688,15 @@ class Solver(ABC):
         arrays = self.block.arrays
         if not unit and log.SUM in arrays:
             unit = unit_of_work(self._scene, self._settings.dt)
-        self._work_before, self._work_unit = before, unit
+        self._work_before, self.work_unit = before, unit
         if log.SUM in arrays:
             arrays[log.SUM][:], arrays[log.UNIT][0] = 0, unit
 
     def _saved_work(self) -> SolverState:
         """What a snapshot holds of it."""
-        if not self._work_unit:
+        if not self.work_unit:
             return {}
-        return {log.SUM: self._work_sums(), log.UNIT: np.array([self._work_unit])}
+        return {log.SUM: self._work_sums(), log.UNIT: np.array([self.work_unit])}
 
     def _restore_work(self, snapshot: SolverState) -> None:
         """Go on from the work in a snapshot."""

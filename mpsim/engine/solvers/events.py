@@ -280,7 +280,7 @@ class EventSolver(CollisionLog):
             seen = records.of_numbers(records.TOTALS, records.numbers(self._seen) - records.numbers(counted))
             windows = self._windows_on(block, system, choice)
         self._take(plan, choice, system, windows)
-        self._count_work_from(work, self._work_unit)
+        self._count_work_from(work, self.work_unit)
         self.radii, self.masses, self._seen = discs.radius, discs.mass, seen
         if begins:
             self._progress, self._stopped = np.zeros((), records.PROGRESS)[()], 0.0

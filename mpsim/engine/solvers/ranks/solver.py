@@ -270,7 +270,7 @@ class MpiSolver(SteppedSolver):
         failures, fastest, contacts, times, tallies, works = zip(*told, strict=True)
         ranks.raise_any(failures)
         self._fastest = max(fastest)
-        self._count_work_from(work_together(self._work_before, *chain.from_iterable(works)), self._work_unit)
+        self._count_work_from(work_together(self._work_before, *chain.from_iterable(works)), self.work_unit)
         self.too_fast: bool = self._fastest[0] > 0
         counters = self._counters(np.concatenate(tallies)) if count_enabled else None
         return BatchResult(np.concatenate(times), sum(contacts), counters, too_fast=self.too_fast)
@@ -444,7 +444,7 @@ class MpiSolver(SteppedSolver):
         self.choice = choice
         self._leave_part()
         self._continue_with(discs, progress)
-        self._count_work_from(self._work_before, self._work_unit)
+        self._count_work_from(self._work_before, self.work_unit)
 
     # --- snapshots
 
