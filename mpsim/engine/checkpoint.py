@@ -535,16 +535,11 @@ def _checked(found: Snapshot, run: dict[str, Any]) -> Snapshot:
     frame = origin.frame + frames
     demand(found.frame == frame, f"its frame must be {frame}; got {found.frame!r}")
     _check_emission(scene, found.emission, count)
-    if capabilities_of(settings).has_steps:
-        _check_steps(settings, frames, second)
+    if capabilities_of(settings).has_steps:  # every frame has had as many: those that are set, or that were chosen
+        most = max(MOST_SUBSTEPS, settings.substeps) if settings.on_fast == "substep" else settings.substeps
+        each, rest = divmod(second, frames) if frames else (settings.substeps, second)
+        demand(rest == 0 and settings.substeps <= each <= most, f"{frames} frames cannot have {second} steps")
     return found
-
-
-def _check_steps(settings: Settings, frames: int, steps: int) -> None:
-    """Every frame has had as many steps: those that are set, or that on_fast="substep" has chosen."""
-    most = max(MOST_SUBSTEPS, settings.substeps) if settings.on_fast == "substep" else settings.substeps
-    each, rest = divmod(steps, frames) if frames else (settings.substeps, steps)
-    demand(rest == 0 and settings.substeps <= each <= most, f"{frames} frames cannot have {steps} steps")
 
 
 def _check_sizes(scene: Scene, arrays: Arrays) -> None:

@@ -173,7 +173,6 @@ class Windows:
 
     def play(
         self,
-        frames: int,
         times: NDArray[np.int64],
         totals: NDArray[Any],
         stop: float,
@@ -181,7 +180,7 @@ class Windows:
         progress: Any,
         seen: Any,
     ) -> tuple[int, int, int]:
-        """Play so many frames or fewer: as `play_frames`; times: as of `run_windows`.
+        """Play as many frames as `times` has room for, or fewer: as `play_frames`; times: as of `run_windows`.
 
         present: the time that has been reached.
 
@@ -190,7 +189,7 @@ class Windows:
         """
         self._order(present)
         self._arguments.shared.control.done = progress.frame
-        self._command.frames, self._command.stop, self._command.patience = frames, stop, PATIENCE
+        self._command.frames, self._command.stop, self._command.patience = times.shape[1], stop, PATIENCE
         given = self._command, progress, seen, times, totals, 0, 0
         outcome = self._pool.run(lambda: run_windows(*self._arguments, *given))
         if outcome[1] == records.ABORTED:

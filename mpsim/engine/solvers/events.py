@@ -91,7 +91,7 @@ class EventSolver(CollisionLog):
     def _load_whole(self) -> None:
         """Compile or load the kernels that play a box as a whole."""
         with interrupts_held_back():  # as the stepped solvers do
-            self._play_whole(0, np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS), math.inf)
+            self._play_whole(np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS), math.inf)
 
     # --- frames
 
@@ -115,12 +115,11 @@ class EventSolver(CollisionLog):
 
     def _run_kernel(self, times: NDArray[np.int64], totals: NDArray[Any], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""
-        frames = times.shape[1]
         if self._windows is None:
-            finished, status, particle = self._play_whole(frames, times, totals, stop)
+            finished, status, particle = self._play_whole(times, totals, stop)
         else:
             kept = self._present, self._progress, self._seen
-            finished, status, particle = self._windows.play(frames, times, totals, stop, *kept)
+            finished, status, particle = self._windows.play(times, totals, stop, *kept)
         if status == records.STOPPED:
             self._stopped = stop
         if status == records.NOT_FINITE:
@@ -137,13 +136,11 @@ class EventSolver(CollisionLog):
             return crushed(self._scene, self.time, disc, self.frame, now, float(self.radii[disc]))
         return DivergedError(disc, self.frame, (place[0], place[1]), (velocity[0], velocity[1]))
 
-    def _play_whole(
-        self, frames: int, times: NDArray[np.int64], totals: NDArray[Any], stop: float
-    ) -> tuple[int, int, float]:
+    def _play_whole(self, times: NDArray[np.int64], totals: NDArray[Any], stop: float) -> tuple[int, int, float]:
         """Play the box as a whole, in this process: as `run_events`."""
         before, started = int(self._system.store.counter["events"]), time.perf_counter()
         # No call among the arguments: in a signal handler after it the process may fork, and the block be another's.
-        call = (solver.PLAY, *self._system, self._settings.dt, frames, self._events_per_call, stop)
+        call = (solver.PLAY, *self._system, self._settings.dt, times.shape[1], self._events_per_call, stop)
         call += self._progress, self._seen, times[0], totals, self._clock
         if self._played is not self._system:
             self._player, self._played = entry_of(solver.run_events, *call), self._system

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -101,14 +100,6 @@ def naive_call(block: SharedBlock) -> Callable[[], int]:
     return known
 
 
-def _wall_at(scene: Scene, edge: int, time: NDArray[np.float64]) -> float | NDArray[np.float64]:
-    """Where the wall of an edge is at times [length]."""
-    for wall in scene._moving_walls:
-        if wall.edge == edge:
-            return np.array([wall.place(each) for each in time.tolist()])
-    return scene.box[edge]
-
-
 TIMED, LONG = 8, 20_000_000
 """Frames or nanoseconds of a command whose times count, at least: in a single frame, a worker that wakes looks slow."""
 
@@ -187,9 +178,11 @@ class GridSolver(SteppedSolver, CollisionLog):
         step, origin = rows["span"] - 1, terms.origin
         number, ended = frame + step // substeps, (step % substeps + 1) / substeps
         time = origin.time + ((number - origin.frame + ended) * terms.settings.dt - rows["time"])
-        for edge in range(4):
+        moving = {wall.edge: wall for wall in terms.scene._moving_walls}
+        for edge, place in enumerate(terms.scene.box):
             hit = (rows["kind"] == collisions.WALL) & (rows["j"] == edge)
-            rows["place"][hit, edge // 2] = _wall_at(terms.scene, edge, time[hit])
+            wall = moving.get(edge)
+            rows["place"][hit, edge // 2] = place if wall is None else [wall.place(each) for each in time[hit].tolist()]
         self._tables.append(base.table_of(rows, number + 1, time, terms.scene))
         return True
 
@@ -295,16 +288,15 @@ class GridSolver(SteppedSolver, CollisionLog):
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None, numbers: NDArray[np.int64] | None = None) -> Speeds:
-        scene, radii = self._scene, self.radii
+        radii, velocity = self.radii, self._places_and_speeds(numbers)[1]
+        if new is not None:
+            velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
         if numbers is not None:
-            found = speeds_of(self._places_and_speeds(numbers)[1], radii[numbers], scene, self.time)
-            found = replace(found, disc=int(numbers[found.disc]))
-        else:
-            velocity, present = self._places_and_speeds()[1], ~self.absorbed
-            if new is not None:
-                velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
-                present = np.append(present, np.ones(len(new.position), bool))
-            found = speeds_of(velocity, radii, scene, self.time, present if scene._loses_discs else None)
+            radii = radii[numbers]
+        elif self._scene._loses_discs:
+            numbers = np.append(np.flatnonzero(~self.absorbed), np.arange(self.count, len(radii)))
+            velocity, radii = velocity[numbers], radii[numbers]
+        found = speeds_of(velocity, radii, self._scene, self.time, numbers)
         fastest = fastest_in(self._arrays["team"])
         self._arrays["team"]["fastest"] = 0
         return self._or_too_fast(found, fastest)

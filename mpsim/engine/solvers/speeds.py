@@ -63,7 +63,7 @@ def speeds_of(
     radius: NDArray[np.float64],
     scene: Scene,
     time: float = 0.0,
-    present: NDArray[np.bool_] | None = None,
+    numbers: NDArray[np.int64] | None = None,
 ) -> Speeds:
     """Speeds of discs.
 
@@ -72,13 +72,9 @@ def speeds_of(
         radius: shape (N,) [length].
         scene: whose box it is.
         time: at which it is looked at: a wall may have moved [time].
-        present: which discs have not left, shape (N,); None: all are there.
+        numbers: of the discs, shape (N,); None: all are there.
     """
-    numbers = np.arange(len(velocity))
-    if present is not None:
-        numbers = np.flatnonzero(present)
-        velocity, radius = velocity[numbers], radius[numbers]
-    sides = sides_at(scene, time)
+    numbers, sides = np.arange(len(velocity)) if numbers is None else numbers, sides_at(scene, time)
     found = fastest_of(numbers, velocity, radius, sides, scene.periodic, float(radius.max(initial=0.0)))
     return speeds_together(*found, lambda value: [value], radius, sides)
 

@@ -74,7 +74,7 @@ class MpiSolver(SteppedSolver):
         refuse_giants(scene, scene.radii)
         self._fastest: Fastest = 0, 0
         self._ranks: MpiRanks | None = None
-        self._part: Subdomain | None = None
+        self._part = Subdomain(scene, settings)
         self._last_frame = 0
         self._half_done = False
         self._tolerated, self._is_uneven = math.inf, False
@@ -85,21 +85,16 @@ class MpiSolver(SteppedSolver):
         return self._ranks
 
     @property
-    def _subdomain(self) -> Subdomain:
-        assert self._part is not None  # likewise
-        return self._part
-
-    @property
     def block(self) -> SharedBlock:
-        return self._subdomain.block
+        return self._part.block
 
     @property
     def _arrays(self) -> dict[str, Any]:
-        return self._subdomain.arrays
+        return self._part.arrays
 
     @property
     def _control(self) -> Any:
-        return self._subdomain.arrays["control"]
+        return self._part.arrays["control"]
 
     def start(self) -> None:
         self._meet()
@@ -114,11 +109,9 @@ class MpiSolver(SteppedSolver):
 
     def _leave_part(self) -> None:
         """Remove the block of this rank."""
-        if self._part is not None and self._part.arrays:
+        if self._part.arrays:
             self._last_frame = self.frame
-        part, self._part = self._part, None
-        if part is not None:
-            part.close()
+        self._part.close()
 
     def _meet(self) -> None:
         """Duplicate the communicator, and refuse ranks that were given different scenes or settings."""
@@ -165,7 +158,7 @@ class MpiSolver(SteppedSolver):
                 f"ranks must be at most as many as the grid has columns, {grid.columns} for this scene; got "
                 f"{ranks.size}. Start fewer: mpiexec -n {grid.columns}."
             )
-        if self._part is None:
+        if not self._part.arrays:
             self._part = Subdomain(self._scene, self._settings)
         part = self._part
         given = records(part, grid)
@@ -182,12 +175,12 @@ class MpiSolver(SteppedSolver):
 
     def _configure(self) -> None:
         self._write_parameters(self._grid)
-        self._subdomain.configure()
+        self._part.configure()
 
     # --- frames
 
     def advance(self, frames: int, workers: int, stop: float = math.inf, count_enabled: bool = False) -> BatchResult:
-        part, ranks, frames = self._subdomain, self.ranks, self._frames_to(stop, frames)
+        part, ranks, frames = self._part, self.ranks, self._frames_to(stop, frames)
         self._half_done = True
         with interrupts_held_back():  # it is many calls, which no rank may leave before the others
             if self.frame % BALANCE_EVERY == 0 or self._is_uneven:
@@ -326,7 +319,7 @@ class MpiSolver(SteppedSolver):
 
     @property
     def frame(self) -> int:
-        arrays = {} if self._part is None else self._part.arrays
+        arrays = self._part.arrays
         return self._origin.frame + int(arrays["control"].done) if arrays else self._last_frame
 
     @property
@@ -358,7 +351,7 @@ class MpiSolver(SteppedSolver):
         return self._state_of(rows, absorbed_in(rows, last - first))
 
     def local_state(self) -> tuple[NDArray[np.int64], State]:
-        numbers, rows = self._subdomain.own()
+        numbers, rows = self._part.own()
         return numbers, self._state_of(rows, absorbed_in(rows, len(numbers)))
 
     @property
@@ -380,7 +373,7 @@ class MpiSolver(SteppedSolver):
         return found
 
     def _answer(self, question: Question) -> tuple[NDArray[np.int64], Rows]:
-        return self._subdomain.answer(question)
+        return self._part.answer(question)
 
     def _ask(self, question: Question) -> list[Any]:
         """The answer of each rank."""
@@ -398,7 +391,7 @@ class MpiSolver(SteppedSolver):
     def add(self, new: NewDiscs, choice: Choice) -> None:
         radii, masses = kept_sizes(self.radii, new.radius), kept_sizes(self.masses, new.mass)
         refuse_giants(self._scene, radii)
-        first, own = self.count, self._subdomain.discs()
+        first, own = self.count, self._part.discs()
         self._half_done = True
         self.count: int = len(radii)
         self.radii: NDArray[np.float64] = radii
