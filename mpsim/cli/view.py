@@ -73,7 +73,7 @@ def view(
         raise click.UsageError(f"--{next(iter(given))} can be given only with the file of a trajectory. Leave it out.")
     if is_link:
         with _named("the address SCENE"):
-            link = share_url.read(share_url.query_of(scene))
+            link = share_url.read(scene)
         changed = {name: value for name, value in options.items() if value is not None}
         settings = dataclasses.replace(link.settings, **changed)
         with _named("--beside"):

@@ -3,6 +3,7 @@
 import os
 import time
 import warnings
+from functools import partial
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -267,16 +268,15 @@ class Playback(Source):
             self._moment = self._recording.at(self._index)
         state, discs = self._moment
         if gauges:
-            with self._readings.used(self._index, now):
-                counts = Meter().read(0.0)  # nothing runs, so there is no rate
-                self._tell_gauges(self._gauges, state, frame=discs.frame, time=discs.time, **counts)
+            counts = Meter().read(0.0)  # nothing runs, so there is no rate
+            tell = partial(self._tell_gauges, self._gauges, state, frame=discs.frame, time=discs.time, **counts)
+            self._readings.use(tell, self._index, now)
         if picture:
             self._asked = False
             if not np.array_equal(discs.radii, self._radii):
                 self._radii = discs.radii
                 self._broadcast.forget_radii()
-            with self._pictures.used(self._index, now):
-                self._broadcast.show(discs)
+            self._pictures.use(partial(self._broadcast.show, discs), self._index, now)
 
     def _seconds_to_next(self) -> float | None:
         now = time.perf_counter()

@@ -219,13 +219,11 @@ class Session(Source):
             self._tell_scene()
         self._last = self._moment_of(sim)
         if self._readings.is_due(self._last, now, *READING):
-            with self._readings.used(self._last, now):
-                self._read_gauges(sim)
+            self._readings.use(self._read_gauges, self._last, now)
         if self._comparison.second is None:
             self._broadcast.tell_if_new("pair", self._comparison.told(sim))  # it may just have ended, and why
         elif self._comparisons.is_due(self._last, now, *COMPARING):
-            with self._comparisons.used(self._last, now):
-                self._tell_comparison()
+            self._comparisons.use(self._tell_comparison, self._last, now)
         self._picture()
 
     def _moment_of(self, sim: Simulation) -> object:
@@ -241,13 +239,12 @@ class Session(Source):
         self._pictures.charge(charged)
         if self._asked and self._pictures.is_due(self._last, now, *self._picture_share):
             self._asked = False
-            with self._pictures.used(self._last, now):
-                sim._read_in_place(self._show)  # pyright: ignore[reportPrivateUsage]
-                self._broadcast.tell_if_new("colours", self._own_colours.told())
+            self._pictures.use(lambda: sim._read_in_place(self._show), self._last, now)  # pyright: ignore[reportPrivateUsage]
             self._pictures.charge(SLICE_SECONDS if self._picture_share is FULL_SPEED else 0.0)
 
     def _show(self, discs: InPlace) -> None:
         self._broadcast.show(discs, self._own_colours.bytes_of(discs), self._comparison.shown())
+        self._broadcast.tell_if_new("colours", self._own_colours.told())
 
     @property
     def _picture_share(self) -> tuple[float, float]:
@@ -388,7 +385,8 @@ class Session(Source):
         self._comparisons.done = self._moment_of(sim)
         self._broadcast.tell_if_new("pair", self._comparison.told(sim))
 
-    def _read_gauges(self, sim: Simulation) -> None:
+    def _read_gauges(self) -> None:
+        sim = self._simulation
         frame, moment, state = sim.frame, sim.time, sim.state  # of a fast run of a program, the state may be later
         if self._gauges is None:  # after a change by hand
             self._gauges = Gauges(sim.scene, state, self._settings.law)

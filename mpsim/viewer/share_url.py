@@ -64,13 +64,8 @@ def is_link(text: str) -> bool:
     return text.startswith(("?", "http://", "https://"))
 
 
-def query_of(text: str) -> str:
-    """The part of an address between its question mark and a `#`."""
-    return text.partition("#")[0].partition("?")[2]
-
-
-def read(query: str) -> Link:
-    """Read and check a link.
+def read(text: str) -> Link:
+    """Read and check a link, or an address, whose link lies between its question mark and a `#`.
 
     Raises:
         InputError: if something is not allowed; the message gives the name, the rule and the value received.
@@ -83,7 +78,7 @@ def read(query: str) -> Link:
         ...
     mpsim.InputError: scene of a link must be one of 'brazil-nut', ...; got '/etc/passwd'.
     """
-    texts = _texts(query)
+    texts = _texts(text.partition("#")[0].partition("?")[2] if is_link(text) else text)
     if "scene" not in texts:
         raise InputError("a link must have a scene, as in ?scene=gas&dt=0.005; got none. Add scene=NAME.")
     name = checks.choice("scene of a link", texts["scene"], scenefile.names())

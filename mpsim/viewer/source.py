@@ -5,9 +5,8 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -112,11 +111,10 @@ class TimeBudget:
         self._last = -math.inf
         self._cost = 0.0  # of the last use [s]
 
-    @contextmanager
-    def used(self, moment: object, now: float) -> Iterator[None]:
-        """Note a use for a moment of the simulation, at the cost of this block."""
+    def use(self, act: Callable[[], None], moment: object, now: float) -> None:
+        """Do something for a moment of the simulation, and note its cost."""
         self.done, spent = moment, time.thread_time()
-        yield
+        act()
         self._last, self._cost = now, time.thread_time() - spent
 
     def charge(self, cost: float) -> None:
