@@ -30,7 +30,7 @@ from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, write_arrays
 from mpsim.core.columns import Array, chunks_of
 from mpsim.engine.changes import Change, terms_after
 from mpsim.engine.emission import Progress
-from mpsim.engine.journal import JOURNAL, packed, unpacked
+from mpsim.engine.journal import JOURNAL, packed, table_of, unpacked
 from mpsim.engine.solvers.base import MOST_STEPS, SolverState, Terms, count_in, demand
 from mpsim.engine.solvers.methods import capabilities_of, choose, solver_of
 from mpsim.engine.step_limits import MOST_SUBSTEPS
@@ -126,12 +126,13 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     lattice = scene._on_lattice
     names = ARRAYS if lattice is None else (*PER_DISC, *VECTORS)
     arrays = {name: np.asarray(value) for name in names if (value := getattr(scene, name)) is not None}
-    plain |= {each.argument: feature.plain(each.of(scene)) for each in OF_VALUES if each.argument in vars(scene)}
+    given = [each for each in OF_VALUES if each.argument in vars(scene)]
+    plain |= {each.argument: feature.plain(each.of(scene), each.classes) for each in given}
     plain |= {name: value for name, default in NUMBERS.items() if (value := getattr(scene, name)) != default}
     if scene.duration is not None:
         plain["duration"] = scene.duration
     if scene.settings is not None:
-        plain["settings"] = dataclasses.asdict(scene.settings)
+        plain["settings"] = table_of(scene.settings)
     plain |= {name: value for name in ("picture_interval", "measures") if (value := getattr(scene, name))}
     if lattice is not None:
         plain["lattice"] = {name: getattr(lattice, name) for name in OF_LATTICE} | {"digest": lattice.digest_of_some()}
@@ -143,7 +144,7 @@ def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
     values: dict[str, Any] = plain | {name: each if each.ndim else each.item() for name, each in arrays.items()}
     for each in OF_VALUES:
         if each.argument in plain:
-            values[each.argument] = feature.restored(plain[each.argument], (*each.kinds, *each.within))
+            values[each.argument] = feature.restored(plain[each.argument], each.classes)
     if "settings" in values:
         values["settings"] = Settings(**values["settings"])
     lattice = values.pop("lattice", None)
@@ -352,7 +353,7 @@ def _packed(snapshot: Snapshot) -> tuple[bytes, dict[str, Array]]:
     header: dict[str, Any] = {
         "format": FORMAT,
         "versions": VERSIONS,
-        "settings": dataclasses.asdict(settings),
+        "settings": table_of(settings),
         "scene": plain,
         "run": {"frame": snapshot.frame, "emission": snapshot.emission},
         "discs": snapshot.count,

@@ -20,7 +20,7 @@ from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALLS, Chan
 from mpsim.engine.solvers.base import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.solvers.methods import settings_to_go_on
 from mpsim.errors import InputError, OutputError, reason_of
-from mpsim.features.feature import pairs, plain, restored
+from mpsim.features.feature import demand_kind, pairs, plain, restored
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -95,13 +95,15 @@ class Journal:
 
         Raises:
             InputError: if the path does not end in .toml.
-            OutputError: if a file cannot be written.
+            OutputError: if a file cannot be written, or would hold an object of a class derived from one of mpsim.
         """
         target = files.ending_as("run.toml", path, "a session")
         start = target.with_name(f"{target.stem}.scene.toml")
-        self.scene.save(start)
+        for each in self.scene._features:
+            if each.kinds:
+                plain(each.of(self.scene), each.classes)
         head = {"format": FORMAT, "frame": self.frame, "digest": self.digest, "scene": start.name}
-        lines = [*pairs(head), "", "[settings]", *pairs(dataclasses.asdict(self.settings)), ""]
+        lines = [*pairs(head), "", "[settings]", *pairs(table_of(self.settings)), ""]
         for each in self.changes:
             entry = {"frame": each.frame, "time": each.time, "what": each.what, **_plain_values(each)}
             lines += ["[[change]]", *pairs(entry), ""]
@@ -111,6 +113,7 @@ class Journal:
                 f"a session file must have at most {MOST_BYTES:,} bytes; {str(target)!r} would have {len(text):,}. "
                 "Save a checkpoint instead, which holds the journal too, or begin a new simulation earlier."
             )
+        self.scene.save(start)
         rule = "be in a folder that can be written to"
         with files.writable("a session", target, rule), files.atomic_write(target) as file:
             file.write(text)
@@ -173,10 +176,16 @@ def _checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:
         is_time = type(time) in (int, float) and 0 <= time < math.inf
         if not is_time or what not in KINDS or not isinstance(values, dict):
             raise ValueError(f"change {number} must have a time and be one of {', '.join(KINDS)}; got {what!r:.60}")
-        kinds = (*OBSTACLES.kinds, *OBSTACLES.within) if what in (PARAMETERS, *WALLS) else ()
+        kinds = OBSTACLES.classes if what in (PARAMETERS, *WALLS) else ()
         given = {name: restored(value, kinds) for name, value in values.items()} if kinds else values
         found.append(Change(at, float(time), what, given))
     return tuple(found)
+
+
+def table_of(settings: Settings) -> dict[str, Any]:
+    """Settings by name, as plain values of which they can be made again."""
+    demand_kind(settings, (Settings,))
+    return dataclasses.asdict(settings)
 
 
 def packed(changes: Iterable[Change]) -> NDArray[np.uint8]:
@@ -196,7 +205,7 @@ def unpacked(array: NDArray[Any], frame: int) -> tuple[Change, ...]:
 
 
 def _plain_values(change: Change) -> dict[str, Any]:
-    return {name: plain(value) for name, value in change.values.items()}
+    return {name: plain(value, OBSTACLES.classes) for name, value in change.values.items()}
 
 
 # --- Runs the simulation of a journal again, on any number of workers

@@ -1208,7 +1208,8 @@ class Simulation(ReadOnly, Closable):
         kept as <path>.previous. The file contains no pickle: reading it runs no code.
 
         Raises:
-            OutputError: if it cannot be written; an existing file is left untouched.
+            OutputError: if it cannot be written, or would hold an object of a class derived from one of mpsim; an
+                existing file is left untouched.
             ClosedError: after `close`.
 
         >>> import tempfile

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.checks import Floats
 from mpsim.core.columns import Column
-from mpsim.errors import InputError
+from mpsim.errors import InputError, OutputError
 from mpsim.features.capsules import Deepest
 from mpsim.features.edges import MovingWall
 
@@ -131,6 +131,11 @@ class Feature:
     adds_discs: ClassVar[bool] = False
     removes_discs: ClassVar[bool] = False
     columns: ClassVar[tuple[Column, ...]] = ()
+
+    @property
+    def classes(self) -> tuple[type[Any], ...]:
+        """All dataclasses that its value is made of."""
+        return *self.kinds, *self.within
 
     def of(self, scene: Scene) -> Any:
         """Its value in a scene."""
@@ -322,19 +327,36 @@ def chosen(value: Any) -> dict[str, Any]:
     return {name: own for name, (own, default) in values.items() if own != default}
 
 
-def plain(value: Any) -> Any:
-    """A dataclass as its name and its fields, an array or a tuple as a list, numbers as Python's; all else as it is."""
+def plain(value: Any, kinds: tuple[type[Any], ...] = ()) -> Any:
+    """A dataclass as its name and its fields, an array or a tuple as a list, numbers as Python's; all else as it is.
+
+    kinds: classes that can be read again; (): it is not to be saved.
+
+    Raises:
+        OutputError: for an object of another class.
+    """
     if isinstance(value, np.ndarray | np.generic):
         value = cast(Any, value.tolist())
     if isinstance(value, list | tuple):
-        return [plain(each) for each in cast(Any, value)]
+        return [plain(each, kinds) for each in cast(Any, value)]
     if dataclasses.is_dataclass(value):
-        return [type(value).__name__, {name: plain(each) for name, each in chosen(value).items()}]
+        if kinds:
+            demand_kind(value, kinds)
+        return [type(value).__name__, {name: plain(each, kinds) for name, each in chosen(value).items()}]
     if isinstance(value, bool):
         return value
     if isinstance(value, numbers.Integral):
         return int(value)
     return float(value) if isinstance(value, numbers.Real | Decimal) else value
+
+
+def demand_kind(value: Any, kinds: tuple[type[Any], ...]) -> None:
+    """Refuse what is to be saved and is of none of these classes: of a subclass only these could be read again."""
+    if type(value) not in kinds:
+        base = next((each.__name__ for each in kinds if isinstance(value, each)), "a class of mpsim")
+        raise OutputError(
+            f"what is saved must be of classes of mpsim; got a {type(value).__name__}. Use {base} itself."
+        )
 
 
 def restored(values: Any, kinds: Iterable[type[Any]]) -> Any:

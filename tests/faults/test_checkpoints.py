@@ -428,6 +428,27 @@ def test_no_checkpoint_is_written_that_could_not_be_read_again(tmp_path, monkeyp
     assert path.read_bytes() == before
 
 
+PARTS = {
+    "obstacles": lambda own: own(mpsim.FixedDisc)((3, 3), 0.5),
+    "emitters": lambda own: own(mpsim.Emitter)((3, 3), (1, 0), every=5),
+    "piston": lambda own: own(mpsim.Piston)("right", -1.0, 4),
+    "thermostat": lambda own: own(mpsim.Thermostat)(1.0, 1.0, seed=1),
+    "thermal_walls": lambda own: own(mpsim.ThermalWalls)(left=1.0, seed=1),
+    "settings": lambda own: own(mpsim.Settings)(method="naive"),
+}
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_nothing_of_a_derived_class_is_written_which_could_not_be_read_again(name, tmp_path):
+    box = mpsim.Scene(width=6, height=6, position=[[1, 1]], velocity=[[0, 0]], radius=0.5,
+                      **{name: PARTS[name](lambda kind: type("Own", (kind,), {}))})  # fmt: skip
+    with mpsim.Simulation(box) as sim:
+        for save in (lambda: sim.save(tmp_path / "run"), lambda: sim.journal.save(tmp_path / "run.toml")):
+            with pytest.raises(mpsim.errors.OutputError, match=r"of classes of mpsim; got a Own. Use \w+ itself"):
+                save()
+    assert names(tmp_path) == []
+
+
 # --- places
 
 
