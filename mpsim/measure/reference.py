@@ -77,11 +77,17 @@ def finite_size(packing: float, count: int) -> float:
 def pade(virial: Sequence[float], top: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Numerator and denominator of the [top / K - top] Pade approximant of Z, lowest power of x = 2 packing first [1].
 
-    Z = P/Q agrees with the series through x^K, which is a linear system for Q.
+    Args:
+        virial: coefficients of x to x^K in the series of Z [1].
+        top: degree of the numerator, 0 to K - 1.
 
-    virial: coefficients of x to x^K in the series of Z [1]. top: degree of the numerator, 0 to K - 1.
+    Source: Z = P/Q agrees with the series through x^K, which is a linear system for Q.
+
+    >>> [each.tolist() for each in pade((1.0, 1.0), 1)]  # 1 + x + x^2 is 1 / (1 - x) to this order
+    [[1.0, 0.0], [1.0, -1.0]]
     """
     series, order = np.array([1.0, *virial]), len(virial)
+    checks.whole("top", top, 0, order - 1, "Half the number of coefficients works well.")
     powers, rows = range(1, order - top + 1), range(top + 1, order + 1)
     matrix = [[series[k - j] if k >= j else 0.0 for j in powers] for k in rows]
     below = np.concatenate([[1.0], np.linalg.solve(np.array(matrix), -series[top + 1 :])])

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from support.scenes import ZOO, crowd, gas, simulate, zoo
 
+from mpsim.engine.feature_arrays import fill_features
 from mpsim.engine.workers.worker import kernel_arguments
 from mpsim.kernels import records
 from mpsim.kernels.features.hooks import prepare_first_step
@@ -217,7 +218,9 @@ def _with_room_for_workers(sim):
     solver.choice = dataclasses.replace(solver.choice, workers=(WORKERS,))
     snapshot = solver.snapshot()
     old, solver._block = solver._block, solver._next_block(max(solver.count, 1), solver.radii)
-    solver._fill(solver._block)
+    solver._block.create()
+    solver._block.arrays["team"]["bad_slot"] = -1
+    fill_features(solver._block.arrays, solver._scene)
     old.close()
     solver._enter(snapshot)
     return Watched(sim)
