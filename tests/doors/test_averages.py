@@ -254,11 +254,8 @@ def test_a_series_that_keeps_rising_is_not_found_to_be_stationary():
 
 
 def test_a_series_notes_each_frame_once_with_its_time():
-    scene, found, other = (
-        gas(8, 0.2),
-        Series(lambda state, scene: state.position[3, 0], every=3),
-        Series(kinetic_energy),
-    )
+    scene, other = gas(8, 0.2), Series(kinetic_energy)
+    found = Series(lambda state, scene: state.position[3, 0], every=3)
     expected = []
     with simulate(scene, dt=0.05, method="naive") as sim, simulate(scene, dt=0.05, method="naive") as again:
         for frames in (4, 0, 5, 6):

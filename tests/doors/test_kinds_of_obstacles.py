@@ -264,11 +264,8 @@ def test_random_discs_are_outside_a_filled_polygon_or_inside_a_shape(count, boun
 
 @pytest.mark.parametrize("features", [{}, {"inside": mpsim.Circle((8, 5), 4)}, {"boundary": ("walls", "periodic")}])
 def test_random_discs_are_between_pistons_as_they_start(features):
-    pistons = [
-        mpsim.Piston("left", 0.5, 6, start=5),
-        mpsim.Piston("right", motion=mpsim.Oscillation((1, 0), 2), start=9),
-    ]
-    made = mpsim.Scene.random(count=20, width=12, height=10, radius=[0.2, 0.4] * 10, piston=pistons, **features)
+    walls = [mpsim.Piston("left", 0.5, 6, start=5), mpsim.Piston("right", motion=mpsim.Oscillation((1, 0), 2), start=9)]
+    made = mpsim.Scene.random(count=20, width=12, height=10, radius=[0.2, 0.4] * 10, piston=walls, **features)
     assert ((made.position[:, 0] >= 5 + made.radius) & (made.position[:, 0] <= 9 - made.radius)).all()
     assert made.overlaps_at_start() == ""
 

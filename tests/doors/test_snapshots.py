@@ -142,12 +142,8 @@ def test_averages_and_reports_begin_anew():
 def test_an_observer_that_has_looked_refuses_to_go_on_after_restore_and_a_new_one_sees_the_new_frames(tmp_path):
     def observers(number):
         trajectory = mpsim.Trajectory.write(tmp_path / f"{number}.xyz", every=2)
-        return (
-            mpsim.Collisions(),
-            mpsim.Sensor(wall="left"),
-            trajectory,
-            mpsim.measure.Series(mpsim.measure.temperature),
-        )
+        series = mpsim.measure.Series(mpsim.measure.temperature)
+        return mpsim.Collisions(), mpsim.Sensor(wall="left"), trajectory, series
 
     with simulate(gas(30, 0.4), method="grid") as sim:
         before, idle, after = observers(1), observers(2), observers(3)
