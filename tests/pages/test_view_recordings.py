@@ -112,11 +112,13 @@ def test_a_file_that_is_damaged_meanwhile_pauses_with_the_reason(tmp_path):
     path = tmp_path / "run.xyz"
     written(path, GAS, frames=10, every=1, method="naive")
     with paused(mpsim.Trajectory(path)) as page:
-        text = path.read_text()
-        path.write_text(text[: len(text) // 2].replace("X ", "X x", 150))
+        text, other = path.read_text(), tmp_path / "other.xyz"
+        other.write_text(text[: len(text) // 2].replace("X ", "X x", 150))
+        other.replace(path)  # at once: of an empty file the first frame is sought
         page.say("seek", index=1)
         page.hear_until(lambda v: v.last["status"]["note"])
-        path.write_text(text)
+        other.write_text(text)
+        other.replace(path)
         page.say("seek", index=2)
         page.hear_until(lambda v: v.frame == 2 and v.last["status"]["note"] is None)
         path.unlink()
