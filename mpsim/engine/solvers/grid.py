@@ -323,9 +323,10 @@ class GridSolver(SteppedSolver, CollisionLog):
 
     def _slots_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Where the discs of these numbers lie."""
-        wanted, ids = np.zeros(self.count, bool), self._as_they_lie()[-1]
+        ids = self._as_they_lie()[-1]
         if len(numbers) <= FEW:
             return np.array([(ids == number).argmax() for number in numbers.tolist()], np.intp)
+        wanted = np.zeros(self.count, bool)
         wanted[numbers] = True
         slots = np.flatnonzero(wanted[ids])
         found = np.empty_like(slots)
