@@ -57,7 +57,7 @@ def pytest_sessionstart() -> None:
         return
     import mpsim  # noqa: PLC0415 - which imports Numba, after the variables are set
 
-    with (Path(tempfile.gettempdir()) / "mpsim-tests-compile").open("w") as turn:
+    with (Path(tempfile.gettempdir()) / f"mpsim-tests-compile-{os.getuid()}").open("w") as turn:
         fcntl.flock(turn, fcntl.LOCK_EX)  # until it is closed
         scene = mpsim.Scene.random(count=9, packing=0.1, radius=0.5)
         for method in ("naive", "grid", "event"):
