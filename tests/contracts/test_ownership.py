@@ -7,6 +7,7 @@ any of that, its own part would come out differently.
 """
 
 import dataclasses
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -67,22 +68,23 @@ class Watched:
         """Play one frame of one step."""
         control = self._arrays["control"]
         front, back = (1, 0) if control.live else (0, 1)
-        self._phase("move", self._move(front))
+        self._phase("move", partial(self._move, front))
         assert not control.signals[records.BAD]
+        sort, own_columns = partial(self._sort, front, back), partial(self._own_columns, front, back)
         if "piston" in self._arrays and self.waits_for_walls:  # all wait until worker 0 has moved the wall
-            self._phase("sort", self._sort(front, back))
-            self._phase("own columns", self._own_columns(front, back))
+            self._phase("sort", sort)
+            self._phase("own columns", own_columns)
         else:
-            self._phase("sort", self._sort(front, back), self._own_columns(front, back))
+            self._phase("sort", sort, own_columns)
         team = self._arrays["team"]
         for worker in range(self._workers):
             team[worker].low, team[worker].high, merging = self._sorted[worker]
             self.merges += merging
         if guarded:
-            self._phase("even columns", self._even_columns(back))
-            self._phase("odd columns", self._odd_columns(back))
+            self._phase("even columns", partial(self._even_columns, back))
+            self._phase("odd columns", partial(self._odd_columns, back))
         else:
-            self._phase("all columns", self._interleaved(back))
+            self._phase("all columns", partial(self._interleaved, back))
         if "giants" in self._arrays:
             buffers, its = self._views()
             resolve_giants(buffers[back], its.start, its.features, its.parameters, its.control, its.tally, 0)
@@ -93,50 +95,38 @@ class Watched:
         arguments = kernel_arguments(self._block, 0)
         return (arguments.a, arguments.b), arguments
 
-    def _move(self, front):
-        def play(worker):
-            buffers, its = self._views()
-            discs, spare, mine = buffers[front], buffers[1 - front], its.team[worker]
-            assert move_and_bin(discs, spare, its.changes, its.features, its.parameters, its.control, mine, its.tally)
-            list_emigrants(discs, its.changes, its.sent[worker], its.team, worker, its.control)
+    def _move(self, front, worker):
+        buffers, its = self._views()
+        discs, spare, mine = buffers[front], buffers[1 - front], its.team[worker]
+        assert move_and_bin(discs, spare, its.changes, its.features, its.parameters, its.control, mine, its.tally)
+        list_emigrants(discs, its.changes, its.sent[worker], its.team, worker, its.control)
 
-        return play
+    def _sort(self, front, back, worker):
+        buffers, its = self._views()
+        if worker == 0:
+            its.control.steps += 1
+            its.control.in_order = 1
+            prepare_first_step(self._arrays)
+        common = buffers[front], buffers[back], its.start, its.changes, its.team, its.sent, worker
+        self._sorted[worker] = begin_sort(*common, its.control)
 
-    def _sort(self, front, back):
-        def play(worker):
-            buffers, its = self._views()
-            if worker == 0:
-                its.control.steps += 1
-                its.control.in_order = 1
-                prepare_first_step(self._arrays)
-            common = buffers[front], buffers[back], its.start, its.changes, its.team, its.sent, worker
-            self._sorted[worker] = begin_sort(*common, its.control)
+    def _own_columns(self, front, back, worker):
+        buffers, its = self._views()
+        common = buffers[front], buffers[back], its.start, its.changes, *self._sorted[worker]
+        rest = its.features, its.parameters, its.control, its.team, its.tally, its.times, worker, 0
+        self._even[worker], self._odd[worker], _ = resolve_inside(*common, *rest)
 
-        return play
+    def _even_columns(self, back, worker):
+        self._resolve(back, worker, self._even[worker], self._arrays["team"][worker].last_column)
 
-    def _own_columns(self, front, back):
-        def play(worker):
-            buffers, its = self._views()
-            common = buffers[front], buffers[back], its.start, its.changes, *self._sorted[worker]
-            rest = its.features, its.parameters, its.control, its.team, its.tally, its.times, worker, 0
-            self._even[worker], self._odd[worker], _ = resolve_inside(*common, *rest)
+    def _odd_columns(self, back, worker):
+        mine = self._arrays["team"][worker]
+        first, last = mine.first_column, mine.last_column
+        self._resolve(back, worker, first, min(first + first % 2, last))
+        self._resolve(back, worker, self._odd[worker], last)
 
-        return play
-
-    def _even_columns(self, back):
-        return lambda worker: self._resolve(back, worker, self._even[worker], self._arrays["team"][worker].last_column)
-
-    def _odd_columns(self, back):
-        def play(worker):
-            mine = self._arrays["team"][worker]
-            first, last = mine.first_column, mine.last_column
-            self._resolve(back, worker, first, min(first + first % 2, last))
-            self._resolve(back, worker, self._odd[worker], last)
-
-        return play
-
-    def _interleaved(self, back):
-        return lambda worker: self._resolve(back, worker, worker, self._arrays["control"].columns, self._workers)
+    def _interleaved(self, back, worker):
+        self._resolve(back, worker, worker, self._arrays["control"].columns, self._workers)
 
     def _resolve(self, back, worker, first, last, step=2):
         buffers, its = self._views()

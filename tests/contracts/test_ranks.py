@@ -7,7 +7,7 @@ from functools import cache
 
 import pytest
 from support.pages import ROOT
-from support.ranks import CASES, content_of, found, on_ranks, told_by_script
+from support.ranks import CASES, content_of, found, on_ranks, told_by
 from support.scenes import gas, simulate
 from support.selection import long_but
 
@@ -24,24 +24,17 @@ def alone(name):
     return found(name, method="grid")
 
 
-def told_by(number, names):
-    """What so many ranks find."""
-    done = on_ranks(number, *names)
-    assert done.code == 0, done.err
-    return json.loads(done.out.splitlines()[-1])
-
-
 @pytest.mark.parametrize("name", long_but((*DEFAULT, "everything"), "bare"))
 @pytest.mark.parametrize("number", long_but((1, 2, 3, 4, 8), 2))
 def test_ranks_find_what_one_process_finds(number, name):
-    assert told_by(number, [name])[name] == alone(name)
+    assert told_by(number, name)[name] == alone(name)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in CASES if name not in DEFAULT])
 def test_any_number_of_ranks_finds_it_in_other_scenes(name):
     for number in (2, 3, 4, 8):
-        assert told_by(number, [name])[name] == alone(name), f"{number} ranks"
+        assert told_by(number, name)[name] == alone(name), f"{number} ranks"
 
 
 WRONG = """
@@ -68,7 +61,7 @@ LATE = "[before.get('it', sent), before.update(it=sent)][0]"
 @pytest.mark.parametrize("wrong", long_but(["sent[:0]", LATE], LATE), ids=["left out", "late"])
 def test_a_column_that_is_left_out_or_late_changes_the_digest(wrong):
     """The control: no column in any step, or that of the step before."""
-    assert told_by_script(2, script=WRONG.format(wrong=wrong))["digest"] != alone("bare")["digest"]
+    assert told_by(2, script=WRONG.format(wrong=wrong))["digest"] != alone("bare")["digest"]
 
 
 SAVED = """
@@ -149,7 +142,7 @@ if MPI.COMM_WORLD.rank == 0:
 
 def test_ranks_make_room_in_the_middle_of_a_step():
     """Discs that spread from a corner: the other rank begins with few, and has half of them in the end."""
-    assert told_by_script(2, script=GROWING) == alone("corner")
+    assert told_by(2, script=GROWING) == alone("corner")
 
 
 BALANCED = """
@@ -189,7 +182,7 @@ def test_ranks_share_a_crowd_evenly_in_every_step_and_with_the_same_bits(name, n
     """
     told = [(number, "1.1", "mpi"), (number, "inf", "mpi"), (1, "inf", "grid")]
     (shifting, digest), (static, other), (_, whole) = (
-        told_by_script(ranks, name, str(finer), *how, script=BALANCED) for ranks, *how in told
+        told_by(ranks, name, str(finer), *how, script=BALANCED) for ranks, *how in told
     )
     assert digest == other == whole
     assert shifting < 1.3 < static
@@ -219,7 +212,7 @@ if MPI.COMM_WORLD.rank == 0:
 
 @pytest.mark.long
 def test_a_session_with_every_change_has_the_bits_of_one_process():
-    on_two, alone_there = told_by_script(2, script=SESSION)
+    on_two, alone_there = told_by(2, script=SESSION)
     assert on_two == alone_there
     assert on_two[0] == on_two[5]
 
@@ -247,7 +240,7 @@ def test_each_rank_has_the_correlations_of_one_process_and_one_of_them_writes_th
     with simulate(gas(60, 0.3, seed=2, boundary="periodic"), dt=0.05, method="grid") as sim:
         sim.run(frames=40, observe=alone)
     expected = [function.value.tolist() for function in (alone.msd, alone.velocity, alone.scattering(1.0))]
-    assert told_by_script(2, str(tmp_path), script=CORRELATIONS) == [expected] * 2
+    assert told_by(2, str(tmp_path), script=CORRELATIONS) == [expected] * 2
     assert mpsim.Correlations.load(tmp_path / "c.npz").msd.value.tolist() == expected[0]
 
 
@@ -317,7 +310,7 @@ if comm.rank == 0:
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ["rough torus", "doors"])
 def test_ranks_read_ranges_of_discs_and_what_the_first_one_does_once(name):
-    raised, digest = told_by_script(2, name, script=READING)
+    raised, digest = told_by(2, name, script=READING)
     assert raised == ["raised", "raised"]
     case = CASES[name]()
     with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="grid")) as sim:
@@ -403,7 +396,7 @@ def memory_given_back(monkeypatch):
 def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path):
     """The control: a digest for which the first rank gets all discs at once."""
     count, path = DISCS_OF_A_RANK * number, str(tmp_path / "run")
-    alone, shared = (told_by_script(each, str(count), path, script=MEMORY) for each in (1, number))
+    alone, shared = (told_by(each, str(count), path, script=MEMORY) for each in (1, number))
     assert alone[0] == shared[0], "digests"
     beyond = {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
     assert beyond.pop("digest at once") > 1.5 * AT_A_TIME, beyond
@@ -465,7 +458,7 @@ def test_a_checkpoint_in_chunks_has_the_same_bytes_on_any_number_of_ranks(number
     files = set()
     for number in numbers:
         path = tmp_path / f"{number}"
-        told = told_by_script(number, str(path), json.dumps(LARGE), script=WRITTEN)
+        told = told_by(number, str(path), json.dumps(LARGE), script=WRITTEN)
         assert told[0] == digest
         assert content_of(path) == expected
         files.add(told[1])
@@ -507,7 +500,7 @@ if comm.rank == 0:
 def test_frames_of_extended_xyz_have_the_same_bytes_on_any_number_of_ranks(number, boundary, tmp_path):
     """Of five parts; the first rank, which writes them, holds the text of one."""
     some = LARGE | {"count": 90_001, "boundary": boundary}
-    told, digest = told_by_script(number, str(tmp_path / "ranks.xyz"), json.dumps(some), script=FRAMES)
+    told, digest = told_by(number, str(tmp_path / "ranks.xyz"), json.dumps(some), script=FRAMES)
     settings = mpsim.Settings(dt=0.02, method="grid")
     with (
         mpsim.Simulation(mpsim.Scene.lattice(**some), settings) as sim,

@@ -8,7 +8,7 @@ import pytest
 from support.compare import assert_inside_and_finite, assert_same_bits
 from support.internals import block_name
 from support.scenes import ZOO, crowd, digest_after, gas, simulate, state_after, zoo
-from support.selection import slow_but
+from support.selection import FORKS, slow_but
 
 import mpsim
 from mpsim.core.machine import usable_cores
@@ -30,7 +30,7 @@ def expected():
     return state_after(dense(), FRAMES, method="grid", **SETTINGS)
 
 
-@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
+@FORKS
 @pytest.mark.parametrize(("workers", "start_method"), [(1, "forkserver"), (3, "fork")])
 def test_any_number_of_workers_has_the_bits_of_grid_however_they_start(workers, start_method, expected):
     how = {"method": "parallel", "workers": workers, "start_method": start_method, **SETTINGS}
@@ -126,7 +126,7 @@ def test_unguarded_workers_lose_no_disc_and_end_cleanly():
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
+@FORKS
 def test_every_worker_count_and_start_method_agrees_after_300_frames_and_on_more_workers_than_cores():
     grid = digest_after(dense(MANY), 300, method="grid", **SETTINGS)
     for workers, start in itertools.product((1, 2, 3, 4, 8), ("fork", "spawn", "forkserver")):

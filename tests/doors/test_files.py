@@ -11,6 +11,7 @@ from support.trajectories import DT, SCENES, content, written
 
 import mpsim
 from mpsim import measure
+from mpsim.errors import TrajectoryError, TrajectoryWarning
 
 pytestmark = pytest.mark.plain
 
@@ -40,7 +41,7 @@ def read(tmp_path, text, name="a.xyz", **given):
 
 def refused(tmp_path, text, words, name="a.xyz", **given):
     """The file is refused, by an error that names it, the frame and, in words, the rest."""
-    with pytest.raises(mpsim.errors.TrajectoryError, match=words) as caught:
+    with pytest.raises(TrajectoryError, match=words) as caught:
         read(tmp_path, text, name, **given)
     assert f"frame 0 of '{tmp_path / name}'" in str(caught.value)
 
@@ -145,9 +146,9 @@ def test_the_corner_and_momenta_over_masses_are_read(tmp_path):
     text = (
         "velocity must be in a trajectory to be read from it; .* holds only position, time. Have the program that wro"
     )
-    with pytest.raises(mpsim.errors.TrajectoryError, match=text):
+    with pytest.raises(TrajectoryError, match=text):
         bare.velocity  # noqa: B018
-    with pytest.raises(mpsim.errors.TrajectoryError, match=r"radius must be in .*, or give Trajectory\(path, radius"):
+    with pytest.raises(TrajectoryError, match=r"radius must be in .*, or give Trajectory\(path, radius"):
         bare.radius  # noqa: B018
     images = read(tmp_path, f"1\n{LATTICE} Properties=pos:R:3:map_shift:I:3 pbc='T T F'\n1 1 0 2 -1 0\n")
     assert (images.image.tolist(), images.unwrapped.tolist()) == ([[2, -1]], [[17, -5]])
@@ -174,7 +175,7 @@ def test_a_file_cut_off_anywhere_has_its_whole_frames(tmp_path, text, compressed
         complete = len(left) == len(text.splitlines()) and len(left[-1].split()) == len(text.splitlines()[-1].split())
         says = f"in the middle of a frame, as after a kill; .* Its {frames - 1} complete frames can be read"
         says = "ends without the end of a line. Its last frame is read" if complete else says
-        with pytest.warns(mpsim.errors.TrajectoryWarning, match=says):
+        with pytest.warns(TrajectoryWarning, match=says):
             trajectory = mpsim.Trajectory(path)
         assert len(trajectory) == frames - 1 + complete
         assert [len(frame.position) for frame in trajectory] == [2] * len(trajectory)
@@ -198,12 +199,10 @@ def test_a_compressed_file_that_is_damaged_is_refused(tmp_path):
     packed, path = gzip.compress((tmp_path / "run.xyz").read_bytes()), tmp_path / "b.xyz.gz"
     for damaged in (b"no gzip", packed[:500] + b"\xff" * 10 + packed[510:], packed[:-8] + b"\0" * 8):
         path.write_bytes(damaged)
-        with pytest.raises(
-            mpsim.errors.TrajectoryError, match=r"must be a file that can be read; .*b.xyz.gz' cannot \("
-        ):
+        with pytest.raises(TrajectoryError, match=r"must be a file that can be read; .*b.xyz.gz' cannot \("):
             mpsim.Trajectory(path)
     path.write_bytes(packed[: len(packed) // 2])
-    with pytest.warns(mpsim.errors.TrajectoryWarning, match="ends in the middle of a frame"):
+    with pytest.warns(TrajectoryWarning, match="ends in the middle of a frame"):
         found = content(path)
     whole = content(tmp_path / "run.xyz")
     assert 0 < len(found) < len(whole)
@@ -256,7 +255,7 @@ def test_gsd_of_another_program_is_read_as_far_as_it_goes(tmp_path):
     assert frames[0].position.tolist() == [[x + 4, y + 3] for x, y, _ in GRID], "from the corner"
     assert [frame.frame for frame in frames] == [0, 10]
     for name in ("velocity", "time"):
-        with pytest.raises(mpsim.errors.TrajectoryError, match=f"{name} must be in a trajectory to be read from it"):
+        with pytest.raises(TrajectoryError, match=f"{name} must be in a trajectory to be read from it"):
             getattr(frames[0], name)
     full = hoomd_file(
         tmp_path / "b.gsd", GRID, velocity=GRID, diameter=[2.0] * 15, mass=[3.0] * 15, image=[(1, 0, 0)] * 15
@@ -275,9 +274,7 @@ def test_sizes_of_hard_particles_are_those_of_their_shapes(tmp_path):
     unused = [{"type": "Sphere", "diameter": 0.5}, {"type": "Polygon"}]
     assert hoomd_file(tmp_path / "c.gsd", GRID, type_shapes=unused, **more)[0].radius.tolist() == [0.25] * 15
     for shape in ({"type": "Polygon", "vertices": [[0, 0], [1, 0], [0, 1]]}, {"type": "Sphere"}):
-        with pytest.raises(
-            mpsim.errors.TrajectoryError, match=r"frame 0 of .* must hold discs, of shape Sphere with a"
-        ):
+        with pytest.raises(TrajectoryError, match=r"frame 0 of .* must hold discs, of shape Sphere with a"):
             hoomd_file(tmp_path / "d.gsd", GRID, types=["A"], type_shapes=[shape])[0]
 
 
@@ -286,7 +283,7 @@ def test_what_hoomd_leaves_out_of_later_frames_is_what_it_means(tmp_path):
     trajectory = hoomd_file(tmp_path / "a.gsd", GRID, frames=3, velocity=GRID, mass=[2.0] * 15)
     assert trajectory[0].velocity[0].tolist() == [-2, -2]
     assert trajectory[2].mass.tolist() == [2.0] * 15, "which stay the same"
-    with pytest.raises(mpsim.errors.TrajectoryError, match="velocity must be in a trajectory"):
+    with pytest.raises(TrajectoryError, match="velocity must be in a trajectory"):
         trajectory[2].velocity  # noqa: B018
     made = gsd.hoomd.Frame()
     made.configuration.box, made.configuration.dimensions = [6, 6, 0, 0, 0, 0], 2
@@ -308,7 +305,7 @@ def test_gsd_without_discs_is_read_and_without_places_or_a_plane_refused(tmp_pat
         ([(1, 0, 1.5), (1, 0, -1.5)], cube, "must be two-dimensional"),
         (GRID, {"box": [6, 6, 0, 0.5, 0, 0]}, "must have an upright rectangular box"),
     ):
-        with pytest.raises(mpsim.errors.TrajectoryError, match=f"frame 0 of .* {words}"):
+        with pytest.raises(TrajectoryError, match=f"frame 0 of .* {words}"):
             hoomd_file(tmp_path / "d.gsd", positions, **more)[0]
 
 
@@ -321,7 +318,7 @@ def test_a_file_of_mpsim_without_masses_is_read_and_not_continued(tmp_path):
     frame, before = mpsim.Trajectory(path)[-1], path.read_bytes()
     assert (frame.position.tolist(), frame.velocity.tolist(), frame.radius.tolist()) == ([[1.5, 2]], [[3, 4]], [0.5])
     assert (frame.box, frame.origin, frame.time, frame.ids.tolist()) == ((8, 6), (0, 0), 0, [0])
-    with pytest.raises(mpsim.errors.TrajectoryError, match=r"mass must be in a trajectory to .* masses:R:1"):
+    with pytest.raises(TrajectoryError, match=r"mass must be in a trajectory to .* masses:R:1"):
         frame.mass  # noqa: B018
     scene = mpsim.Scene(width=8, height=6, position=[[1.5, 2]], velocity=[[3, 4]], radius=0.5)
     with pytest.raises(mpsim.errors.OutputError, match=r"must hold masses to be continued, .* by an earlier version"):

@@ -9,18 +9,13 @@ import re
 
 import numpy as np
 import pytest
-from support.campaign import PIECES, SCENE, Costs, MadeUp
+from support.campaign import COARSE, FINE, PIECES, PUSH, REFLECT, SCENE, Costs, MadeUp
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim import Settings
 from mpsim.measure import Measure
 
 pytestmark = pytest.mark.compiled  # the exact solver, for seconds
-
-COARSE, FINE = Settings(dt=0.1, method="grid"), Settings(dt=0.02, method="grid")
-PUSH = Settings(dt=0.05, method="grid", contact="push")
-REFLECT = Settings(dt=0.05, method="grid", contact="push", law="reflect")
 
 
 # --- the measures of a report

@@ -15,16 +15,13 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from support.campaign import PIECES, SCENE, UNTIL, Costs, MadeUp, start
+from support.campaign import COARSE, FINE, PIECES, PUSH, REFLECT, SCENE, UNTIL, Costs, MadeUp, start
 from support.scenes import gas
 from support.swept import process_pool
 
 import mpsim
 from mpsim import Scene, Settings, tradeoff
 
-COARSE, FINE = Settings(dt=0.1, method="grid"), Settings(dt=0.02, method="grid")
-PUSH = Settings(dt=0.05, method="grid", contact="push")
-REFLECT = Settings(dt=0.05, method="grid", contact="push", law="reflect")
 EXACT = Settings(method="event")
 CANDIDATES = [COARSE, FINE, PUSH, REFLECT, EXACT]
 ERRORS = (

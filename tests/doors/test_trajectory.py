@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from support.processes import refusing
 from support.scenes import gas, simulate
+from support.selection import FORKS
 from support.trajectories import DT, ENDINGS, PLACES, SCENES, SPEEDS, content, killed_and_resumed, pair, written
 
 import mpsim
@@ -409,7 +410,7 @@ def test_a_file_has_one_writer_at_a_time(path, mode):
     assert refusal(path) is None
 
 
-@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+@FORKS
 def test_a_fork_that_outlives_a_killed_writer_does_not_keep_the_file(path):
     """As workers of a pool do, which wait for ever."""
     ours, theirs = os.pipe()

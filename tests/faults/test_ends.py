@@ -22,14 +22,11 @@ from support.processes import (
     wait_until,
 )
 from support.scenes import lattice, simulate
-from support.selection import long_but
+from support.selection import FORKS, long_but
 
 import mpsim
 
-pytestmark = [
-    pytest.mark.compiled,
-    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork in a process with threads
-]
+pytestmark = [pytest.mark.compiled, FORKS]
 
 METHODS = [("grid", 1), ("parallel", 3)]
 

@@ -23,14 +23,11 @@ from support.processes import (
     wait_until,
 )
 from support.scenes import ALONE, digest_after, lattice, simulate
-from support.selection import long_but
+from support.selection import FORKS, long_but
 
 import mpsim
 
-pytestmark = [
-    pytest.mark.compiled,
-    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: a fork of a process with threads
-]
+pytestmark = [pytest.mark.compiled, FORKS]
 
 METHODS = list(ALONE)
 CHILDREN = {

@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from support.internals import write
 from support.scenes import gas, split
-from support.selection import long_but
+from support.selection import FORKS, long_but
 
 import mpsim
 
-pytestmark = [
-    pytest.mark.compiled,
-    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork in a process with threads
-]
+pytestmark = [pytest.mark.compiled, FORKS]
 
 BEFORE = 7
 METHODS = [("naive", 1), ("grid", 1), ("parallel", 3)]

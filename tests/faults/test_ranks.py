@@ -4,7 +4,7 @@ import json
 
 import pytest
 from support.processes import run_script
-from support.ranks import on_ranks, told_by_script
+from support.ranks import on_ranks, told_by
 from support.scenes import gas
 from support.selection import long_but
 
@@ -297,7 +297,7 @@ def digest_in(path):
 def test_what_fails_on_one_rank_is_an_error_on_all_and_what_was_there_is_untouched(tmp_path):
     """The control: the same ranks save before and after."""
     path, cases = tmp_path / "run", ("before", "once more", *FAILURES, "after")
-    told = told_by_script(2, str(path), json.dumps(LATTICE), *cases, script=TOGETHER)
+    told = told_by(2, str(path), json.dumps(LATTICE), *cases, script=TOGETHER)
     kept, previous = told["once more"], told["before"]
     assert kept[0] == ["saved"] * 2
     assert previous[2] != kept[2]

@@ -12,14 +12,11 @@ import psutil
 import pytest
 from support.processes import SHARED_MEMORY, assert_clean, blocks_of, limited, refusing, run_script
 from support.scenes import digest_after, gas, lattice, simulate
-from support.selection import long_but
+from support.selection import FORKS, long_but
 
 import mpsim
 
-pytestmark = [
-    pytest.mark.compiled,
-    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork in a process with threads
-]
+pytestmark = [pytest.mark.compiled, FORKS]
 
 METHODS = ["naive", "grid", "parallel", "event"]
 

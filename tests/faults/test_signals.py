@@ -14,14 +14,11 @@ from support.checkpoints import frame_in
 from support.compare import assert_inside_and_finite, assert_same_bits, overlapping_pairs
 from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone
 from support.scenes import gas, lattice, split, state_after
-from support.selection import long_but, slow_but
+from support.selection import FORKS, long_but, slow_but
 
 import mpsim
 
-pytestmark = [
-    pytest.mark.compiled,
-    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork in a process with threads
-]
+pytestmark = [pytest.mark.compiled, FORKS]
 
 ENDS_WITHIN = {"running": 2.0, "starting": 5.0}
 """Seconds from Ctrl-C to the end of the process. A slice of frames is 0.05 s, ending Python and workers the rest, on a

@@ -13,14 +13,11 @@ import pytest
 from support.compare import overlapping_pairs
 from support.processes import blocks_of
 from support.scenes import ALONE, digest_after, lattice, simulate
-from support.selection import long_but
+from support.selection import FORKS, long_but
 
 import mpsim
 
-pytestmark = [
-    pytest.mark.compiled,
-    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork in a process with threads
-]
+pytestmark = [pytest.mark.compiled, FORKS]
 
 METHODS = list(ALONE)
 PATIENCE = 100

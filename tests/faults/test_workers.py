@@ -17,15 +17,12 @@ from support.compare import assert_same_bits
 from support.internals import peek
 from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone, wait_until
 from support.scenes import gas, lattice, split
-from support.selection import long_but
+from support.selection import FORKS, long_but
 from support.tiles import always_tiled, first_free_place, on_tiles
 
 import mpsim
 
-pytestmark = [
-    pytest.mark.compiled,
-    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # 3.12: fork in a process with threads
-]
+pytestmark = [pytest.mark.compiled, FORKS]
 
 NOTICED_WITHIN = 1.0
 """Seconds between a death and the exception that reports it."""

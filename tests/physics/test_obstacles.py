@@ -4,16 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from support.scenes import simulate
+from support.scenes import exactly, simulate
 
 import mpsim
 from mpsim import FixedDisc, Polyline, Scene
 
 pytestmark = pytest.mark.plain
-
-
-def exactly(scene, dt=1.0):
-    return simulate(scene, method="event", dt=dt)
 
 
 def one(position, velocity, obstacles, radius=0.5, side=20.0, **features):

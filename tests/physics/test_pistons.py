@@ -5,17 +5,13 @@ import re
 
 import numpy as np
 import pytest
-from support.scenes import simulate
+from support.scenes import exactly, simulate
 
 import mpsim
-from mpsim import Piston, Scene
+from mpsim import InputError, Piston, Scene
 from mpsim.measure import independent_average
 
 pytestmark = pytest.mark.plain
-
-
-def exactly(scene, dt=1.0):
-    return simulate(scene, method="event", dt=dt)
 
 
 def one(position, velocity, piston, width=11.0, height=3.0, **features):
@@ -167,11 +163,9 @@ def test_several_walls_move_at_once_and_no_disc_is_ever_behind_one(how, tmp_path
             again.run(frames=100)
             ends.add(again.digest())
     assert len(ends) == 1
-    with pytest.raises(mpsim.InputError, match="time must be finite in a scene with a wall that never rests; got inf"):
+    with pytest.raises(InputError, match="time must be finite in a scene with a wall that never rests; got inf"):
         scene.walls_at(math.inf)
-    with pytest.raises(
-        mpsim.InputError, match=r"time must be that of the state, in which the top piston is at .*; got 0"
-    ):
+    with pytest.raises(InputError, match=r"time must be that of the state, in which the top piston is at .*; got 0"):
         scene.starting_from(mpsim.State(state.position, state.velocity, box=(*state.box[:3], 6.3)))
 
 

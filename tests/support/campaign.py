@@ -22,6 +22,10 @@ UNTIL, PIECES = 10.0, 16
 TIME = (np.arange(PIECES) + 0.5) / PIECES
 """The middle of each piece, as a fraction of a run."""
 
+COARSE, FINE = mpsim.Settings(dt=0.1, method="grid"), mpsim.Settings(dt=0.02, method="grid")
+PUSH = mpsim.Settings(dt=0.05, method="grid", contact="push")
+REFLECT = mpsim.Settings(dt=0.05, method="grid", contact="push", law="reflect")
+
 Law = Callable[[mpsim.Settings, int], dict[str, Any]]
 """What a run with these settings, from the start of this number, has found in each piece, by the name of a measure."""
 

@@ -157,8 +157,8 @@ def content_of(path: Path) -> tuple[dict[str, Any], list[tuple[str, bytes]]]:
     return header, [each for each in members if each[0] not in ("digest", "mpsim_checkpoint")]
 
 
-def told_by_script(number, *words, script):
-    """What a script prints last on so many ranks."""
+def told_by(number, *words, script=None):
+    """What so many ranks find of the cases that are named, or what a script prints last on them."""
     done = on_ranks(number, *words, script=script)
     assert done.code == 0, done.err
     return json.loads(done.out.splitlines()[-1])

@@ -224,6 +224,10 @@ def box_of(**features):
     return mpsim.Scene(**{"width": 10, "height": 8, "radius": 0.5, **features})
 
 
+def exactly(scene, dt=1.0):
+    return simulate(scene, method="event", dt=dt)
+
+
 def after(scene, until, **settings):
     with simulate(scene, **{"method": "naive", "contact": "impact", "dt": 0.01, **settings}) as sim:
         sim.run(until=until)

@@ -1,9 +1,12 @@
-"""Which of many alike tests run by default: each new combination of features is compiled for seconds."""
+"""Marks of tests: which of many alike run by default, as each new combination of features is compiled for seconds."""
 
 from collections.abc import Iterable
 from typing import Any
 
 import pytest
+
+FORKS = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+"""Of tests that fork beside threads, which Python 3.12 and later warn of."""
 
 
 def long_but(names: Iterable[Any], *kept: Any) -> list[Any]:

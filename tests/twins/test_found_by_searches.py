@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from support.scenes import simulate
+from support.scenes import box_of, simulate
 from support.transforms import Units
 
 import mpsim
@@ -14,11 +14,6 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),
     pytest.mark.filterwarnings("ignore::UserWarning"),
 ]
-
-
-def box_of(**features):
-    """A box of 10 x 10 with discs of radius 1/2."""
-    return mpsim.Scene(**{"width": 10, "height": 10, "radius": 0.5, **features})
 
 
 def measured(scene, name, frames=120, **settings):
