@@ -15,7 +15,7 @@ import click
 from mpsim import __version__
 from mpsim.cli import terminal
 from mpsim.core import files
-from mpsim.core.checks import refusal
+from mpsim.core.checks import Closable, refusal
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.files import FileLock
 from mpsim.core.text import json_text
@@ -67,7 +67,7 @@ _OURS = (
 """Files of a run, which --force removes, beside its trajectory; any other stays."""
 
 
-class RunFolder:
+class RunFolder(Closable):
     """A folder that holds one run. `create` makes one, `claim` locks one to continue it, `open` reads one.
 
     What `create` and `claim` return is locked: use it in a `with` block, after which another process may write to it.
@@ -82,10 +82,7 @@ class RunFolder:
         self.record = record
         self._lock = lock
 
-    def __enter__(self) -> "RunFolder":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
         if self._lock is not None:
             self._lock.release()
 
@@ -332,10 +329,7 @@ def resume(
     """
     if frames is not None and until is not None:
         raise click.UsageError("Give --frames or --until, not both.")
-    with (
-        RunFolder.claim(folder) as found,
-        Simulation.resume(found[CHECKPOINT], workers=workers, method=method) as sim,
-    ):
+    with RunFolder.claim(folder) as found, Simulation.resume(found[CHECKPOINT], workers=workers, method=method) as sim:
         target = found.record["target"]
         if frames is not None:
             target = sim.frame + frames

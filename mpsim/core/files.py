@@ -158,13 +158,16 @@ def writable(
     rule: str = "be a file that can be written",
     instead: str = "Choose another place.",
 ) -> Iterator[None]:
-    """Turn an error of the system in the block into an OutputError: `what` must `rule`; got the path and the reason."""
+    """Turn an error of the system in the block into an OutputError: `what` must `rule`; got the path and the reason.
+
+    A text that UTF-8 cannot express counts as one.
+    """
     try:
         yield
     except MpsimError:
         raise
-    except OSError as error:
-        got = f"{os.fsdecode(path)!r} ({error.strerror or error})"
+    except (OSError, UnicodeEncodeError) as error:
+        got = f"{os.fsdecode(path)!r} ({getattr(error, 'strerror', None) or error})"
         raise checks.refusal(what, rule, got, instead, OutputError) from error
 
 

@@ -30,23 +30,8 @@ from mpsim.core.state import Box
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.base import frames_until
 from mpsim.errors import InputError, OutputError
-from mpsim.output.drawing import (
-    LIGHT,
-    SCALES,
-    SPEED,
-    STYLE,
-    THEMES,
-    ColourScale,
-    MovingDiscs,
-    ScaleName,
-    Theme,
-    ThemeName,
-    colour_bar,
-    figure_around,
-    percentile_scale,
-    sampled,
-    speeds_of,
-)
+from mpsim.output import drawing
+from mpsim.output.drawing import ColourScale, MovingDiscs, ScaleName, Theme, ThemeName
 from mpsim.scene.scene import Scene, frames_between_pictures, settings_for
 from mpsim.scene.settings import Settings
 
@@ -80,7 +65,7 @@ def moment_of(sim: Simulation, coloured: bool) -> Shot:
     assert state.box is not None  # the walls of a simulation are known
     position = state.position.astype(np.float32)
     position[~state.present] = np.nan
-    values = speeds_of(state.velocity) if coloured else np.zeros(0)
+    values = drawing.speeds_of(state.velocity) if coloured else np.zeros(0)
     return Shot(sim.time, state.box, position, sim.radii.astype(np.float32), values.astype(np.float32))
 
 
@@ -90,16 +75,16 @@ class Picture:
     scale: of the speeds; None: one colour.
     """
 
-    def __init__(self, scene: Scene, pixels: int, scale: ColourScale | None, theme: Theme = LIGHT):
+    def __init__(self, scene: Scene, pixels: int, scale: ColourScale | None, theme: Theme = drawing.LIGHT):
         self._scene = scene
         inches = pixels / DPI / max(scene.width, scene.height)
         size = scene.width * inches, scene.height * inches
-        with matplotlib.rc_context(theme.style, fname=STYLE):
-            self.figure: Figure = figure_around(scene, size, beside=(1.2, 0.5), below=(0.4, 1.4), theme=theme)
+        with matplotlib.rc_context(theme.style, fname=drawing.STYLE):
+            self.figure: Figure = drawing.figure_around(scene, size, beside=(1.2, 0.5), below=(0.4, 1.4), theme=theme)
             self.axes: Axes = self.figure.add_subplot()
             self._moving = MovingDiscs(self.axes, scene, scene.position, scene.radii, scale, theme=theme)
             if scale is not None:
-                colour_bar(self.axes, self._moving.discs, scene, SPEED, scale.outside)
+                drawing.colour_bar(self.axes, self._moving.discs, scene, drawing.SPEED, scale.outside)
             self._title = self.axes.set_title("time 0.00")
         self.figure.draw_without_rendering()
         # The layout is found once; solving it again for each picture would take most of the time.
@@ -256,10 +241,10 @@ def animate(
     rate = checks.whole("pictures_per_second", pictures_per_second, 1, 50, "25 looks smooth.")
     frames, every = pictures_of(scene, settings, frames, every, until)
     pixels = checks.whole("pixels", pixels, 100, 4000, "480 suits a page.")
-    look = THEMES[checks.choice("theme", theme, THEMES)]
+    look = drawing.THEMES[checks.choice("theme", theme, drawing.THEMES)]
     if colour is not None:
         checks.choice("colour", colour, ["speed"])
-    if checks.choice("scale", scale, SCALES) == "log" and colour is None:
+    if checks.choice("scale", scale, drawing.SCALES) == "log" and colour is None:
         raise checks.refusal("scale='log'", "come with colour='speed'", f"colour={colour!r}", "Leave one out.")
     target = checked_target(path)
     checked_progress(progress, "progress(done, of)")
@@ -308,7 +293,7 @@ def moments_of(
                 sim.run(frames=every)
             moment = moment_of(sim, colour is not None)
             if colour is not None:
-                sample.append(sampled(moment.values[moment.present]))
+                sample.append(drawing.sampled(moment.values[moment.present]))
             yield moment
 
     if colour is None:
@@ -318,7 +303,7 @@ def moments_of(
         for moment in taken():
             pickle.dump(moment, file, pickle.HIGHEST_PROTOCOL)
         file.seek(0)
-        yield (pickle.load(file) for _ in range(frames)), percentile_scale(np.concatenate(sample), scale)
+        yield (pickle.load(file) for _ in range(frames)), drawing.percentile_scale(np.concatenate(sample), scale)
 
 
 def pictures_of(

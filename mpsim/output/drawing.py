@@ -311,12 +311,10 @@ def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> list[Re
     if walls is None:
         return shapes
     for wall in scene._moving_walls:
-        length, place = (scene.width, scene.height)[wall.axis], walls[wall.edge]
-        low, high = (place, length) if wall.edge % 2 else (0.0, place)
-        corner, size = (
-            ((low, 0), (high - low, scene.height)) if wall.axis == 0 else ((0, low), (scene.width, high - low))
-        )
-        shapes.append(Rectangle(corner, *size, color=theme.behind))
+        edges = [0.0, scene.width, 0.0, scene.height]
+        edges[wall.edge ^ 1] = walls[wall.edge]  # it is the other edge of the region behind it
+        x_low, x_high, y_low, y_high = edges
+        shapes.append(Rectangle((x_low, y_low), x_high - x_low, y_high - y_low, color=theme.behind))
     return shapes
 
 

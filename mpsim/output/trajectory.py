@@ -24,14 +24,7 @@ from mpsim.core.files import FileLock
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.solvers.ranks.messages import ranks_sharing
-from mpsim.errors import (
-    InputError,
-    OutputError,
-    TrajectoryError,
-    TrajectoryWarning,
-    level_of_caller,
-    reason_of,
-)
+from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller, reason_of
 from mpsim.features.edges import BoundaryName
 from mpsim.output.frames import Frame, Given, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter

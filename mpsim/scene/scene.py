@@ -32,16 +32,6 @@ from mpsim.features.properties import Restitution, check_acceleration, check_fri
 from mpsim.kernels.geometry import RADIUS
 from mpsim.scene import starts
 from mpsim.scene.settings import NAMES, Settings, check_recommended, check_settings
-from mpsim.scene.starts import (
-    GivenStart,
-    Lattice,
-    Start,
-    demand_equal_discs,
-    demand_sites,
-    demand_whole_box,
-    overlaps_in_words,
-    start_of,
-)
 
 SLOWEST, FASTEST = 1e-6, 10.0
 """Bounds of the rate of compression. Collisions per disc grow as its inverse; at the fastest, discs hardly move."""
@@ -118,7 +108,7 @@ class Scene(ReadOnly):
     settings: Settings | None = None
     picture_interval: float | None = None
     measures: tuple[str, ...] = ()
-    _start: Start
+    _start: starts.Start
     _has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
     _piston_from: tuple[float, float | None] = (0.0, None)  # time and place at which it got its speed there
     _is_changed: bool = False  # there, and not checked as a whole since, as a scene is when it is made
@@ -158,7 +148,7 @@ class Scene(ReadOnly):
     ):
         self.width: float = checks.positive("width", width, "[length]")
         self.height: float = checks.positive("height", height, "[length]")
-        self._start = start_of(position, velocity)
+        self._start = starts.start_of(position, velocity)
         count = checks.whole("the number of discs", self.count, 0, LARGEST_COUNT, "Give a number in this range.")
         self.radius: float | NDArray[np.float64] = check_radius(radius, count)
         self.mass: NDArray[np.float64] | None = None if mass is None else checks.masses(mass, count)
@@ -454,7 +444,7 @@ class Scene(ReadOnly):
         '1 pair of discs overlaps at the start: discs 0 and 1, by 0.25'
         """
         if self._overlaps is None:
-            self._overlaps = overlaps_in_words(self)
+            self._overlaps = starts.overlaps_in_words(self)
         return self._overlaps
 
     @classmethod
@@ -604,16 +594,16 @@ class Scene(ReadOnly):
         _check_others(cls.lattice, others)
         count = checks.whole("count", count, 0, LARGEST_COUNT, "Give a number in this range.")
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
-        demand_equal_discs(radius, others)
+        starts.demand_equal_discs(radius, others)
         radius = checks.positive("radius", radius, "[length]")
         temperature = checks.non_negative("temperature", temperature, "[length^2/time^2]")
         edges = check_boundary(boundary)
         width, height = starts.box_for(count, radius, packing, width, height, edges)
-        start: Any = Lattice(count, radius, width, height, wraps_of(edges), temperature, seed)
-        demand_sites(start, packing)
+        start: Any = starts.Lattice(count, radius, width, height, wraps_of(edges), temperature, seed)
+        starts.demand_sites(start, packing)
         kind: dict[str, Any] = {"radius": radius, "width": width, "height": height, "boundary": edges, **others}
         made = cls(position=start, velocity=start, **kind)
-        demand_whole_box(made)
+        starts.demand_whole_box(made)
         kind |= {"count": count, "temperature": temperature}
         made._redraw = lambda other: cls.lattice(**kind, seed=_seed_of(seed, other))
         return made
@@ -647,9 +637,9 @@ class Scene(ReadOnly):
         return {name: value for name, value in vars(self).items() if name not in _DERIVED}
 
     @property
-    def _on_lattice(self) -> Lattice | None:
+    def _on_lattice(self) -> starts.Lattice | None:
         """The lattice on which the discs start; None if their places were given."""
-        return self._start if isinstance(self._start, Lattice) else None
+        return self._start if isinstance(self._start, starts.Lattice) else None
 
     def _velocities_in_pieces(self) -> Iterator[tuple[int, NDArray[np.float64]]]:
         """The first disc of each piece, and the velocities of the discs in it, shape (K, 2) [length/time]."""
@@ -672,7 +662,7 @@ class Scene(ReadOnly):
         """Let the scene, a copy that nothing else refers to, start from arrays of shape (N, 2)."""
         for array in (position, velocity):
             array.flags.writeable = False
-        self._start = GivenStart(position, velocity)
+        self._start = starts.GivenStart(position, velocity)
 
     def _without_discs(self) -> Scene:
         """A copy in which no disc starts, for checks of the rest."""

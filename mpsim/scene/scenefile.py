@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks, files
 from mpsim.core.archive import REAL, read_array
-from mpsim.errors import InputError, OutputError, SceneFileError, is_of_the_system, reason_of
+from mpsim.errors import InputError, OutputError, SceneFileError, reason_of
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.capsules import of_discs
 from mpsim.features.edges import WALLED, check_boundary, wraps_of
@@ -188,14 +188,13 @@ def load(source: str | os.PathLike[str]) -> SceneFile:
     """
     path = _find(source)
     label = os.fspath(source) if path.parent != PACKAGED else f"scenes/{path.name}"
-    tables = _parsed(path, label)
     logger.info("mpsim: reading %s", path)
     reader = _Reader(label, path.parent)
     try:
-        reader.read(tables)
+        reader.read(_parsed(path, label))
         scene = reader.scene()
     except RecursionError:
-        raise SceneFileError(label, [_TOO_DEEP]) from None
+        raise SceneFileError(label, ["the file must be TOML; got tables or lists nested too deeply."]) from None
     words = {key: reader.about.get(key, "") for key in KEYS["about"]}
     return SceneFile(path.stem, scene, **words, read=(path, *reader.arrays.read), compressed=reader.compressed)
 
@@ -244,43 +243,37 @@ _COMMENTS = re.compile(r"^[ \t]*#[^'\"\n]*$", re.MULTILINE)  # without quotation
 
 _MANY_PARTS = re.compile(rf"(?:\.[^.=,\n\[\]{{}}]*+){{{MOST_PARTS},}}")  # in a long text, too
 
-_TOO_DEEP = "the file must be TOML; got tables or lists nested too deeply."
-_TOO_LARGE = "Put long arrays into .npy files beside it, as Scene.save does."
-
 
 def _parsed(path: Path, label: str) -> dict[str, Any]:
     """The file as nested tables."""
+
+    def problem(text: str) -> SceneFileError:
+        return SceneFileError(label, [text])
+
     try:
         packaged = path.parent == PACKAGED
         text = (_NAMED / path.name).read_text("utf-8") if packaged else files.text(path, MOST_BYTES)
     except UnicodeDecodeError as error:
-        problem = f"the file must be text in UTF-8; got byte {error.start} ({error.reason})."
-        raise SceneFileError(label, [problem]) from None
+        raise problem(f"the file must be text in UTF-8; got byte {error.start} ({error.reason}).") from None
     except (OSError, ValueError) as error:
-        reason = reason_of(error)
-        hint = "" if getattr(error, "errno", None) != errno.EFBIG else f" {_TOO_LARGE}"
-        raise InputError(
-            f"scene must be a file that can be read; got {checks.brief(str(path))} ({reason}).{hint}"
-        ) from None
+        got = f"{checks.brief(str(path))} ({reason_of(error)})"
+        too_large = getattr(error, "errno", None) == errno.EFBIG
+        instead = "Put long arrays into .npy files beside it, as Scene.save does." * too_large
+        raise checks.refusal("scene", "be a file that can be read", got, instead) from None
     if _MANY_PARTS.search(_COMMENTS.sub("", text)):
-        raise SceneFileError(label, [f"keys must have at most {MOST_PARTS} parts with dots between them; got more."])
+        raise problem(f"keys must have at most {MOST_PARTS} parts with dots between them; got more.")
     try:
         tables = tomllib.loads(text)
-    except RecursionError:
-        raise SceneFileError(label, [_TOO_DEEP]) from None
     except ValueError as error:
-        raise SceneFileError(label, [f"the file must be TOML; got this error: {error!s:.200}."]) from None
+        raise problem(f"the file must be TOML; got this error: {error!s:.200}.") from None
     for name in ("discs", *PARTS):
-        listed = tables.get(name)
-        if isinstance(listed, list) and len(listed) > MOST_TABLES:
-            raise SceneFileError(label, [
-                f"{name} must be at most {MOST_TABLES:,} tables; got {len(listed):,}. One may hold many: give arrays."
-            ])  # fmt: skip
+        if isinstance(listed := tables.get(name), list) and len(listed) > MOST_TABLES:
+            got = f"{len(listed):,}. One may hold many: give arrays."
+            raise problem(f"{name} must be at most {MOST_TABLES:,} tables; got {got}")
     version = tables.get("schema", SCHEMA)
     if type(version) is not int or version != SCHEMA:  # then nothing else can be judged
-        raise SceneFileError(label, [
-            f"schema must be {SCHEMA}, which this mpsim reads; got {checks.brief(version)}. A newer mpsim may read it."
-        ])  # fmt: skip
+        got = f"{checks.brief(version)}. A newer mpsim may read it."
+        raise problem(f"schema must be {SCHEMA}, which this mpsim reads; got {got}")
     return tables
 
 
@@ -339,9 +332,7 @@ class _ArrayFiles:
             what = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
             raise InputError(f"{name} must be a file that exists; got {shown}: {what} in {self._folder}.") from None
         except OSError as error:
-            if not is_of_the_system(error):
-                raise
-            raise InputError(f"{name} must be a file that can be read; got {shown} ({error.strerror}).") from None
+            raise InputError(f"{name} must be a file that can be read; got {shown} ({reason_of(error)}).") from None
 
 
 def _names_array_file(text: str) -> bool:
@@ -923,8 +914,8 @@ def save(
     if settings is not None:
         lines += ["[settings]", *pairs(chosen(settings)), ""]
     arrays: Files = []
-    discs = {name: getattr(scene, name) for name in ("position", "velocity", *PER_DISC)}
-    discs = {name: value for name, value in discs.items() if value is not None}
+    of_discs = ("position", "velocity", *PER_DISC)
+    discs = {name: value for name in of_discs if (value := getattr(scene, name)) is not None}
     lines += ["[[discs]]", *_array_lines(discs, target, "", arrays), ""]
     tables = 0
     for feature in sorted((each for each in FEATURES if each.kinds), key=lambda each: not each.several):
@@ -945,25 +936,15 @@ def save(
             f"{str(target)!r} would have {length:,} and {tables:,}. Let obstacles, and emitters, of one kind and with "
             "the same keys follow each other, which makes arrays of them; or keep the scene in Python."
         )
-    try:
+    with files.writable("path", path, "be a place that can be written", "Choose another."):
         _write([(target, lambda file: file.write("\n".join(lines).encode())), *arrays])
-    except (OSError, UnicodeEncodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise OutputError(
-            f"path must be a place that can be written; got {os.fspath(path)!r} ({reason}). Choose another."
-        ) from None
 
 
 def _scene_lines(scene: Scene) -> list[str]:
-    values: dict[str, Any] = {"width": scene.width, "height": scene.height}
-    if scene.boundary != WALLED:
-        values["boundary"] = scene.boundary
-    values |= {name: getattr(scene, name) for name in VECTORS}
-    values |= {name: value for name, default in NUMBERS.items() if (value := getattr(scene, name)) != default}
-    values["absorbing"] = scene.absorbing or None
-    values |= {"duration": scene.duration, "picture_interval": scene.picture_interval}
-    values["measures"] = scene.measures or None
-    return pairs(values)
+    usual = {"boundary": WALLED, **NUMBERS, "absorbing": (), "measures": ()}
+    names = ("width", "height", "boundary", *VECTORS, *NUMBERS, "absorbing", "duration", "picture_interval", "measures")
+    values = {name: getattr(scene, name) for name in names}
+    return pairs({name: value for name, value in values.items() if name not in usual or value != usual[name]})
 
 
 def _table_lines(feature: Feature, values: Iterable[Any], target: Path, arrays: Files) -> list[str]:

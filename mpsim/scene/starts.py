@@ -602,10 +602,8 @@ def _crowd(position: NDArray[np.floating], radius: Floats, room: Room) -> placem
     side = np.maximum(2 * largest, np.sqrt(size[0] * size[1] / np.maximum(counts, 1)))
     # In a thin box, too, no level has more cells than about one per disc.
     columns, rows = (np.clip(length / side, 1, np.maximum(counts, 1)).astype(np.int64) for length in size)
-    cells, images = (
-        columns * rows,
-        with_images(room.capsules, size, room.periodic, REACH * float(largest.max(initial=0.0))),
-    )
+    cells, reach = columns * rows, REACH * float(largest.max(initial=0.0))
+    images = with_images(room.capsules, size, room.periodic, reach)
     seen = room.capsules[images.source]
     seen[images.shift.any(axis=1), POLYGON] = 0  # what is in the box is in no image
     discs = placement.Crowd(

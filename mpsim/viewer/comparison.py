@@ -55,15 +55,18 @@ def in_step(settings: Settings, dt: float) -> Settings:
     >>> in_step(Settings(method="grid", dt=0.005), dt=0.02).dt, in_step(Settings(method="event"), dt=0.02).dt
     (0.005, 0.02)
     """
-    if not capabilities_of(settings).has_steps:
-        return dataclasses.replace(settings, dt=dt)
-    each = round(dt / settings.dt)
-    if each < 1 or abs(dt / settings.dt - each) > WHOLE * each:
+    own = _nearest_in_step(settings, dt)
+    if capabilities_of(settings).has_steps and abs(own / settings.dt - 1) > WHOLE:
         raise InputError(
             f"dt of a second stage must be that of the first one, {dt:g}, or a whole fraction of it; got "
-            f"{settings.dt:g}. Use Settings(dt={dt / max(each, 1):g})."
+            f"{settings.dt:g}. Use Settings(dt={own:g})."
         )
-    return dataclasses.replace(settings, dt=dt / each)
+    return dataclasses.replace(settings, dt=own)
+
+
+def _nearest_in_step(settings: Settings, dt: float) -> float:
+    """The dt nearest to that of some settings of which a whole number is `dt`; `dt` itself where there are no steps."""
+    return dt / max(round(dt / settings.dt), 1) if capabilities_of(settings).has_steps else dt
 
 
 @dataclass
@@ -252,9 +255,7 @@ class Comparison:
     def _fit(self, sim: Simulation, dt: float) -> None:
         """Change dt as little as possible, so that a whole number of steps is one step `dt` of the first stage."""
         assert self._settings is not None  # since the start
-        exact = not capabilities_of(self._settings).has_steps
-        own = dt if exact else dt / max(round(dt / self._settings.dt), 1)
-        if sim.settings.dt != own:
+        if sim.settings.dt != (own := _nearest_in_step(self._settings, dt)):
             sim.change(dt=own)
 
     def mark(self) -> tuple[Snapshot, History] | None:
