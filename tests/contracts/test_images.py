@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.compare import assert_same_bits
-from support.scenes import simulate
+from support.scenes import after, simulate, state_after
 
 import mpsim
 
@@ -23,9 +23,7 @@ def box_of(position, velocity, boundary="periodic", **more):
 def test_a_free_disc_goes_on_beyond_the_border(method, precision):
     """By hand: from (2, 7) at (-3, 5) for a time 10 to (-28, 57): 3 periods of 10 back, 7 of 8 on."""
     scene = box_of([[2, 7], [2, 3]], [[-3, 5], [-3, 5]])
-    with simulate(scene, method=method, precision=precision, dt=1 / 8) as sim:
-        sim.run(frames=80)
-        state = sim.state
+    state = state_after(scene, 80, method=method, precision=precision, dt=1 / 8)
     assert state.image is not None
     assert state.image.tolist() == [[-3, 7], [-3, 6]]
     assert state.image.dtype == np.int64
@@ -37,10 +35,9 @@ def test_a_free_disc_goes_on_beyond_the_border(method, precision):
 @pytest.mark.parametrize("method", METHODS)
 def test_only_periodic_axes_count(method):
     scene = box_of([[2, 7]], [[-3, 5]], ("periodic", "walls"))
-    with simulate(scene, method=method, dt=1 / 8) as sim:
-        sim.run(frames=80)
-        assert sim.state.image.tolist() == [[-3, 0]]
-        assert sim.state.unwrapped[0, 1] == sim.state.position[0, 1]
+    state = state_after(scene, 80, method=method, dt=1 / 8)
+    assert state.image.tolist() == [[-3, 0]]
+    assert state.unwrapped[0, 1] == state.position[0, 1]
     with simulate(box_of([[2, 7]], [[-3, 5]], "walls"), method=method) as sim:
         assert sim.state.image is None
         assert not {"image", "winding"} & set(sim.array_names), "a scene with walls pays for no count"
@@ -99,9 +96,7 @@ def test_a_disc_that_enters_inside_a_frame_counts_the_borders_of_that_flight(met
     """Two that leave (9.8, 0.2) at 0.5 and 1: by hand, 0.7 and 0.2 later, in unwrapped places."""
     jet = mpsim.Emitter((9.8, 0.2), (4, -3), interval=0.5, limit=2)
     scene = box_of(np.zeros((0, 2)), np.zeros((0, 2)), emitters=jet)
-    with simulate(scene, method=method, dt=dt) as sim:
-        sim.run(until=1.2)
-        state = sim.state
+    state = after(scene, 1.2, method=method, contact="push", dt=dt)
     assert state.unwrapped == pytest.approx(np.array([[12.6, -1.9], [10.6, -0.4]]), abs=1e-12)
     assert state.image.tolist() == [[1, -1], [1, -1]]
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from support.scenes import ZOO, crowd, gas, simulate, zoo
+from support.scenes import ZOO, crowd, digest_after, gas, simulate, zoo
 
 from mpsim.engine.feature_arrays import fill_features
 from mpsim.engine.workers.worker import kernel_arguments
@@ -190,10 +190,9 @@ def _differs(array, other):
 
 def watch(scene, frames, guarded=True, **settings):
     """Clashes and number of writes in so many frames; the state must be that of an ordinary run."""
-    with simulate(scene, method="grid", unguarded=not guarded, **settings) as ordinary:
-        ordinary.run(frames=frames)
-        expected = ordinary.digest()
-    with simulate(scene, method="grid", unguarded=not guarded, **settings) as sim:
+    settings |= {"method": "grid", "unguarded": not guarded}
+    expected = digest_after(scene, frames, **settings)
+    with simulate(scene, **settings) as sim:
         watched = _with_room_for_workers(sim)
         for _ in range(frames):
             watched.frame(guarded)

@@ -116,9 +116,8 @@ def test_unguarded_columns_are_resolved_in_another_order(precision):
 
 def test_unguarded_workers_lose_no_disc_and_end_cleanly():
     scene = gas(3000, 0.7, seed=3)
-    with simulate(scene, method="parallel", workers=3, unguarded=True) as sim:
-        sim.run(frames=50)
-        assert_inside_and_finite(sim.state, scene, "unguarded on 3 workers")
+    state = state_after(scene, 50, method="parallel", workers=3, unguarded=True)
+    assert_inside_and_finite(state, scene, "unguarded on 3 workers")
 
 
 # --- more discs and frames

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from support.scenes import simulate
+from support.scenes import digest_after, simulate
 
 import mpsim
 from mpsim import Circle, FixedDisc, Oscillation, Path, Polyline, Rotation, Translation
@@ -67,9 +67,8 @@ def test_a_motion_goes_through_checkpoints_and_another_start(tmp_path, motion, m
         assert np.abs(again.state.position - end.position).max() < 1e-9
     assert eval(repr(scene.obstacles[0]), vars(mpsim)) == scene.obstacles[0]
     assert "motion" not in repr(scene.obstacles[1]), "what goes without saying"
-    with simulate(scene_of(None, **near), **how) as rest:
-        rest.run(frames=64)
-        assert rest.digest() != end.digest(), "nothing has met the obstacle"
+    rest = digest_after(scene_of(None, **near), 64, **how)
+    assert rest != end.digest(), "nothing has met the obstacle"
 
 
 class Swerve(Translation):

@@ -510,22 +510,25 @@ def begun(folder, number):
     return wait_until(lambda: path.exists() and len(path.read_text().split()) >= number, 20)
 
 
+def interrupted(text, number, executor, kept, folder):
+    """The points that a sweep has kept to which a signal comes within its second run."""
+    text += INTERRUPTED.format(executor=executor, folder=str(folder), kept=str(kept))
+    with Script(text + "executor and executor.shutdown()\n", warm=True) as script:
+        assert [script.line() for _ in range(3)] == ["ready", "0", "1"]
+        assert begun(folder, 2)
+        script.send(number)
+        assert script.line() == ("KeyboardInterrupt" if number == signal.SIGINT else "SystemExit")
+        (folder / "go1").touch()
+        assert_clean(script.finish())
+    assert calls_in(folder) == [0, 1]
+    return [json.loads(row)["point"]["x"] for row in kept.read_text().splitlines()[1:]]
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_cancels_what_has_not_begun_and_keeps_what_has(number, kept, tmp_path):
     for x in (0, 3, 4, 5):
         (tmp_path / f"go{x}").touch()
-    text = INTERRUPTED.format(executor="ThreadPoolExecutor(1)", folder=str(tmp_path), kept=str(kept))
-    with Script(text + "executor.shutdown()\n", warm=True) as script:
-        assert [script.line() for _ in range(3)] == ["ready", "0", "1"]
-        assert begun(tmp_path, 2)
-        script.send(number)
-        assert script.line() == ("KeyboardInterrupt" if number == signal.SIGINT else "SystemExit")
-        (tmp_path / "go1").touch()
-        assert_clean(script.finish())
-    assert calls_in(tmp_path) == [0, 1]
-    (tmp_path / "go2").touch()
-    rows = kept.read_text().splitlines()
-    assert [json.loads(row)["point"] for row in rows[1:]] == [{"x": 0}]
+    assert interrupted("", number, "ThreadPoolExecutor(1)", kept, tmp_path) == [0]
 
 
 RELEASING = """
@@ -542,12 +545,5 @@ signal.signal(signal.SIGINT, pressed)
 
 def test_of_its_own_threads_a_sweep_waits_and_keeps_what_they_finish(kept, tmp_path):
     (tmp_path / "go0").touch()
-    text = INTERRUPTED.format(executor="None", folder=str(tmp_path), kept=str(kept))
-    with Script(RELEASING.format(go=str(tmp_path / "go1")) + text, warm=True) as script:
-        assert [script.line() for _ in range(3)] == ["ready", "0", "1"]
-        assert begun(tmp_path, 2)
-        script.send(signal.SIGINT)
-        assert script.line() == "KeyboardInterrupt"
-        assert_clean(script.finish())
-    assert calls_in(tmp_path) == [0, 1]
-    assert [json.loads(row)["point"] for row in kept.read_text().splitlines()[1:]] == [{"x": 0}, {"x": 1}]
+    releasing = RELEASING.format(go=str(tmp_path / "go1"))
+    assert interrupted(releasing, signal.SIGINT, "None", kept, tmp_path) == [0, 1]

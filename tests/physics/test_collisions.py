@@ -144,9 +144,8 @@ def test_discs_at_one_point_part_in_all_directions(boundary, law, method, contac
     for velocity in ([0.0, 0.0], [1.0, 0.5]):
         scene = Scene(width=4, height=4, position=[[2.0, 2.0]] * 6, velocity=[velocity] * 6, radius=0.5,
                       boundary=boundary)  # fmt: skip
-        with simulate(scene, method=method, contact=contact, law=law, precision=precision, dt=0.01) as sim:
-            sim.run(frames=60)
-            position = np.asarray(sim.state.position, float)
+        state = state_after(scene, 60, method=method, contact=contact, law=law, precision=precision, dt=0.01)
+        position = np.asarray(state.position, float)
         apart = position[:, None] - position
         apart -= 4 * np.round(apart / 4) * (boundary == "periodic")
         nearest = np.hypot(*np.moveaxis(apart, -1, 0))[np.triu_indices(6, 1)].min()

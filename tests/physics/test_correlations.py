@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.scenes import gas, simulate
+from support.scenes import gas, simulate, state_after
 
 import mpsim
 from mpsim.measure import mean_squared_displacement, reference
@@ -44,9 +44,7 @@ def test_without_collisions_displacements_are_ballistic_across_any_number_of_per
     waves = np.cos(0.3 * start.velocity[None] * found.lag[:, None, None]).mean(axis=(1, 2))
     assert correlations.scattering(0.3).value == pytest.approx(waves, abs=1e-8)
     assert correlations.velocity.value == pytest.approx(np.full(len(found), speeds), rel=1e-12)
-    with simulate(start, method="event", dt=7.0) as sim:
-        sim.run(frames=1)
-        after = sim.state
+    after = state_after(start, 1, method="event", dt=7.0)
     moved = after.position - before.position
     wrapped = moved - np.round(moved / [10, 8]) * [10, 8]
     assert mean_squared_displacement(before, after) == pytest.approx(speeds * 49)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.scenes import simulate
+from support.scenes import after, simulate, state_after
 
 from mpsim import FixedDisc, Piston, Polyline, Scene, State
 from mpsim.measure import observables
@@ -57,9 +57,7 @@ def test_exact_runs_keep_the_energy_and_go_back_when_they_are_turned_round(name)
         error = observables.trajectory_error(back.state, start_of(scene), scene)
     assert error.largest < 1e-8
     lossy = crowd(**KEEPING[name], restitution=1 - 1e-6, wall_restitution=1 - 1e-6)
-    with simulate(lossy, method="event", dt=3.0) as sim:
-        sim.run(frames=1)
-        assert energy(sim.state, lossy) < before - 1e-6 * abs(before)
+    assert energy(state_after(lossy, 1, method="event", dt=3.0), lossy) < before - 1e-6 * abs(before)
 
 
 @pytest.mark.parametrize(
@@ -113,9 +111,7 @@ def test_stepped_runs_come_to_the_exact_one_as_their_step_shrinks(name):
         ("short push", scene, {}, 150),
         ("control", scene._replace(**other), {"method": "event"}, 1),
     ):
-        with simulate(made, **{"method": "grid", "dt": until / steps, **settings}) as sim:
-            sim.run(frames=steps)
-            ends[key] = sim.state
+        ends[key] = state_after(made, steps, **{"method": "grid", "dt": until / steps, **settings})
     gone = ~ends["exact"].present
     assert gone.any() == (name == "absorbing")
     assert all((~ends[key].present == gone).all() for key in ("impact", "push", "short push"))
@@ -131,9 +127,8 @@ def test_a_reversed_run_comes_home_with_impact_but_not_with_push():
     for contact in ("impact", "push"):
         there = scene
         for _ in range(2):
-            with simulate(there, method="naive", dt=0.01, contact=contact) as sim:
-                sim.run(until=0.5)
-                there = scene.starting_from(State(sim.state.position, -sim.state.velocity))
+            state = after(there, 0.5, contact=contact)
+            there = scene.starting_from(State(state.position, -state.velocity))
         parts[contact] = (np.hypot(*(there.position - scene.position).T) < 1e-9).mean()
     assert parts["impact"] > 0.85
     assert parts["push"] < 0.5

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from support.scenes import simulate
+from support.scenes import simulate, state_after
 
 import mpsim
 from mpsim import Scene
@@ -103,9 +103,8 @@ def test_velocities_and_spins_after_a_contact_are_those_of_walton_and_braun(name
     worst, controls, stuck = 0.0, np.zeros(2), []
     for friction, beta in LAWS:
         for scene, one, two, n, frames in contacts(name, friction, beta):
-            with simulate(scene, dt=DT, **METHODS[how]) as sim:
-                sim.run(frames=frames)
-                found = list(zip(sim.state.velocity, sim.state.spin, strict=True))
+            state = state_after(scene, frames, dt=DT, **METHODS[how])
+            found = list(zip(state.velocity, state.spin, strict=True))
             expected, sticks = after(one, two, n, friction, beta), after(one, two, n, math.inf, beta)
             wrong = [after(one, two, n, friction, beta, **each) for each in ({"factor": 1.0}, {"sign": -1})]
             worst = max(

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.scenes import state_after
 from support.selection import slow_but
 
 import mpsim
@@ -12,11 +13,10 @@ from mpsim import Circle, FixedDisc, Oscillation, Path, Polyline, Rotation, Tran
 pytestmark = pytest.mark.plain
 
 
-def one_disc(obstacle, position, velocity, time, dt=1 / 64, contact="impact", height=6, **features):
+def one_disc(obstacle, position, velocity, time, dt=1 / 64, contact="impact", **features):
     """The state of one disc of radius 0.5 beside one obstacle, at a time."""
-    scene = mpsim.Scene(
-        width=12, height=height, position=[position], velocity=[velocity], radius=0.5, obstacles=obstacle, **features
-    )
+    features = {"width": 12, "height": 6, "radius": 0.5, "obstacles": obstacle} | features
+    scene = mpsim.Scene(position=[position], velocity=[velocity], **features)
     how = {"method": "event"} if contact == "event" else {"method": "grid", "contact": contact, "on_fast": "error"}
     with mpsim.Simulation(scene, mpsim.Settings(dt=dt, **how)) as sim:
         sim.run(frames=round(time / dt))
@@ -41,9 +41,8 @@ def test_a_wall_pushes_what_rests_and_a_piston_is_the_same():
     scene = {"width": 12, "height": 6, "position": [[3, 3], [6, 2]], "velocity": [[-0.5, 0.3], [-1, 0]], "radius": 0.5}
     ends = []
     for how in ({"obstacles": wall}, {"piston": mpsim.Piston("left", 0.5, 4)}):
-        with mpsim.Simulation(mpsim.Scene(**scene, **how), mpsim.Settings(method="grid", dt=1 / 64)) as sim:
-            sim.run(frames=640)
-            ends.append(np.concatenate([sim.state.position, sim.state.velocity]))
+        state = state_after(mpsim.Scene(**scene, **how), 640, method="grid", contact="impact", dt=1 / 64)
+        ends.append(np.concatenate([state.position, state.velocity]))
     assert np.abs(ends[0] - ends[1]).max() < 1e-9
 
 
@@ -173,15 +172,10 @@ def test_what_is_in_a_drum_stays_in_it_and_turns_with_it(contact):
 
 def test_a_floor_that_vibrates_across_a_periodic_box_hits_alike_everywhere():
     floor = Polyline([(0, 1), (8, 1)], motion=Oscillation((0.25, 0.25), period=1.0))
-    ends = []
+    ends, box = [], {"width": 8, "gravity": (0, -1), "boundary": ("periodic", "walls")}
     for x in (0.1, 2.5, 7.9):
-        scene = mpsim.Scene(
-            width=8, height=6, position=[[x, 3]], velocity=[[0.5, 0]], radius=0.5, gravity=(0, -1), obstacles=floor,
-            boundary=("periodic", "walls"),
-        )  # fmt: skip
-        with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=1 / 64)) as sim:
-            sim.run(frames=512)
-            ends.append((sim.state.position[0, 1], sim.state.velocity[0, 1]))
+        state = one_disc(floor, (x, 3), (0.5, 0), 8.0, **box)
+        ends.append((state.position[0, 1], state.velocity[0, 1]))
     assert np.ptp(ends, axis=0).max() < 1e-9
     assert ends[0][1] ** 2 / 2 + ends[0][0] != pytest.approx(3.0, abs=1e-3), "no energy was exchanged"
 
@@ -189,17 +183,12 @@ def test_a_floor_that_vibrates_across_a_periodic_box_hits_alike_everywhere():
 def test_the_image_of_a_rotor_beyond_a_border_hits_too():
     rotor = Polyline([(0.2, 3), (2.2, 3)], motion=Rotation((0.2, 3), rate=1.0))  # about a point near the left border
     in_the_middle = Polyline([(6.2, 3), (8.2, 3)], motion=Rotation((6.2, 3), rate=1.0))
-    states = []
-    for box, obstacle, x in (("periodic", rotor, 11.2), ("walls", in_the_middle, 5.2)):
-        scene = mpsim.Scene(
-            width=12, height=6, position=[[x, 3.2]], velocity=[[0, 0]], radius=0.5, obstacles=obstacle,
-            boundary=(box, "walls"),
-        )  # fmt: skip
-        with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=1 / 64)) as sim:
-            sim.run(frames=200)
-            states.append(sim.state.velocity[0])
-    assert np.hypot(*states[0]) > 0.5
-    assert states[0] == pytest.approx(states[1], abs=1e-9)
+    beyond, middle = (
+        one_disc(obstacle, (x, 3.2), (0, 0), 200 / 64, boundary=(box, "walls")).velocity[0]
+        for box, obstacle, x in (("periodic", rotor, 11.2), ("walls", in_the_middle, 5.2))
+    )
+    assert np.hypot(*beyond) > 0.5
+    assert beyond == pytest.approx(middle, abs=1e-9)
 
 
 # --- containers
@@ -276,9 +265,7 @@ def test_grains_come_to_rest_in_a_rough_container_that_turns():
         count=12, width=8, height=8, radius=0.4, temperature=0, gravity=(0, -1), restitution=0.5, wall_restitution=0.5,
         friction=0.5, wall_friction=0.8, obstacles=drum, seed=1,
     )  # fmt: skip
-    with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, method="grid")) as sim:
-        sim.run(frames=200)
-        state = sim.state
+    state = state_after(scene, 200, dt=0.02, method="grid", contact="impact")
     assert np.abs(state.spin).max() < 20
     assert np.hypot(*(state.position - 4).T).max() < 3.1 + 0.01
     assert np.hypot(*state.velocity.T).max() < 2

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from support.scenes import exactly, simulate
+from support.scenes import after, exactly, simulate, state_after
 
 import mpsim
 from mpsim import FixedDisc, Polyline, Scene
@@ -30,9 +30,7 @@ def test_a_ball_leaves_a_wedge_as_the_unfolded_line_does(angle):
     # The centre moves in the same wedge, whose apex lies further inside.
     inner = apex + np.array([radius / math.sin(half), 0.0])
     start, velocity = np.array([5.0, 0.2]), np.array([-1.0, 0.13])
-    with exactly(one(inner + start, velocity, wedge, radius), dt=until) as sim:
-        sim.run(frames=1)
-        found = sim.state.position[0]
+    found = state_after(one(inner + start, velocity, wedge, radius), 1, method="event", dt=until).position[0]
     line = start + until * velocity
     turn = math.atan2(line[1], line[0]) % (2 * math.pi)
     if velocity[1] * start[0] - velocity[0] * start[1] < 0 and turn > math.atan2(*start[::-1]):
@@ -50,9 +48,7 @@ def test_a_ball_on_top_of_a_peg_bounces_in_the_time_of_its_fall():
     period = 2 * math.sqrt(2 * height / gravity)
     for beside, bounces in ((0.0, 20), (1e-9, 10)):
         scene = one((10.0 + beside, 8.5 + height), (0, 0), FixedDisc((10.0, 6.0), 2.0), gravity=(0, -gravity))
-        with exactly(scene, dt=period) as sim:
-            sim.run(frames=bounces)
-            x, y = sim.state.position[0]
+        x, y = state_after(scene, bounces, method="event", dt=period).position[0]
         if beside:
             assert abs(x - 10.0) > 1e-3, "beside the top it is thrown aside, further at each bounce: the control"
         else:
@@ -112,9 +108,7 @@ def test_bounces_on_obstacles_keep_their_energy(name):
         scene = Scene(width=8, height=40, radius=0.5, gravity=(0, -1.0), position=[[4.1, 6.5]], velocity=[[0.3, 0]],
                       obstacles=BOUNCED_ON[name])  # fmt: skip
         settings = {"method": "event", "dt": until} if how == "event" else {"method": "naive", "contact": how, "dt": dt}
-        with simulate(scene, **settings) as sim:
-            sim.run(until=until)
-            state = sim.state
+        state = after(scene, until, **settings)
         kept[how] = ((state.velocity**2).sum() / 2 + state.position[0, 1]) / (0.3**2 / 2 + 6.5) - 1
     assert max(abs(kept["impact"]), abs(kept["event"])) < 1e-11
     assert kept["push"] < -0.002, "the control"

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from support.scenes import exactly, simulate
+from support.scenes import after, exactly, simulate, state_after
 
 import mpsim
 from mpsim import InputError, Piston, Scene
@@ -64,9 +64,7 @@ def test_a_ball_on_a_floor_that_rises_bounces_as_on_one_at_rest_and_then_as_on_i
             assert sim.state.velocity[0, 1] == pytest.approx(rise, abs=1e-12)
             assert sim.state.position[0, 1] == pytest.approx(top, abs=1e-12)
     # The floor stops at 5, in the second bounce; what the ball then has it keeps.
-    with exactly(scene, dt=20.0) as sim:
-        sim.run(frames=1)
-        found = sim.state
+    found = state_after(scene, 1, method="event", dt=20.0)
     assert first + period < 5 < first + 2 * period
     energy = 0.5 * (relative + rise) ** 2 + gravity * rise * (first + period)
     assert 0.5 * found.velocity[0, 1] ** 2 + gravity * (found.position[0, 1] - 0.5) == pytest.approx(energy, rel=1e-13)
@@ -76,25 +74,21 @@ def test_a_piston_sweeps_up_discs_at_rest_at_twice_its_speed_and_not_after_its_s
     scene = Scene(width=12, height=6, position=[[3.0, 1.0], [6.0, 3.0], [9.5, 5.0]], velocity=np.zeros((3, 2)),
                   radius=0.5, piston=Piston("left", 1.0, 6.0))  # fmt: skip
     for settings in ({"method": "event", "dt": 5.8}, {"method": "grid", "contact": "impact", "dt": 0.0725}):
-        with simulate(scene, **settings) as sim:
-            sim.run(until=5.8)
-            assert sim.state.velocity.tolist() == [[2.0, 0.0], [2.0, 0.0], [0.0, 0.0]]
-            assert sim.state.position[:2, 0] == pytest.approx([3.0 + 2 * 3.3, 6.0 + 2 * 0.3], abs=1e-12)
-            assert sim.state.box == pytest.approx((5.8, 12.0, 0.0, 6.0))
-    with exactly(scene, dt=30.0) as sim:
-        sim.run(frames=1)
-        assert sim.state.box == (6.0, 12.0, 0.0, 6.0)
-        assert (sim.state.velocity**2).sum() == 8.0
-        assert sim.state.position[:, 0].min() >= 6.5
+        state = after(scene, 5.8, **settings)
+        assert state.velocity.tolist() == [[2.0, 0.0], [2.0, 0.0], [0.0, 0.0]]
+        assert state.position[:2, 0] == pytest.approx([3.0 + 2 * 3.3, 6.0 + 2 * 0.3], abs=1e-12)
+        assert state.box == pytest.approx((5.8, 12.0, 0.0, 6.0))
+    state = state_after(scene, 1, method="event", dt=30.0)
+    assert state.box == (6.0, 12.0, 0.0, 6.0)
+    assert (state.velocity**2).sum() == 8.0
+    assert state.position[:, 0].min() >= 6.5
 
 
 def test_a_disc_that_is_on_the_wall_when_it_stops_stays_inside():
     """Slow discs in contact at the moment of the stop, at many places: none is lost behind it."""
     for part in np.linspace(0.0, 1.0, 11):
         scene = one((2.5 + part, 1.5), (0.0, 0.0), Piston("left", 0.5, 3.0 - part * 1e-16))
-        with exactly(scene, dt=40.0) as sim:
-            sim.run(frames=1)
-            assert 3.5 - 1e-12 <= sim.state.position[0, 0] <= 10.5
+        assert 3.5 - 1e-12 <= state_after(scene, 1, method="event", dt=40.0).position[0, 0] <= 10.5
 
 
 def hit(wall, phase, **how):
@@ -108,17 +102,16 @@ def hit(wall, phase, **how):
     motion = mpsim.Oscillation(turned(0.5 * sign, 0.0), period=7.0, phase=phase, start=0.1)
     place = turned(5.0 if sign > 0 else 6.0, 1.5)
     piston = Piston(wall, motion=motion, start=2.0 if sign > 0 else 9.0)
-    with simulate(one(place, turned(-3.0 * sign, 0.4), piston, *size), **how) as sim:
-        sim.run(until=2.0)
-        x, v = sim.state.position[0, axis], sim.state.velocity[0, axis]
+    state = after(one(place, turned(-3.0 * sign, 0.4), piston, *size), 2.0, **how)
+    x, v = state.position[0, axis], state.velocity[0, axis]
     turns = 2 * math.pi / 7
     angle = lambda t: turns * max(t - 0.1, 0) + phase  # noqa: E731
     early, late = 0.0, 2.0
     for _ in range(60):
         time = (early + late) / 2
         early, late = (time, late) if 5 - 3 * time - 0.5 > 2 + 0.5 * math.sin(angle(time)) else (early, time)
-    after = 3 + 2 * 0.5 * turns * math.cos(angle(early))
-    return np.array([x if sign > 0 else 11 - x, sign * v]), np.array([5 - 3 * early + after * (2 - early), after])
+    speed = 3 + 2 * 0.5 * turns * math.cos(angle(early))
+    return np.array([x if sign > 0 else 11 - x, sign * v]), np.array([5 - 3 * early + speed * (2 - early), speed])
 
 
 def test_a_disc_meets_a_wall_that_oscillates_where_and_as_fast_as_the_wall_then_is():
@@ -210,10 +203,9 @@ def test_a_disc_that_is_crushed_is_an_error_that_names_it_and_what_to_do(feature
 @pytest.mark.slow
 def test_a_disc_with_just_enough_room_lives_on():
     """The control: in a gap that shrinks to a hundredth it becomes as much faster, and stays so."""
-    with exactly(pressed(3.25, (6.0, 3.0), (-1.0, 0.0), obstacles=ACROSS), dt=0.5) as sim:
-        sim.run(frames=60)
-        assert 20 < abs(sim.state.velocity[0, 0]) < 500
-        assert 2.7 <= sim.state.position[0, 0] <= 2.75 + 1e-12
+    state = state_after(pressed(3.25, (6.0, 3.0), (-1.0, 0.0), obstacles=ACROSS), 60, method="event", dt=0.5)
+    assert 20 < abs(state.velocity[0, 0]) < 500
+    assert 2.7 <= state.position[0, 0] <= 2.75 + 1e-12
 
 
 def test_a_fast_disc_that_is_added_is_not_taken_for_one_that_is_crushed(tmp_path):
@@ -262,9 +254,7 @@ def test_a_slow_piston_keeps_temperature_times_area():
         """Energy after a right wall has halved the box, over that at the start."""
         scene = Scene.random(count=count, width=side, height=side / 2, radius=radius, seed=seed)
         scene = scene._replace(piston=Piston("right", -speed, side / 2))
-        with simulate(scene, method="naive", contact="impact", dt=0.02) as sim:
-            sim.run(until=side / 2 / speed)
-            return (sim.state.velocity**2).sum() / (scene.velocity**2).sum()
+        return (after(scene, side / 2 / speed, dt=0.02).velocity ** 2).sum() / (scene.velocity**2).sum()
 
     slow = independent_average([gained(0.02, seed) for seed in range(3)])
     area = [(width - 2 * radius) * (side / 2 - 2 * radius) for width in (side, side / 2)]
