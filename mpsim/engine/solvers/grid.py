@@ -28,7 +28,7 @@ from mpsim.engine.solvers.speeds import Speeds, fastest_in, speeds_of
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc_at
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import MOST_FRAMES, SharedBlock
-from mpsim.engine.workers.worker import LINGER, call_of, kernel_arguments, load_kernels, numbers_of
+from mpsim.engine.workers.worker import LINGER, call_of, kernel_arguments, load_kernels, numbers_of, write_command
 from mpsim.errors import DivergedError
 from mpsim.features.properties import has_radii
 from mpsim.kernels import records
@@ -187,12 +187,17 @@ class GridSolver(SteppedSolver, CollisionLog):
         return True
 
     def _command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> BatchResult:
-        self._write_command(frames, workers, stop, count_enabled)
+        if stop < math.inf:
+            frames = self._frames_to(stop, frames)
+        write_command(self._block, frames, count_enabled)
+        control, _ = numbers_of(self._block)
+        control.workers = control.members = workers
+        self._begun = control.done
         abort = self._run_kernel(workers)
         if abort != records.RUNNING:
             raise self._failure(abort)
-        arrays = self._block.arrays
-        frames, team = numbers_of(self._block)[0].frames, arrays["team"]
+        arrays, frames = self._block.arrays, control.frames
+        team = arrays["team"]
         contacts = sum(team["collisions"].tolist())  # of a few workers: quicker than by NumPy
         self.too_fast: bool = any(team["fastest"].tolist())
         if workers > 1 and (frames >= TIMED or arrays["times"][0, :frames].sum() >= LONG):
@@ -220,19 +225,6 @@ class GridSolver(SteppedSolver, CollisionLog):
         candidates = [disc_at(discs, slot) for discs in kernel_arguments(self._block)[:2] for slot in slots]
         disc, values = min(each for each in candidates if not np.isfinite(each[1]).all())
         return DivergedError(disc, self.frame + int(team[0].frame), values[:2], values[2:])
-
-    def _write_command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> None:
-        """Write a command into the block: its record, and zeros where it counts."""
-        arrays, (control, _) = self._block.arrays, numbers_of(self._block)
-        if stop < math.inf:
-            frames = self._frames_to(stop, frames)
-        control.frames, control.workers, control.members, control.tallied = frames, workers, workers, count_enabled
-        arrays["team"]["collisions"] = 0
-        arrays["team"]["fastest"] = 0
-        arrays["times"][:, :frames] = 0
-        if count_enabled:
-            arrays["tally"][:, :frames] = 0
-        self._begun = control.done
 
     def take_collisions(self) -> NDArray[Any]:
         tables, self._tables = self._tables, []
@@ -399,14 +391,8 @@ class GridSolver(SteppedSolver, CollisionLog):
 
     def snapshot(self) -> SolverState:
         *rows, ids = self._as_they_lie()
-        (x, y, vx, vy), numbers, arrays = np.stack(rows), ids.copy(), self._arrays
-        found: SolverState = {"position": AsTheyLay(x, y, numbers), "velocity": AsTheyLay(vx, vy, numbers)}
-        found |= {"radii": self.radii, "masses": self.masses}
-        for column in columns.COLUMNS:
-            if column.kept and column.name in arrays:
-                found[column.name] = column.take(arrays[column.name], self.count)
-        found["progress"] = np.array([arrays["control"].done, arrays["control"].steps])
-        return found | self._saved_work()
+        (x, y, vx, vy), numbers = np.stack(rows), ids.copy()
+        return self._snapshot_of({"position": AsTheyLay(x, y, numbers), "velocity": AsTheyLay(vx, vy, numbers)})
 
     def restore(self, snapshot: SolverState, choice: Choice, terms: Terms, new_workers: bool = True) -> None:
         capacity = max(self._capacity, count_in(snapshot))

@@ -276,6 +276,15 @@ class SteppedSolver(Solver, Steps):
 
     # --- snapshots
 
+    def _snapshot_of(self, moved: SolverState) -> SolverState:
+        """What a snapshot holds: what steps have moved, and all else that the next frame depends on."""
+        arrays, control = self._arrays, self._arrays["control"]
+        found = moved | {"radii": self.radii, "masses": self.masses}
+        for column in columns.COLUMNS:
+            if column.kept and column.name in arrays and column.name not in moved:
+                found[column.name] = column.take(arrays[column.name], self.count)
+        return found | {"progress": np.array([control.done, control.steps])} | self._saved_work()
+
     def _begin_from(self, snapshot: SolverState) -> tuple[int, int]:
         """Take over what a snapshot says of all discs. Returns the frames and the steps that were done."""
         self.radii: NDArray[np.float64] = kept_sizes(snapshot["radii"])

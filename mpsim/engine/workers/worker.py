@@ -104,6 +104,17 @@ def numbers_of(block: SharedBlock) -> tuple[Any, Any]:
     return known
 
 
+def write_command(block: SharedBlock, frames: int, count_enabled: bool) -> None:
+    """Write a command into a block: how many frames, whether they are counted, and zeros where that is."""
+    arrays, (control, _) = block.arrays, numbers_of(block)
+    control.frames, control.tallied = frames, count_enabled
+    arrays["team"]["collisions"] = 0
+    arrays["team"]["fastest"] = 0
+    arrays["times"][:, :frames] = 0
+    if count_enabled:
+        arrays["tally"][:, :frames] = 0
+
+
 def call_of(block: SharedBlock, kernel: Callable[..., Any], *ending: int) -> Callable[[], Any]:
     """A kernel with the arguments of worker 0; `run_grid` with those of the worker in `ending`, which it takes too."""
     key = kernel, *ending

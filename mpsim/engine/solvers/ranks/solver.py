@@ -46,6 +46,7 @@ from mpsim.engine.solvers.ranks.subdomain import (
 from mpsim.engine.solvers.speeds import Fastest, Speeds, fastest_in, fastest_of, sides_at, speeds_together
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, disc_at
 from mpsim.engine.workers.shared import SharedBlock
+from mpsim.engine.workers.worker import write_command
 from mpsim.errors import DivergedError, InputError
 from mpsim.kernels import records
 from mpsim.kernels.compiling import source_digest
@@ -186,23 +187,13 @@ class MpiSolver(SteppedSolver):
             if self.frame % BALANCE_EVERY == 0 or self._is_uneven:
                 self._balance(part, ranks)
             frames = min(frames, BALANCE_EVERY - self.frame % BALANCE_EVERY)
-            self._begin_command(part, ranks.agree(0, 0, frames).frames, count_enabled)
+            write_command(part.block, ranks.agree(0, 0, frames).frames, count_enabled)
+            part.stop_at(any(border.is_left for border in self._borders))
             frames = self._run(part, ranks)
             result = self._result(part, ranks, frames, count_enabled)
             self._control.done += frames
         self._half_done = False
         return result
-
-    def _begin_command(self, part: Subdomain, frames: int, count_enabled: bool) -> None:
-        """Say where contacts end, and write zeros where they are counted."""
-        self._control.frames = frames
-        part.stop_at(any(border.is_left for border in self._borders))
-        team = part.arrays["team"]
-        team["collisions"] = team["fastest"] = team["frame"] = 0
-        self._control.tallied = count_enabled
-        part.arrays["times"][:, :frames] = 0
-        if count_enabled:
-            part.arrays["tally"][:, :frames] = 0
 
     def _balance(self, part: Subdomain, ranks: MpiRanks) -> None:
         """Deal the columns anew where one rank has far more discs than others: all know how many each column has."""
@@ -445,16 +436,11 @@ class MpiSolver(SteppedSolver):
         def reader(name: str) -> Callable[[int, int], NDArray[Any]]:
             return lambda first, last: self._rows(first, last, name)[name]
 
-        found: SolverState = {
+        moved: SolverState = {
             name: ChunkedArray(none.dtype, (self.count, *none.shape[1:]), reader(name))
             for name, none in self._rows(0, 0).items()
         }
-        found |= {"radii": self.radii, "masses": self.masses}
-        for column in self._scene._columns:
-            if column.kept and column.name not in found:
-                found[column.name] = column.take(self._arrays[column.name], self.count)
-        found["progress"] = np.array([self._control.done, self._control.steps])
-        return found | self._saved_work()
+        return self._snapshot_of(moved)
 
     def restore(self, snapshot: SolverState, choice: Choice, terms: Terms, new_workers: bool = True) -> None:
         self._set_terms(terms)
