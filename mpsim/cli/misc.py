@@ -104,8 +104,8 @@ def description(file: SceneFile) -> dict[str, str]:
     x, y = scene.boundary
     boundary = x if x == y else f"{x} along x, {y} along y"
     words = {"box": f"{scene.width:g} x {scene.height:g}, {boundary}"}
-    words["discs"] = f"{scene.count}, radius {_range(scene.radii)}, mass {_range(scene.masses)}, "
-    words["discs"] += f"packing {scene.packing:.3g}"
+    sizes = f"radius {_range(scene.radii)}, mass {_range(scene.masses)}"
+    words["discs"] = f"{scene.count}, {sizes}, packing {scene.packing:.3g}"
     if file.compressed is not None:
         words["start"] = f"compressed to packing {file.compressed['packing']:g} at rate {file.compressed['rate']:g}"
     if scene.count:
@@ -224,21 +224,12 @@ def animate(
     terminal.existing_refused(out, force)
     animation.checked_target(out)  # before the scene is made, which may take a while
     file = scenefile.load(scene)
-    look = {name: options.pop(name) for name in ("pixels", "scale", "theme")}
+    look = {"pictures_per_second": fps, "colour": None if colour == "none" else colour}
+    look |= {name: options.pop(name) for name in ("pixels", "scale", "theme")}
     settings = terminal.settings_of(file, options)
     frames, every = animation.pictures_of(file.scene, settings, frames, every, until)
     try:
-        animation.animate(
-            file.scene,
-            settings,
-            out,
-            frames,
-            every=every,
-            pictures_per_second=fps,
-            colour=None if colour == "none" else colour,
-            **look,
-            progress=not quiet,
-        )
+        animation.animate(file.scene, settings, out, frames, every=every, **look, progress=not quiet)
     except KeyboardInterrupt:
         raise terminal.Interrupted(f"Interrupted; {str(out)!r} was not written.") from None
     size = out.stat().st_size

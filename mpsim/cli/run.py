@@ -98,11 +98,8 @@ class RunFolder(Closable):
             for pattern in (*_OURS, *(f"trajectory.{name}" for name in FORMATS)):
                 for old in folder.glob(pattern):
                     old.unlink()
-        made = cls(
-            folder,
-            {"format": FORMAT, "versions": {"mpsim": __version__, **checkpoint.VERSIONS}, **record, "parts": []},
-            lock,
-        )
+        versions = {"mpsim": __version__, **checkpoint.VERSIONS}
+        made = cls(folder, {"format": FORMAT, "versions": versions, **record, "parts": []}, lock)
         made.save()
         return made
 
@@ -463,11 +460,8 @@ def _print_summary(part: dict[str, Any], report: Report, sim: Simulation, name: 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         click.echo(dataclasses.replace(report, compile_seconds=0.0).summary)  # all compiling is in the next line
-    spent = {
-        "compiling": part["compile_seconds"],
-        "simulating": part["frame_seconds"],
-        "writing": part["writing_seconds"],
-    }
+    names = {"compiling": "compile", "simulating": "frame", "writing": "writing"}
+    spent = {word: part[f"{name}_seconds"] for word, name in names.items()}
     spent["other"] = max(part["wall_seconds"] - sum(spent.values()), 0.0)
     words = ", ".join(f"{name} {_brief(each)}" for name, each in spent.items() if each >= 1e-4)
     discs = f"{sim.count} disc{'s' * (sim.count != 1)}"

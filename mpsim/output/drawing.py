@@ -483,14 +483,8 @@ def draw(
     these = here[::step]
     with contextlib.nullcontext() if ax is not None else matplotlib.rc_context(fname=STYLE):
         axes = _own_axes(shown.scene) if ax is None else ax
-        discs = draw_discs(
-            axes,
-            shown.state.position[these],
-            shown.scene,
-            radii=shown.radius[these],
-            corner=shown.corner,
-            time=shown.time or 0.0,
-        )
+        places, radii = shown.state.position[these], shown.radius[these]
+        discs = draw_discs(axes, places, shown.scene, radii=radii, corner=shown.corner, time=shown.time or 0.0)
         if values is not None:
             found = percentile_scale(values[these], scale)
             colour_discs(discs, values[these], found)
@@ -530,19 +524,12 @@ def _shown_by(state: object, scene: object) -> Shown:
         rule = "be a State, a frame of a Trajectory, a Simulation or a Scene"
         raise checks.refusal("state", rule, type(state).__name__, "Use sim.state.")
     if scene is None:
-        raise checks.refusal(
-            "scene",
-            "be given with a State, which has no radii",
-            f"{state!r} alone",
-            "Use draw(state, scene), or draw(sim) while the simulation is open.",
-        )
+        instead = "Use draw(state, scene), or draw(sim) while the simulation is open."
+        raise checks.refusal("scene", "be given with a State, which has no radii", f"{state!r} alone", instead)
     if len(state.position) != scene.count:
-        raise checks.refusal(
-            "scene",
-            "have as many discs as the state",
-            f"{scene.count} and {len(state.position)}",
-            "Discs that were added or entered are known to the simulation: use draw(sim), or a frame of a Trajectory.",
-        )
+        known = "Discs that were added or entered are known to the simulation"
+        rule, got = "have as many discs as the state", f"{scene.count} and {len(state.position)}"
+        raise checks.refusal("scene", rule, got, f"{known}: use draw(sim), or a frame of a Trajectory.")
     return Shown(placed(state, scene), scene, scene.radii, scene.masses)
 
 

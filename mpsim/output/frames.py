@@ -109,7 +109,7 @@ class Frame:
             found = ", ".join(["position", *sorted(self.known)])
             raise TrajectoryError(
                 f"{name} must be in a trajectory to be read from it; {str(self.source)!r} holds only {found}. "
-                f"Have the program that wrote it write {_written_as(name)}, too"
+                f"Have the program that wrote it write {WRITTEN_AS[name]}, too"
                 f"{', or give Trajectory(path, radius=...)' * (name == 'radius')}."
             )
         return self.known[name]
@@ -222,27 +222,22 @@ def _in_plane(name: str, vectors: NDArray[Any], z: ArrayLike, scale: float, wher
     return np.ascontiguousarray(vectors[:, :2])
 
 
+def kind_of(column: Column) -> str:
+    """Type and width of a column in extended XYZ, where pairs are vectors that have a z as well."""
+    return f"{'I' if column.integer else 'R'}:{3 if column.components else 1}"
+
+
 WRITTEN_AS = {
+    each.name: f"the column {each.name}:{kind_of(each)} (extended XYZ) or log/particles/mpsim/{each.name} (GSD)"
+    for each in IN_STATE
+} | {
     "time": "the key Time (extended XYZ), log/mpsim/time (GSD) or ITEM: TIME (LAMMPS)",
     "velocity": "the column velo:R:3 (extended XYZ), particles/velocity (GSD) or vx vy (LAMMPS)",
     "radius": "the column radius:R:1 (extended XYZ), particles/diameter (GSD) or radius (LAMMPS)",
     "mass": "the column masses:R:1 (extended XYZ), particles/mass (GSD) or mass (LAMMPS)",
     "image": "the column map_shift:I:3 (extended XYZ), particles/image (GSD) or ix iy (LAMMPS)",
 }
-"""Where formats have what has a name of its own in them."""
-
-
-def _written_as(name: str) -> str:
-    further = {
-        each.name: f"the column {each.name}:{kind_of(each)} (extended XYZ) or log/particles/mpsim/{each.name} (GSD)"
-        for each in IN_STATE
-    }
-    return (further | WRITTEN_AS)[name]
-
-
-def kind_of(column: Column) -> str:
-    """Type and width of a column in extended XYZ, where pairs are vectors that have a z as well."""
-    return f"{'I' if column.integer else 'R'}:{3 if column.components else 1}"
+"""Where formats have what a frame may lack; the later ones have a name of their own in them."""
 
 
 def frame_of(sim: Simulation) -> Frame:

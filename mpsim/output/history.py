@@ -30,15 +30,7 @@ from mpsim.scene.scene import Scene
 
 MOST_BYTES = 2**30  # bytes of a table at most: some ten million rows
 
-COLUMNS: tuple[str, ...] = (
-    "frame",
-    "time",
-    "discs",
-    "kinetic_energy",
-    "overlap_mean",
-    "overlap_largest",
-    "collision_rate",
-)
+COLUMNS = ("frame", "time", "discs", "kinetic_energy", "overlap_mean", "overlap_largest", "collision_rate")
 """Time [time], energy [mass length^2/time^2], depth of the overlaps at that moment [length], and contacts resolved
 per disc and time since the row before, or since the run was continued [1/time], each counting for both discs: the
 `collisions` of a report. The measures `collision_rate` and `contact_rate` leave out contacts that changed no velocity.
@@ -134,27 +126,22 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
         time = table["time"]
         line: dict[str, Any] = {"marker": marker_of(len(time))}
         energy.plot(time, table["kinetic_energy"], color="#0072B2", **line)
-        energy.set(ylabel="[mass length²/time²]", title="Kinetic energy")
-        _from_zero(energy, table["kinetic_energy"])
+        _label(energy, "Kinetic energy", "[mass length²/time²]", table["kinetic_energy"])
         rate.plot(time, table["collision_rate"], color="#0072B2", **line)
-        rate.set(ylabel="[1/time]", title="Collisions per disc and time")
-        _from_zero(rate, table["collision_rate"])
+        _label(rate, "Collisions per disc and time", "[1/time]", table["collision_rate"])
         depth.plot(time, table["overlap_largest"], color="#D55E00", label="largest", **line)
         depth.plot(time, table["overlap_mean"], color="#0072B2", ls="--", label="mean of those that overlap", **line)
-        depth.set(ylabel="[length]", title="Depth of overlaps at that moment")
-        _from_zero(depth, table["overlap_largest"], room=1.45)
+        _label(depth, "Depth of overlaps at that moment", "[length]", table["overlap_largest"], room=1.45)
         depth.legend(loc="upper left", fontsize=9)
-        for axes in (energy, rate, depth):
-            axes.set_xlabel("time")
         draw(last, scene, ax=place)
         figure.suptitle(title)
     return figure
 
 
-def _from_zero(axes: Axes, values: NDArray[np.float64], room: float = 1.15) -> None:
-    """Start the axis at 0, so that the rounding errors of a constant do not look like a rough curve."""
+def _label(axes: Axes, title: str, unit: str, values: NDArray[np.float64], room: float = 1.15) -> None:
+    """Label a panel. It starts at 0, so that the rounding errors of a constant do not look like a rough curve."""
     top = float(np.nanmax(values, initial=0.0))
-    axes.set_ylim(0, room * top if top > 0 else 1.0)
+    axes.set(title=title, xlabel="time", ylabel=unit, ylim=(0, room * top if top > 0 else 1.0))
 
 
 # --- Figure of a report: time of each frame, and of its phases for each worker

@@ -107,10 +107,7 @@ def terminal_table(table: Tradeoff, width: int | None = None) -> str:
     for part in parts:
         console.print(part)
     lines += [line.rstrip() for line in console.export_text(styles=False).splitlines()]
-    for row in table.rows:
-        if row.cost is None:
-            lines += textwrap.wrap(f"{row.label} failed: {row.failure}", max(width, 20))
-    for text in reasons(table):
+    for text in [f"{row.label} failed: {row.failure}" for row in table.rows if row.cost is None] + reasons(table):
         lines += textwrap.wrap(text, max(width, 20))
     return "\n".join(lines)
 

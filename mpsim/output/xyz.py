@@ -51,6 +51,11 @@ _NAMED: dict[str, Column] = {
 }
 """Columns that go by the names that OVITO and ASE know; each bears the name of the attribute of a Frame that it is."""
 
+_OF_STATES: dict[str, Column] = {
+    next((name for name, known in _NAMED.items() if known == column), column.name): column for column in IN_STATE
+}
+"""Further columns of a state, by their names in a file: their own if OVITO and ASE have no name for them."""
+
 NUMBER = re.compile(r"\d{1,17}")  # of a frame, or of the discs in one
 
 
@@ -95,7 +100,7 @@ def text_of(frame: Frame) -> Iterator[Any]:
 def _head_of(frame: Frame) -> bytes:
     (width, height), (left, low) = frame.box, frame.origin
     wraps = " ".join("T" if wrap else "F" for wrap in (*frame.periodic, False))
-    further = [f":{name}:{kind_of(column)}" for name, column in _of_states().items() if column.name in frame.known]
+    further = [f":{name}:{kind_of(column)}" for name, column in _OF_STATES.items() if column.name in frame.known]
     return (
         f'{len(frame.position)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} '
         f'0.0" Properties={PROPERTIES}{"".join(further)} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
@@ -113,7 +118,7 @@ def _columns_of(frame: Frame, part: slice) -> list[NDArray[Any] | str]:
     zero = "0.0"
     columns: list[NDArray[Any] | str] = ["X", x, y, zero, frame.radius[part], mass, mass, vx, vy, zero, px, py, zero]
     columns.append(frame.ids[part])
-    for column in _of_states().values():
+    for column in _OF_STATES.values():
         if column.name in frame.known:
             values = frame.known[column.name][part]
             columns += [*np.atleast_2d(values.T).astype(column.dtype(np.dtype(np.float64)))]
@@ -406,7 +411,7 @@ def _columns(where: str, rows: list[str], properties: str, says: str) -> dict[st
         raise refusal(where, 2, words)
     columns = [(name.lower(), int(width)) for name, width in zip(parts[::3], parts[2::3], strict=True)]
     widths = dict(columns)
-    known = {**_NAMED, **_of_states()}
+    known = {**_NAMED, **_OF_STATES}
     if "momenta" in widths and not any(known.get(name) == _VELOCITY for name in widths):
         known["momenta"] = _MOMENTUM
     if "pos" not in widths:
@@ -425,12 +430,6 @@ def _columns(where: str, rows: list[str], properties: str, says: str) -> dict[st
     if momentum is not None and "mass" in found and (found["mass"] > 0).all():
         found["velocity"] = momentum / found["mass"][:, None]
     return found
-
-
-def _of_states() -> dict[str, Column]:
-    """Further columns of a state, by their names in a file: their own if OVITO and ASE have no name for them."""
-    names = {column: name for name, column in _NAMED.items()}
-    return {names.get(column, column.name): column for column in IN_STATE}
 
 
 def _box(where: str, keys: dict[str, str]) -> tuple[float, float] | None:

@@ -143,8 +143,7 @@ class Session(Source):
         self._resume()
         self._tell_scene()
         self._tell_comparison()
-        self._broadcast.tell_if_new("hands", self._edits.told())
-        self._tell_link()
+        self._tell_edits()
 
     def _resume(self) -> None:
         if self._playing or self._steps:  # in a pause the page keeps the last frame rate
@@ -329,8 +328,7 @@ class Session(Source):
         self._gauges = None
         self._meter.forget()
         self._comparison.take(self._simulation)
-        self._broadcast.tell_if_new("hands", self._edits.told())
-        self._tell_link()
+        self._tell_edits()
 
     def _moment(self) -> Moment:
         return Moment(self._simulation.snapshot(), self._meter.collisions, self._comparison.mark())
@@ -360,18 +358,13 @@ class Session(Source):
 
     def _tell_scene(self) -> None:
         self._told_dt = (self._settings if self._sim is None else self._sim.settings).dt
-        self._broadcast.tell_scene(
-            self._name,
-            method=self._settings.method,
-            dt=self._told_dt,
-            can_reset=self._owned,
-            can_redraw=self._owned and self._given._redraw is not None,
-            seed=self._seed,
-        )
+        can = {"can_reset": self._owned, "can_redraw": self._owned and self._given._redraw is not None}
+        self._broadcast.tell_scene(self._name, method=self._settings.method, dt=self._told_dt, **can, seed=self._seed)
         self._tell()
 
-    def _tell_link(self) -> None:
-        """Send the link to what is shown, with its present values; only scenes that come with mpsim have one."""
+    def _tell_edits(self) -> None:
+        """Send what hands have changed, and a link to it, with present values; only scenes of mpsim have one."""
+        self._broadcast.tell_if_new("hands", self._edits.told())
         text = None
         if self._has_link:
             sim = self._sim
