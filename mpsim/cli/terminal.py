@@ -79,10 +79,7 @@ SETTINGS: dict[str, tuple[click.ParamType, str]] = {
     "--dt": (POSITIVE, "Time step of a frame."),
     "--method": (click.Choice(METHODS), "How colliding pairs are found; event is exact."),
     "--workers": (click.IntRange(1, MOST_WORKERS), "Processes; default: at most one per core."),
-    "--contact": (
-        click.Choice(CONTACTS),
-        "How overlaps are resolved. impact: second order in dt; push: first order.",
-    ),
+    "--contact": (click.Choice(CONTACTS), "How overlaps are resolved. impact: second order in dt; push: first order."),
     "--law": (click.Choice(LAWS), "elastic conserves momentum; reflect mirrors velocities, as in the report."),
     "--precision": (click.Choice(PRECISIONS), "Number format of positions and velocities."),
     "--passes": (click.IntRange(1, 1000), "Searches for contacts in each step."),

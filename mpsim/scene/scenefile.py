@@ -903,9 +903,7 @@ def save(
         InputError: if the path does not end in .toml.
         OutputError: if a file cannot be written; the scene file itself is then as it was.
     """
-    target = Path(path)
-    if target.suffix != ".toml":
-        raise InputError(f"path of a scene file must end in .toml; got {os.fspath(path)!r}.")
+    target = files.ending_as("scene.toml", path, "a scene file")
     lines = [f"schema = {SCHEMA}", *_scene_lines(scene), ""]
     if title or text or look_for:
         about = {"title": title, "text": text, "look_for": look_for}

@@ -355,6 +355,8 @@ def random_places(
             f"packing must be at most {LARGEST_PACKING} for random places; got {packing:.3g}. "
             "Use fewer or smaller discs, or a larger box, which Scene.compressed makes smaller."
         )
+    if not count:
+        return np.empty((0, 2))
     if isinstance(radius, float) and not len(near) and not any(wraps):
         return _random_equal(count, radius, Room((width, height)), rng) + corner
     rest = Room((width, height), wraps, shifted(near, -corner))
@@ -397,8 +399,6 @@ def _random_equal(count: int, radius: float, room: Room, rng: np.random.Generato
     Raises:
         InputError: if none of the lattices tried holds that many discs.
     """
-    if count == 0:
-        return np.empty((0, 2))
     radii, (width, height) = np.full(count, radius), room.size
     packing = count * math.pi * radius**2 / (width * height)
     if count * math.pi * radius**2 <= SPARSE_PACKING * width * height:  # not `packing`, which is rounded once more
@@ -417,28 +417,27 @@ def _random_equal(count: int, radius: float, room: Room, rng: np.random.Generato
 def _lattice(count: int, width: float, height: float, diameter: float) -> Floats:
     """Sites of the widest lattice, of staggered or straight rows, that holds `count` discs: shape (>= count, 2)."""
     free_x, free_y = width - diameter, height - diameter
-    best_gap, best = -1.0, (1, 1, 0.0)
+    best_gap, best = -1.0, (1, 1, 0.0, math.inf, math.inf)
     most_rows = min(count, int(free_y / (diameter * math.sqrt(3) / 2)) + 1)
     for rows in range(1, most_rows + 1):
         columns = math.ceil(count / rows)
         for stagger in (0.0, 0.5):
-            dx = free_x / max(columns - 1 + stagger, 1e-300) if columns - 1 + stagger > 0 else math.inf
+            dx = free_x / (columns - 1 + stagger) if columns - 1 + stagger > 0 else math.inf
             dy = free_y / (rows - 1) if rows > 1 else math.inf
             diagonal = math.hypot(stagger * dx, dy) if rows > 1 else math.inf
             gap = min(dx, diagonal, 2 * dy)
             if gap > best_gap:
-                best_gap, best = gap, (rows, columns, stagger)
+                best_gap, best = gap, (rows, columns, stagger, dx, dy)
     if best_gap < diameter * (1 + 1e-9):
         raise InputError(
             f"{count} discs of radius {diameter / 2:g} do not fit a box of {width:g} x {height:g} in regular rows "
             f"(the best rows leave {best_gap:.6g} between centres, {diameter:g} is needed). "
             "Use fewer or smaller discs, or a larger box, which Scene.compressed can shrink."
         )
-    rows, columns, stagger = best
+    rows, columns, stagger, *steps = best
     row = np.repeat(np.arange(rows), columns)
     column = np.tile(np.arange(columns), rows) + stagger * (row % 2)
-    step_x = free_x / (columns - 1 + stagger) if columns - 1 + stagger > 0 else 0.0
-    step_y = free_y / (rows - 1) if rows > 1 else 0.0
+    step_x, step_y = (0.0 if math.isinf(step) else step for step in steps)  # of a single column, or row
     return np.column_stack([column * step_x, row * step_y]).astype(np.float64) + diameter / 2
 
 
@@ -450,8 +449,6 @@ def _random_polydisperse(radius: Floats, room: Room, rng: np.random.Generator) -
     same positions. radius: of each disc, shape (N,) [length].
     """
     count = len(radius)
-    if count == 0:
-        return np.empty((0, 2))
     discs, (width, height) = _crowd(np.zeros((count, 2)), radius, room), room.size
     packing = math.pi * float((radius**2).sum()) / _area(width, height, discs.capsule)
     if not (packing <= SPARSE_PACKING and _add_all(discs, rng)):
