@@ -151,6 +151,10 @@ _LONGEST_ENDING = 16
 """Largest length of a file's ending that its draft keeps: libraries that write by name choose the format by it."""
 
 
+class WrittenError(OSError):
+    """A file has its new content and its name, but something after that has failed: the error's strerror says what."""
+
+
 @contextlib.contextmanager
 def writable(
     what: str,
@@ -168,11 +172,11 @@ def writable(
         raise
     except (OSError, UnicodeEncodeError) as error:
         got = f"{os.fsdecode(path)!r} ({getattr(error, 'strerror', None) or error})"
-        raise checks.refusal(what, rule, got, instead, OutputError) from error
-
-
-class WrittenError(OSError):
-    """A file has its new content and its name, but something after that has failed: the error's strerror says what."""
+        if isinstance(error, WrittenError):
+            rule, instead = "be safe on its disk", "Check that disk."
+        refused = checks.refusal(what, rule, got, instead, OutputError)
+        refused.__notes__ = getattr(error, "__notes__", [])  # on which rank
+        raise refused from error
 
 
 @contextlib.contextmanager

@@ -221,30 +221,16 @@ def place_of(path: str | os.PathLike[str]) -> Path:
 def checked_place(path: str | os.PathLike[str]) -> Path:
     """`place_of`, if a checkpoint can be written there and nothing else would be lost."""
     target = place_of(path)
-    with _as_output_error(target):
+    with _writable(target):
         _check_place(target)
     return target
 
 
-@contextlib.contextmanager
-def _as_output_error(target: Path) -> Iterator[None]:
+def _writable(target: Path) -> contextlib.AbstractContextManager[None]:
     """Turn errors of the system into an OutputError that says what is needed."""
-    try:
-        yield
-    except OutputError:
-        raise
-    except OSError as error:
-        if isinstance(error, files.WrittenError):
-            text = f"the checkpoint {str(target)!r} must be safe on its disk; {error.strerror}. Check that disk."
-        else:
-            text = (
-                f"the checkpoint {str(target)!r} must be in a folder that can be written to, with room on its disk; "
-                f"got {error.strerror or error}. What was there before is untouched. Choose another place, or make "
-                "room."
-            )
-        failed = OutputError(text)
-        failed.__notes__ = getattr(error, "__notes__", [])  # on which rank
-        raise failed from error
+    rule = "be in a folder that can be written to, with room on its disk"
+    instead = "What was there before is untouched. Choose another place, or make room."
+    return files.writable("the checkpoint", target, rule, instead)
 
 
 def _check_place(target: Path) -> None:
@@ -276,7 +262,7 @@ def write(path: str | os.PathLike[str], snapshot: Snapshot) -> Path:
             yield name, array
         yield DIGEST, np.frombuffer(digest.digest(), np.uint8)
 
-    with _as_output_error(target):
+    with _writable(target):
         _check_place(target)
         with _kept_as_previous(target), files.atomic_write(target) as file:
             write_arrays(file, everything(), digest.update)

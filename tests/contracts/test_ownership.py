@@ -55,7 +55,7 @@ class Watched:
         self._even: dict[int, int] = {}
         self._odd: dict[int, int] = {}
         self._solver, self._workers = solver, workers
-        self._block = solver._block
+        self._block = solver.block
         control = self._block.arrays["control"]
         control.workers = control.members = workers
         solver._deal(workers)
@@ -206,11 +206,11 @@ def _with_room_for_workers(sim):
     solver = sim._solver
     solver.choice = dataclasses.replace(solver.choice, workers=(WORKERS,))
     snapshot = solver.snapshot()
-    old, solver._block = solver._block, solver._next_block(max(solver.count, 1), solver.radii)
-    solver._block.create()
-    solver._block.arrays["team"]["bad_slot"] = -1
-    fill_features(solver._block.arrays, solver._scene)
-    old.close()
+    with solver._team.moving_to(solver._next_block(max(solver.count, 1), solver.radii)) as block:
+        block.create()
+        block.arrays["team"]["bad_slot"] = -1
+        fill_features(block.arrays, solver._scene)
+    solver._team.take()
     solver._enter(snapshot)
     return Watched(sim)
 

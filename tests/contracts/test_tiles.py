@@ -239,7 +239,7 @@ def test_a_run_that_is_saved_inside_a_frame_goes_on_there(tmp_path, no_time):
 
 
 def plan_of(sim):
-    return solver_of(sim)._block.arrays["plan"]
+    return solver_of(sim).block.arrays["plan"]
 
 
 def leave_a_window(sim):

@@ -12,7 +12,7 @@ from mpsim.kernels import records
 
 
 def _arrays(sim: mpsim.Simulation) -> dict[str, Any]:
-    return sim._solver._block.arrays
+    return sim._solver.block.arrays
 
 
 def solver_of(sim: mpsim.Simulation) -> Any:
@@ -22,7 +22,7 @@ def solver_of(sim: mpsim.Simulation) -> Any:
 
 def block_name(sim: mpsim.Simulation) -> str:
     """Name of the shared block, a file in /dev/shm."""
-    return sim._solver._block.name
+    return sim._solver.block.name
 
 
 def _live(sim: mpsim.Simulation, field: str) -> Any:

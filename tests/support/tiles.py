@@ -62,7 +62,7 @@ def on_tiles(scene: mpsim.Scene, tiling: tuple[int, int], workers: int = 1, **se
 
 def windows_of(sim: mpsim.Simulation) -> dict[str, int]:
     """Windows played so far, those of them played again in shorter ones and by one worker, and windows in a lap."""
-    plan = solver_of(sim)._block.arrays["plan"]
+    plan = solver_of(sim).block.arrays["plan"]
     return {name: int(plan[name]) for name in ("windows", "again", "as_one", "parts")}
 
 

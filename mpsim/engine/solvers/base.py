@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, Literal, NamedTuple, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from mpsim.features.edges import EDGES
 from mpsim.kernels.features import collisions as log
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName, Settings
+
+if TYPE_CHECKING:
+    from mpsim.engine.workers.pool import Team
 
 # --- Number of frames until a given time
 
@@ -517,7 +520,7 @@ class Solver(ABC):
         terms: scene and settings in force.
     """
 
-    _block: SharedBlock
+    _team: "Team"
 
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
@@ -745,12 +748,12 @@ class Solver(ABC):
     @property
     def block(self) -> SharedBlock:
         """The block of this process."""
-        return self._block
+        return self._team.block
 
     @property
     def pids(self) -> list[int]:
         """Process numbers of the workers other than this process, at any moment; none where all is done in it."""
-        return []
+        return [*self._team.pool.pids]
 
 
 def is_between_frames(solver: Solver) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import SharedBlock, Specs
-from mpsim.engine.workers.worker import LINGER, Program, load_kernels
+from mpsim.engine.workers.worker import LINGER, Program
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import cells, records
 from mpsim.kernels.events.features.hooks import BARE, COLUMNS
@@ -115,21 +115,17 @@ PATIENCE = 30_000_000
 
 
 class Windows:
-    """Plays frames on the tiles of a block, by this process and, after `start`, workers.
+    """Plays frames on the tiles of a block, by this process and the workers in it.
 
     Args:
+        pool: of these workers.
         block: with the arrays of tiles, and a store whose discs have been placed.
         system: the store, its box and features.
-        start_method: as of a simulation.
     """
 
-    def __init__(self, block: SharedBlock, system: Any, start_method: str | None):
-        self._pool = WorkerPool(start_method, TILES)
+    def __init__(self, pool: WorkerPool, block: SharedBlock, system: Any):
+        self._pool = pool
         self._command: Any = np.zeros((), records.COMMAND)[()]
-        self._enter(block, system)
-
-    def _enter(self, block: SharedBlock, system: Any) -> None:
-        self._block = block
         self._arguments: Any = arguments_of(block.arrays, system.features, system.box)
         self._is_linked = True
 
@@ -139,37 +135,9 @@ class Windows:
         shared = self._arguments.shared
         return bool(shared.plan.running and shared.control.signals[ABORT] != RUNNING)
 
-    def start(self, workers: int) -> None:
-        """Compile or load the kernels, and start so many workers, this process included."""
-        with interrupts_held_back():
-            load_kernels(self._block, TILES)
-        self._pool.start(self._block, workers)
-
-    @property
-    def workers(self) -> int:
-        """Number of those that play, this process included."""
-        return 1 + len(self.pids)
-
-    def move_to(self, block: SharedBlock, system: Any) -> None:
-        """Go on, with the same workers, on the tiles of another block. The old one must stay open until it returns.
-
-        Raises:
-            WorkerDiedError: if one of them has ended. Then these windows can only be closed, before either block is.
-        """
-        with interrupts_held_back():
-            load_kernels(block, TILES)
-        self._pool.move_to(block)
-        self._enter(block, system)
-
     def close(self) -> None:
-        """Stop the workers. May be called again."""
-        self._pool.stop()
+        """Let go of the block: in a fork that returns into a call of `play`, no kernel may be called."""
         self._arguments = None
-
-    @property
-    def pids(self) -> list[int]:
-        """Process numbers of the workers."""
-        return [*self._pool.pids]
 
     def play(
         self,

@@ -34,8 +34,10 @@ from mpsim.engine.solvers.event_block import (
     refuse_what_is_not_exact,
     stalled,
 )
-from mpsim.engine.solvers.event_tiles import Windows
+from mpsim.engine.solvers.event_tiles import TILES, Windows
+from mpsim.engine.workers.pool import Team
 from mpsim.engine.workers.shared import SharedBlock
+from mpsim.engine.workers.worker import load_kernels
 from mpsim.errors import DivergedError, StalledError
 from mpsim.kernels import records as stepped
 from mpsim.kernels.compiling import entry_of
@@ -73,23 +75,22 @@ class EventSolver(CollisionLog):
         self._system: Any = None
         self._played: Any = None  # the system for whose types `_player` is
         self._windows: Windows | None = None
-        self._block, self._spare = self._plan.room(scene.count), self._plan.room(scene.count)
+        self._team = Team(TILES)
 
     def start(self) -> None:
         columns = {**given_in(self._scene), MASS.name: self.masses}
         discs = NewDiscs(self._scene.position, self._scene.velocity, self.radii, columns)
-        self._system = self._plan.placed(self._block, discs, 0.0)
+        with self._team.moving_to(self._plan.room(self.count)) as block:
+            system = self._plan.placed(block, discs, 0.0)
+            windows = self._windows_on(block, system, self.choice)
+        self._take(self._plan, self.choice, system, windows)
         self._count_work_from(base.NO_WORK, 0.0)
-        self._begin()
-
-    def _begin(self) -> None:
-        """Compile or load the kernels, so that no frame time contains it, and no wait for Ctrl-C; start workers."""
-        self._windows = self._windows_on(self._block, self._system, self.choice)
-        if self._windows is None:
-            self._load_whole()
+        self._load_whole()
 
     def _load_whole(self) -> None:
-        """Compile or load the kernels that play a box as a whole."""
+        """Compile or load the kernels that play a box as a whole, if it is, so that no frame time contains it."""
+        if self._windows is not None:
+            return
         with interrupts_held_back():  # as the stepped solvers do
             self._play_whole(np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS), math.inf)
 
@@ -171,7 +172,7 @@ class EventSolver(CollisionLog):
         self._stopped = stopped
 
     def take_collisions(self) -> NDArray[Any]:
-        arrays = self._block.arrays
+        arrays = self.block.arrays
         if self._windows is None:
             arrays[collisions.STATE][:, collisions.AGREED] = arrays[collisions.STATE][:, collisions.COUNT]
         rows = base.emptied(arrays)
@@ -266,8 +267,8 @@ class EventSolver(CollisionLog):
         crushing = crushing_speed_of(scene, velocity, self._plan.crushing_speed)
         plan = self._plan._replace(terms=terms, workers=max(choice.workers), crushing_speed=crushing)
         begins = origin != self._origin
-        block, work = self._room(plan, len(discs.position)), self._work_sums()
-        with block.closed_on_error():
+        work = self._work_sums()
+        with self._team.moving_to(plan.room(len(discs.position))) as block:
             present = 0.0 if begins else self._present
             system = plan.placed(block, discs, present)
             system.store.counter.guarded = self._system.store.counter.guarded  # which counts for the whole run
@@ -281,49 +282,35 @@ class EventSolver(CollisionLog):
         self.radii, self.masses, self._seen = discs.radius, discs.mass, seen
         if begins:
             self._progress, self._stopped = np.zeros((), records.PROGRESS)[()], 0.0
-        if windows is None:
-            self._load_whole()
+        self._load_whole()
 
-    def _windows_on(self, block: SharedBlock, system: System, choice: Choice) -> Windows | None:
-        """Windows on the tiles of another block, if it has any: those of the same workers, where there are as many.
+    def _windows_on(
+        self, block: SharedBlock, system: System, choice: Choice, new_workers: bool = False
+    ) -> Windows | None:
+        """Windows on the tiles of another block, if it has any, with the present workers where there are as many.
 
         Raises:
-            WorkerDiedError, WorkerStalledError, ResourceError: then no worker is left, and the state is as it was.
+            WorkerDiedError, WorkerStalledError, ResourceError: then the state is as it was.
         """
         if "tiles" not in block.specs:
             return None
-        windows, workers = self._windows, max(choice.workers)
-        try:
-            if windows is not None and windows.workers == workers:
-                windows.move_to(block, system)
-                return windows
-            windows = Windows(block, system, choice.processes.start_method)
-            windows.start(workers)
-        except BaseException:
-            if windows is not None:
-                if windows is self._windows:
-                    windows.link()
-                    self._windows = None
-                windows.close()
-            raise
-        return windows
-
-    def _room(self, plan: BlockPlan, count: int) -> SharedBlock:
-        """Another block, still to be made: the spare one, so that `close` knows of it at every moment."""
-        self._spare.close()  # of a change that was interrupted
-        self._spare = plan.room(count)
-        return self._spare
+        with interrupts_held_back():
+            load_kernels(block, TILES)
+        workers = max(choice.workers)
+        before = None if new_workers or 1 + len(self.pids) != workers else self._windows
+        if before is not None:  # if a worker dies on the way, none is left, and the box goes on as a whole
+            before.link()
+            self._windows = None
+        pool = self._team.man(workers, choice.processes.start_method, before is None)
+        return Windows(pool, block, system)
 
     def _take(self, plan: BlockPlan, choice: Choice, system: System, windows: Windows | None) -> None:
-        """Continue in the spare block, which is filled, and close the old one."""
-        before, self._spare, self._block = self._windows, self._block, self._spare
+        """Continue in the block that is next, which is filled, and close the old one."""
         self._system, self._windows, self._plan = system, windows, plan
         self.count: int = len(system.store.order)
         self.choice: Choice = choice
         self._set_terms(plan.terms)
-        if before is not None and before is not windows:
-            before.close()
-        self._spare.close()
+        self._team.take()
 
     @property
     def contact_time(self) -> float:
@@ -336,11 +323,6 @@ class EventSolver(CollisionLog):
         return MOST_COUNTED * self._plan.units[0]
 
     @property
-    def pids(self) -> list[int]:
-        windows = self._windows  # which may just be replaced
-        return [] if windows is None else windows.pids
-
-    @property
     def half_done(self) -> bool:
         return self._windows is not None and self._windows.failed
 
@@ -349,20 +331,19 @@ class EventSolver(CollisionLog):
         if windows is not None:
             windows.close()
         self._system = self._played = self._seen = self._clock = None
-        self._spare.close()
-        self._block.close()
+        self._team.close()
 
     def _work_counted(self) -> list[NDArray[np.int64]]:
         if self._windows is None:
             return super()._work_counted()
-        return [sums[collisions.AGREED].T for sums in self._block.arrays.get(collisions.SUM, ())]
+        return [sums[collisions.AGREED].T for sums in self.block.arrays.get(collisions.SUM, ())]
 
     # --- snapshots
 
     def snapshot(self) -> SolverState:
         if self._windows is not None:
             self._windows.link()
-        found = event_block.taken(self._scene, self._block.arrays)
+        found = event_block.taken(self._scene, self.block.arrays)
         found |= {"radii": self.radii, "masses": self.masses, "units": np.array(self._plan.units)}
         if self._plan.crushing_speed is not None:
             found[event_block.CRUSHING_SPEED] = np.array([self._plan.crushing_speed])
@@ -379,14 +360,13 @@ class EventSolver(CollisionLog):
         kept, workers = snapshot.get(event_block.CRUSHING_SPEED), max(choice.workers)
         crushing = None if kept is None else float(kept[0])
         plan = BlockPlan(terms, (impulse, virial), self._plan.contact_time, crushing, workers, self.logging)
-        block = self._room(plan, count_in(snapshot))
-        with block.closed_on_error():
+        with self._team.moving_to(plan.room(count_in(snapshot))) as block:
             block.create()
             event_block.put_back(terms.scene, block.arrays, snapshot)
             system = plan.system_in(block)
             solver.run_task(solver.RELINK, *system)
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
-            windows = None if new_workers else self._windows_on(block, system, choice)
+            windows = self._windows_on(block, system, choice, new_workers)
         self._take(plan, choice, system, windows)
         self._restore_work(snapshot)
         self.radii: NDArray[np.float64] = radii
@@ -394,8 +374,7 @@ class EventSolver(CollisionLog):
         for name, each in self._kept.items():
             records.numbers(each)[:] = snapshot[name]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again
-        if windows is None:
-            self._begin()
+        self._load_whole()
 
     @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:

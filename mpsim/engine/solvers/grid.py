@@ -26,7 +26,7 @@ from mpsim.engine.solvers.base import (
 )
 from mpsim.engine.solvers.speeds import Speeds, fastest_in, speeds_of
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, block_arrays, disc_at
-from mpsim.engine.workers.pool import WorkerPool
+from mpsim.engine.workers.pool import Team
 from mpsim.engine.workers.shared import MOST_FRAMES, SharedBlock
 from mpsim.engine.workers.worker import LINGER, call_of, kernel_arguments, load_kernels, numbers_of, write_command
 from mpsim.errors import DivergedError
@@ -126,9 +126,8 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._borders = np.zeros(0)  # fraction of the discs before those of each worker, and 1
-        self._pool = self._next_pool = WorkerPool(None)  # the second of the spare block: one to replace the present one
+        self._team = Team()
         self._capacity = max(scene.count, 1)
-        self._block = self._spare = SharedBlock({})
 
     def start(self) -> None:
         scene = self._scene
@@ -137,9 +136,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self.restore(start, self.choice, self.terms)
 
     def close(self) -> None:
-        self._drop_spare()
-        self._pool.stop()
-        self._block.close()
+        self._team.close()
 
     # --- frames
 
@@ -189,14 +186,14 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> BatchResult:
         if stop < math.inf:
             frames = self._frames_to(stop, frames)
-        write_command(self._block, frames, count_enabled)
-        control, _ = numbers_of(self._block)
+        write_command(self._team.block, frames, count_enabled)
+        control, _ = numbers_of(self._team.block)
         control.workers = control.members = workers
         self._begun = control.done
         abort = self._run_kernel(workers)
         if abort != records.RUNNING:
             raise self._failure(abort)
-        arrays, frames = self._block.arrays, control.frames
+        arrays, frames = self._team.block.arrays, control.frames
         team = arrays["team"]
         contacts = sum(team["collisions"].tolist())  # of a few workers: quicker than by NumPy
         self.too_fast: bool = any(team["fastest"].tolist())
@@ -208,21 +205,21 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _run_kernel(self, workers: int) -> int:
         """Run the command that the record `control` holds. Returns records.RUNNING, or why it has ended before."""
         if self.choice.method == "naive":
-            return naive_call(self._block)()
+            return naive_call(self._team.block)()
         self._deal(workers)
-        kernel = call_of(self._block, run_grid, 0, LINGER)
-        abort = kernel() if workers == 1 else self._pool.run(kernel)
+        kernel = call_of(self._team.block, run_grid, 0, LINGER)
+        abort = kernel() if workers == 1 else self._team.pool.run(kernel)
         self._sorted_grid = self._grid
         return abort
 
     def _failure(self, abort: int) -> Exception:
         """The exception for a command that has ended before its time, at the not finite disc of the least id."""
         if abort != records.BAD_STATE:
-            return self._pool.failure()
+            return self._team.pool.failure()
         team = self._arrays["team"]
         # After an odd number of steps the state lies in the other buffer, so both are looked at.
         slots = [int(slot) for slot in team["bad_slot"] if slot >= 0]
-        candidates = [disc_at(discs, slot) for discs in kernel_arguments(self._block)[:2] for slot in slots]
+        candidates = [disc_at(discs, slot) for discs in kernel_arguments(self._team.block)[:2] for slot in slots]
         disc, values = min(each for each in candidates if not np.isfinite(each[1]).all())
         return DivergedError(disc, self.frame + int(team[0].frame), values[:2], values[2:])
 
@@ -232,25 +229,25 @@ class GridSolver(SteppedSolver, CollisionLog):
 
     @property
     def half_done(self) -> bool:
-        if self._moving or not self._block.arrays:  # none after `close`
+        if self._moving or not self._team.block.arrays:  # none after `close`
             return self._moving
-        control, _ = numbers_of(self._block)
+        control, _ = numbers_of(self._team.block)
         left = control.signals[records.ABORT] or control.signals[records.BAD]
         return bool(left and control.done == self._begun)
 
     @property
     def frame(self) -> int:
-        return self._origin.frame + numbers_of(self._block)[0].done
+        return self._origin.frame + numbers_of(self._team.block)[0].done
 
     # --- who does what
 
     def _deal(self, workers: int) -> None:
         """Assign columns and a slice of the discs to each worker."""
         if workers == 1:
-            alone = numbers_of(self._block)[1][0]
+            alone = numbers_of(self._team.block)[1][0]
             alone.first_column, alone.last_column, alone.low, alone.high = 0, self._grid.columns, 0, self.count
             return
-        team = self._block.arrays["team"][:workers]
+        team = self._team.block.arrays["team"][:workers]
         columns, slots = self._shares(workers)
         team["first_column"], team["last_column"] = columns[:-1], columns[1:]
         team["low"], team["high"] = slots[:-1], slots[1:]
@@ -261,7 +258,7 @@ class GridSolver(SteppedSolver, CollisionLog):
             self._borders = np.linspace(0, 1, workers + 1)
         share = (self._borders * self.count).astype(np.int64)
         if self._sorted_grid == self._grid:
-            first_of_column = self._block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
+            first_of_column = self._team.block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
             columns = np.searchsorted(first_of_column[: self._grid.columns], share)
             columns[0], columns[-1] = 0, self._grid.columns
             slots = first_of_column[columns].astype(np.int64)
@@ -297,7 +294,7 @@ class GridSolver(SteppedSolver, CollisionLog):
 
     def _as_they_lie(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[np.int32]]:
         """Views of x, y, vx, vy and the numbers."""
-        discs, count = live_discs(self._block), self.count
+        discs, count = live_discs(self._team.block), self.count
         return discs.x[:count], discs.y[:count], discs.vx[:count], discs.vy[:count], discs.id[:count]
 
     def _places_and_speeds(
@@ -375,7 +372,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self, new: NewDiscs, slots: int | NDArray[np.int64], numbers: NDArray[np.int64] | None = None
     ) -> None:
         """Write discs of these numbers to these slots; slots: the first of them, if both are in one order."""
-        arrays, discs = self._arrays, live_discs(self._block)
+        arrays, discs = self._arrays, live_discs(self._team.block)
         rows = slice(slots, slots + len(new.position)) if isinstance(slots, int) else slots
         discs.x[rows], discs.y[rows] = new.position.T
         discs.vx[rows], discs.vy[rows] = new.velocity.T
@@ -426,43 +423,33 @@ class GridSolver(SteppedSolver, CollisionLog):
         try:
             self._set_terms(terms)
             self.choice: Choice = choice
-            self._spare = block = self._next_block(capacity, radii)
-            stays = not new_workers and block.specs == self._block.specs
+            block = self._next_block(capacity, radii)
+            stays = not new_workers and block.specs == self._team.block.specs
             if stays:
                 fill_features(self._arrays, self._scene)
             else:
-                block.create()
-                block.arrays["team"]["bad_slot"] = -1
-                fill_features(block.arrays, self._scene)
-                self._load_kernels(block)
-                if new_workers:
-                    self._next_pool = WorkerPool(choice.processes.start_method)
-                    self._next_pool.start(block, self._most_workers)
+                with self._team.moving_to(block):
+                    block.create()
+                    block.arrays["team"]["bad_slot"] = -1
+                    fill_features(block.arrays, self._scene)
+                    self._load_kernels(block)
+                    self._moving = not new_workers  # else nothing is lost if they do not come
+                    self._team.man(self._most_workers, choice.processes.start_method, new_workers)
         except BaseException:
-            self._drop_spare()
             self._set_terms(before[0])
             _, self.choice, self._capacity = before
             raise
         self._moving = True
-        if stays:
-            self._enter(snapshot)
-        else:
-            self._block, self._spare = block, self._block
-            try:
-                self._enter(snapshot)
-                if new_workers:
-                    self._pool, self._next_pool = self._next_pool, self._pool
-                else:
-                    self._pool.move_to(block)
-            finally:
-                self._drop_spare()
+        if not stays:
+            self._team.take()
+        self._enter(snapshot)
         self._moving = False
 
     # --- the block
 
     @property
     def _arrays(self) -> dict[str, Any]:
-        return self._block.arrays
+        return self._team.block.arrays
 
     @property
     def _most_workers(self) -> int:
@@ -471,15 +458,6 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _giant_radius(self, radii: NDArray[np.float64]) -> float | None:
         """Radius above which discs of such radii are kept out of the grid; None: there are no such discs."""
         return giant_radius(radii) if has_radii(self._scene) and self.choice.method != "naive" else None
-
-    @property
-    def pids(self) -> list[int]:
-        return [*self._pool.pids]
-
-    def _drop_spare(self) -> None:
-        """Stop the workers, and close the block, that are to replace the present ones, or were replaced."""
-        self._next_pool.stop()
-        self._spare.close()
 
     def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""
@@ -509,7 +487,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun, self._sorted_grid = -1, None
         arrays["team"]["fastest"], self.too_fast = 0, False
         frames, steps = self._begin_from(snapshot)
-        count, discs, numbers = self.count, live_discs(self._block), np.arange(self.count, dtype=np.int32)
+        count, discs, numbers = self.count, live_discs(self._team.block), np.arange(self.count, dtype=np.int32)
         position, velocity = snapshot["position"], snapshot["velocity"]
         if isinstance(position, AsTheyLay):
             numbers = position.numbers

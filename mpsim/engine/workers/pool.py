@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
@@ -129,9 +129,9 @@ class WorkerPool:
         for connection in self._connections:
             self._send(connection, ("attach", block.name, block.specs))
         add_to_word(self._control.signals, records.MAIL, 1)
-        self._attach(block)
         for worker in range(1, len(self._processes) + 1):
             self._await_ready(worker)
+        self._attach(block)  # only now: the old one tells in which frame a worker has died
 
     def failure(self) -> Exception:
         """The exception for an abort that a worker's death or delay has caused."""
@@ -276,6 +276,59 @@ class WorkerPool:
     def _send(connection: Connection, message: tuple[Any, ...]) -> None:
         with suppress(BrokenPipeError, ConnectionResetError):  # that worker is dead; the watcher says so
             connection.send(message)
+
+
+class Team:
+    """The block of a solver with its workers, and what is to take their place, so that `close` always knows of both.
+
+    Attributes block, pool: those in use; until the first `take` there is nothing in them.
+    """
+
+    def __init__(self, program: Program = GRID):
+        self._program = program
+        self.block: SharedBlock = SharedBlock({})
+        self.pool: WorkerPool = WorkerPool(None, program)
+        self._next_block, self._next_pool = self.block, self.pool
+
+    @contextmanager
+    def moving_to(self, block: SharedBlock) -> Iterator[SharedBlock]:
+        """Context in which a block is made, filled and manned that `take` then puts to use; given up if that fails."""
+        self._next_block, self._next_pool = block, WorkerPool(None, self._program)
+        try:
+            yield block
+        except BaseException:
+            self._next_pool.stop()
+            block.close()
+            raise
+
+    def man(self, workers: int, start_method: str | None, new_workers: bool) -> WorkerPool:
+        """Have n workers, this process included, in the block that is next: the present ones, or new ones.
+
+        Raises:
+            ResourceError, WorkerDiedError, WorkerStalledError: as `WorkerPool.start`. Of those that move none is left.
+        """
+        if new_workers:
+            self._next_pool = WorkerPool(start_method, self._program)
+            self._next_pool.start(self._next_block, workers)
+        else:
+            self._next_pool = self.pool
+            self.pool.move_to(self._next_block)
+        return self._next_pool
+
+    def take(self) -> None:
+        """Go on in the block that was next; the old one is closed, and its workers end unless they have moved."""
+        self.block, self._next_block = self._next_block, self.block
+        self.pool, self._next_pool = self._next_pool, self.pool
+        if self._next_pool is not self.pool:
+            self._next_pool.stop()
+        self._next_block.close()
+
+    def close(self) -> None:
+        """Stop the workers and remove the block. May be called again, and whatever state they are in."""
+        for pool in (self._next_pool, self.pool):
+            pool.stop()
+        for block in (self._next_block, self.block):
+            block.close()
 
 
 def _lives(pid: int | None) -> bool:
