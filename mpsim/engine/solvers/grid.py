@@ -372,17 +372,22 @@ class GridSolver(SteppedSolver, CollisionLog):
         self, new: NewDiscs, slots: int | NDArray[np.int64], numbers: NDArray[np.int64] | None = None
     ) -> None:
         """Write discs of these numbers to these slots; slots: the first of them, if both are in one order."""
-        arrays, discs = self._arrays, live_discs(self._team.block)
-        rows = slice(slots, slots + len(new.position)) if isinstance(slots, int) else slots
-        discs.x[rows], discs.y[rows] = new.position.T
-        discs.vx[rows], discs.vy[rows] = new.velocity.T
-        discs.id[rows] = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else numbers
-        if discs.radius is not None:
-            discs.radius[rows] = new.radius
-        arrays["control"].in_order = 0
+        arrays, rows = self._arrays, slice(slots, slots + len(new.position)) if isinstance(slots, int) else slots
+        ids = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else numbers
+        self._lay(rows, ids, new.position.T, new.velocity.T, new.radius)
         for column in columns.COLUMNS:
             if column.name in arrays:
                 arrays[column.name][..., rows if numbers is None else numbers] = new.of(column).T
+
+    def _lay(self, slots: Any, numbers: Any, places: Any, speeds: Any, radii: NDArray[np.float64]) -> None:
+        """Write discs of these numbers to these slots, components of places and speeds apart."""
+        discs = live_discs(self._team.block)
+        discs.x[slots], discs.y[slots] = places
+        discs.vx[slots], discs.vy[slots] = speeds
+        discs.id[slots] = numbers
+        if discs.radius is not None:
+            discs.radius[slots] = radii
+        self._arrays["control"].in_order = 0
 
     # --- snapshots, and other terms
 
@@ -448,6 +453,10 @@ class GridSolver(SteppedSolver, CollisionLog):
     # --- the block
 
     @property
+    def pids(self) -> list[int]:
+        return [*self._team.pool.pids]
+
+    @property
     def _arrays(self) -> dict[str, Any]:
         return self._team.block.arrays
 
@@ -487,16 +496,9 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun, self._sorted_grid = -1, None
         arrays["team"]["fastest"], self.too_fast = 0, False
         frames, steps = self._begin_from(snapshot)
-        count, discs, numbers = self.count, live_discs(self._team.block), np.arange(self.count, dtype=np.int32)
         position, velocity = snapshot["position"], snapshot["velocity"]
-        if isinstance(position, AsTheyLay):
-            numbers = position.numbers
-        discs.x[:count], discs.y[:count] = _as_laid(position)
-        discs.vx[:count], discs.vy[:count] = _as_laid(velocity)
-        discs.id[:count] = numbers
-        if discs.radius is not None:
-            discs.radius[:count] = self.radii[numbers]
-        arrays["control"].in_order = 0
+        numbers = position.numbers if isinstance(position, AsTheyLay) else np.arange(self.count)
+        self._lay(slice(self.count), numbers, _as_laid(position), _as_laid(velocity), self.radii[numbers])
         arrays["control"].done, arrays["control"].steps = frames, steps
         if columns.MASS.name in arrays:
             columns.MASS.put(arrays[columns.MASS.name], self.masses)

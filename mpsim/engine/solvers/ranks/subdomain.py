@@ -118,6 +118,7 @@ class Subdomain:
     """The block of one rank: arrays of its discs, and columns by id of all discs.
 
     Attributes:
+        block: empty before `fill` and after `close`.
         failure: why this rank cannot go on, as for lack of memory; None: it can. Else parts of a step do nothing.
     """
 
@@ -129,15 +130,15 @@ class Subdomain:
         self._travelling = [columns.SPIN.name] * has_spins + [columns.IMAGE.name] * has_images
         self._outgoing = [np.zeros(FEWEST, self._record) for _ in range(3)]
         self._pair = self._room_for_pair(2 * FEWEST)
-        self._block: SharedBlock | None = None
         self._arguments: dict[int, GridArguments] = {}  # by the buffer that holds the state
         self._sorted: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None  # numbers, and their places
+        self.block: SharedBlock = SharedBlock({})
         self.failure: Exception | None = None
 
     @property
     def arrays(self) -> dict[str, Any]:
-        """Arrays and records by name; none before `fill` and after `close`."""
-        return {} if self._block is None else self._block.arrays
+        """Arrays and records of the block by name."""
+        return self.block.arrays
 
     @property
     def team(self) -> Any:
@@ -256,9 +257,7 @@ class Subdomain:
     def close(self) -> None:
         """Remove the block. May be called again."""
         self._arguments = {}
-        block, self._block = self._block, None
-        if block is not None:
-            block.close()
+        self.block.close()
 
     def move_to(self, own: Range, discs: NDArray[Any]) -> None:
         """Take other columns, and all discs in them."""
@@ -300,12 +299,6 @@ class Subdomain:
         control.columns_before = self._own.before
         control.cells = len(self.arrays["start"]) - 1
 
-    @property
-    def block(self) -> SharedBlock:
-        """The block, between `fill` and `close`."""
-        assert self._block is not None
-        return self._block
-
     def _renew(self, count: int, with_discs: bool = True) -> None:
         """Move to a block with room for so many own discs, and with all that the present one has.
 
@@ -315,18 +308,17 @@ class Subdomain:
         features = feature_specs(self._scene, max(capacity, self._count_of_all), self._settings.precision)
         grid = Grid(self._own.last - self._own.before, self._grid.rows)
         specs = block_arrays(capacity, grid, 2, self._settings.precision, features | work_specs(self._scene, 1))
-        old, new = self._block, SharedBlock(specs, alone=True)
+        old, new = self.block, SharedBlock(specs, alone=True)
         with new.closed_on_error():
             new.create()
-            for name, values in {} if old is None else old.arrays.items():
+            for name, values in old.arrays.items():
                 if name in new.arrays and (with_discs or not _is_of_discs(name)):
                     _copy(values, new.arrays[name])
         new.arrays["team"]["signals"] = 0
         if not with_discs:
             new.arrays["control"].live = 0
-        self._block, self._arguments, self._capacity = new, {}, capacity
-        if old is not None:
-            old.close()
+        self.block, self._arguments, self._capacity = new, {}, capacity
+        old.close()
 
     def _room_for_pair(self, count: int) -> records.Discs:
         """A buffer for the discs of two columns."""
