@@ -406,7 +406,11 @@ class Correlations:
     ):
         self.every: int = checks.whole("every", every, 1, 10**12, "1 samples every frame.")
         self.start: float = checks.non_negative("start", start, "[time]")
-        self.wave_numbers: Floats = _wave_numbers(wave_numbers)
+        self.wave_numbers: Floats = checks.finite_array("wave_numbers", wave_numbers, (None,), "(K,)")
+        if len(self.wave_numbers) > MOST_WAVE_NUMBERS or (self.wave_numbers <= 0).any():
+            rule = f"be at most {MOST_WAVE_NUMBERS} numbers > 0 [1/length]"
+            got = checks.brief(self.wave_numbers.tolist())
+            raise checks.refusal("wave_numbers", rule, got, "Leave out the others.")
         self._discs = None if discs is None else _numbers(discs)
         self._longest = None if longest is None else checks.positive("longest", longest, "[time]")
         self._points = checks.whole("points", points, 4, 256, "16 is usual.")
@@ -621,22 +625,16 @@ class Correlations:
         try:
             with files.opened(source) as file, ArrayFile(file) as arrays:
                 found = {name: arrays.read(name) for name in arrays.names}
-            again = cls._restored({name: each if each.ndim else each.item() for name, each in found.items()})
+            saved = {name: each if each.ndim else each.item() for name, each in found.items()}
+            if saved["format"] != FORMAT:
+                raise ValueError(f"it is of version {saved['format']}, and {FORMAT} is read")
+            again = cls(**{name: saved[name] for name in ("every", "start", "discs", "wave_numbers", "points")})
+            again._bound, again._motion = (saved["dt"], saved["count"]), Motion.of_arrays(saved)
+            again._frame, again._continuing = saved["frame"], True
         except (OSError, *DAMAGE) as error:
             why = f"{str(source)!r} ({reason_of(error):.200})"
             raise checks.refusal("a file of Correlations", "be one that mpsim has written", why) from None
         again.path = source
-        return again
-
-    @classmethod
-    def _restored(cls, saved: dict[str, Any]) -> Correlations:
-        """What `save` has written; the checksums of the file have said that it is whole."""
-        if saved["format"] != FORMAT:
-            raise ValueError(f"it is of version {saved['format']}, and {FORMAT} is read")
-        again = cls(**{name: saved[name] for name in ("every", "start", "discs", "wave_numbers", "points")})
-        again._bound = saved["dt"], saved["count"]
-        again._frame, again._continuing = saved["frame"], True
-        again._motion = Motion.of_arrays(saved)
         return again
 
     def __repr__(self) -> str:
@@ -652,16 +650,6 @@ class Correlations:
                 f"run pass start = {self.start:g}."
             )
         return self._motion
-
-
-def _wave_numbers(values: ArrayLike) -> Floats:
-    found = checks.finite_array("wave_numbers", values, (None,), "(K,)")
-    if len(found) > MOST_WAVE_NUMBERS or (found <= 0).any():
-        raise InputError(
-            f"wave_numbers must be at most {MOST_WAVE_NUMBERS} numbers > 0 [1/length]; got "
-            f"{checks.brief(found.tolist())}. Leave out the others."
-        )
-    return found
 
 
 def _sample(sim: Simulation, motion: Motion) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.core.columns import equal_sizes
 from mpsim.core.state import Discs, count_of
 from mpsim.errors import InputError
@@ -74,7 +75,7 @@ class Run:
     count: int
     dt: float
     of_discs: OfDiscs
-    flow: NDArray[np.float64]
+    flow: Floats
     every: int
     slow: SlowVariable | None
 
@@ -142,7 +143,7 @@ def pressure_virial(counts: Counts, run: Run) -> Measure:
     """
     free_x, free_y = _free(run.scene)
     area = free_x * run.scene.height + free_y * run.scene.width
-    kinetic, scale = 2 * run.kinetic_energy / area, _diameter(run) / (run.dt * area)
+    kinetic, scale = 2 * run.kinetic_energy / area, 2 * run.scene.largest_radius / (run.dt * area)
     if run.count < 2:  # no collisions
         return block_average(np.full(len(counts), kinetic), constant=True)
     # Root mean square of |dp| over the collisions of a gas of this energy: 2 m sqrt(kT / m).
@@ -178,7 +179,7 @@ def pressure_xy(counts: Counts, run: Run) -> Measure:
     return _component(counts, counts["virial_xy"], 2, run.scene.width * run.scene.height, run)
 
 
-def _component(counts: Counts, virial: NDArray[np.float64], component: int, area: float, run: Run) -> Measure:
+def _component(counts: Counts, virial: Floats, component: int, area: float, run: Run) -> Measure:
     """A component of the pressure: its kinetic part from the samples, its collisional part from all frames.
 
     The error is that of their sum. It is settled if there were enough collisions, and the flow has lost the memory of
@@ -187,7 +188,7 @@ def _component(counts: Counts, virial: NDArray[np.float64], component: int, area
     if not len(run.flow):
         return UNKNOWN
     flow = run.flow[:, component]
-    given = _diameter(run) * virial / run.dt
+    given = 2 * run.scene.largest_radius * virial / run.dt
     between = given[: len(flow) * run.every].reshape(len(flow), run.every).mean(axis=1)
     alone, enough = run.count < 2, np.count_nonzero(counts["collisions"]) >= FEWEST_EVENTS
     found = average_beside(run.slow, (flow + between) / area, constant=alone)
@@ -202,10 +203,6 @@ def _free(scene: Scene) -> tuple[float, float]:
     lengths = zip((scene.width, scene.height), scene.periodic, strict=True)
     free_x, free_y = (length if wraps else length - 2 * scene.largest_radius for length, wraps in lengths)
     return free_x, free_y
-
-
-def _diameter(run: Run) -> float:
-    return 2 * run.scene.largest_radius
 
 
 def contact_rate(counts: Counts, run: Run) -> Measure:
@@ -261,16 +258,14 @@ def _energy_drift(counts: Counts, run: Run, before: tuple[float, float], after: 
     return change / (largest * run.dt * len(counts)) if largest else 0.0
 
 
-def _momenta(discs: Discs, scene: Scene) -> tuple[NDArray[np.float64], float]:
+def _momenta(discs: Discs, scene: Scene) -> tuple[Floats, float]:
     """Sums of m v, shape (2,), and of m |v| [mass length/time]."""
     masses = observables.masses_of("momentum_drift", scene, discs)
     sizes = observables.total(discs, lambda part: float((part.of(masses) * np.hypot(*part.velocity.T)).sum()))
     return observables.momentum(discs, scene), sizes
 
 
-def _momentum_drift(
-    counts: Counts, run: Run, before: tuple[NDArray[np.float64], float], after: tuple[NDArray[np.float64], float]
-) -> float:
+def _momentum_drift(counts: Counts, run: Run, before: tuple[Floats, float], after: tuple[Floats, float]) -> float:
     """Change of momentum that is not due to walls or gravity, per time, over the sum of m |v| [1/time], >= 0.
 
     Newton's third law keeps it at rounding; `reflect` violates that law. The larger sum of both states is taken. Scenes
@@ -616,7 +611,7 @@ class RunAverages:
                 results[name] = Measure(value, math.nan, 1, settled=False)
         return results
 
-    def _slow(self, energy: NDArray[np.float64], count: int, dt: float) -> SlowVariable | None:
+    def _slow(self, energy: Floats, count: int, dt: float) -> SlowVariable | None:
         """The energy along the run, which a bath changes slowly; None without one."""
         if len(energy) < FEWEST_BLOCKS or not energy.mean() > 0:
             return None

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
+from mpsim.core.checks import Floats
 from mpsim.core.text import RELATIVE_ROUNDING, with_error
 from mpsim.errors import InputError
 
@@ -35,8 +36,8 @@ AGREED = 3.0
 """Standard errors within which fits to fewer ordinates must agree with the chosen one."""
 
 
-_SLOPES: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.05, 5000.0, 27)])
-_COARSE: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.1, 5000.0, 15)])
+_SLOPES: Floats = np.concatenate([[0.0], np.geomspace(0.05, 5000.0, 27)])
+_COARSE: Floats = np.concatenate([[0.0], np.geomspace(0.1, 5000.0, 15)])
 """Slopes to try, for one curve and for quotients of two."""
 
 
@@ -54,7 +55,7 @@ class AtZero(NamedTuple):
     correlation_time: float
 
 
-def at_zero(series: NDArray[np.float64]) -> AtZero:
+def at_zero(series: Floats) -> AtZero:
     """Spectral density of a series, shape (n,), n >= 3, at frequency 0. Below 33 samples there are fewer ordinates.
 
     Ordinates I_k of the periodogram are independent and exponentially distributed with mean S(k / n). A curve is fitted
@@ -89,7 +90,7 @@ def at_zero(series: NDArray[np.float64]) -> AtZero:
     return found._replace(correlation_time=max(found.correlation_time, slowest))
 
 
-def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, bool, float]:
+def _fit(ordinates: Floats) -> tuple[AtZero, bool, float]:
     """The curve, whether a quotient fits better, and the correlation time of that one if it falls."""
     slopes, one, two = _curves(len(ordinates))
     densities, deviances = _likelihood(ordinates, one)
@@ -103,7 +104,7 @@ def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, bool, float]:
 
 
 @functools.cache
-def _curves(ordinates: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _curves(ordinates: int) -> tuple[Floats, Floats, Floats]:
     """Slopes, and log S / S(0) at each ordinate, shape (slopes, ordinates), of the curves and of the quotients."""
     squares = (np.arange(1, ordinates + 1) / ordinates) ** 2
     rises = _SLOPES[(_SLOPES > 0) & (_SLOPES < 30)]
@@ -113,9 +114,7 @@ def _curves(ordinates: int) -> tuple[NDArray[np.float64], NDArray[np.float64], N
     return slopes, one, (half[:, None] - half[None]).reshape(-1, ordinates)
 
 
-def _likelihood(
-    ordinates: NDArray[np.float64], logs: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _likelihood(ordinates: Floats, logs: Floats) -> tuple[Floats, Floats]:
     """For each curve the density at 0 of maximum likelihood, and -2 log likelihood there."""
     densities = (ordinates * np.exp(-logs)).mean(axis=1)
     return densities, 2 * (len(ordinates) * (np.log(densities) + 1) + logs.sum(axis=1))
@@ -197,12 +196,12 @@ class SlowVariable(NamedTuple):
     the series is long enough to know it.
     """
 
-    values: NDArray[np.float64]
+    values: Floats
     error: float
     known: bool
 
 
-def energy_in_bath(values: NDArray[np.float64], memory: float, count: int) -> SlowVariable:
+def energy_in_bath(values: Floats, memory: float, count: int) -> SlowVariable:
     """The energy of discs in a heat bath as a slow variable.
 
     In a run shorter than its memory it hardly changes, and its scatter says nothing. So the error is that of a
@@ -291,7 +290,7 @@ def block_average(
     return Measure(value, error, n, settled=not short)
 
 
-def _of_few_events(value: float, events: NDArray[np.float64], n: int, event: float | None) -> Measure:
+def _of_few_events(value: float, events: Floats, n: int, event: float | None) -> Measure:
     """The mean of n samples of which only few, the given events, or none are not zero."""
     if not len(events) and event is None:
         return Measure(value, math.nan, n, settled=False)
@@ -300,7 +299,7 @@ def _of_few_events(value: float, events: NDArray[np.float64], n: int, event: flo
     return Measure(value, (math.sqrt(len(events) + 0.75) + 1) * size / n, n, settled=False, upper=True)
 
 
-def _pairs(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pairs(blocks: Floats) -> Floats:
     """Averages of neighbours; of an odd number the last one is dropped."""
     even = len(blocks) // 2 * 2
     return (blocks[0:even:2] + blocks[1:even:2]) / 2
@@ -374,7 +373,7 @@ def ratio_average(numerator: ArrayLike, denominator: ArrayLike) -> Measure:
     return Measure(value, error, events, settled, residues.upper and not settled)
 
 
-def block_errors(series: ArrayLike) -> NDArray[np.float64]:
+def block_errors(series: ArrayLike) -> Floats:
     """Standard errors of the mean from blocks of 1, 2, 4, ... samples: the curve whose plateau is the error.
 
     It ends at FEWEST_BLOCKS blocks. Each has a relative uncertainty of 1/sqrt(2 (blocks - 1)) (Flyvbjerg & Petersen
@@ -419,7 +418,7 @@ def independent_average(values: ArrayLike) -> Measure:
     return Measure(value, float((samples - value).std(ddof=1)) / math.sqrt(len(samples)), len(samples))
 
 
-def _mean(samples: NDArray[np.float64]) -> float:
+def _mean(samples: Floats) -> float:
     """Mean, accurate to the last digits even if all samples are nearly equal."""
     first = samples[0]
     return float(first + (samples - first).mean())

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core.checks import Floats
 from mpsim.core.text import with_error
 from mpsim.measure.registry import OBSERVABLES
 from mpsim.measure.statistics import Measure
 
 # --- Scenes that change with time: windows along the duration, and the stationary state, if there is one
 
-Runs = NDArray[np.float64]
+Runs = Floats
 """A measure in each piece of each run, shape (runs, pieces)."""
 
 WINDOWS = 8
@@ -303,7 +304,7 @@ _REMEDY = (
 )
 
 
-def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
+def unmeasurable(name: str, reference: Floats) -> str:
     """Why a relative error would be meaningless, and what to ask for instead; "" if it is not.
 
     Args:
@@ -325,7 +326,7 @@ def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
     return what and f"{name} {what}. {_REMEDY}"
 
 
-def _shift(found: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]]) -> NDArray[np.float64] | None:
+def _shift(found: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]]) -> Floats | None:
     """Delay of the pieces of a candidate, in pieces: each ends with a whole frame, so up to one frame late.
 
     None if the steps are so long that there are fewer pieces.
@@ -334,15 +335,13 @@ def _shift(found: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]])
     return (ours - theirs) * len(theirs) if len(ours) == len(theirs) else None
 
 
-def _at_ends(shift: NDArray[np.float64]) -> NDArray[np.float64]:
+def _at_ends(shift: Floats) -> Floats:
     """Delay of the ends of pieces, where `shift` is that of their centres."""
     sign = (-1.0) ** np.arange(len(shift))
     return 2 * sign * np.cumsum(sign * shift)
 
 
-def _windowed(
-    ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], Spans]:
+def _windowed(ours: Floats, theirs: Floats, shift: Floats | None, least: int) -> tuple[Floats, Floats, Spans]:
     """Means over spans of the duration, shape (runs, spans, levels), from shape (runs, pieces, levels), and the spans.
 
     shift: see `_shift`. A reference that changes with time is interpolated linearly to the times of the candidate.
@@ -355,9 +354,7 @@ def _windowed(
     return spans.mean(ours), spans.mean(theirs), spans
 
 
-def _relative(
-    name: str, ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
-) -> Deviation:
+def _relative(name: str, ours: Floats, theirs: Floats, shift: Floats | None, least: int) -> Deviation:
     """Error as a fraction of the reference: in the stationary state, or the mean over windows and the largest."""
     reason = unmeasurable(name, theirs)
     if reason:
@@ -366,22 +363,18 @@ def _relative(
     unit = theirs.mean(axis=0)
     ratio = ours.mean(axis=0) / unit
     mine, reference = ours / unit, theirs / unit
-    found = _difference(
-        mine.mean(axis=(1, 2)), (reference * ratio).mean(axis=(1, 2))
-    )  # whose scatter is that of the ratio
+    found = _difference(mine.mean(axis=(1, 2)), (reference * ratio).mean(axis=(1, 2)))  # scatters as the ratio does
     return _with_largest(replace(found, value=float(ratio.mean()) - 1), mine, reference, spans, signed=True)
 
 
-def _distance(
-    ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
-) -> Deviation:
+def _distance(ours: Floats, theirs: Floats, shift: Floats | None, least: int) -> Deviation:
     """Largest difference of two distributions, with levels along axis 2, from their means over windows."""
     ours, theirs, spans = _windowed(ours, theirs, shift, least)
     found, _ = _cross_validated(ours.mean(axis=1), theirs.mean(axis=1))
     return _with_largest(found, ours, theirs, spans, signed=False)
 
 
-def _depth(depths: NDArray[np.float64], met: NDArray[np.float64], least: int | None) -> Deviation:
+def _depth(depths: Floats, met: Floats, least: int | None) -> Deviation:
     """Mean depth of overlapping pairs: in the stationary state, or the mean over windows and the largest.
 
     In a window pieces are weighted by their pairs. The reference has depths of 0, so the candidate's own tell whether
@@ -402,9 +395,7 @@ def _depth(depths: NDArray[np.float64], met: NDArray[np.float64], least: int | N
     return _with_largest(_mean(mine[:, :, 0]), mine, np.zeros_like(mine), spans, signed=True)
 
 
-def _with_largest(
-    found: Deviation, mine: NDArray[np.float64], reference: NDArray[np.float64], spans: Spans, *, signed: bool
-) -> Deviation:
+def _with_largest(found: Deviation, mine: Floats, reference: Floats, spans: Spans, *, signed: bool) -> Deviation:
     """Add the time span and, in a scene that changes with time, the largest error of a window.
 
     mine, reference: shape (runs, windows, levels). Fewer than four runs say nothing about a single window.
@@ -421,7 +412,7 @@ def _with_largest(
     return replace(found, largest=replace(largest, value=value, span=(first / spans.number, end / spans.number)))
 
 
-def _cross_validated(mine: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[Deviation, int]:
+def _cross_validated(mine: Floats, reference: Floats) -> tuple[Deviation, int]:
     """The largest of several differences, shape (runs, differences), and its index for the first half of the runs.
 
     Each half of the runs chooses difference and sign for the other half: the largest of many noisy differences is never
@@ -456,7 +447,7 @@ def short_deviations(found: Sequence[dict[str, Any]], measures: Sequence[str]) -
     return {name: _if_meaningful(name, each) for name, each in results.items()}
 
 
-def _mean(values: NDArray[np.float64]) -> Deviation:
+def _mean(values: Floats) -> Deviation:
     """The mean over replicas (axis 0) and pieces (axis 1), with the standard error of the means of the replicas.
 
     Replicas are independent; pieces of one run are not. Taken as independent they gave 0.6 of the right error for the
@@ -467,7 +458,7 @@ def _mean(values: NDArray[np.float64]) -> Deviation:
     return Deviation(float(values.mean()), float(means.std(ddof=1) / np.sqrt(len(means))), len(means) - 1)
 
 
-def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> Deviation:
+def _difference(ours: Floats, theirs: Floats) -> Deviation:
     """Difference of the means of runs, of which those of the same index have the same start."""
     value = float(ours.mean() - theirs.mean())
     error, freedom = _spread(ours, theirs)
@@ -476,7 +467,7 @@ def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> Devia
     return Deviation(value, error, freedom)
 
 
-def _spread(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> tuple[float, float]:
+def _spread(ours: Floats, theirs: Floats) -> tuple[float, float]:
     """Standard error of a difference of the means of runs, and its degrees of freedom.
 
     With n runs x and m >= n runs y it is the mean of x - (n/m) y over the n pairs, less (m - n)/m times the mean of the

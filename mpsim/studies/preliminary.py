@@ -418,14 +418,12 @@ def _exact_reference(
     by_frames = scene.thermostat is not None  # so the reference needs frames short enough for a bath in time
     dt = float(f"{PRELIMINARY_STEP * crossing:.2g}") if by_frames else crossing / 4
     found = _observed(scene, Settings(method="event", dt=dt, contact_time=contact_time), crossing, until, limit)
-    speed = _speed_seen(scene, found, crossing)
     growth = _growth(scene, crossing, limit, contact_time)
     return replace(
         found,
         reference_name=earlier or found.reference_name,
-        thermal_velocity=speed,
         growth=growth,
-        short=min(LYAPUNOV_TIMES / growth, 10 * scene.smallest_radius / speed),
+        short=min(LYAPUNOV_TIMES / growth, 10 * scene.smallest_radius / found.thermal_velocity),
         step_seconds=_step_seconds(scene, PRELIMINARY_STEP * crossing, until, limit),
     )
 
@@ -442,8 +440,7 @@ def _stepped_reference(
             f"a trade-off study needs a scene whose preliminary run takes less than {STEPPED_SECONDS:g} s; that of "
             f"{scene!r} takes longer. Take a smaller scene of the same kind: errors hardly depend on its size."
         ) from None
-    speed = _speed_seen(scene, found, crossing)
-    own = 2 * scene.smallest_radius / speed
+    own = 2 * scene.smallest_radius / found.thermal_velocity
     of_one = found.seconds * settings.dt  # seconds of a step
     known = re.search(r"dt=([^,]+),", earlier)
     dt = float(known[1]) if known else _finest(of_one, own, until or 0.0, seconds)
@@ -452,7 +449,6 @@ def _stepped_reference(
         found,
         reference=replace(settings, dt=dt),
         reference_name=earlier or name,
-        thermal_velocity=speed,
         growth=1 / own,
         short=LYAPUNOV_TIMES * own,
         seconds=of_one / dt,
@@ -469,12 +465,6 @@ def _speed_to_come(scene: Scene) -> float:
         speeds.append(math.sqrt(2) * thermal_speed(scene))
         speeds += [wall.speed for wall in scene._moving_walls]
     return max(speeds)
-
-
-def _speed_seen(scene: Scene, found: PreliminaryRun, crossing: float) -> float:
-    """The thermal velocity of a run, or that of a fall through a radius if all discs have come to rest."""
-    fall = math.sqrt(2 * strongest_field(scene) * scene.smallest_radius)
-    return max(found.thermal_velocity, fall) or 2 * scene.smallest_radius / crossing
 
 
 def _finest(seconds: float, crossing: float, until: float, limit: float) -> float:
@@ -545,13 +535,15 @@ def _observed(scene: Scene, settings: Settings, crossing: float, until: float | 
             block = likely if until is None else block
             starts.append((sim.state, sim.time))
         moving = [(state.velocity[state.present] ** 2).mean() for state, _ in starts if state.present.any()]
+        speed = float(np.sqrt(np.mean(moving))) if moving else 0.0
+        fall = math.sqrt(2 * strongest_field(scene) * scene.smallest_radius)  # if all discs have come to rest
         by_frames = scene.thermostat is not None
         return PreliminaryRun(
             settings=settings,
             reference=settings,
             reference_name=_name_of_exact(settings, guard, guarded, collisions, by_frames),
             guard=guard,
-            thermal_velocity=float(np.sqrt(np.mean(moving))) if moving else 0.0,
+            thermal_velocity=max(speed, fall) or 2 * scene.smallest_radius / crossing,
             collisions=collisions / sim.time,
             starts=tuple(starts[:-1]),
             gap=done * settings.dt,

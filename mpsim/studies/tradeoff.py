@@ -60,11 +60,9 @@ def default_candidates(scene: Scene, speed: float, contact_time: float | None = 
         replace(middle, precision="float32", dt=steps[-1]),
         replace(middle, law="reflect", contact="push"),
         replace(middle, dt=2 * middle.dt, substeps=2),
-        replace(middle, method="naive"),
-        replace(middle, method="grid"),
-        replace(middle, method="parallel"),
     ]
-    return [each for each in candidates if not (each.method == "naive" and scene.count > NAIVE_UP_TO)]
+    further = ("naive", "grid", "parallel") if scene.count <= NAIVE_UP_TO else ("grid", "parallel")
+    return [*candidates, *(replace(middle, method=each) for each in further)]
 
 
 NAIVE_UP_TO = 3000
@@ -111,8 +109,7 @@ class Row:
         """The row as plain values by column name."""
         values: dict[str, Any] = {name: getattr(self.settings, name) for name in SETTINGS}
         cost = dataclasses.asdict(self.cost) if self.cost else {}
-        for name in ("median", "low", "high"):
-            values["cost" if name == "median" else f"cost_{name}"] = cost.get(name)
+        values |= {"cost": cost.get("median"), "cost_low": cost.get("low"), "cost_high": cost.get("high")}
         values["contact_time"] = (cost.get("contact_time") if cost else self.settings.contact_time) or None
         values["memory"] = cost.get("memory")
         values["ran"] = f"{cost['method']} x{cost['workers']}" if cost else None
