@@ -625,7 +625,7 @@ class Correlations:
         try:
             with files.opened(source) as file, ArrayFile(file) as arrays:
                 found = {name: arrays.read(name) for name in arrays.names}
-            saved = {name: each if each.ndim else each.item() for name, each in found.items()}
+            saved: dict[str, Any] = {name: each if each.ndim else each.item() for name, each in found.items()}
             if saved["format"] != FORMAT:
                 raise ValueError(f"it is of version {saved['format']}, and {FORMAT} is read")
             again = cls(**{name: saved[name] for name in ("every", "start", "discs", "wave_numbers", "points")})
