@@ -170,6 +170,13 @@ def truth(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def text(name: str, value: Any, kind: str = "a text") -> str:
+    """A text; `kind` says in words what it must be."""
+    if not isinstance(value, str):
+        raise refusal(name, f"be {kind}", brief(value))
+    return value
+
+
 def fitting(name: str, array: Floats, precision: str, first: int = 0) -> float:
     """The largest value, unless its square overflows in the precision of the run; `first`: number of the first row."""
     largest, sizes = float(np.sqrt(np.finfo(precision).max)) / 4, np.abs(array)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mpsim.core import checks, files
 from mpsim.core.checks import Binding, Closable
@@ -30,6 +30,7 @@ from mpsim.output.frames import Frame, Given, differs, frame_of, select
 from mpsim.output.gsd import GsdReader, GsdWriter
 from mpsim.output.xyz import DumpReader, XyzReader, XyzWriter
 from mpsim.scene.scene import Scene
+from mpsim.scene.starts import region_in_words
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
@@ -112,7 +113,7 @@ def _setting(sim: Simulation, now: Frame, last: Frame) -> str | None:
     corners = np.array([*last.origin, *np.add(last.origin, last.box)])
     expected = np.concatenate(sim.scene.walls_at(time))
     if np.abs(corners - expected).max() > _slack(sim.scene, last):
-        return f"its box is {_walls(corners)} and not {_walls(expected)}"
+        return f"its box is {region_in_words(corners)} and not {region_in_words(expected)}"
     return None
 
 
@@ -150,12 +151,6 @@ def _begins_as(scene: Scene, first: Frame) -> bool:
 def _slack(scene: Scene, frame: Frame) -> float:
     """Rounding of a place in the box [length]."""
     return ROUNDING * float(np.finfo(frame.position.dtype).eps) * max(scene.width, scene.height)
-
-
-def _walls(corners: NDArray[np.float64]) -> str:
-    """Corners (x, y) of a box, lower left and upper right, in words."""
-    x_low, y_low, x_high, y_high = corners
-    return f"[{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}]"
 
 
 # --- Files that are read, and written while a run goes on

@@ -787,10 +787,9 @@ class Scene(ReadOnly):
             index = int(outside[0, 0])
             walls = " and ".join(f"the {wall.name}'s" for wall in self._moving_walls)
             now = f", {walls} place at time {time:g} included" if walls and time > 0 else ""
-            shape = position.shape
-            (x_low, y_low), (x_high, y_high) = (np.broadcast_to(limit, shape)[index] for limit in (low, high))
+            region = np.concatenate([np.broadcast_to(limit, position.shape)[index] for limit in (low, high)])
             raise InputError(
-                f"{name}[{index}] must lie in [{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}] (one "
+                f"{name}[{index}] must lie in {starts.region_in_words(region)} (one "
                 f"radius from the walls{now}); got {tuple(position[index].tolist())} (discs outside: {len(outside)}). "
                 "Move the disc or enlarge the box."
             )

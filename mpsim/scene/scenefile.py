@@ -483,7 +483,8 @@ class _Reader:
             if name in tables:
                 self.box[name] = self._tried(name, checks.positive, name, tables[name], unit)
         if "about" in tables:
-            self.about = self._by_rule("about", tables["about"], dict.fromkeys(KEYS["about"], _text), ("title",))
+            in_quotes = partial(checks.text, kind="a text in quotation marks")
+            self.about = self._by_rule("about", tables["about"], dict.fromkeys(KEYS["about"], in_quotes), ("title",))
         if "compressed" in tables:
             rules = {
                 "packing": partial(checks.positive, unit="(a fraction of the area)"),
@@ -759,12 +760,6 @@ def _kind_of(table: dict[str, Any], kinds: tuple[type[Any], ...], many: bool) ->
 def _fit(keys: dict[str, bool], table: dict[str, Any]) -> int:
     """Number of keys of a table that are known, less that of those that it lacks."""
     return sum(name in keys for name in table) - sum(needed and name not in table for name, needed in keys.items())
-
-
-def _text(name: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{name} must be a text in quotation marks; got {checks.brief(value)}.")
-    return value
 
 
 def _demand_consistent(group: dict[str, Any]) -> None:

@@ -259,18 +259,19 @@ def lattice_sites(
     if count is not None and sites.number < count:
         raise InputError(
             f"count must be at most {sites.number}, the sites of a {kind} lattice of spacing {spacing:g} in the region "
-            f"{_words(region)}; got {count}. Use a smaller spacing or a larger region."
+            f"{region_in_words(region)}; got {count}. Use a smaller spacing or a larger region."
         )
     if sites.number > LARGEST_LATTICE:
         raise InputError(
-            f"spacing must leave at most {LARGEST_LATTICE} sites in the region {_words(region)}; got {spacing:g}. "
-            "Use a larger spacing or a smaller region."
+            f"spacing must leave at most {LARGEST_LATTICE} sites in the region {region_in_words(region)}; got "
+            f"{spacing:g}. Use a larger spacing or a smaller region."
         )
     found = sites.between(0, sites.number if count is None else count) + np.array(region[:2])
     return np.minimum(found, region[2:])  # the slack of Sites.fitting may put them outside by a rounding
 
 
-def _words(region: Region) -> str:
+def region_in_words(region: Region | Floats) -> str:
+    """A rectangle, given by its corners x_low, y_low, x_high, y_high, as its ranges of x and y."""
     return f"[{region[0]:g}, {region[2]:g}] x [{region[1]:g}, {region[3]:g}]"
 
 

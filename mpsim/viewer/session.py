@@ -48,12 +48,6 @@ SLICE_SECONDS = 3e-4
 LOOK_SECONDS = 0.1  # time between two checks of a simulation that the user's program may be running [s]
 
 
-def _text(name: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{name} must be a text; got {checks.brief(value)}.")
-    return value
-
-
 class Session(Source):
     """Runs and shows one simulation, or a scene, also one of a link, which can be restarted.
 
@@ -305,7 +299,7 @@ class Session(Source):
         self.scene: Scene = self._given.redrawn(seed) if seed else self._given
         self._seed = seed
 
-    @command(settings=lambda name, value: None if value is None else _text(name, value))
+    @command(settings=lambda name, value: None if value is None else checks.text(name, value))
     def do_beside(self, settings: str | None) -> None:
         """Restart with another second stage, or with none; settings: as in a link."""
         self._demand_scene("beside")
