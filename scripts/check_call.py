@@ -24,9 +24,9 @@ class Limits(NamedTuple):
 
 
 SCENES = {
-    "naive, 100 discs": Limits(48, 11, 4),
-    "grid, 1000 discs": Limits(50, 11, 7),
-    "event, 100 discs": Limits(45, 9, 1),
+    "naive, 100 discs": Limits(47, 10, 4),
+    "grid, 1000 discs": Limits(49, 10, 7),
+    "event, 100 discs": Limits(44, 8, 1),
 }
 
 COUNTER = """

@@ -124,11 +124,6 @@ def non_negative(name: str, value: Any, unit: str) -> float:
     return number(name, value, f"a finite number >= 0 {unit}", lambda found: 0 <= found < math.inf)
 
 
-def fraction(name: str, value: Any) -> float:
-    """A number from 0 to 1."""
-    return between(name, value, 0, 1)
-
-
 def between(name: str, value: Any, low: float, high: float) -> float:
     """A number from `low` to `high`."""
     return number(name, value, f"a number from {low:g} to {high:g}", lambda found: low <= found <= high)

@@ -206,7 +206,7 @@ class StateInChunks:
         # Kept: who reads one attribute of a range, or sums over it, reads the others next.
         self.between: Callable[[int, int], State] = functools.lru_cache(maxsize=1)(between)
 
-    def attributes(self) -> dict[str, Any]:
+    def _held(self) -> dict[str, Any]:
         """The attributes of the state, by name, those of discs each to be read in chunks."""
 
         def chunked(name: str, none: NDArray[Any]) -> ChunkedArray:

@@ -30,7 +30,7 @@ from mpsim.core.columns import GivenColumns
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.late import named
 from mpsim.core.progress import checked_progress, of_frames
-from mpsim.core.state import Discs, State, StateInChunks
+from mpsim.core.state import State
 from mpsim.engine import changes, checkpoint
 from mpsim.engine.access import Access, Closing, Notices, Once, exclusive, reading
 from mpsim.engine.changes import REMOVE, Change, Parameters, edited, terms_after
@@ -50,7 +50,6 @@ from mpsim.engine.run import (
 )
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import (
-    ALONE,
     MOST_FRAMES_OF_A_RUN,
     BatchResult,
     Choice,
@@ -66,6 +65,7 @@ from mpsim.engine.solvers.base import (
     digest_of_state,
     is_between_frames,
     log_collisions,
+    over_all_discs,
     resources_of,
     set_substeps,
 )
@@ -530,8 +530,8 @@ class Simulation(ReadOnly, Closable):
         solver = self._solver
         averages = None
         if names:  # not of self: a cycle would keep a simulation that is dropped from being closed at once
-            of_discs, whole = functools.partial(_of_discs, solver), is_between_frames(solver)
-            averages = named(f"{MEASURES}:RunAverages")(names, frames, self.scene, of_discs, whole, skipped)
+            over_discs, whole = functools.partial(over_all_discs, solver), is_between_frames(solver)
+            averages = named(f"{MEASURES}:RunAverages")(names, frames, self.scene, over_discs, whole, skipped)
         if logged != (isinstance(solver, CollisionLog) and solver.logging):
             self._between_frames(lambda: log_collisions(solver, logged))
         if not logged:
@@ -685,13 +685,14 @@ class Simulation(ReadOnly, Closable):
         solver, averages, measures = self._open_solver(), record.averages, Measures()
         if averages is not None:
             measures = Measures(averages.measures(self.scene, solver.count, self.settings.dt))
-        method, workers = methods.what_ran(solver.choice, self._batch_sizer.best)
+        choice, workers = solver.choice, self._batch_sizer.best
+        found_faster = workers == 1 and len(choice.workers) > 1  # by `auto`, than many
         if compiled := compile_seconds() - self._compiled_before:
             self._compiled_before += compiled
         return Report(
             record.times,
             record.collisions,
-            method,
+            "grid" if found_faster else choice.method,
             workers,
             *self._resources(solver),
             measures,
@@ -1339,13 +1340,6 @@ class Simulation(ReadOnly, Closable):
             self._emission, self._step_limits, self._changes = emission, limits, list(to.changes)
             self._logged.clear()
             self._note_choice(before)
-
-
-def _of_discs(solver: Solver, function: Callable[[Discs], Any]) -> Any:
-    """The result of a function of the present state; on ranks, where no process has it all, read in chunks."""
-    if solver.ranks is ALONE:
-        return function(solver.state())
-    return solver.ranks.on_root(lambda: function(StateInChunks(solver.state, solver.count)))
 
 
 def _collective(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:

@@ -247,7 +247,7 @@ def frame_of(sim: Simulation) -> Frame:
     gaps.
     """
     if capabilities_of(sim.settings).on_ranks and not sim.scene._loses_discs:
-        state, found = sim.state_between(0, 0), StateInChunks(sim.state_between, sim.count).attributes()
+        state, found = sim.state_between(0, 0), StateInChunks(sim.state_between, sim.count)._held()
         known = {name: values for name, values in found.items() if name not in ("present", "box")}
         ids: Any = ChunkedArray(np.dtype(np.int64), (sim.count,), np.arange)
         known |= {"radius": sim.radii, "mass": sim.masses, "ids": ids}

@@ -42,8 +42,8 @@ LARGEST_COUNT = 100_000_000
 
 CHANGEABLE: dict[str, Callable[[Any, Any], Any] | None] = {
     "gravity": lambda scene, value: check_gravity(value),
-    "restitution": lambda scene, value: checks.fraction("restitution", value),
-    "wall_restitution": lambda scene, value: checks.fraction("wall_restitution", value),
+    "restitution": lambda scene, value: checks.between("restitution", value, 0, 1),
+    "wall_restitution": lambda scene, value: checks.between("wall_restitution", value, 0, 1),
     "obstacles": lambda scene, value: check_obstacles(value, scene.width, scene.height),
     "emitters": lambda scene, value: tuple_of("emitters", value, (Emitter,)),
     "piston": lambda scene, value: check_piston(value, scene),
@@ -154,8 +154,8 @@ class Scene(ReadOnly):
         self.mass: NDArray[np.float64] | None = None if mass is None else checks.masses(mass, count)
         self.gravity: NDArray[np.float64] | None = check_gravity(gravity)
         self.acceleration: NDArray[np.float64] | None = check_acceleration(acceleration, count)
-        self.restitution: float = checks.fraction("restitution", restitution)
-        self.wall_restitution: float = checks.fraction("wall_restitution", wall_restitution)
+        self.restitution: float = checks.between("restitution", restitution, 0, 1)
+        self.wall_restitution: float = checks.between("wall_restitution", wall_restitution, 0, 1)
         vars(self).update(check_friction(friction, wall_friction, tangential_restitution, spin, count))
         self.boundary: tuple[str, str] = check_boundary(boundary)
         self.obstacles: tuple[Obstacle, ...] = check_obstacles(obstacles, self.width, self.height)

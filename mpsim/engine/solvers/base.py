@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.columns import COLUMNS, EXITS, IN_STATE, MASS, Column, kept_sizes
-from mpsim.core.state import Box, State, StateInChunks, digest_of
+from mpsim.core.state import Box, Discs, State, StateInChunks, digest_of
 from mpsim.engine.feature_arrays import unit_of_work
 from mpsim.engine.solvers.speeds import SpeedLimit, Speeds
 from mpsim.engine.workers.shared import SharedBlock, Specs, resident_bytes
@@ -800,18 +800,23 @@ def log_collisions(solver: Solver, enabled: bool) -> None:
         )
 
 
-def digest_of_state(solver: Solver) -> str:
-    """`State.digest` of the present state, which on ranks the first one reads in chunks."""
+def over_all_discs(solver: Solver, function: Callable[[Discs], Result]) -> Result:
+    """The result of a function of the present state; on ranks the first one reads it in chunks, as none has it all."""
     if solver.ranks is ALONE:
-        return solver.state().digest()
+        return function(solver.state())
+    return solver.ranks.on_root(lambda: function(StateInChunks(solver.state, solver.count)))
 
-    def read() -> str:
-        values = StateInChunks(solver.state, solver.count).attributes()
+
+def digest_of_state(solver: Solver) -> str:
+    """`State.digest` of the present state."""
+
+    def digest(discs: Discs) -> str:
+        values = discs._held()
         if not solver.terms.scene._loses_discs:
             del values["present"]  # which all of them are
         return digest_of(values)
 
-    return solver.ranks.on_root(read)
+    return over_all_discs(solver, digest)
 
 
 def resources_of(solver: Solver) -> tuple[tuple[int, ...], int]:

@@ -437,7 +437,8 @@ class GridSolver(SteppedSolver, CollisionLog):
                     block.create()
                     block.arrays["team"]["bad_slot"] = -1
                     fill_features(block.arrays, self._scene)
-                    self._load_kernels(block)
+                    with interrupts_held_back():  # Numba looks up the types of arguments inside exceptions of its own
+                        (naive_call if choice.method == "naive" else load_kernels)(block)
                     self._moving = not new_workers  # else nothing is lost if they do not come
                     self._team.man(self._most_workers, choice.processes.start_method, new_workers)
         except BaseException:
@@ -477,18 +478,6 @@ class GridSolver(SteppedSolver, CollisionLog):
         arrays = block_arrays(capacity, grid, self._most_workers, precision, features)
         arrays |= base.specs_of(capacity, self._most_workers, self._least_log) if self.logging else {}
         return SharedBlock(arrays, alone=self._most_workers == 1)
-
-    def _load_kernels(self, block: SharedBlock) -> None:
-        """Compile or load what will run on a block, before workers start, which then find the machine code.
-
-        Ctrl-C waits, as Numba looks up the types of arguments inside exceptions of its own. It comes in this frame,
-        which holds no view of the block.
-        """
-        with interrupts_held_back():
-            if self.choice.method == "naive":
-                naive_call(block)
-            else:
-                load_kernels(block)
 
     def _enter(self, snapshot: SolverState) -> None:
         """Write a snapshot into the present block."""

@@ -153,14 +153,3 @@ def note_remark(choice: Choice, before: Choice | None, notices: Notices) -> None
     """Log the remark of a choice, unless the one before had the same."""
     if choice.remark and (before is None or choice.remark != before.remark):
         notices.log(choice.remark, level=logging.INFO)
-
-
-def what_ran(choice: Choice, best: int) -> tuple[str, int]:
-    """Method and workers for a report.
-
-    Args:
-        choice: what runs.
-        best: of its numbers of workers, the fastest so far; `auto` may have found one to be faster than many.
-    """
-    alone = best == 1 and len(choice.workers) > 1
-    return "grid" if alone else choice.method, best

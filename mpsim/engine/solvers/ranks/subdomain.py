@@ -56,12 +56,6 @@ class Border(NamedTuple):
         return (self.column - (not self.is_left)) % 2 == 1
 
 
-def columns_of_places(x: NDArray[Any], grid: Grid, width: float, precision: str) -> NDArray[np.int64]:
-    """Column of each disc."""
-    real = np.dtype(precision).type
-    return np.clip((x.astype(real) * real(grid.columns / width)).astype(np.int64), 0, grid.columns - 1)
-
-
 def dealt(counts: NDArray[np.int64], ranks: int) -> NDArray[np.int64]:
     """First column of each rank, and the end: whole columns, at least one each, in nearly equal numbers of discs.
 
@@ -220,8 +214,9 @@ class Subdomain:
 
     def in_grid(self, records: NDArray[Any], grid: Grid) -> NDArray[Any]:
         """Records with cells in their columns of a grid of the scene."""
-        column = columns_of_places(records["x"], grid, self._scene.width, self._settings.precision)
-        records["cell"] = column * (grid.rows + 2)
+        real = np.dtype(self._settings.precision).type
+        column = (records["x"].astype(real) * real(grid.columns / self._scene.width)).astype(np.int64)
+        records["cell"] = np.clip(column, 0, grid.columns - 1) * (grid.rows + 2)
         return records
 
     def fill(self, records: NDArray[Any], own: Range, grid: Grid, count: int, brought: NewDiscs, first: int) -> None:
