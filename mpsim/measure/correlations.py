@@ -255,10 +255,8 @@ class Motion:
             return min(_nearest("start", lags[high] / 2, lags), high - 1), high
         low = _nearest("start", start, lags)
         if low >= high:
-            raise InputError(
-                f"start must be before end, by one gathered lag at least; got start = {start!r} and end = "
-                f"{float(lags[high]):g}. Give an earlier start."
-            )
+            got = f"start = {start!r} and end = {float(lags[high]):g}"
+            raise checks.refusal("start", "be before end, by one gathered lag at least", got, "Give an earlier start.")
         return low, high
 
     def _if_long_enough(self, found: Measure, lag: int) -> Measure:
@@ -316,19 +314,16 @@ class Motion:
 
 def lags_of(points: int, levels: int) -> NDArray[np.int64]:
     """Lags of these levels, in samples: 0, 1, 2, 3, 4, 6, 8, 12 of three levels of four points."""
-    return np.concatenate(
-        [np.arange(points), *(2**level * np.arange(points // 2, points) for level in range(1, levels))]
-    )
+    further = (2**level * np.arange(points // 2, points) for level in range(1, levels))
+    return np.concatenate([np.arange(points), *further])
 
 
 def _nearest(name: str, lag: float, lags: Floats) -> int:
     """Index of the gathered lag that is nearest, if `lag` is not beyond them."""
     checks.non_negative(name, lag, "[time]")
     if lag > lags[-1] * (1 + 1e-9):
-        raise InputError(
-            f"{name} must be a lag that the run has reached, at most {float(lags[-1]):g}; got {lag!r}. Run longer, or "
-            "give an earlier one."
-        )
+        rule = f"be a lag that the run has reached, at most {float(lags[-1]):g}"
+        raise checks.refusal(name, rule, f"{lag!r}", "Run longer, or give an earlier one.")
     return int(np.abs(lags - lag).argmin())
 
 
@@ -469,16 +464,13 @@ class Correlations:
 
     def _begin(self, sim: Simulation) -> Motion:
         """Data at the first sample."""
+        what = "discs of Correlations"
         if self._discs is None and (adds_discs(sim.scene) or removes_discs(sim.scene)):
-            raise InputError(
-                "discs of Correlations must be given where discs enter or leave; got None. Give some that stay."
-            )
+            raise checks.refusal(what, "be given where discs enter or leave", "None", "Give some that stay.")
         discs = np.arange(sim.count) if self._discs is None else self._discs
         if not len(discs) or discs.max() >= sim.count:
-            raise InputError(
-                f"discs of Correlations must be at least one, below {sim.count}, the number of discs; got "
-                f"{checks.brief(discs.tolist())}. Give numbers of discs that are there."
-            )
+            rule, got = f"be at least one, below {sim.count}, the number of discs", checks.brief(discs.tolist())
+            raise checks.refusal(what, rule, got, "Give numbers of discs that are there.")
         interval = self.every * sim.settings.dt
         levels = self._levels(interval)
         sums = MOST_PARTS * len(lags_of(self._points, levels)) * (3 + len(self.wave_numbers)) * 8
@@ -500,10 +492,8 @@ class Correlations:
         if self._longest is None:
             return LEVELS
         if (intervals := self._longest / interval) > MOST_LOOKS:
-            raise InputError(
-                f"longest must be at most {MOST_LOOKS:g} sampling intervals of {interval:g}; got {self._longest:g}. "
-                "Give a shorter lag, or sample less often."
-            )
+            rule, got = f"be at most {MOST_LOOKS:g} sampling intervals of {interval:g}", f"{self._longest:g}"
+            raise checks.refusal("longest", rule, got, "Give a shorter lag, or sample less often.")
         levels = 1
         while 2 ** (levels - 1) * (self._points - 1) < math.ceil(intervals):
             levels += 1
@@ -542,10 +532,8 @@ class Correlations:
         k = checks.positive("wave_number", wave_number, "[1/length]")
         at = np.flatnonzero(np.isclose(self.wave_numbers, k, rtol=1e-12, atol=0.0))
         if not len(at):
-            raise InputError(
-                f"wave_number must be one of those that were gathered, {self.wave_numbers.tolist()}; got {k!r}. Give "
-                f"Correlations(wave_numbers=[{k!r}])."
-            )
+            rule = f"be one of those that were gathered, {self.wave_numbers.tolist()}"
+            raise checks.refusal("wave_number", rule, f"{k!r}", f"Give Correlations(wave_numbers=[{k!r}]).")
         return self._gathered().function(WAVES + int(at[0]))
 
     def diffusion(
@@ -671,10 +659,8 @@ def _numbers(values: ArrayLike | Iterable[int]) -> NDArray[np.int64]:
         found = np.zeros(0)
     whole = found.ndim == 1 and found.dtype.kind in "iu"
     if not whole or ((found < 0) | (found >= 2**62)).any() or len(np.unique(found)) != len(found):
-        raise InputError(
-            f"discs must be numbers of discs, shape (D,), whole, >= 0, each once; got {checks.brief(values)}. "
-            "Use discs=range(100), for instance."
-        )
+        rule = "be numbers of discs, shape (D,), whole, >= 0, each once"
+        raise checks.refusal("discs", rule, checks.brief(values), "Use discs=range(100), for instance.")
     return found.astype(np.int64)
 
 
@@ -706,10 +692,8 @@ class Series:
 
     def __init__(self, function: Callable[[State, Scene], float], every: int = 1):
         if not callable(function):
-            raise InputError(
-                f"function of a Series must be called as function(state, scene); got {checks.brief(function)}. Use "
-                "mpsim.measure.temperature, for instance."
-            )
+            rule, instead = "be called as function(state, scene)", "Use mpsim.measure.temperature, for instance."
+            raise checks.refusal("function of a Series", rule, checks.brief(function), instead)
         self.every: int = checks.whole("every", every, 1, 10**12, "1 samples every frame.")
         self._function = function
         self._owner = Binding("a Series", _ONE_EACH)

@@ -94,10 +94,8 @@ def demand_scene(scene: object, discs: Discs) -> None:
     fixed = [axis for axis in (0, 1) if all(wall.axis != axis for wall in scene._moving_walls)]
     sides = np.divide(sides_of(box), (scene.width, scene.height))
     if (np.abs(sides[fixed] - 1) > SAME_BOX).any():
-        raise InputError(
-            f"scene must be that of the state, whose box is {_in_words(box)}; got one of {_in_words(scene.box)}. "
-            "Use the scene of the simulation that the state comes from."
-        )
+        rule, got = f"be that of the state, whose box is {_in_words(box)}", f"one of {_in_words(scene.box)}"
+        raise checks.refusal("scene", rule, got, "Use the scene of the simulation that the state comes from.")
 
 
 def placed(discs: Any, scene: Scene) -> Any:
@@ -319,10 +317,8 @@ def potential_energy(state: Discs, scene: Scene) -> float:
 
 def has_periodic_field(scene: Scene) -> bool:
     """Whether gravity or an acceleration points along a periodic axis."""
-    fields = [field for field in (scene.gravity, scene.acceleration) if field is not None]
-    return any(
-        bool((np.atleast_2d(field)[:, axis] != 0).any()) for field in fields for axis in (0, 1) if scene.periodic[axis]
-    )
+    fields = (np.atleast_2d(field) for field in (scene.gravity, scene.acceleration) if field is not None)
+    return any(bool(field[:, list(scene.periodic)].any()) for field in fields)
 
 
 def momentum(state: Discs, scene: Scene) -> Floats:

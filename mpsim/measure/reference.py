@@ -188,9 +188,8 @@ def two_discs(width: float, height: float, radius: float, energy: float) -> TwoD
     by_b = (2 * a**2 * b - math.pi * sigma**2 * a + 4 / 3 * sigma**3) / omega
     by_sigma = (-2 * math.pi * sigma * a * b + 4 * (a + b) * sigma**2 - 2 * sigma**3) / omega
     speed = 4 / (3 * math.pi) * math.sqrt(2 * energy)
-    return TwoDiscs(
-        omega, energy / 2 * by_a, energy / 2 * by_b, (by_a + by_b) * speed, -by_sigma * math.sqrt(2) * speed / 2
-    )
+    pair_rate = -by_sigma * math.sqrt(2) * speed / 2
+    return TwoDiscs(omega, energy / 2 * by_a, energy / 2 * by_b, (by_a + by_b) * speed, pair_rate)
 
 
 def speed_kurtosis(count: int, *, at_rest: bool = False) -> float:
@@ -228,8 +227,7 @@ def _pade() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _packing(value: float) -> float:
     packing = checks.non_negative("packing", value, "(a fraction of the area)")
     if packing > LARGEST_PACKING:
-        raise InputError(
-            f"packing must be at most {LARGEST_PACKING} for the virial equation of state; got {value!r}. Denser discs "
-            "are near freezing: compare with published values."
-        )
+        rule = f"be at most {LARGEST_PACKING} for the virial equation of state"
+        instead = "Denser discs are near freezing: compare with published values."
+        raise checks.refusal("packing", rule, f"{value!r}", instead)
     return packing

@@ -221,9 +221,8 @@ def overlap(counts: Counts, run: Run) -> Measure:
     if run.slow is None or not met.any():
         return found
     residues = average_beside(run.slow, counts["depth"] - found.value * met)
-    return replace(
-        found, error=residues.error / met.mean(), settled=found.settled and residues.settled, upper=residues.upper
-    )
+    settled = found.settled and residues.settled
+    return replace(found, error=residues.error / met.mean(), settled=settled, upper=residues.upper)
 
 
 def largest_overlap(counts: Counts, run: Run) -> Measure:

@@ -478,10 +478,9 @@ def equilibration(series: ArrayLike, *, batch: int = 5) -> Equilibration:
     batch = checks.whole("batch", batch, 1, 10**9, "5 is usual.")
     number = len(samples) // batch
     if number < FEWEST_BATCHES:
-        raise InputError(
-            f"series must hold at least {FEWEST_BATCHES} batches of {batch} samples to find its stationary part; got "
-            f"{len(samples)} samples. Record more of them, or give a smaller batch."
-        )
+        rule = f"hold at least {FEWEST_BATCHES} batches of {batch} samples to find its stationary part"
+        got, instead = f"{len(samples)} samples", "Record more of them, or give a smaller batch."
+        raise checks.refusal("series", rule, got, instead)
     values = samples[: number * batch].reshape(number, batch).mean(axis=1)
     half = number // 2
     shifted = values - values[half:].mean()  # so that a stationary part keeps its digits

@@ -420,10 +420,8 @@ def _cross_validated(mine: Floats, reference: Floats) -> tuple[Deviation, int]:
     """
     halves = [mine[side::2].mean(axis=0) - reference[side::2].mean(axis=0) for side in (0, 1)]
     chosen = [int(np.abs(half).argmax()) for half in halves]
-    value = sum(
-        float(math.copysign(1.0, half[k]) * other[k])
-        for half, other, k in zip(halves, halves[::-1], chosen, strict=True)
-    )
+    pairs = zip(halves, halves[::-1], chosen, strict=True)
+    value = sum(float(math.copysign(1.0, half[k]) * other[k]) for half, other, k in pairs)
     spreads = [_spread(mine[:, k], reference[:, k]) for k in chosen]
     error = CROSS_VALIDATION * math.sqrt(sum(each**2 for each, _ in spreads) / 2)
     return Deviation(value / 2, error, min(freedom for _, freedom in spreads)), chosen[0]

@@ -74,21 +74,20 @@ margin for growth above the average."""
 
 def available(scene: Scene) -> tuple[str, ...]:
     """Those of ERRORS that are defined in a scene; there is no pressure without walls and virial, for example."""
-    if not isinstance(scene, Scene):
-        raise no_scene(scene)
     return tuple(name for name in ERRORS if _refusal(name, scene) is None)
 
 
 def demand_available(names: Iterable[str], scene: Scene) -> None:
     """Raise InputError for one of ERRORS that the scene cannot have, with the reason."""
-    known = available(scene)
     for name in names:
-        if name not in known:
-            raise InputError(_refusal(name, scene))
+        if reason := _refusal(name, scene):
+            raise InputError(reason)
 
 
 def _refusal(name: str, scene: Scene) -> str | None:
     """Why one of ERRORS would be wrong in a scene, or None."""
+    if not isinstance(scene, Scene):
+        raise no_scene(scene)
     if name in SHORT and (adds_discs(scene) or removes_discs(scene)):
         return (
             f"{name!r} compares runs from states along a run, and needs all discs in each; emitters and absorbing "
@@ -187,10 +186,9 @@ def short_run(
     frames = max(round(length / settings.dt), 1)
     until = frames * settings.dt
     if until * rate > COMPARABLE * AGREEMENT:
-        raise InputError(
-            f"a frame must be short enough for a comparison of trajectories, {COMPARABLE * AGREEMENT / rate:g}; got "
-            f"{until:g}. Beyond that two correct solvers differ: compare averages such as pressure."
-        )
+        rule = f"be short enough for a comparison of trajectories, {COMPARABLE * AGREEMENT / rate:g}"
+        instead = "Beyond that two correct solvers differ: compare averages such as pressure."
+        raise checks.refusal("a frame", rule, f"{until:g}", instead)
     with Simulation(scene, settings) as run:
         met = run.run(frames=frames, progress=progress).collisions
         state = run.state

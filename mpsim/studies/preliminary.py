@@ -382,10 +382,8 @@ def preliminary_run(
         )
     crossing = 2 * scene.smallest_radius / speed
     if until is not None and until > MOST_CROSSINGS * crossing:
-        raise InputError(
-            f"until must be at most {MOST_CROSSINGS * crossing:.3g}, in which a disc flies {MOST_CROSSINGS:g} "
-            f"diameters; got {until:g}. Take shorter runs."
-        )
+        rule = f"be at most {MOST_CROSSINGS * crossing:.3g}, in which a disc flies {MOST_CROSSINGS:g} diameters"
+        raise checks.refusal("until", rule, f"{until:g}", "Take shorter runs.")
     if earlier is not None and not earlier.startswith((EXACT, MODEL)):
         return _stepped_reference(scene, until, crossing, seconds, "", earlier)
     try:

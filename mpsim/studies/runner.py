@@ -10,7 +10,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
 from mpsim.core import files
-from mpsim.core.checks import Closable
+from mpsim.core.checks import Closable, refusal
 from mpsim.core.files import FileLock
 from mpsim.core.machine import usable_cores
 from mpsim.errors import InputError, OutputError, reason_of
@@ -108,10 +108,9 @@ class Runner(Closable, Generic[Key]):
             return self._threads.submit(*call, self._stop)
         except Exception as error:
             if isinstance(error, RuntimeError) and not isinstance(error, BrokenExecutor):
-                raise InputError(
-                    f"executor must accept tasks; got {type(self._executor).__name__}, which does not ({error}). Make "
-                    "one that is not shut down, and call inside its `with` block."
-                ) from error
+                got = f"{type(self._executor).__name__}, which does not ({error})"
+                instead = "Make one that is not shut down, and call inside its `with` block."
+                raise refusal("executor", "accept tasks", got, instead) from error
             future = Future[Any]()
             future.set_exception(error)
             return future
@@ -226,10 +225,8 @@ class RunFile:
                 "this process or another. Wait for its end, or give another path."
             ) from None
         except (OSError, TypeError, ValueError) as error:  # the last two: no path at all
-            raise InputError(
-                f"path must be a file in a folder that can be written to; got {path!r} "
-                f"({getattr(error, 'strerror', None) or error}). Make the folder, or give another path."
-            ) from None
+            rule, got = "be a file in a folder that can be written to", getattr(error, "strerror", None) or error
+            raise refusal("path", rule, f"{path!r} ({got})", "Make the folder, or give another path.") from None
         try:
             self._read()
         except BaseException:

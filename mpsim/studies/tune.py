@@ -17,7 +17,7 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.errors import BudgetError, InputError, NotMeasurableError
+from mpsim.errors import BudgetError, NotMeasurableError
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
@@ -74,11 +74,8 @@ class Tuned:
             of_reference = "exact" if self.contact_time is None else "which is a model, not exact"
             claim = of_reference if error.exact else "verified with new runs"
             lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim})")
-        cheaper = [
-            each
-            for each in self.tried
-            if _cost(each) < self.cost.median and (each.warning or not each.inside) and each.settings != self.settings
-        ]
+        refused = [each for each in self.tried if (each.warning or not each.inside) and each.settings != self.settings]
+        cheaper = [each for each in refused if _cost(each) < self.cost.median]
         lines += ["cheaper, but not chosen:"] if cheaper else ["nothing cheaper was found"]
         lines += [f"  {each.label}, {_cost(each):.3g} ns: {each.verdict}" for each in cheaper]
         lines += [f"  {each.label} failed: {each.failure}" for each in self.tried if each.cost is None]
@@ -400,20 +397,16 @@ class Search:
 
 def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
     if not isinstance(max_error, Mapping) or not max_error:
-        raise InputError(
-            f"max_error must hold at least one budget, as in {{'pressure': 0.01}}; got {max_error!r}. "
-            f"Choose from {', '.join(ERRORS)}."
-        )
+        rule = "hold at least one budget, as in {'pressure': 0.01}"
+        raise checks.refusal("max_error", rule, f"{max_error!r}", f"Choose from {', '.join(ERRORS)}.")
     budgets: dict[str, float] = {}
     for name, given in max_error.items():
         is_relative = OBSERVABLES[checks.choice("max_error", name, ERRORS)].error == "relative"
         unit = "(0.01 is 1 %)" if is_relative else "(an error)"
         budgets[name] = budget = checks.positive(f"max_error[{name!r}]", given, unit)
         if budget >= 1 and is_relative:
-            raise InputError(
-                f"max_error[{name!r}] must be less than 1, which is 100 %; got {budget:g}. "
-                f"{budget:g} % is {budget / 100:g}."
-            )
+            rule, instead = "be less than 1, which is 100 %", f"{budget:g} % is {budget / 100:g}."
+            raise checks.refusal(f"max_error[{name!r}]", rule, f"{budget:g}", instead)
     return budgets
 
 
