@@ -294,9 +294,8 @@ def _if_meaningful(name: str, found: Deviation) -> Deviation:
     """The error, if it is a number and its spread exceeds rounding; else one that is not measurable."""
     if not found.measurable or found.error > SAME * abs(found.value):
         return found
-    return Deviation.unknown(
-        f"the error of {name} is {found.value:.6g} in all runs, so that their spread gives no standard error. {_REMEDY}"
-    )
+    why = f"the error of {name} is {found.value:.6g} in all runs, so that their spread gives no standard error."
+    return Deviation.unknown(f"{why} {_REMEDY}")
 
 
 _REMEDY = (

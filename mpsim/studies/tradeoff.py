@@ -317,11 +317,9 @@ def tradeoff(
 def row_of(run: Ensemble, settings: Settings) -> Row:
     """The row of one candidate of an ensemble."""
     try:
-        errors = run.errors(settings)
-        cost = run.cost(settings)
+        return Row(settings, errors=run.errors(settings), cost=run.cost(settings))
     except CandidateFailed as failed:
         return Row(settings, failure=str(failed))
-    return Row(settings, cost, errors)
 
 
 def _measures(measures: Iterable[str] | None, scene: Scene) -> tuple[str, ...]:

@@ -381,10 +381,8 @@ class Search:
                 return NotMeasurableError(f"{name} is not measurable here: {reasons[0]}")
         rows = [row for row in rows if 1 < _worst(row, self._budgets) < math.inf]
         if not rows:
-            reasons = [f"{trial.label}: {trial.verdict}" for trial in self._trials.values()]
-            return BudgetError(
-                f"no candidate could run this scene for max_error {wanted}: {'; '.join(reasons)}. Choose others."
-            )
+            found = "; ".join(f"{trial.label}: {trial.verdict}" for trial in self._trials.values())
+            return BudgetError(f"no candidate could run this scene for max_error {wanted}: {found}. Choose others.")
         best = min(rows, key=lambda row: _worst(row, self._budgets))
         reached = ", ".join(f"{name} {best.errors[name].bound:.3g}" for name in self._budgets)
         event = "; or let candidates hold Settings(method='event')" if self._run.preliminary.exact else ""
