@@ -68,7 +68,7 @@ def test_run_tells_what_it_did_and_writes_nothing_unasked(tmp_path, monkeypatch)
     result = mpsim_command("run", "gas", "--method", "grid", "--frames", 30, "--measure", "kinetic_energy")
     assert result.exit_code == 0
     lines = result.stdout.splitlines()
-    assert {"simulating"} <= times_in(result.stdout).keys() <= {"compiling", "simulating", "other"}
+    assert {"other"} <= times_in(result.stdout).keys() <= {"compiling", "simulating", "other"}  # told from 0.1 ms on
     assert lines[0].startswith("30 frames by grid, median ")
     assert lines[1].startswith("frame 30, time 0.3, 100 discs; ")
     assert lines[2:4] == ["kinetic_energy: 100(0)", f"digest {library_digest(30)}"]
