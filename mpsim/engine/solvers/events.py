@@ -85,14 +85,6 @@ class EventSolver(CollisionLog):
             windows = self._windows_on(block, system, self.choice)
         self._take(self._plan, self.choice, system, windows)
         self._count_work_from(base.NO_WORK, 0.0)
-        self._load_whole()
-
-    def _load_whole(self) -> None:
-        """Compile or load the kernels that play a box as a whole, if it is, so that no frame time contains it."""
-        if self._windows is not None:
-            return
-        with interrupts_held_back():  # as the stepped solvers do
-            self._play_whole(np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS), math.inf)
 
     # --- frames
 
@@ -282,7 +274,6 @@ class EventSolver(CollisionLog):
         self.radii, self.masses, self._seen = discs.radius, discs.mass, seen
         if begins:
             self._progress, self._stopped = np.zeros((), records.PROGRESS)[()], 0.0
-        self._load_whole()
 
     def _windows_on(
         self, block: SharedBlock, system: System, choice: Choice, new_workers: bool = False
@@ -378,7 +369,6 @@ class EventSolver(CollisionLog):
         for name, each in self._kept.items():
             records.numbers(each)[:] = snapshot[name]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again
-        self._load_whole()
 
     @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:

@@ -77,18 +77,11 @@ def kernel_arguments(block: SharedBlock, worker: int = 0) -> GridArguments:
         return known
     arrays = block.arrays
     a, b = (records.Discs(*(arrays.get(f"{name}.{field}") for field in records.Discs._fields)) for name in "ab")
+    changes = records.Changes(*(arrays[field] for field in records.Changes._fields))
+    own = {name: arrays[name][worker] for name in ("tally", "times")}
+    shared = {name: arrays[name] for name in ("start", "parameters", "control", "team", "sent")}
     found = block.calls[worker] = GridArguments(
-        a=a,
-        b=b,
-        start=arrays["start"],
-        changes=records.Changes(*(arrays[field] for field in records.Changes._fields)),
-        features=features_of(arrays, worker),
-        parameters=arrays["parameters"],
-        control=arrays["control"],
-        team=arrays["team"],
-        sent=arrays["sent"],
-        tally=arrays["tally"][worker],
-        times=arrays["times"][worker],
+        a, b, changes=changes, features=features_of(arrays, worker), **shared, **own
     )
     return found
 
