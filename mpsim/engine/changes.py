@@ -394,11 +394,7 @@ def demand_whole_frame(solver: Solver, what: str) -> None:
 
 
 def checked_set(
-    solver: Solver,
-    ids: ArrayLike,
-    position: ArrayLike | None,
-    velocity: ArrayLike | None,
-    others: Mapping[str, Any],
+    solver: Solver, ids: ArrayLike, position: ArrayLike | None, velocity: ArrayLike | None, others: Mapping[str, Any]
 ) -> Change:
     """`Simulation.set`, checked; others: columns by name."""
     names = ["position", "velocity", *(column.name for column in GIVEN if column is not MASS)]

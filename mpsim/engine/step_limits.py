@@ -378,11 +378,7 @@ class StepLimits:
             solver.set_speed_limit(speed_limit)
 
     def check(
-        self,
-        solver: Solver,
-        notices: Notices,
-        new: NewDiscs | None = None,
-        changed: NDArray[np.int64] | None = None,
+        self, solver: Solver, notices: Notices, new: NewDiscs | None = None, changed: NDArray[np.int64] | None = None
     ) -> int:
         """Check the speeds, new discs included; warn, refuse, or return the number of sub-steps from now on.
 

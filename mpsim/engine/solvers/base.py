@@ -168,10 +168,7 @@ ROOM, ROOM_OF_A_DISC = 4096, 2
 def specs_of(count: int, workers: int, least: int = 0) -> Specs:
     """The arrays of the logs in a block, with room for at least so many rows in each."""
     room = max((ROOM + ROOM_OF_A_DISC * count) // workers, least, 1)
-    return {
-        log.ROWS: (log.COLLISION, (workers, room)),
-        log.STATE: (np.int64, (workers, log.STATE_SIZE)),
-    }
+    return {log.ROWS: (log.COLLISION, (workers, room)), log.STATE: (np.int64, (workers, log.STATE_SIZE))}
 
 
 def emptied(arrays: Mapping[str, Any]) -> NDArray[Any]:

@@ -140,13 +140,7 @@ class Windows:
         self._arguments = None
 
     def play(
-        self,
-        times: NDArray[np.int64],
-        totals: NDArray[Any],
-        stop: float,
-        present: float,
-        progress: Any,
-        seen: Any,
+        self, times: NDArray[np.int64], totals: NDArray[Any], stop: float, present: float, progress: Any, seen: Any
     ) -> tuple[int, int, int]:
         """Play as many frames as `times` has room for, or fewer: as `play_frames`; times: as of `run_windows`.
 

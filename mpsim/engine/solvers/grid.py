@@ -350,9 +350,9 @@ class GridSolver(SteppedSolver, CollisionLog):
     def set_discs(self, discs: NewDiscs, numbers: NDArray[np.int64] | None = None) -> None:
         if numbers is None:
             self._sorted_grid = None
-            self._write_discs(discs, 0)
+            self._write_discs(discs, slice(self.count))
         else:
-            self._write_discs(discs, self._slots_of(numbers), numbers)
+            self._write_discs(discs, numbers, self._slots_of(numbers))
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         count = self.count + len(new.position)
@@ -362,22 +362,19 @@ class GridSolver(SteppedSolver, CollisionLog):
         if choice != self.choice or count > self._capacity or crowded:
             capacity = max(2 * self._capacity, count) if count > self._capacity else self._capacity
             self._continue(self.snapshot(), choice, self.terms, capacity, radii)
-        self._write_discs(new, self.count)
+        self._write_discs(new, slice(self.count, count))
         self.count: int = count
         self.radii: NDArray[np.float64] = radii
         self.masses: NDArray[np.float64] = masses
         self._configure()
 
-    def _write_discs(
-        self, new: NewDiscs, slots: int | NDArray[np.int64], numbers: NDArray[np.int64] | None = None
-    ) -> None:
-        """Write discs of these numbers to these slots; slots: the first of them, if both are in one order."""
-        arrays, rows = self._arrays, slice(slots, slots + len(new.position)) if isinstance(slots, int) else slots
-        ids = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else numbers
-        self._lay(rows, ids, new.position.T, new.velocity.T, new.radius)
+    def _write_discs(self, new: NewDiscs, rows: Any, slots: Any = None) -> None:
+        """Write discs of these numbers to these slots; None: to those of their numbers."""
+        numbers = np.arange(*rows.indices(self._capacity)) if isinstance(rows, slice) else rows
+        self._lay(rows if slots is None else slots, numbers, new.position.T, new.velocity.T, new.radius)
         for column in columns.COLUMNS:
-            if column.name in arrays:
-                arrays[column.name][..., rows if numbers is None else numbers] = new.of(column).T
+            if column.name in self._arrays:
+                self._arrays[column.name][..., rows] = new.of(column).T
 
     def _lay(self, slots: Any, numbers: Any, places: Any, speeds: Any, radii: NDArray[np.float64]) -> None:
         """Write discs of these numbers to these slots, components of places and speeds apart."""

@@ -169,10 +169,7 @@ def faster_of(some: tuple[Speeds, ...], others: tuple[Speeds, ...]) -> tuple[Spe
 
 
 def _with_means(
-    fastest: tuple[Speeds, ...],
-    mean_square: float,
-    radius: NDArray[np.float64],
-    sides: tuple[float, float],
+    fastest: tuple[Speeds, ...], mean_square: float, radius: NDArray[np.float64], sides: tuple[float, float]
 ) -> Speeds:
     """The fastest disc, with what is said of all."""
     found, mean_speed = max(fastest, key=lambda speeds: speeds.fraction(1.0)), math.sqrt(mean_square)
