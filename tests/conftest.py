@@ -132,11 +132,9 @@ def pytest_terminal_summary(terminalreporter, config):
 
 
 def pytest_xdist_auto_num_workers(config):
-    """A process for each share of all default tests, three for all slow ones, which wait often; else this one."""
-    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
-    alone = config.getoption("--long") or config.getoption("--renew")
-    shares = len(sorts.SHARES) if kind_of(config) == "default" else 3
-    return shares if whole and not alone else 0
+    """A process for each share of all default tests, three for all others, which wait often; else this one."""
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not config.getoption("--renew")
+    return (len(sorts.SHARES) if kind_of(config) == "default" else 3) if whole else 0
 
 
 def pytest_collection_modifyitems(config, items):
