@@ -305,7 +305,7 @@ def test_what_fails_on_one_rank_is_an_error_on_all_and_what_was_there_is_untouch
         one, other = told[case][0]
         assert one == other, "all are told the same"
         assert one.startswith("OutputError the checkpoint "), (case, one)
-        assert f"got {reason}. What was there before is untouched" in one
+        assert f"({reason}). What was there before is untouched" in one
         assert told[case][2] == kept[2], case
         assert told[case][3] == ["run", "run.previous"], case
     assert told["after"][0] == ["saved"] * 2
