@@ -39,7 +39,7 @@ RESUMED = ["discs added", "periodic", "emitter by time", "absorbing bottom", "st
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", long_but(SCENES.keys() - {"unguarded"}, *RESUMED))
+@pytest.mark.parametrize("name", long_but(sorted(SCENES.keys() - {"unguarded"}), *RESUMED))
 def test_a_run_that_is_saved_half_way_and_resumed_has_the_pinned_digest(name, tmp_path, request):
     """Of each feature alone, and of all together, with discs that were added."""
     for words, how in (methods() if request.config.getoption("--long") else few(name)).items():
