@@ -507,13 +507,8 @@ class Scene(ReadOnly):
         solid = check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
         region = None if inside is None else starts.check_region("inside", inside)
-        walls = None
-        if others.get("piston") is not None:
-            nobody, largest = np.zeros((0, 2)), float(np.max(radius, initial=0.0)) or 1.0
-            size: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "radius": largest}
-            start = cls(position=nobody, velocity=nobody, piston=others["piston"], **size).box
-            walls = start if start != (0.0, width, 0.0, height) else None
-        room = starts.Room((width, height), wraps_of(edges), capsules_of(solid, 0.0), walls)
+        room = room_at_start((width, height), edges, radius, others.get("piston"))
+        room = room._replace(capsules=capsules_of(solid, 0.0))
         position = starts.random_places(radius, count, room, region, rng)
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": solid, **others}
@@ -845,6 +840,16 @@ def _check_others(draw: Callable[..., Scene], others: Iterable[str]) -> None:
 def _seed_of(first: int, other: int) -> int:
     """The seed of another start, by its number, of a scene that was drawn with the seed `first`."""
     return int.from_bytes(hashlib.blake2b(f"{first} {other}".encode(), digest_size=7).digest(), "big")
+
+
+def room_at_start(size: tuple[float, float], boundary: tuple[str, str], radius: Any, piston: Any) -> starts.Room:
+    """An empty box, whose walls are where a run finds them. radius: of the discs to be placed there, one or many."""
+    room, nobody = starts.Room(size, wraps_of(boundary)), np.zeros((0, 2))
+    if piston is None:
+        return room
+    box: dict[str, Any] = {"width": size[0], "height": size[1], "boundary": boundary, "piston": piston}
+    walls = Scene(position=nobody, velocity=nobody, radius=float(np.max(radius, initial=0.0)) or 1.0, **box).box
+    return room._replace(walls=walls) if walls != (0.0, size[0], 0.0, size[1]) else room
 
 
 # --- Scenes as arguments

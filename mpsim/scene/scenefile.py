@@ -16,6 +16,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
@@ -35,7 +36,7 @@ from mpsim.features.edges import WALLED, check_boundary, wraps_of
 from mpsim.features.feature import MOST_VALUES, Feature, chosen, in_toml, pairs
 from mpsim.features.obstacles import Obstacle, capsules_of, listed
 from mpsim.scene import starts
-from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene
+from mpsim.scene.scene import FASTEST, LARGEST_COUNT, SLOWEST, Scene, room_at_start
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import LATTICES
 
@@ -685,8 +686,8 @@ class _Reader:
         """The scene as it is before it is compressed. variation: with other random numbers than those of the file."""
         self._sentences, self._problems = [], 0
         boundary = self._tried("boundary", check_boundary, self.arguments.get("boundary", WALLED))
-        periodic = wraps_of(boundary or WALLED)
         sides = None if boundary is None else self._sides(boundary)
+        room = self._room(sides or (1.0, 1.0), boundary or WALLED)
         taken, total = [capsules_of(tuple(self.arguments.get("obstacles", ())), 0.0)], 0
         groups: list[dict[str, Any]] = []
         for index, group in enumerate(self.groups):
@@ -695,7 +696,7 @@ class _Reader:
                 self._add(path, f"all discs must be at most {LARGEST_COUNT:,}; got {count:,} or more. Use fewer.")
                 break
             if sides is not None or "position" in group:
-                groups.append(self._tried(path, _placed, group, sides or (1.0, 1.0), periodic, taken, variation))
+                groups.append(self._tried(path, _placed, group, room, taken, variation))
                 total += len(taken[-1])
         self._demand_no_problem()
         assert sides is not None
@@ -711,6 +712,13 @@ class _Reader:
         if any(group.get("places") == "random" or group.get("temperature") for group in self.groups):
             scene._redraw = self._drawn
         return scene
+
+    def _room(self, sides: tuple[float, float], boundary: tuple[str, str]) -> starts.Room:
+        """The box in which the groups are placed; a piston that is wrong is named later, with all else."""
+        largest = max((float(np.max(group["radius"], initial=0.0)) for group in self.groups), default=0.0)
+        with suppress(InputError):
+            return room_at_start(sides, boundary, largest, self.arguments.get("piston"))
+        return starts.Room(sides, wraps_of(boundary))
 
     def _sides(self, boundary: tuple[str, str]) -> tuple[float, float] | None:
         """Width and height, with `packing` computed from the discs; None if they cannot be computed."""
@@ -819,25 +827,21 @@ def _sites(values: dict[str, Any]) -> Numbers:
     return sites
 
 
-def _placed(
-    group: dict[str, Any],
-    box: tuple[float, float],
-    periodic: tuple[bool, bool],
-    taken: list[Numbers],
-    variation: int | None,
-) -> dict[str, Any]:
+def _placed(group: dict[str, Any], room: starts.Room, taken: list[Numbers], variation: int | None) -> dict[str, Any]:
     """One group of discs as arguments of Scene; to `taken`, capsules in the box, it is added as capsules."""
     seed, kind, region = group.get("seed", 0), group.get("places"), group.get("region")
     radius, count, position = group["radius"], group.get("count"), group.get("position")
     rng = np.random.default_rng(seed if variation is None else [seed, variation])
     if kind in LATTICES:
         margin = float(np.max(radius, initial=0.0))
-        within = (margin, margin, max(box[0] - margin, margin), max(box[1] - margin, margin))
+        x_low, x_high, y_low, y_high = room.walls or (0.0, room.size[0], 0.0, room.size[1])
+        x_low, y_low = x_low + margin, y_low + margin
+        within = (x_low, y_low, max(x_high - margin, x_low), max(y_high - margin, y_low))
         position = starts.lattice_sites(kind, region or within, group.get("spacing"), count)
     count = len(position) if position is not None else group["count"]
     own = {name: _each(name, group[name], count) for name in ("velocity", *PER_DISC) if name in group}
     if position is None:
-        room = starts.Room(box, periodic, np.concatenate(taken))
+        room = room._replace(capsules=np.concatenate(taken))
         position = starts.random_places(radius, count, room, region, rng)
     if "temperature" in group:
         own["velocity"] = starts.thermal_velocities(count, group["temperature"], group.get("mass"), rng)

@@ -263,11 +263,18 @@ def test_random_discs_are_outside_a_filled_polygon_or_inside_a_shape(count, boun
 
 
 @pytest.mark.parametrize("features", [{}, {"inside": mpsim.Circle((8, 5), 4)}, {"boundary": ("walls", "periodic")}])
-def test_random_discs_are_between_pistons_as_they_start(features):
+def test_placed_discs_are_between_pistons_as_they_start(features):
     walls = [mpsim.Piston("left", 0.5, 6, start=5), mpsim.Piston("right", motion=mpsim.Oscillation((1, 0), 2), start=9)]
-    made = mpsim.Scene.random(count=20, width=12, height=10, radius=[0.2, 0.4] * 10, piston=walls, **features)
-    assert ((made.position[:, 0] >= 5 + made.radius) & (made.position[:, 0] <= 9 - made.radius)).all()
-    assert made.overlaps_at_start() == ""
+    box, inside = {"width": 12, "height": 10, "piston": walls, **features}, features.get("inside")
+    made = [mpsim.Scene.random(count=20, radius=[0.2, 0.4] * 10, **box)]
+    box.pop("inside", None)
+    groups = [{"places": "random", "count": 12, "radius": 0.2, **({} if inside is None else {"region": inside})}]
+    groups += [{"places": "square", "count": 12, "radius": 0.4, "spacing": 0.8}] * (inside is None)
+    made.append(mpsim.Scene.groups(groups[::-1], **box))
+    for scene in made:
+        x, radius = scene.position[:, 0], scene.radius
+        assert ((x >= 5 + radius) & (x <= 9 - radius)).all()
+        assert scene.overlaps_at_start() == ""
 
 
 def test_no_disc_starts_or_is_added_in_a_filled_polygon_also_after_it_has_moved():
