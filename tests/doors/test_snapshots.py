@@ -85,7 +85,7 @@ def test_added_discs_and_walls_are_gone_after_restore_and_their_numbers_are_give
 
 
 def test_auto_goes_back_to_the_method_of_fewer_discs():
-    with simulate(gas(100, 0.05), method="auto") as sim:
+    with simulate(gas(100, 0.05), method="auto", workers=1) as sim:
         snap, at_once = sim.snapshot(), kept(sim)
         run = sim.run(frames=5)
         later = kept(sim)

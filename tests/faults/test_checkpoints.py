@@ -286,6 +286,7 @@ IMPOSSIBLE_EXACT = {
     "a step that is no power of two": put("solver.clock", slice(2, 4), 0.3),
     "a lap of another length": put("solver.clock", 3, 1e9),
     "a present after its frame": put("solver.clock", 1, 1e9),
+    "a unit of sums that is none": put("solver.units", 0, -0.0),
 }
 
 

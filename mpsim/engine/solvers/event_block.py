@@ -339,6 +339,7 @@ def check(scene: Scene, arrays: SolverState, dt: float) -> None:
     times = np.stack([disc["collision_time"], disc["crossing_time"], disc["last_contact"]])
     demand(not np.isnan(times).any(), "times of events must not be NaN")
     demand((times[:2] >= 0).all(), "no event may lie before the present lap")
+    demand((np.frexp(arrays["units"])[0] == 0.5).all(), "units of its sums must be powers of two")
     progress = records.of_numbers(records.PROGRESS, arrays["progress"])
     _check_clock(arrays, frame_end=(int(progress.frame) + 1) * dt)
     _check_links(scene, arrays)
