@@ -90,6 +90,10 @@ class MpiSolver(SteppedSolver):
         return self._part.block
 
     @property
+    def pids(self) -> list[int]:
+        return []
+
+    @property
     def _arrays(self) -> dict[str, Any]:
         return self._part.arrays
 
