@@ -750,7 +750,7 @@ class Solver(ABC):
     @property
     def pids(self) -> list[int]:
         """Process numbers of the workers other than this process, at any moment; none where all is done in it."""
-        return [*self._team.pool.pids]
+        return []
 
 
 def is_between_frames(solver: Solver) -> bool:

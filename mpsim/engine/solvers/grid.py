@@ -451,6 +451,10 @@ class GridSolver(SteppedSolver, CollisionLog):
     # --- the block
 
     @property
+    def pids(self) -> list[int]:
+        return [*self._team.pool.pids]
+
+    @property
     def _arrays(self) -> dict[str, Any]:
         return self._team.block.arrays
 

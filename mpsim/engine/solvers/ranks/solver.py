@@ -90,10 +90,6 @@ class MpiSolver(SteppedSolver):
         return self._part.block
 
     @property
-    def pids(self) -> list[int]:
-        return []
-
-    @property
     def _arrays(self) -> dict[str, Any]:
         return self._part.arrays
 
