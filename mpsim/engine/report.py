@@ -56,7 +56,7 @@ class Report:
         compile_seconds: time spent compiling kernels since the previous report of this simulation, or since its
             creation; frame times do not include it [s]. 0 if all kernels were in the cache.
         contact_time: contact time of the exact solver [time]; 0 if there was none.
-        work: that of each moving surface on discs in this run, as `Simulation.work` [mass length^2/time^2].
+        work: energy that each moving surface and bath gave in this run, as `Simulation.work` [mass length^2/time^2].
     """
 
     times: NDArray[np.int64]

@@ -387,10 +387,12 @@ class Simulation(ReadOnly, Closable):
     @property
     @reading
     def work(self) -> dict[int | str, float]:
-        """Work of each moving surface on discs since the start [mass length^2/time^2], > 0 where it gives them energy.
+        """Energy that each moving surface and heat bath has given to discs since the start [mass length^2/time^2].
 
-        By the name of a wall, or the number of an obstacle with a motion or a surface_velocity. It is the sum, over all
-        contacts, of the impulse on the disc times the velocity of the surface's material at the point of contact.
+        By the name of a wall that moves or is thermal, the number of an obstacle with a motion or a surface_velocity,
+        and "thermostat". Of a surface it is the sum, over all contacts, of the impulse on the disc times the velocity
+        of the surface's material at the point of contact; of a bath, the kinetic energy that the new velocities have
+        more than the old ones. Without gravity, what discs have gained less than all of it, collisions have lost.
 
         >>> from mpsim import Piston
         >>> scene = Scene.random(count=50, width=10, height=10, radius=0.2, piston=Piston("right", -0.5, 8), seed=1)

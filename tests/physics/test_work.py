@@ -14,6 +14,7 @@ PUSH = {**STEPS, "contact": "push"}
 HEART = Circle((6, 6), 5, inside=True)
 ROTOR = Polyline([(4, 6), (8, 6)], motion=Rotation((6, 6), rate=1.5))
 BREATH = Piston("left", motion=Oscillation((0.5, 0), 1.5, phase=0.5), start=0.7)
+FLOOR = Piston("bottom", motion=Oscillation((0, 0.5), 1.5), start=0.7)
 
 SURFACES = {
     "a piston": ({"piston": Piston("right", -2, 8)}, {"right"}),
@@ -100,6 +101,33 @@ def test_the_work_of_steps_comes_to_that_of_event_in_second_order():
         steps = [work(each, frames, method="naive", contact="impact") for each in places]
         errors.append(np.abs(np.subtract(steps, exact)).max())
     assert np.polyfit(np.log([4, 2, 1]), np.log(errors), 1)[0] > 1.8, errors
+
+
+BATHS = {
+    "a thermostat": ({"thermostat": mpsim.Thermostat(3.0, rate=2.0)}, {"thermostat"}),
+    "thermal walls": (
+        {"thermal_walls": mpsim.ThermalWalls(left=9.0, right=5.0), "piston": FLOOR},
+        {"left", "right", "bottom"},
+    ),
+}
+
+
+@pytest.mark.parametrize("how", [EXACT, STEPS, PUSH], ids=["event", "impact", "push"])
+@pytest.mark.parametrize("name", BATHS)
+def test_baths_have_entries_of_their_own_and_losses_are_what_is_missing(name, how):
+    baths, givers = BATHS[name]
+    for restitution in (1.0, 0.8):
+        scene = gas(**baths, restitution=restitution, mass=np.tile([1.0, 3.0], 15))
+        with Simulation(scene, mpsim.Settings(**how)) as sim:
+            before = mpsim.measure.kinetic_energy(sim.state, scene)
+            sim.run(until=3.0)
+            gained, work = mpsim.measure.kinetic_energy(sim.state, scene) - before, sim.work
+        assert work.keys() == givers
+        assert all(abs(each) > 0.1 for each in work.values())
+        if restitution == 1:
+            assert sum(work.values()) == pytest.approx(gained, rel=1e-9)
+        else:
+            assert sum(work.values()) > 1.05 * gained
 
 
 DRUM = Circle((6, 6), 5.6, inside=True, motion=Oscillation((0.4, 0.1), 0.5))

@@ -120,17 +120,17 @@ def check_periods(scene: Scene, image: NDArray[np.int64]) -> None:
     demand((image[:, ~np.array(scene.periodic)] == 0).all(), "no disc can have moved through a wall")
 
 
-# --- The work of surfaces that move, as counted in a block, and as snapshots hold it
+# --- The work of surfaces that move, and of baths, as counted in a block, and as snapshots hold it
 
 NO_WORK: NDArray[np.int64] = np.zeros((0, 2), np.int64)
 """Sums of no owner."""
 
 
 def work_specs(scene: Scene, workers: int) -> Specs:
-    """The arrays of a block in which workers count work; {} for a scene in which no surface moves."""
-    if not any(each.works(scene) for each in scene._features):
+    """The arrays of a block in which workers count work; {} for a scene in which no surface moves or heats."""
+    if not any(each.works(scene) or each.heats for each in scene._features):
         return {}
-    owners = log.WALLS + len(scene.obstacles)
+    owners = log.OBSTACLES + len(scene.obstacles)
     shape = workers, 2, 2, -(-owners // 8) * 8  # no two workers write to one pair of cache lines
     return {log.SUM: (np.int64, shape), log.UNIT: (np.float64, (1,))}
 
@@ -662,17 +662,19 @@ class Solver(ABC):
             ResourceError, WorkerDiedError, WorkerStalledError: as `add`.
         """
 
-    # --- the work of surfaces
+    # --- the work of surfaces and baths
 
     @property
     def work(self) -> dict[int | str, float]:
-        """Work on discs since the start, by wall or number of obstacle: of those that move, and that have done any."""
+        """Energy given to discs since the start, as `Simulation.work`: by what moves or heats, or has done so."""
         scene, sums = self._scene, self._work_sums()
         energies = (sums[:, 0] + sums[:, 1] / 2.0**log.PART_BITS) * self.work_unit
-        moving = {wall.edge for wall in scene._moving_walls}
-        moving |= {log.WALLS + k for k, each in enumerate(scene.obstacles) if each.moves or each.surface_velocity}
-        names = (*EDGES, *range(len(sums)))
-        return {names[k]: float(each) for k, each in enumerate(energies) if each or k in moving}
+        active: set[int | str] = {EDGES[wall.edge] for wall in scene._moving_walls}
+        active |= set(scene.thermal_walls.temperatures if scene.thermal_walls else ())
+        active |= {"thermostat"} if scene.thermostat else set()
+        active |= {k for k, each in enumerate(scene.obstacles) if each.moves or each.surface_velocity}
+        named = zip((*EDGES, "thermostat", *range(len(sums))), energies.tolist(), strict=False)
+        return {name: energy for name, energy in named if energy or name in active}
 
     def _work_sums(self) -> NDArray[np.int64]:
         """Whole units and parts of the work of each owner since the start, shape (owners, 2)."""

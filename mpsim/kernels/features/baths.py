@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import inlined, linked, value_or
+from mpsim.kernels.features.collisions import BATH, add_heat
 from mpsim.kernels.features.edges import WallContact, is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.random_numbers import normal_pair, pair, wall_velocity
@@ -29,7 +30,9 @@ def heat(thermostat, discs, low, high, features, control):
             if chance < thermostat.probability and not is_absent(features.exits, disc):
                 speed = math.sqrt(thermostat.temperature / np.float64(value_or(features.mass, disc, 1.0)))
                 x, y = normal_pair(thermostat.seed, disc, frame, 1)
+                before = discs.vx[i], discs.vy[i]
                 discs.vx[i], discs.vy[i] = speed * x, speed * y
+                add_heat(features.work, BATH, disc, before, (discs.vx[i], discs.vy[i]), features.mass)
 
 
 # --- Thermal walls: a disc leaves one with a velocity drawn from the distribution of those that cross it in
@@ -56,6 +59,7 @@ def redraw(thermal_walls, discs, i, edge, inward, met, other, features, paramete
     speed = math.sqrt(thermal_walls.temperature[edge] / np.float64(value_or(features.mass, discs.id[i], one)))
     normal, tangential = wall_velocity(thermal_walls.seed, discs.id[i], other.position, came, slid)
     leaves, slides = inward * real(parameters, speed * normal), real(parameters, speed * tangential)
+    add_heat(features.work, edge, discs.id[i], (came, slid), (leaves, slides), features.mass)
     place = parameters.limit[edge] + inward * value_or(discs.radius, i, real(parameters, 0))
     change = inward * (leaves - came)
     zero = real(parameters, 0)

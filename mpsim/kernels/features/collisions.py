@@ -1,4 +1,4 @@
-"""What contacts do besides: they record collisions, if a run asks for them, and the work of surfaces that move."""
+"""What contacts do besides: they record collisions, if a run asks for them, and the work of surfaces and baths."""
 
 import math
 from collections import namedtuple
@@ -100,8 +100,8 @@ def overflows(log):
 #
 # Sums in fixed point: a number is split into whole units and 2^-32 of one, so that sums are the same in any order.
 
-WALLS = 4
-"""Owners of sums: the walls of the box by edge (LEFT, ...), and then the obstacles in the order of the scene."""
+BATH, OBSTACLES = 4, 5
+"""Owners of sums: the walls of the box by edge (LEFT, ...), the thermostat, and then the obstacles of the scene."""
 
 NEW = 0  # in a sum, what may still be taken back; AGREED: what stays
 
@@ -118,7 +118,7 @@ SUM, UNIT = "work", "work_unit"
 
 
 def work_of(arrays: Mapping[str, Any], worker: int) -> Any:
-    """The `Work` of one worker, from arrays by name; None if nothing moves."""
+    """The `Work` of one worker, from arrays by name; None if nothing moves or heats."""
     return Work(arrays[SUM][worker], arrays[UNIT]) if SUM in arrays else None
 
 
@@ -139,6 +139,15 @@ def add_work(work, owner, disc, power, mass):
             scaled = energy / work.unit[0]
             whole = math.floor(scaled)
             add_units(work, NEW, owner, np.int64(whole), np.int64((scaled - whole) * PARTS))
+
+
+@inlined
+def add_heat(work, owner, disc, before, after, mass):
+    """Add the energy that a bath gives to a disc of this id, whose velocity it changes from (x, y) to another."""
+    if work is not None:
+        ended = np.float64(after[0]) * np.float64(after[0]) + np.float64(after[1]) * np.float64(after[1])
+        began = np.float64(before[0]) * np.float64(before[0]) + np.float64(before[1]) * np.float64(before[1])
+        add_work(work, owner, disc, (ended - began) / 2.0, mass)
 
 
 # --- What tiles of the exact solver record may be taken back, if they do not agree
@@ -272,5 +281,5 @@ def on_capsule(discs, i, owner, nx, ny, normal_change, time, pushing, surface, f
         features.wall_friction, discs, i, nx, ny, normal_change, time, surface, features, parameters
     )
     power = normal_change * pushing - sliding * surface
-    add_work(features.work, WALLS + owner, discs.id[i], power, features.mass)
+    add_work(features.work, OBSTACLES + owner, discs.id[i], power, features.mass)
     log_capsule(features.log, discs, i, owner, nx, ny, normal_change, sliding, time, features, parameters)

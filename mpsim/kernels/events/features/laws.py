@@ -8,6 +8,7 @@ from mpsim.kernels.events.features.edges import is_absent
 from mpsim.kernels.events.features.properties import component, mass_of, radius_of
 from mpsim.kernels.events.flight import advance_to
 from mpsim.kernels.events.records import counts
+from mpsim.kernels.features.collisions import BATH, add_heat
 from mpsim.kernels.random_numbers import normal_pair, pair, wall_velocity
 
 # --- Friction: the law of Walton and Braun (J. Rheol. 30, 949, 1986) at an impact
@@ -149,6 +150,7 @@ def heat(thermostat, i, particle, now, frame, store, features):
         advance_to(disc, now, features.gravity)
         speed = math.sqrt(temperature / mass_of(i, features))
         x, y = normal_pair(seed, particle, first_frame + frame, 1)
+        add_heat(features.work, BATH, i, disc.velocity, (speed * x, speed * y), features.mass)
         disc.velocity[0], disc.velocity[1] = speed * x, speed * y
         store.event[i].collision_count += 1
 
@@ -173,5 +175,7 @@ def speed_off_thermal_wall(thermal_walls, i, side, leaving, store, features):
     speed = math.sqrt(temperatures[side] / mass_of(i, features))
     normal, across = wall_velocity(seed, store.event[i].number, position[1 - axis], velocity[axis], velocity[1 - axis])
     sliding = speed * across - velocity[1 - axis]
+    if counts(store.region) != 0:
+        add_heat(features.work, side, i, velocity, (speed * normal, speed * across), features.mass)
     velocity[1 - axis] = speed * across
     return speed * normal, sliding
