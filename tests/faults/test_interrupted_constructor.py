@@ -68,6 +68,9 @@ def alarms_raise():
     signal.signal(signal.SIGALRM, before)
 
 
+LEAVE = contextlib._GeneratorContextManager.__exit__.__code__
+
+
 class Press:
     """Sends this process a signal once, at the `number`-th line, call or return of Python code in the `with` block.
 
@@ -92,8 +95,9 @@ class Press:
         sys.setprofile(None)
 
     def _in_python(self, frame, event, argument):
-        # A door ends by stores. Python looks for signals after calls only.
-        if event != "line" or not (frame.f_code.co_name == "door" or leaves_a_with(frame)):
+        # Python looks for signals after calls only: not where a door ends by stores, or where contextlib returns.
+        # Raised there, the StopIteration that it handles would be left alive for ever.
+        if event != "line" or not (frame.f_code.co_name == "door" or frame.f_code is LEAVE or leaves_a_with(frame)):
             self._moment(frame)
         return self._in_python
 
