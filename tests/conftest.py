@@ -143,7 +143,10 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         if item.name in SLOW_EXAMPLES:
             item.add_marker(pytest.mark.slow)
-    if kind == "long":
+    if kind == "long":  # three at a time on two cores, and each compiles what it needs
+        for item in items:
+            seconds = next((mark.args[0] for mark in item.iter_markers("timeout")), float(config.getini("timeout")))
+            item.add_marker(pytest.mark.timeout(4 * seconds), append=False)
         return
     if kind == "slow":
         others = [item for item in items if not item.get_closest_marker("slow")]

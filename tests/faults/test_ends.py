@@ -171,7 +171,7 @@ for act in {acts}:
 @pytest.mark.parametrize("method", long_but(["grid", "event", "parallel"], "grid"))
 def test_nothing_is_said_whatever_a_daemon_thread_is_doing_at_the_end(method, request):
     """A `ClosedError` was printed now and then, and a thread that ran without a break kept the program from ending."""
-    acts, rounds = ["run", "save", "look", "new", "drop"], 60 if request.config.getoption("--long") else 2
+    acts, rounds = ["run", "save", "look", "new", "drop"], 20 if request.config.getoption("--long") else 2
     text = DAEMONS.format(method=method, acts=acts, rounds=rounds)
     outcome = run_script(text, bound=60 + 30 * rounds, warm=True)
     assert_clean(outcome)

@@ -131,7 +131,7 @@ def test_damaged_scene_files(request, tmp_path):
             return read_scene(damaged_bytes(text.encode(), rng), tmp_path)
         return read_scene(damaged_text(text, rng).encode("utf-8", "replace"), tmp_path)
 
-    times = executions(request)
+    times = min(executions(request), 4000)
     assert 0 < count_good(times, 1, trial) < times, "neither is every damage harmless nor every file refused"
 
 

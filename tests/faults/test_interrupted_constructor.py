@@ -24,7 +24,7 @@ METHODS = ["naive", "grid", "parallel", "event"]
 SAMPLES = {"naive": 20, "grid": 60, "event": 30, "parallel": 12}
 """Moments that are tried, spread evenly."""
 
-MOST = {"naive": 8000, "grid": 8000, "event": 8000, "parallel": 400}
+MOST = {"naive": 3000, "grid": 3000, "event": 3000, "parallel": 200}
 """Moments that --long tries, spread evenly, too: of parallel, whose workers take a while to start, as time allows."""
 
 

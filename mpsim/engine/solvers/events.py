@@ -372,4 +372,5 @@ class EventSolver(CollisionLog):
 
     @staticmethod
     def check_snapshot(scene: Scene, settings: Settings, snapshot: SolverState) -> None:
+        refuse_what_is_not_exact(scene, settings)
         event_block.check(scene, snapshot, settings.dt)
