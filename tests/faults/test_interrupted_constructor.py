@@ -36,6 +36,7 @@ SENDERS = {}
 """How to send a signal; this thread gets the others."""
 
 SIGNALS = {"Ctrl-C": (signal.SIGINT, KeyboardInterrupt), "alarm": (signal.SIGALRM, Alarm)}
+LEAVE = contextlib._GeneratorContextManager.__exit__.__code__
 
 
 @pytest.fixture
@@ -66,9 +67,6 @@ def alarms_raise():
     os.close(heard)
     os.close(tell)
     signal.signal(signal.SIGALRM, before)
-
-
-LEAVE = contextlib._GeneratorContextManager.__exit__.__code__
 
 
 class Press:
