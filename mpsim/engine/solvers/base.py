@@ -130,7 +130,7 @@ def work_specs(scene: Scene, workers: int) -> Specs:
     """The arrays of a block in which workers count work; {} for a scene in which no surface moves or heats."""
     if not any(each.works(scene) or each.heats for each in scene._features):
         return {}
-    owners = log.OBSTACLES + len(scene.obstacles)
+    owners = log.FIRST_OBSTACLE + len(scene.obstacles)
     shape = workers, 2, 2, -(-owners // 8) * 8  # no two workers write to one pair of cache lines
     return {log.SUM: (np.int64, shape), log.UNIT: (np.float64, (1,))}
 

@@ -23,7 +23,7 @@ from mpsim.kernels.features.capsules import (
     normal_of,
     surface_speed,
 )
-from mpsim.kernels.features.collisions import OBSTACLES, add_work, on_capsule
+from mpsim.kernels.features.collisions import FIRST_OBSTACLE, add_work, on_capsule
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.geometry import OWNER, RADIUS, concerns
@@ -326,7 +326,7 @@ def leave(discs, i, body, bodies, k, radius, shift_x, shift_y, features):
             discs.vx[i] -= inward * touch.nx
             discs.vy[i] -= inward * touch.ny
             power = -inward * (touch.wx * touch.nx + touch.wy * touch.ny)
-            add_work(features.work, OBSTACLES + int(bodies.capsule[k, OWNER]), discs.id[i], power, features.mass)
+            add_work(features.work, FIRST_OBSTACLE + int(bodies.capsule[k, OWNER]), discs.id[i], power, features.mass)
 
 
 @linked

@@ -100,7 +100,7 @@ def overflows(log):
 #
 # Sums in fixed point: a number is split into whole units and 2^-32 of one, so that sums are the same in any order.
 
-BATH, OBSTACLES = 4, 5
+BATH, FIRST_OBSTACLE = 4, 5
 """Owners of sums: the walls of the box by edge (LEFT, ...), the thermostat, and then the obstacles of the scene."""
 
 NEW = 0  # in a sum, what may still be taken back; AGREED: what stays
@@ -281,5 +281,5 @@ def on_capsule(discs, i, owner, nx, ny, normal_change, time, pushing, surface, f
         features.wall_friction, discs, i, nx, ny, normal_change, time, surface, features, parameters
     )
     power = normal_change * pushing - sliding * surface
-    add_work(features.work, OBSTACLES + owner, discs.id[i], power, features.mass)
+    add_work(features.work, FIRST_OBSTACLE + owner, discs.id[i], power, features.mass)
     log_capsule(features.log, discs, i, owner, nx, ny, normal_change, sliding, time, features, parameters)

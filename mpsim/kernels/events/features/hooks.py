@@ -14,7 +14,7 @@ from mpsim.kernels.compiling import copy_entry, copy_row, inlined, swap_entries,
 from mpsim.kernels.events.features import bodies, capsules, edges, laws, properties
 from mpsim.kernels.events.features.properties import mass_of, radius_of
 from mpsim.kernels.events.records import MOVING_WALL, counts, mixed, mixed_real
-from mpsim.kernels.features.collisions import DISC, OBSTACLE, OBSTACLES, WALL, add_work, write
+from mpsim.kernels.features.collisions import DISC, FIRST_OBSTACLE, OBSTACLE, WALL, add_work, write
 
 COLUMNS = ("radius", "mass", "spin", "image", "exits")
 """Fields of `Features` that are arrays with a row for each disc, in the order of the discs in memory."""
@@ -139,7 +139,7 @@ def on_surface(i, nx, ny, normal_change, speed, running, store, box, features):
         kind, number, owner = WALL, side - MOVING_WALL, side - MOVING_WALL
     else:
         number = bodies.owner_of(features.capsules, features.bodies, side)
-        kind, owner = OBSTACLE, OBSTACLES + number
+        kind, owner = OBSTACLE, FIRST_OBSTACLE + number
     if counts(store.region) != 0:
         add_work(features.work, owner, i, normal_change * speed + sliding * running, features.mass)
     log_fixed(features.log, kind, i, number, nx, ny, normal_change, sliding, store, box, features)
