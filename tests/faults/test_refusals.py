@@ -10,7 +10,7 @@ import subprocess
 
 import psutil
 import pytest
-from support.processes import SHARED_MEMORY, assert_clean, blocks_of, limited, refusing, run_script
+from support.processes import SHARED_MEMORY, assert_clean, blocks_of, is_gone, limited, refusing, run_script, wait_until
 from support.scenes import digest_after, gas, lattice, simulate
 from support.selection import FORKS, long_but
 
@@ -38,7 +38,8 @@ def descriptors_to_spare(number):
 
 
 def left():
-    """Descriptors, blocks and children of this process."""
+    """Descriptors, blocks and children of this process. Its fork server may collect those that ended a moment later."""
+    wait_until(lambda: not any(is_gone(child.pid) for child in psutil.Process().children(recursive=True)), 5)
     return psutil.Process().num_fds(), blocks_of(os.getpid()), len(psutil.Process().children(recursive=True))
 
 
