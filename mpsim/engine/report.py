@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from mpsim.errors import NotRecordedError
 from mpsim.kernels.records import PHASES
 
 if TYPE_CHECKING:
+    from mpsim.engine.solvers.base import WorkDone
     from mpsim.measure.statistics import Measure
 
 TABLE = "a table of times"
@@ -56,7 +57,6 @@ class Report:
         compile_seconds: time spent compiling kernels since the previous report of this simulation, or since its
             creation; frame times do not include it [s]. 0 if all kernels were in the cache.
         contact_time: contact time of the exact solver [time]; 0 if there was none.
-        work: energy that each moving surface and bath gave in this run, as `Simulation.work` [mass length^2/time^2].
     """
 
     times: NDArray[np.int64]
@@ -67,15 +67,21 @@ class Report:
     block_bytes: int
     measures: Measures
     guarded: int
-    observing_seconds: float = 0.0
-    compile_seconds: float = 0.0
-    contact_time: float = 0.0
-    work: dict[int | str, float] = field(default_factory=dict[int | str, float])
+    observing_seconds: float
+    compile_seconds: float
+    contact_time: float
+    _work: tuple[WorkDone, WorkDone]
 
     @property
     def frames(self) -> int:
         """Number of frames run."""
         return self.times.shape[1]
+
+    @cached_property
+    def work(self) -> dict[int | str, float]:
+        """Energy that each moving surface and bath gave in this run, as `Simulation.work` [mass length^2/time^2]."""
+        before, after = (each.energies() for each in self._work)
+        return {name: done - before.get(name, 0.0) for name, done in after.items()}
 
     @cached_property
     def frame_seconds(self) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.engine.access import Notices
 from mpsim.engine.solvers import base
-from mpsim.engine.solvers.base import BatchResult, Ranks, Terms
+from mpsim.engine.solvers.base import BatchResult, Ranks, Terms, WorkDone
 from mpsim.errors import InputError, WorkerDiedError
 from mpsim.kernels.records import PHASES
 
@@ -88,18 +88,17 @@ class RunRecord:
         guarded: losses of energy that the solver's guard has suppressed.
         done, collisions: frames, and contacts resolved.
         logged: tables of collisions that nobody has taken yet.
+        work_before: work that had been done when the run began.
     """
 
-    def __init__(
-        self, workers: int, averages: RunAverages | None, logged: list[NDArray[Any]], work: dict[int | str, float]
-    ):
+    def __init__(self, workers: int, averages: RunAverages | None, logged: list[NDArray[Any]], work: WorkDone):
         self.averages = averages
         self.count_enabled: bool = averages is not None and averages.counting
         self.guarded: int = 0
         self.done: int = 0
         self.collisions: int = 0
         self.logged: list[NDArray[Any]] = logged
-        self._work_before = work
+        self.work_before = work
         self._workers = workers
         self._times: list[NDArray[np.int64]] = []
 
@@ -125,10 +124,6 @@ class RunRecord:
         if self.averages is not None:
             self.averages.rewind(mark.gathered)
         self.logged[:] = mark.logged
-
-    def work_since_begin(self, work: dict[int | str, float]) -> dict[int | str, float]:
-        """The work of surfaces in this run, from that since the start."""
-        return {name: done - self._work_before.get(name, 0.0) for name, done in work.items()}
 
     def take_logged(self, frame: int) -> NDArray[Any]:
         """The collisions up to the end of a frame that nobody has taken yet, in order: TABLE. Later ones stay."""

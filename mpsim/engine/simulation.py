@@ -401,7 +401,7 @@ class Simulation(ReadOnly, Closable):
         ...     sim.work["right"] > 0
         True
         """
-        return self._whole("work").work
+        return self._whole("work").work.energies()
 
     @property
     @reading
@@ -538,8 +538,7 @@ class Simulation(ReadOnly, Closable):
             self._between_frames(lambda: log_collisions(solver, logged))
         if not logged:
             self._logged.clear()
-        work = solver.work if solver.work_unit else {}
-        self._record = RunRecord(max(solver.choice.workers), averages, self._logged, work)
+        self._record = RunRecord(max(solver.choice.workers), averages, self._logged, solver.work)
         return self._record
 
     def _run_frames(
@@ -702,7 +701,7 @@ class Simulation(ReadOnly, Closable):
             observing_seconds,
             compiled,
             solver.contact_time,
-            record.work_since_begin(solver.work) if solver.work_unit else {},
+            (record.work_before, solver.work),
         )
 
     def _resources(self, solver: Solver) -> tuple[tuple[int, ...], int]:

@@ -92,6 +92,9 @@ class ThermostatFeature(Feature):
         ),
     )
 
+    def works(self, scene: Scene) -> tuple[int | str, ...]:
+        return ("thermostat",)
+
     def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
         return {"thermostat": np.zeros((), THERMOSTAT)}
 
@@ -193,6 +196,9 @@ class ThermalWallsFeature(Feature):
                 "wall_friction must be 0 in a scene with thermal_walls, which give discs new tangential velocities; "
                 f"got {scene.wall_friction:g}. Leave one of them out."
             )
+
+    def works(self, scene: Scene) -> tuple[int | str, ...]:
+        return tuple(self.of(scene).temperatures)
 
     def arrays(self, scene: Scene, real: np.dtype) -> dict[str, NDArray[Any]]:
         return {"thermal_walls": np.array((self.of(scene).by_edge, self.of(scene).seed), THERMAL_WALLS)}

@@ -24,7 +24,7 @@ from mpsim.core.checks import Floats
 from mpsim.core.columns import Column
 from mpsim.errors import InputError, OutputError
 from mpsim.features.capsules import Deepest
-from mpsim.features.edges import MovingWall
+from mpsim.features.edges import EDGES, MovingWall
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
@@ -178,9 +178,9 @@ class Feature:
         """The highest speed of a surface that it moves [length/time]."""
         return max((wall.speed for wall in self.moving_walls(scene)), default=0.0)
 
-    def works(self, scene: Scene) -> bool:
-        """Whether its surfaces do work on discs."""
-        return self.surface_speed(scene) > 0
+    def works(self, scene: Scene) -> tuple[int | str, ...]:
+        """What of it does work on discs or heats them, as `Simulation.work` names it."""
+        return tuple(EDGES[wall.edge] for wall in self.moving_walls(scene))
 
     def continued(self, scene: Scene, moment: Continuation) -> Any:
         """Its value in a scene that starts from a moment of a run of this one."""
@@ -268,21 +268,6 @@ def thermal_speed(scene: Scene) -> float:
     return max((each.thermal_speed(scene) for each in scene._features), default=0.0)
 
 
-def memory_of_baths(scene: Scene, temperature: float) -> float:
-    """Time in which heat baths exchange the energy of a gas, at least; inf without any [time].
-
-    Where contacts lose energy, a gas at T in a bath at B relaxes faster: they lose ~ T^(3/2), which balances the bath.
-
-    Args:
-        scene: the scene.
-        temperature: kT of the gas, > 0 [mass length^2/time^2].
-    """
-    rate = sum(each.exchange_rate(scene, temperature) for each in scene._features)
-    if has_losses(scene):
-        rate *= max(1.5 * mean_mass(scene) * thermal_speed(scene) ** 2 / temperature - 0.5, 1.0)
-    return 1 / rate if rate else float("inf")
-
-
 def adds_discs(scene: Scene) -> bool:
     """Whether discs enter while the scene runs."""
     return any(each.adds_discs for each in scene._features)
@@ -295,8 +280,8 @@ def removes_discs(scene: Scene) -> bool:
 
 def conserves_energy(scene: Scene) -> bool:
     """Whether the kinetic energy is constant: no fields, moving walls, heating or losses, always the same discs."""
-    driven = acceleration_bound(scene) > 0 or any(each.works(scene) for each in scene._features) or has_losses(scene)
-    return not driven and not is_heated(scene) and not adds_discs(scene) and not removes_discs(scene)
+    changes = scene._works or has_losses(scene) or adds_discs(scene) or removes_discs(scene)
+    return not changes and acceleration_bound(scene) == 0
 
 
 # --- Values of arguments, and in files

@@ -352,8 +352,8 @@ class Obstacles(Feature):
         moving = ((each, each.motion) for each in self.of(scene) if each.moves)
         return max((motion.fastest(capsules_of((each,))) for each, motion in moving if motion), default=0.0)
 
-    def works(self, scene: Scene) -> bool:
-        return any(each.motion is not None or each.surface_velocity for each in self.of(scene))
+    def works(self, scene: Scene) -> tuple[int | str, ...]:
+        return tuple(k for k, each in enumerate(self.of(scene)) if each.motion is not None or each.surface_velocity)
 
     def continued(self, scene: Scene, moment: Continuation) -> tuple[Obstacle, ...]:
         return tuple(each.seen_from(moment.time) for each in self.of(scene) if not isinstance(each, Removed))

@@ -26,7 +26,7 @@ from mpsim.core.checks import Floats
 from mpsim.core.columns import equal_sizes
 from mpsim.core.state import Box, Discs, State, count_of, parts_of, present_in
 from mpsim.errors import InputError, NotMeasurableError
-from mpsim.features.feature import is_heated
+from mpsim.features.feature import has_losses, is_heated, mean_mass, thermal_speed
 from mpsim.scene.scene import Scene
 from mpsim.scene.starts import TOUCHING, Overlap, Room, overlaps
 
@@ -210,6 +210,21 @@ def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
 
     xx, yy, xy = total(discs, squares).tolist()
     return xx, yy, xy
+
+
+def memory_of_baths(scene: Scene, temperature: float) -> float:
+    """Time in which heat baths exchange the energy of a gas, at least; inf without any [time].
+
+    Where contacts lose energy, a gas at T in a bath at B relaxes faster: they lose ~ T^(3/2), which balances the bath.
+
+    Args:
+        scene: the scene.
+        temperature: kT of the gas, > 0 [mass length^2/time^2].
+    """
+    rate = sum(each.exchange_rate(scene, temperature) for each in scene._features)
+    if has_losses(scene):
+        rate *= max(1.5 * mean_mass(scene) * thermal_speed(scene) ** 2 / temperature - 0.5, 1.0)
+    return 1 / rate if rate else float("inf")
 
 
 # --- Results

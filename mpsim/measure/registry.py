@@ -30,7 +30,6 @@ from mpsim.features.feature import (
     is_heated,
     is_inelastic,
     mean_mass,
-    memory_of_baths,
 )
 from mpsim.kernels import records
 from mpsim.measure import observables
@@ -402,7 +401,7 @@ _REFUSALS: tuple[tuple[Callable[[Scene], bool], tuple[str, ...], str, str], ...]
     ),
     *((of.is_in, each.measures, each.what, each.remedy) for of in FEATURES for each in of.invalidates),
     (
-        lambda scene: any(each.works(scene) for each in scene._features),
+        lambda scene: any(each.works(scene) for each in scene._features if not each.heats),
         ("energy_drift",),
         "surfaces that move, which do work",
         "Compare kinetic energies, from sim.state.",
@@ -614,7 +613,7 @@ class RunAverages:
         """The energy along the run, which a bath changes slowly; None without one."""
         if len(energy) < FEWEST_BLOCKS or not energy.mean() > 0:
             return None
-        memory = memory_of_baths(self._scene, energy.mean() / count)
+        memory = observables.memory_of_baths(self._scene, energy.mean() / count)
         return energy_in_bath(energy, memory / (len(energy) * self._every * dt), count)
 
     def _of_all(self, functions: Mapping[str, Callable[[Discs, Scene], Any]]) -> dict[str, Any]:

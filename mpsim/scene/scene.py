@@ -746,6 +746,11 @@ class Scene(ReadOnly):
         """The highest speed of a moving wall or obstacle [length/time]; 0: all are at rest."""
         return max((feature.surface_speed(self) for feature in self._features), default=0.0)
 
+    @functools.cached_property
+    def _works(self) -> tuple[int | str, ...]:
+        """What does work on discs or heats them, as `Simulation.work` names it; () if nothing does."""
+        return tuple(name for feature in self._features for name in feature.works(self))
+
     def _box_at(self, time: float) -> Box:
         """The box at a time >= 0 [time]: x_low, x_high, y_low, y_high [length]."""
         edges = [0.0, self.width, 0.0, self.height]

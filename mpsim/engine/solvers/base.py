@@ -105,7 +105,7 @@ def check_shapes(snapshot: SolverState, own: Specs) -> None:
     each = np.float64, (count_in(snapshot),)
     shapes = own | {"radii": each, "masses": each, "progress": (np.int64, (2,))}
     if log.SUM in snapshot:
-        shapes |= {log.SUM: (np.int64, (len(snapshot[log.SUM]), 2)), log.UNIT: (np.float64, (1,))}
+        shapes |= {log.SUM: (np.int64, (2, snapshot[log.SUM].shape[-1])), log.UNIT: (np.float64, (1,))}
     demand(snapshot.keys() == shapes.keys(), f"it holds arrays {sorted(snapshot)}; needed are {sorted(shapes)}")
     for name, array in snapshot.items():
         dtype, shape = np.dtype(shapes[name][0]), shapes[name][1]
@@ -122,13 +122,13 @@ def check_periods(scene: Scene, image: NDArray[np.int64]) -> None:
 
 # --- The work of surfaces that move, and of baths, as counted in a block, and as snapshots hold it
 
-NO_WORK: NDArray[np.int64] = np.zeros((0, 2), np.int64)
-"""Sums of no owner."""
+NO_WORK: NDArray[np.int64] = np.zeros((2, 0), np.int64)
+"""Sums of no owner: whole units, and parts of one."""
 
 
 def work_specs(scene: Scene, workers: int) -> Specs:
     """The arrays of a block in which workers count work; {} for a scene in which no surface moves or heats."""
-    if not any(each.works(scene) or each.heats for each in scene._features):
+    if not scene._works:
         return {}
     owners = log.FIRST_OBSTACLE + len(scene.obstacles)
     shape = workers, 2, 2, -(-owners // 8) * 8  # no two workers write to one pair of cache lines
@@ -136,13 +136,33 @@ def work_specs(scene: Scene, workers: int) -> Specs:
 
 
 def work_together(*sums: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Sums of whole units and parts, each of shape (owners, 2), added up; later ones may have more owners."""
-    found = np.zeros((max(map(len, sums)), 2), np.int64)
-    for each in sums:
-        found[: len(each)] += each
-        found[:, 0] += found[:, 1] >> log.PART_BITS
-        found[:, 1] &= log.MASK
+    """Sums of whole units and parts, each of shape (..., 2, owners), added up; some may have more owners."""
+    found = np.zeros((2, max(each.shape[-1] for each in sums)), np.int64)
+    for each in chain.from_iterable(each.reshape(-1, 2, each.shape[-1]) for each in sums):
+        found[:, : each.shape[1]] += each
+        found[0] += found[1] >> log.PART_BITS
+        found[1] &= log.MASK
     return found
+
+
+class WorkDone(NamedTuple):
+    """The work of surfaces and baths since the start, as counted: in this unit, by what `Simulation.work` names so."""
+
+    names: tuple[int | str, ...] = ()
+    sums: tuple[NDArray[np.int64], ...] = (NO_WORK,)
+    unit: float = 0.0
+
+    @property
+    def together(self) -> NDArray[np.int64]:
+        """Whole units and parts of the work of each owner, shape (2, owners)."""
+        return work_together(*self.sums)
+
+    def energies(self) -> dict[int | str, float]:
+        """By name, of what works, or has done so."""
+        whole, parts = self.together
+        energies = ((whole + parts / 2.0**log.PART_BITS) * self.unit).tolist()
+        named = zip((*EDGES, "thermostat", *range(len(energies))), energies, strict=False)
+        return {name: energy for name, energy in named if energy or name in self.names}
 
 
 # --- The logs of collisions of a solver, and the table made from them
@@ -665,25 +685,15 @@ class Solver(ABC):
     # --- the work of surfaces and baths
 
     @property
-    def work(self) -> dict[int | str, float]:
-        """Energy given to discs since the start, as `Simulation.work`: by what moves or heats, or has done so."""
-        scene, sums = self._scene, self._work_sums()
-        energies = (sums[:, 0] + sums[:, 1] / 2.0**log.PART_BITS) * self.work_unit
-        active: set[int | str] = {EDGES[wall.edge] for wall in scene._moving_walls}
-        active |= set(scene.thermal_walls.temperatures if scene.thermal_walls else ())
-        active |= {"thermostat"} if scene.thermostat else set()
-        active |= {k for k, each in enumerate(scene.obstacles) if each.moves or each.surface_velocity}
-        named = zip((*EDGES, "thermostat", *range(len(sums))), energies.tolist(), strict=False)
-        return {name: energy for name, energy in named if energy or name in active}
+    def work(self) -> WorkDone:
+        """Energy given to discs since the start. Nothing is added up yet: every run asks for it, few want to know."""
+        if not self.work_unit:
+            return WorkDone()
+        return WorkDone(self._scene._works, (self._work_before, self._work_counted()), self.work_unit)
 
-    def _work_sums(self) -> NDArray[np.int64]:
-        """Whole units and parts of the work of each owner since the start, shape (owners, 2)."""
-        return work_together(self._work_before, *self._work_counted())
-
-    def _work_counted(self) -> list[NDArray[np.int64]]:
-        """The same of each worker in the present block."""
-        counted = self.block.arrays.get(log.SUM)
-        return [] if counted is None else [sums[log.NEW].T + sums[log.AGREED].T for sums in counted]
+    def _work_counted(self) -> NDArray[np.int64]:
+        """Sums in the present block, shape (..., 2, owners)."""
+        return self.block.arrays.get(log.SUM, NO_WORK).copy()
 
     def _count_work_from(self, before: NDArray[np.int64], unit: float) -> None:
         """Count from 0 in the present block, after this was done; unit: of it, 0 if it is none."""
@@ -696,9 +706,7 @@ class Solver(ABC):
 
     def _saved_work(self) -> SolverState:
         """What a snapshot holds of it."""
-        if not self.work_unit:
-            return {}
-        return {log.SUM: self._work_sums(), log.UNIT: np.array([self.work_unit])}
+        return {log.SUM: self.work.together, log.UNIT: np.array([self.work_unit])} if self.work_unit else {}
 
     def _restore_work(self, snapshot: SolverState) -> None:
         """Go on from the work in a snapshot."""

@@ -259,7 +259,7 @@ class EventSolver(CollisionLog):
         crushing = crushing_speed_of(scene, velocity, self._plan.crushing_speed)
         plan = self._plan._replace(terms=terms, workers=max(choice.workers), crushing_speed=crushing)
         begins = origin != self._origin
-        work = self._work_sums()
+        work = self.work.together
         with self._team.moving_to(plan.room(len(discs.position))) as block:
             present = 0.0 if begins else self._present
             system = plan.placed(block, discs, present)
@@ -328,10 +328,9 @@ class EventSolver(CollisionLog):
         self._system = self._played = self._seen = self._clock = None
         self._team.close()
 
-    def _work_counted(self) -> list[NDArray[np.int64]]:
-        if self._windows is None:
-            return super()._work_counted()
-        return [sums[collisions.AGREED].T for sums in self.block.arrays.get(collisions.SUM, ())]
+    def _work_counted(self) -> NDArray[np.int64]:
+        counted = super()._work_counted()
+        return counted if self._windows is None or not counted.size else counted[..., collisions.AGREED :, :, :]
 
     # --- snapshots
 

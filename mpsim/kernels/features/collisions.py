@@ -113,7 +113,7 @@ Work: Any = namedtuple("Work", "sum unit")
 """sum: of one worker, int64, shape (2, 2, owners): NEW and AGREED, whole units and parts. unit: a power of two, shape
 (1,) [mass length^2/time^2]."""
 
-SUM, UNIT = "work", "work_unit"
+SUM, UNIT = "work_done", "work_unit"
 """Names of the arrays, with the sums of all workers, shape (workers, 2, 2, owners)."""
 
 

@@ -9,7 +9,6 @@ these have wandered.
 import math
 import time
 from collections.abc import Callable, Mapping
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -254,7 +253,7 @@ class MpiSolver(SteppedSolver):
         failures, fastest, contacts, times, tallies, works = zip(*told, strict=True)
         ranks.raise_any(failures)
         self._fastest = max(fastest)
-        self._count_work_from(work_together(self._work_before, *chain.from_iterable(works)), self.work_unit)
+        self._count_work_from(work_together(self._work_before, *works), self.work_unit)
         self.too_fast: bool = self._fastest[0] > 0
         counters = self._counters(np.concatenate(tallies)) if count_enabled else None
         return BatchResult(np.concatenate(times), sum(contacts), counters, too_fast=self.too_fast)
