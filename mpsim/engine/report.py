@@ -57,6 +57,7 @@ class Report:
         compile_seconds: time spent compiling kernels since the previous report of this simulation, or since its
             creation; frame times do not include it [s]. 0 if all kernels were in the cache.
         contact_time: contact time of the exact solver [time]; 0 if there was none.
+        _work: what had been done when the run began, and when it ended: see `work`.
     """
 
     times: NDArray[np.int64]

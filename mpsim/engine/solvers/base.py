@@ -122,8 +122,8 @@ def check_periods(scene: Scene, image: NDArray[np.int64]) -> None:
 
 # --- The work of surfaces that move, and of baths, as counted in a block, and as snapshots hold it
 
-NO_WORK: NDArray[np.int64] = np.zeros((2, 0), np.int64)
-"""Sums of no owner: whole units, and parts of one."""
+NO_WORK: NDArray[np.int64] = np.zeros((2, 2, log.FIRST_OBSTACLE), np.int64)
+"""Sums of nothing, as a worker has them."""
 
 
 def work_specs(scene: Scene, workers: int) -> Specs:

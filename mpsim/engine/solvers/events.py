@@ -330,7 +330,7 @@ class EventSolver(CollisionLog):
 
     def _work_counted(self) -> NDArray[np.int64]:
         counted = super()._work_counted()
-        return counted if self._windows is None or not counted.size else counted[..., collisions.AGREED :, :, :]
+        return counted if self._windows is None else counted[..., collisions.AGREED :, :, :]
 
     # --- snapshots
 
