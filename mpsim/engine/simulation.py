@@ -51,6 +51,7 @@ from mpsim.engine.run import (
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import (
     MOST_FRAMES_OF_A_RUN,
+    NOTHING_DONE,
     BatchResult,
     Choice,
     CollisionLog,
@@ -538,7 +539,8 @@ class Simulation(ReadOnly, Closable):
             self._between_frames(lambda: log_collisions(solver, logged))
         if not logged:
             self._logged.clear()
-        self._record = RunRecord(max(solver.choice.workers), averages, self._logged, solver.work)
+        work = solver.work if solver.work_unit else NOTHING_DONE
+        self._record = RunRecord(max(solver.choice.workers), averages, self._logged, work)
         return self._record
 
     def _run_frames(
@@ -701,7 +703,7 @@ class Simulation(ReadOnly, Closable):
             observing_seconds,
             compiled,
             solver.contact_time,
-            (record.work_before, solver.work),
+            (record.work_before, solver.work if solver.work_unit else NOTHING_DONE),
         )
 
     def _resources(self, solver: Solver) -> tuple[tuple[int, ...], int]:

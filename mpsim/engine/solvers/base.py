@@ -165,6 +165,9 @@ class WorkDone(NamedTuple):
         return {name: energy for name, energy in named if energy or name in self.names}
 
 
+NOTHING_DONE = WorkDone()
+
+
 # --- The logs of collisions of a solver, and the table made from them
 
 TABLE = np.dtype(
@@ -687,8 +690,6 @@ class Solver(ABC):
     @property
     def work(self) -> WorkDone:
         """Energy given to discs since the start. Nothing is added up yet: every run asks for it, few want to know."""
-        if not self.work_unit:
-            return WorkDone()
         return WorkDone(self._scene._works, (self._work_before, self._work_counted()), self.work_unit)
 
     def _work_counted(self) -> NDArray[np.int64]:
