@@ -188,6 +188,7 @@ def test_a_compressed_file_is_read_in_any_order_and_grows(tmp_path):
     assert content(packed) == content(tmp_path / "run.xyz")
     trajectory = mpsim.Trajectory(packed)
     assert [trajectory[index].frame for index in (6, 0, 3, 1)] == [12, 0, 6, 2]
+    packed.unlink()  # the file that was read is still open
     packed.write_bytes(gzip.compress(whole) + gzip.compress(FRAME.encode()))
     assert trajectory.refresh() == 8
     assert trajectory[7].position.tolist() == [[1, 1], [3, 2]]
