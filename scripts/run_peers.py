@@ -1,6 +1,7 @@
-"""Compares mpsim with other engines: docs/peers.md and the claim of the README.
+"""Compares mpsim with other engines: docs/peers.md, the claim of the README, game loops in docs/performance.md.
 
-python scripts/run_peers.py                    everything, some 25 minutes on two cores
+python scripts/run_peers.py                    everything, some 30 minutes on two cores
+python scripts/run_peers.py --counts --accurate 0      game loops alone, which renews no page but theirs
 python scripts/run_peers.py --quick            a look of seconds at mpsim, NumPy and the yardstick, under results/peers/
 python scripts/run_peers.py --peers cpp mpsim-push taichi --counts 10000 --page results/peers/peers.md
 
@@ -21,7 +22,21 @@ from typing import Any
 import numpy as np
 from harness import DOCS, TOP, exit_code, fill_page, is_busy, machine, make_folder, parser_of, slowed, table
 from peers.engines import PEERS
-from peers.study import EXACT, EXACT_LONGER, LIMITS, QUICK, SETTLE, STEP, TIME, Accuracy, Effort, Study, Times, Timing
+from peers.study import (
+    CALLS,
+    EXACT,
+    EXACT_LONGER,
+    LIMITS,
+    QUICK,
+    SETTLE,
+    STEP,
+    TIME,
+    Accuracy,
+    Effort,
+    Study,
+    Times,
+    Timing,
+)
 from rich.console import Console
 
 from mpsim.core.text import with_error
@@ -128,6 +143,20 @@ def frames_table(study: Study, cells: dict[int, Times]) -> str:
         lines = [f"- {'; '.join(which)} {why}" for why, which in reasons.items()]
         text += "\n\nNot in this table:\n\n" + "\n".join(lines)
     return text
+
+
+def game_table(study: Study, ways: dict[str, dict[int, Times]]) -> str:
+    """Times of frames by how they are asked for [us]."""
+    counts, rows = study.effort.game, []
+    for name in study.present:
+        if PEERS[name].steps:
+            cells = ([ways[how][count][name, 1] for how in CALLS] for count in counts)
+            words = (
+                [number(float(np.median(one.frame)) * 1e6) if isinstance(one, Timing) else "-" for one in cell]
+                for cell in cells
+            )
+            rows.append((PEERS[name].title, *(" / ".join(cell) for cell in words)))
+    return table(("engine", *(f"{count:,} discs" for count in counts)), rows)
 
 
 # --- errors
@@ -248,8 +277,9 @@ def main() -> None:
         parser.add_argument(f"--{name}", type=kind, help=f"{words} (default: {default})", **more)
 
     option("peers", str, "engines", nargs="+", choices=tuple(PEERS), metavar="NAME")
-    option("counts", int, "numbers of discs", nargs="+")
+    option("counts", int, "numbers of discs of the first tables", nargs="*")
     option("packings", float, "packing fractions", nargs="+")
+    option("game", int, "numbers of discs of the game loops; none: leave them out", nargs="*")
     option("accurate", int, "discs of the second table; 0: leave it out")
     option("turns", int, "turns of each engine")
     parser.add_argument("--quick", action="store_true", help="little of everything")
@@ -263,7 +293,8 @@ def main() -> None:
     now, begun = machine(), time.monotonic()
     with console.status("looking for engines") as status:
         study = Study(effort, options.work, status.update)
-        cells = {packing: study.frames(packing) for packing in effort.packings}
+        cells = {packing: study.frames(packing, effort.counts) for packing in effort.packings if effort.counts}
+        ways = {how: study.frames(effort.packings[0], effort.game, how) for how in CALLS}
         found = study.accuracy(effort.packings[0]) if effort.accurate else None
     times = cells.get(CLAIM[0], {}).get(CLAIM[1], {})
     now["slowed"].append(slowed())
@@ -276,7 +307,11 @@ def main() -> None:
     made += " **A short run, for a look: not to be quoted.**" if options.quick else ""
     made += f" {BUSY}" if busy else ""
     said = "" if busy else claim(times, found)
-    page.write_text(page_of(study, cells, found, made, said))
+    if effort.game:
+        words = f"Microseconds a frame: {' / '.join(CALLS.values())}.\n\n{game_table(study, ways)}\n\n{made}"
+        fill_page(DOCS / "performance.md" if page == DOCS / "peers.md" else page.with_name("game.md"), {"game": words})
+    if cells or found:
+        page.write_text(page_of(study, cells, found, made, said))
     if said and page == DOCS / "peers.md":
         words = textwrap.fill(f"{said} ([peers](docs/peers.md)).", 116)
         fill_page(TOP / "README.md", {"claim": textwrap.indent(words, "  ")})

@@ -168,7 +168,7 @@ class Client:
         return self.ask("prepare", timeout, path, Plan(dt, self.peer.precision, self.threads, counting, chosen))
 
     def ask(self, what: str, timeout: float, *words: Any) -> Any:
-        """The answer to a command: prepare, run, measure or drop.
+        """The answer to a command: prepare, run, step, watch, measure or drop.
 
         Raises:
             FailedError: if the engine has failed or has not answered after `timeout` seconds; its process is ended.
@@ -213,6 +213,20 @@ class Server:
         begun = time.perf_counter()
         self._run.run(frames)
         return time.perf_counter() - begun
+
+    def step(self, frames: int, watched: bool = False) -> float:
+        """Run frames, one a call, as a game does; seconds. watched: positions and velocities are read after each."""
+        assert self._run is not None
+        begun = time.perf_counter()
+        for _ in range(frames):
+            self._run.run(1)
+            if watched:
+                self._run.state()
+        return time.perf_counter() - begun
+
+    def watch(self, frames: int) -> float:
+        """Run frames, one a call, and read positions and velocities after each; seconds."""
+        return self.step(frames, watched=True)
 
     def measure(self) -> tuple[float, float]:
         """Impulse on all walls since the start, and kinetic energy of the discs, of mass 1."""

@@ -24,6 +24,13 @@ EXACT = "mpsim-event"
 STEP = 0.02
 """Step of the first tables, v dt [diameters]."""
 
+CALLS = {
+    "run": "many frames a call",
+    "step": "one",
+    "watch": "one, and positions and velocities read after it",
+}
+"""How frames are asked for, by the command of the engine."""
+
 LIMITS = (0.01, 0.1)
 """Errors of the pressure that are asked for, relative."""
 
@@ -50,6 +57,7 @@ class Effort:
         point, starts: time for one step of an engine [s], and its runs at most.
         steps: tried for the second table, v dt [diameters].
         cost_count: discs with which frames are timed for the second table.
+        game: numbers of discs of the table of game loops.
     """
 
     peers: Sequence[str] = tuple(PEERS)
@@ -63,10 +71,11 @@ class Effort:
     starts: int = 12
     steps: Sequence[float] = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
     cost_count: int = 10_000
+    game: Sequence[int] = (100, 300, 1_000, 3_000, 10_000)
 
 
 QUICK = Effort(
-    ("cpp", "mpsim-push", EXACT, "numpy"), (100,), (0.4,), 2, 0.01, 10.0, 100, 2.0, 3, (0.1, 0.05), 100
+    ("cpp", "mpsim-push", EXACT, "numpy"), (100,), (0.4,), 2, 0.01, 10.0, 100, 2.0, 3, (0.1, 0.05), 100, (100,)
 )  # fmt: skip
 
 
@@ -140,7 +149,7 @@ class Accuracy:
 # --- frames, in alternating runs with a reference program, so that load of the machine shows
 
 
-def timed(client: Client, path: Path, dt: float, effort: Effort, knob: int = -1) -> Timing:
+def timed(client: Client, path: Path, dt: float, effort: Effort, knob: int = -1, what: str = "run") -> Timing:
     """An engine with its start, ready for its turns, after enough frames that everything is compiled and warm.
 
     Raises:
@@ -149,18 +158,18 @@ def timed(client: Client, path: Path, dt: float, effort: Effort, knob: int = -1)
     budget = effort.budget
     # Kernels that are compiled while an engine is made count with the first start only: give it room.
     setup = client.prepare(path, dt, budget + 60, knob=knob)
-    client.ask("run", budget + 60, 1)
-    frames, taken = 1, client.ask("run", budget, 1)
+    client.ask(what, budget + 60, 1)
+    frames, taken = 1, client.ask(what, budget, 1)
     while taken < effort.seconds / 4 and frames < 1 << 20:
         frames *= 4 if taken < effort.seconds / 16 else 2
-        taken = client.ask("run", budget, frames)
+        taken = client.ask(what, budget, frames)
     one = taken / frames
     if one * effort.turns > budget:
         raise FailedError(f"left out: a frame takes {one:.1f} s; the limit is {budget:.0f} s for {effort.turns} turns")
     return Timing(max(1, round(effort.seconds / one)), setup, [])
 
 
-def by_turns(jobs: Mapping[Client, Timing], effort: Effort) -> dict[Client, Timing | str]:
+def by_turns(jobs: Mapping[Client, Timing], effort: Effort, what: str = "run") -> dict[Client, Timing | str]:
     """Run all jobs in each turn, each turn beginning with another; the words of an error for what fails."""
     order, failed = list(jobs), {}
     for turn in range(effort.turns):
@@ -170,7 +179,7 @@ def by_turns(jobs: Mapping[Client, Timing], effort: Effort) -> dict[Client, Timi
                 continue
             timing = jobs[client]
             try:
-                timing.frame.append(client.ask("run", 3 * effort.budget, timing.frames) / timing.frames)
+                timing.frame.append(client.ask(what, 3 * effort.budget, timing.frames) / timing.frames)
             except FailedError as error:
                 failed[client] = str(error)
     return {**jobs, **failed}
@@ -202,16 +211,17 @@ class Study:
         self.missing = {name: PEERS[name].why_missing() for name in PEERS if name in effort.peers}
         self.present = [name for name, why in self.missing.items() if not why]
 
-    def frames(self, packing: float) -> dict[int, Times]:
-        """Times of frames by number of discs."""
+    def frames(self, packing: float, counts: Sequence[int], what: str = "run") -> dict[int, Times]:
+        """Times of frames by number of discs; one a call only on one thread."""
         clients = [
             Client(name, threads, self.folder / f"{name}-{threads}.log")
-            for name in self.present if PEERS[name].steps for threads in PEERS[name].threads
+            for name in self.present if PEERS[name].steps
+            for threads in PEERS[name].threads if threads == 1 or what == "run"
         ]  # fmt: skip
         setups: dict[Client, list[tuple[int, float]]] = {client: [] for client in clients}
         failed: dict[Client, str] = {}
         found: dict[int, Times] = {}
-        for count in sorted(self.effort.counts):
+        for count in sorted(counts):
             path, jobs = self._start(count, packing), {}
             reasons = {}
             for client in clients:
@@ -221,12 +231,12 @@ class Study:
                     continue
                 self._tick(f"{count:,} discs, packing {packing:g}: {client.peer.title}")
                 try:
-                    jobs[client] = timed(client, path, STEP * 2 * RADIUS, self.effort)
+                    jobs[client] = timed(client, path, STEP * 2 * RADIUS, self.effort, what=what)
                     setups[client].append((count, jobs[client].setup))
                 except FailedError as error:
                     reasons[client] = failed[client] = str(error)
             self._tick(f"{count:,} discs, packing {packing:g}: turns")
-            results = reasons | by_turns(jobs, self.effort)
+            results = reasons | by_turns(jobs, self.effort, what)
             found[count] = {(client.name, client.threads): results[client] for client in clients}
             for client in jobs:
                 with suppress(FailedError):
