@@ -71,7 +71,7 @@ class Effort:
     starts: int = 12
     steps: Sequence[float] = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
     cost_count: int = 10_000
-    game: Sequence[int] = (100, 300, 1_000, 3_000, 10_000)
+    game: Sequence[int] = (100, 300, 1_000, 3_000, 100_000)
 
 
 QUICK = Effort(
