@@ -92,7 +92,7 @@ def test_too_few_descriptors_are_an_error_with_numbers_and_nothing_leaks(method)
 def test_too_little_address_space_is_an_error_with_sizes_and_nothing_leaks(method):
     """A worker that is forked has all that its coordinator has, and maps the block once more."""
     solver, settings = ("parallel", {"start_method": "fork"}) if method == "a worker" else (method, {})
-    before, scene = started_before(solver), lattice(1000, 300)
+    before, scene = started_before(solver), lattice(1000, 1200)
     size = size_of_block(scene)
     limit = psutil.Process().memory_info().vms + size // 2 + (size if method == "a worker" else 0)
     with limited(resource.RLIMIT_AS, limit):
