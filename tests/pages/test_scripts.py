@@ -51,7 +51,8 @@ def test_run_peers_has_a_row_for_the_yardstick_and_one_for_an_engine_that_is_mis
     words = ["--quick", "--accurate", "0", "--counts", "60", "--peers", "mpsim-push", "numpy", "cpp", "pymunk"]
     run("run_peers", *words, "--work", tmp_path, "--page", page)
     text, row = page.read_text(), r"\| mpsim, contact `push` \| [\d.,]+ "
-    assert re.search(row, text) and re.search(rf"{row}/ [\d.,]+ / [\d.,]+ ", (tmp_path / "game.md").read_text())
+    assert re.search(row, text)
+    assert re.search(rf"{row}/ [\d.,]+ / [\d.,]+ ", (tmp_path / "game.md").read_text())
     assert "A short run, for a look: not to be quoted." in text
     assert (ROOT / "README.md").read_text() == readme
     assert re.search(r"\| pymunk \| (not installed: pip install pymunk|[\d.,]+ )", text)
