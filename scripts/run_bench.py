@@ -313,7 +313,7 @@ def draw_growth(timings: Mapping[str, Timing], path: Path) -> None:
         )
         plain_ticks(axes.yaxis)
         axes.xaxis.set_major_formatter(WHOLE)
-        axes.legend(loc="upper left", fontsize=9)
+        axes.legend(loc="upper left", fontsize=9, frameon=True)  # dots of slow frames lie behind it
         caption = f"line: running median of {WIDTH} frames; band: the middle 80 % of them\n"
         caption += f"dots: frames that took more than {SPIKE:g} times the median; the first frame is left out"
         figure.supxlabel(caption, fontsize=9)
