@@ -312,10 +312,10 @@ def main() -> None:
         fill_page(DOCS / "performance.md" if page == DOCS / "peers.md" else page.with_name("game.md"), {"game": words})
     if cells or found:
         page.write_text(page_of(study, cells, found, made, said))
+        console.print(f"the page is {page}")
     if said and page == DOCS / "peers.md":
         words = textwrap.fill(f"{said} ([peers](docs/peers.md)).", 116)
         fill_page(TOP / "README.md", {"claim": textwrap.indent(words, "  ")})
-    console.print(f"the page is {page}")
 
 
 if __name__ == "__main__":
