@@ -20,7 +20,7 @@ from mpsim.engine.solvers.base import NewDiscs, Origin, Solver, Terms, is_betwee
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.errors import InputError
 from mpsim.features import feature
-from mpsim.features.baths import ThermalWalls
+from mpsim.features.baths import ThermalWalls, Thermostat
 from mpsim.features.capsules import gaps, of_discs, shifted, with_images
 from mpsim.features.emitters import Emitter
 from mpsim.features.motions import Movement
@@ -244,12 +244,7 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], time: f
         elif name in ("interval", "every"):
             values["emitters"] = _emitting(values.get("emitters", scene.emitters), name, value)
         elif name == "temperature":
-            if scene.thermostat is None:
-                raise _without(
-                    name, value, "with a thermostat", "Give the scene one; a small rate has almost no effect."
-                )
-            warmer = checks.positive(name, value, ENERGY)
-            values["thermostat"] = dataclasses.replace(scene.thermostat, temperature=warmer)
+            values["thermostat"] = _at_temperature(scene.thermostat, value)
         elif name == "wall_temperature":
             values["thermal_walls"] = _with_walls_at(scene.thermal_walls, value)
         elif name == "obstacles":
@@ -285,6 +280,13 @@ def _at_speed(scene: Scene, speed: Any, time: float) -> dict[str, Any]:
         raise _without("piston_speed", speed, "with a piston that has a speed", remedy)
     piston = dataclasses.replace(scene.piston, speed=speed)
     return {"piston": piston, "_piston_from": (time, scene._moving_walls[0].place(time))}
+
+
+def _at_temperature(thermostat: Thermostat | None, temperature: Any) -> Thermostat:
+    if thermostat is None:
+        remedy = "Give the scene a Thermostat; one with a small rate has almost no effect."
+        raise _without("temperature", temperature, "with a thermostat", remedy)
+    return dataclasses.replace(thermostat, temperature=checks.positive("temperature", temperature, ENERGY))
 
 
 def _with_walls_at(walls: ThermalWalls | None, value: Any) -> ThermalWalls:

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.core import checks, files
 from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, write_arrays
@@ -331,8 +332,7 @@ def _packed(snapshot: Snapshot) -> tuple[bytes, dict[str, Array]]:
     (scene, settings), arrays = snapshot.start, snapshot.arrays
     plain, parts = scene_parts(scene)
     everything: dict[str, Array] = {f"scene.{name}": value for name, value in parts.items()}
-    sizes = {name: np.asarray(arrays[name]) for name in SIZES}
-    once = {name: np.asarray(each[0]) for name, each in sizes.items() if len(each) and (each == each[0]).all()}
+    once = {name: np.asarray(sizes[0]) for name in SIZES if _are_equal(sizes := np.asarray(arrays[name]))}
     everything |= {f"solver.{name}": value for name, value in sorted({**arrays, **once}.items())}
     if snapshot.changes:
         everything[JOURNAL] = packed(snapshot.changes)
@@ -354,6 +354,10 @@ def _packed(snapshot: Snapshot) -> tuple[bytes, dict[str, Array]]:
             f"be read again; got {length:,} bytes for {counts}. Use fewer; one Polyline takes the place of many."
         )
     return text, everything
+
+
+def _are_equal(sizes: NDArray[np.float64]) -> bool:
+    return len(sizes) > 0 and (sizes.strides == (0,) or bool((sizes == sizes[0]).all()))
 
 
 def _previous(target: Path) -> Path:

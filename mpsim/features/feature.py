@@ -180,7 +180,7 @@ class Feature:
 
     def works(self, scene: Scene) -> tuple[int | str, ...]:
         """What of it does work on discs or heats them, as `Simulation.work` names it."""
-        return tuple(EDGES[wall.edge] for wall in self.moving_walls(scene))
+        return tuple(EDGES[wall.edge] for wall in self.moving_walls(scene) if wall.speed)
 
     def continued(self, scene: Scene, moment: Continuation) -> Any:
         """Its value in a scene that starts from a moment of a run of this one."""
@@ -256,11 +256,6 @@ def is_inelastic(scene: Scene) -> bool:
 def has_losses(scene: Scene) -> bool:
     """Whether contacts take energy from the motion of the discs."""
     return is_inelastic(scene) or any(feature.dissipates(scene) for feature in scene._features)
-
-
-def is_heated(scene: Scene) -> bool:
-    """Whether a thermostat or a thermal wall changes the energy of discs."""
-    return any(each.heats for each in scene._features)
 
 
 def thermal_speed(scene: Scene) -> float:

@@ -32,8 +32,8 @@ from mpsim.core.archive import DAMAGE, ArrayFile, save_arrays
 from mpsim.core.checks import Binding, Floats
 from mpsim.core.state import State
 from mpsim.errors import InputError, NotRecordedError, reason_of
-from mpsim.features.feature import adds_discs, conserves_energy, is_heated, mean_mass, removes_discs
-from mpsim.measure.observables import memory_of_baths
+from mpsim.features.feature import adds_discs, conserves_energy, mean_mass, removes_discs
+from mpsim.measure.observables import is_heated, memory_of_baths
 from mpsim.measure.statistics import (
     FEWEST_BLOCKS,
     Equilibration,

@@ -26,7 +26,7 @@ from mpsim.core.checks import Floats
 from mpsim.core.columns import equal_sizes
 from mpsim.core.state import Box, Discs, State, count_of, parts_of, present_in
 from mpsim.errors import InputError, NotMeasurableError
-from mpsim.features.feature import has_losses, is_heated, mean_mass, thermal_speed
+from mpsim.features.feature import has_losses, mean_mass, thermal_speed
 from mpsim.scene.scene import Scene
 from mpsim.scene.starts import TOUCHING, Overlap, Room, overlaps
 
@@ -210,6 +210,11 @@ def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
 
     xx, yy, xy = total(discs, squares).tolist()
     return xx, yy, xy
+
+
+def is_heated(scene: Scene) -> bool:
+    """Whether a thermostat or a thermal wall changes the energy of discs."""
+    return any(each.heats for each in scene._features)
 
 
 def memory_of_baths(scene: Scene, temperature: float) -> float:

@@ -27,7 +27,6 @@ from mpsim.features.feature import (
     conserves_energy,
     has_body_force,
     has_losses,
-    is_heated,
     is_inelastic,
     mean_mass,
 )
@@ -536,7 +535,7 @@ class RunAverages:
         self._sampled: dict[str, Callable[[Discs, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
         if any(name in COMPONENTS for name in names):
             self._sampled["flow"] = observables.flow_of_momentum
-        known = is_heated(scene) and refusal("kinetic_energy", scene) is None
+        known = observables.is_heated(scene) and refusal("kinetic_energy", scene) is None
         if known and any(name not in DRIFTS for name in names):
             self._sampled["bath"] = observables.kinetic_energy
         self._samples: list[dict[str, Any]] = []

@@ -12,8 +12,8 @@ from mpsim.engine.observers import Collisions
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
-from mpsim.features.feature import adds_discs, has_losses, is_heated, removes_discs
-from mpsim.measure.observables import has_periodic_field
+from mpsim.features.feature import adds_discs, has_losses, removes_discs
+from mpsim.measure.observables import has_periodic_field, is_heated
 from mpsim.measure.registry import refusal
 from mpsim.measure.statistics import Measure, ratio_average
 from mpsim.scene.scene import Scene

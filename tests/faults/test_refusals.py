@@ -91,14 +91,15 @@ def test_too_few_descriptors_are_an_error_with_numbers_and_nothing_leaks(method)
 @pytest.mark.parametrize("method", long_but(["grid", "parallel"], "grid"))
 def test_too_little_address_space_is_an_error_with_sizes_and_nothing_leaks(method):
     """A forked worker gives back its copy of the block before it maps it, and needs no more than this process."""
-    before, scene = started_before(method), lattice(1000, 300)
-    size = size_of_block(scene)
+    before, size = started_before(method), size_of_block(scene := lattice(1000, 300))
     with limited(resource.RLIMIT_AS, psutil.Process().memory_info().vms + size // 2):
         text = refusal_of(scene, method)
     gc.collect()
     assert text is not None, "the control: the limit was too high"
     assert re.match(r"the shared block needs [\d,]+ bytes", text)
     assert "ulimit -v" in text
+    with limited(resource.RLIMIT_AS, psutil.Process().memory_info().vms + size + size // 2):
+        assert refusal_of(scene, "parallel", start_method="fork") is None
     assert left() == before
 
 

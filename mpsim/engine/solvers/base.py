@@ -146,7 +146,7 @@ def work_together(*sums: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 class WorkDone(NamedTuple):
-    """The work of surfaces and baths since the start, as counted: in this unit, by what `Simulation.work` names so."""
+    """Work since the start: what works now, as `Simulation.work` has it, and sums, not yet added up, of this unit."""
 
     names: tuple[int | str, ...] = ()
     sums: tuple[NDArray[np.int64], ...] = (NO_WORK,)

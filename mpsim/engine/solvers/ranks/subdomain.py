@@ -307,10 +307,7 @@ class Subdomain:
         with new.closed_on_error():
             new.create()
             for name, values in old.arrays.items():
-                of_discs = name in ("start", *records.Changes._fields) or name.startswith(
-                    ("a.", "b.")
-                )  # or their order
-                if name in new.arrays and (with_discs or not of_discs):
+                if name in new.arrays and (with_discs or not _is_of_discs(name)):
                     _copy(values, new.arrays[name])
         new.arrays["team"]["signals"] = 0
         if not with_discs:
@@ -430,6 +427,11 @@ def refuse_giants(scene: Scene, radii: NDArray[np.float64]) -> None:
             "method='mpi' cannot do scenes in which a few discs are far larger than all others. "
             "Leave them out, or use method='parallel' on one machine."
         )
+
+
+def _is_of_discs(name: str) -> bool:
+    """Whether an array holds discs in the order of the grid, or what that order is."""
+    return name in ("start", *records.Changes._fields) or name.startswith(("a.", "b."))
 
 
 def _copy(old: Any, new: Any) -> None:
